@@ -18,7 +18,18 @@ from pinproof.spatial import matrix
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = ["Film", "Phase", "animate", "checked_motion", "film", "film_of_elbow", "quaternions", "still", "tracks"]
+__all__ = [
+    "Film",
+    "Phase",
+    "animate",
+    "checked_motion",
+    "film",
+    "film_of_elbow",
+    "pose_tracks",
+    "quaternions",
+    "still",
+    "tracks",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -191,11 +202,11 @@ def tracks(
     moving = [(node_path("robot", link.name), shown.poses[:, k]) for k, link in enumerate(stage.links)]
     moving += [(node_path("frames", name), poses) for name, poses in shown.frames.items()]
     moving += [(path, shown.riders[name]) for name, path in (places or {}).items() if name in shown.riders]
-    found = ((path, _tracks(commands, stamps, np.concatenate([poses, poses[-1:]]))) for path, poses in moving)
+    found = ((path, pose_tracks(commands, stamps, np.concatenate([poses, poses[-1:]]))) for path, poses in moving)
     return [{"path": path, "clip": {"fps": 1, "name": "motion", "tracks": each}} for path, each in found if each]
 
 
-def _tracks(commands: Commands, stamps: dict[str, Any], poses: Array) -> list[dict[str, Any]]:
+def pose_tracks(commands: Commands, stamps: dict[str, Any], poses: Array) -> list[dict[str, Any]]:
     """The tracks of position and orientation of one node with poses (F, 4, 4), each only if it changes."""
     found = []
     if np.ptp(poses[:, :3, 3], axis=0).max() > MOVING_TOLERANCE:

@@ -13,6 +13,7 @@ from pinproof.common.display import outline
 from pinproof.common.validation import require_positive
 from pinproof.errors import IkFailed, InputError
 from pinproof.ik.analytic.plan import Plan
+from pinproof.ik.result import IkOutcome
 from pinproof.ik.windings import difference, nearest_winding
 from pinproof.model import Arm
 
@@ -119,7 +120,7 @@ class SelfMotionCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class SelfMotion:
+class SelfMotion(IkOutcome):
     """All curves of IK solutions that were found for a target.
 
     Every solution at each of ``grid`` belongs to a curve; a curve shorter than the distance of two grid values may be
@@ -207,18 +208,6 @@ class SelfMotion:
         if not (scores > -np.inf).any():
             raise IkFailed(f"score rejected each of {len(samples)} samples of {self.message}", self)
         return np.array(samples[int(scores.argmax())])
-
-    def or_raise(self) -> SelfMotion:
-        """The result itself if it contains a solution.
-
-        Raises
-        ------
-        IkFailed
-            If it contains no solution; ``.result`` of the error is this value.
-        """
-        if not self.ok:
-            raise IkFailed(self.message, self)
-        return self
 
     def __len__(self) -> int:
         return len(self.curves)

@@ -72,7 +72,10 @@ def _judge(pick: Pick, cell: Cell, seeds: list[int]) -> PickVerdict:
         if verdict.ok:
             return replace(verdict, pick=pick, configurations=tried)
     verdict, attempt = _failed(task, judged, tried, members)
-    suggestions = suggest(task, pick, verdict.stages[-1], attempt, lambda other: _judge(other, cell.for_trials, seeds))
+    failed = verdict.stages[-1]
+    suggestions = suggest(
+        task, pick, failed, attempt, lambda other: _judge(other, cell.for_trials(failed.stage), seeds)
+    )
     return replace(verdict, pick=pick, suggestions=suggestions)
 
 
@@ -84,7 +87,7 @@ def _failed(task: Task, groups: list[_GroupVerdict], tried: int, members: int) -
     if task.sampled:
         status = PickStatus.NOT_FOUND
         stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {members} grasps were tried"))
-    if not task.cell.trial and (hint := task.frame_hint()):
+    if task.cell.trial is None and (hint := task.frame_hint()):
         stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {hint}"))
     refuted = farthest.refuted if status is PickStatus.IMPOSSIBLE else ()
     return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), attempt
@@ -125,6 +128,9 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
         stages = (*stages[:-1], replace(stages[-1], message=message))
         return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
     search = BestFirst(task, screened.candidates, seeds[1:3])
+    if task.cell.trial is Stage.PLACE and not search.may_place():
+        unplaced = StageResult(Stage.PLACE, False, "no IK solution at the release is collision-free with its lines")
+        return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, unplaced), tried))
     while (motion := search.run() or search.with_full_budget()) is not None:
         result, timed = time_motion(task, motion.attempt, motion.path, motion.placing)
         if timed is not None:
@@ -140,7 +146,7 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
         status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
         return _GroupVerdict(PickVerdict(pick, status, (*stages, *farthest), tried, refuted=refuted))
     best = max(search.attempts, key=lambda attempt: (len(attempt.stages), attempt.fraction))
-    refuted = () if task.cell.trial else refuted_by_name(task, group, seeds[0])
+    refuted = () if task.cell.trial is not None else refuted_by_name(task, group, seeds[0])
     status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
     last = best.stages[-1]
     if not refuted:

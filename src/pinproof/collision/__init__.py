@@ -11,6 +11,7 @@ from pinproof.collision.certificate import (
 )
 from pinproof.collision.certify import certify, is_proven_free
 from pinproof.collision.checker import CheckResult, CollisionChecker, Contact
+from pinproof.collision.movers import Mover, TimedScene, with_movers
 from pinproof.collision.overlaps import LinkOverlap, OverlapReport, sample_overlaps
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.path_constraints import (
@@ -65,6 +66,7 @@ __all__ = [
     "LookAt",
     "Mesh",
     "MotionTube",
+    "Mover",
     "Obstacle",
     "OverlapReport",
     "Parting",
@@ -75,6 +77,7 @@ __all__ = [
     "Scene",
     "Shape",
     "Sphere",
+    "TimedScene",
     "UndecidedConstraint",
     "UndecidedSpan",
     "Upright",
@@ -86,4 +89,5 @@ __all__ = [
     "is_proven_free",
     "sample_overlaps",
     "verify_proof",
+    "with_movers",
 ]

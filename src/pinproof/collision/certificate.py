@@ -32,9 +32,9 @@ from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Mesh, Obstacle
 from pinproof.common.display import html_block, html_list, outline
 from pinproof.common.files import os_errors
-from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
+from pinproof.description.dh_urdf import GENERATED_BODIES
 from pinproof.errors import InputError, NotProvenFree
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.motion import Curve, MotionRecord
 from pinproof.spatial import matrix
 from pinproof.verifier import curve_digest
@@ -108,7 +108,7 @@ def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) 
         found.append(f"it was certified with {_listed(absent)} attached, which is missing now")
     if other := [name for name, known in first.attached.items() if name in now and body_digest(now[name]) != known]:
         found.append(f"{_listed(other)} had another shape or pose on the tcp when it was certified")
-    held = checker.arm.held
+    held = checker.group.held
     for name, value in first.held.items():
         if name in held and abs(held[name] - value) > HELD_TOLERANCE:
             found.append(f"it was certified with {name} held at {value:.9g}, now at {held[name]:.9g}")
@@ -352,7 +352,7 @@ class Certificate:
     def matches(
         self,
         curve: Curve,
-        arm: Arm,
+        arm: JointGroup,
         scene: Scene,
         attached: Sequence[Obstacle] = (),
         constraints: Sequence[PathConstraint] = (),
@@ -459,7 +459,7 @@ def curve_hash(curve: Curve) -> str:
     return curve_digest(tuple(curve.joint_names), *curve.bezier())
 
 
-def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
+def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
     """Return a hash of an arm (kinematics, held joints, collision geometry), its attached objects, and a scene.
 
     The pairs that the SRDF and the scene allow or disable are included.
@@ -472,7 +472,7 @@ def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str
         if obstacle is None:  # separates the attached objects from the scene
             digest.update(b"scene")
             continue
-        digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())
+        digest.update(repr((obstacle.name, obstacle.shape, obstacle.arm)).encode() + matrix(obstacle.pose).tobytes())
         if isinstance(obstacle.shape, Mesh):
             digest.update(_content_hash(obstacle.shape.path).encode())
     return digest.hexdigest()
@@ -488,7 +488,7 @@ def checked_hash(checker: CollisionChecker) -> str:
     If a mesh file was changed after the checker read it, the hash matches no setup.
     """
     meshes: list[str | Path | None] = [
-        geometry.mesh.path for geometry in checker.arm.robot.urdf.collisions if geometry.mesh is not None
+        geometry.mesh.path for geometry in checker.group.robot.urdf.collisions if geometry.mesh is not None
     ]
     meshes += [
         each.shape.path for each in (*checker.attached, *checker.scene.obstacles) if isinstance(each.shape, Mesh)
@@ -496,7 +496,7 @@ def checked_hash(checker: CollisionChecker) -> str:
     files = tuple(None if path is None else FileStamp.of(path) for path in meshes)
     known = _setups.get(checker)
     if known is None or known[0] != files:
-        known = _setups[checker] = files, setup_hash(checker.arm, checker.scene, checker.attached)
+        known = _setups[checker] = files, setup_hash(checker.group, checker.scene, checker.attached)
     digest, changed = known[1], changed_files(checker)
     return hashlib.sha256(repr((digest, changed)).encode()).hexdigest() if changed else digest
 
@@ -508,8 +508,8 @@ def changed_files(checker: CollisionChecker) -> tuple[FileStamp, ...]:
 
 
 @lru_cache(maxsize=ARMS_KEPT)
-def _hash_of(arm: Arm, meshes: tuple[str, ...]) -> Any:
-    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)).encode())
+def _hash_of(arm: JointGroup, meshes: tuple[str, ...]) -> Any:
+    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, dict(arm.ends), arm.joint_names, dict(arm.held))).encode())
     for geometry, content in zip(arm.robot.urdf.collisions, meshes, strict=True):
         mesh = None if geometry.mesh is None else geometry.mesh.uri
         digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh, content)).encode())
@@ -575,7 +575,7 @@ def _unchanging_notes(checker: CollisionChecker) -> tuple[list[str], list[str]]:
     """The notes before and after those about changed files."""
     if checker in _notes:
         return _notes[checker]
-    arm, notes = checker.arm, list(checker.scene.notes)
+    arm, notes = checker.group, list(checker.scene.notes)
     by_remark: dict[str, dict[str, None]] = {}
     for body in checker.bodies:
         if body.remark:
@@ -588,7 +588,7 @@ def _unchanging_notes(checker: CollisionChecker) -> tuple[list[str], list[str]]:
     solid = {body.link for body in checker.bodies if body.owner == body.link}
     if not solid:
         notes.append("the robot has no collision geometry, so its links are not checked")
-    elif has_generated_bodies(arm.robot.urdf):
+    elif arm.robot.has_generated_bodies:
         notes.append(GENERATED_BODIES)
     elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
         notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")

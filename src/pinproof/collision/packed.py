@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from pinproof._core import Geometry, JointTree, World
 from pinproof.collision.bodies import Body
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 
 __all__ = ["pack_geometry", "pack_world"]
 
@@ -24,7 +24,7 @@ ROOT = -1
 """In place of a joint: the body does not move."""
 
 
-def pack_geometry(arm: Arm, bodies: Sequence[Body], rounding: float) -> Geometry:
+def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> Geometry:
     """Return the joints of an arm's robot, and the bodies on them.
 
     Parameters
@@ -59,7 +59,7 @@ def pack_world(geometry: Geometry, pairs: Sequence[tuple[int, int]]) -> World:
 
 
 @lru_cache(maxsize=ARMS_KEPT)
-def _joints(arm: Arm) -> tuple[JointTree, list[pin.SE3]]:
+def _joints(arm: JointGroup) -> tuple[JointTree, list[pin.SE3]]:
     """Return the joints, and for each the rotation that takes z to its axis."""
     model = arm.model
     data = model.createData()

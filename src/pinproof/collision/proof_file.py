@@ -26,7 +26,7 @@ from pinproof.collision.path_constraints import ConstraintProof, LookAt, PathCon
 from pinproof.collision.shapes import Mesh
 from pinproof.common.files import write_bytes_whole
 from pinproof.errors import FileError, InputError, NotProvenFree
-from pinproof.model import Arm
+from pinproof.model import Arm, JointGroup
 from pinproof.model.chain import joint_axis
 from pinproof.motion import Curve
 from pinproof.spatial import SE3
@@ -184,7 +184,7 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
     curve, checker = proven.curve, proven.checker
     _refuse_surfaces(checker)
     knots, control = curve.bezier()
-    arm = checker.arm
+    arm = checker.group
     document: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -202,7 +202,11 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
             "curve": proven.curve_hash,
             "setup": proven.setup_hash,
         },
-        "robot": {"name": arm.robot.name, "base": arm.base, "tcp": arm.tcp, "held": arm.held},
+        "robot": {
+            "name": arm.robot.name,
+            "arms": {name: {"base": base, "tcp": tcp} for name, (base, tcp) in arm.ends.items()},
+            "held": dict(arm.held),
+        },
         "curve": {"joint_names": list(curve.joint_names), "knots": knots.tolist(), "control": control.tolist()},
         "joints": joints_of(arm),
         "bodies": bodies_of(checker),
@@ -217,7 +221,7 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
         raise NotProvenFree(f"the verifier cannot read the proof: {refused}") from refused
     document["intervals"], document["pairs"] = evidence_of(proof, proven)
     if proven.constraints:
-        document["constraints"] = _constraint_evidence(document, arm, proven)
+        document["constraints"] = _constraint_evidence(document, checker.arm, proven)
     verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}})
     if not verdict.ok:
         raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}")
@@ -287,7 +291,7 @@ def _constraint_evidence(document: dict[str, Any], arm: Arm, proven: ProvenMotio
     return rows
 
 
-def joints_of(arm: Arm) -> list[dict[str, Any]]:
+def joints_of(arm: JointGroup) -> list[dict[str, Any]]:
     """The joints that move with the arm's, followers too, each behind its parent."""
     model, rows = arm.model, []
     for k in range(1, model.njoints):
@@ -310,7 +314,7 @@ def joints_of(arm: Arm) -> list[dict[str, Any]]:
 
 def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
     """The bodies of a checker, in its order."""
-    model, sources = checker.arm.model, _sources(checker)
+    model, sources = checker.group.model, _sources(checker)
     rows = []
     for body in checker.bodies:
         joint, place = -1, body.link_from_body
@@ -337,7 +341,7 @@ def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
 def _sources(checker: CollisionChecker) -> dict[str, dict[str, str]]:
     """The kind and file of the shape that each geometry was made of, and the hash of its mesh file."""
     found: dict[str, dict[str, str]] = {}
-    for geometry in checker.arm.robot.urdf.collisions:
+    for geometry in checker.group.robot.urdf.collisions:
         found[geometry.name] = _source(geometry.kind, None if geometry.mesh is None else geometry.mesh.path)
     for thing in (*checker.attached, *checker.scene.obstacles):
         mesh = thing.shape.path if isinstance(thing.shape, Mesh) else None
@@ -544,10 +548,10 @@ def _other_curve(proof: Proof, curve: Curve) -> list[str]:
 def _differences(document: dict[str, Any], proof: Proof, checker: CollisionChecker) -> list[str]:
     """Where the proof's joints and bodies are not the checker's, and which of the checker's pairs it does not prove."""
     found: list[str] = []
-    names = checker.arm.joint_names
+    names = checker.group.joint_names
     if proof.curve.names != names:
         return [f"curve.joint_names: those of your arm are {', '.join(names)}"]
-    joints = joints_of(checker.arm)
+    joints = joints_of(checker.group)
     if len(joints) != len(proof.joints):
         return [f"joints: the proof has {len(proof.joints)}, your robot {len(joints)} that move"]
     for k, (stated, mine) in enumerate(zip(document["joints"], joints, strict=True)):

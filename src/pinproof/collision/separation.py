@@ -55,7 +55,7 @@ class MovingBody:
         self._space = Workspace(checker.world)
         self.rounding = checker.rounding
         self.shape = BodySupport.of(checker.bodies[body])
-        self.move(np.zeros(checker.arm.dof))
+        self.move(np.zeros(checker.group.dof))
 
     def move(self, q: Array) -> None:
         """Place it at q (n,)."""

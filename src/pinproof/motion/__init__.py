@@ -3,6 +3,7 @@
 from pinproof.motion.blended_path import BlendedPath
 from pinproof.motion.cubic_path import CubicPath
 from pinproof.motion.curve import Curve
+from pinproof.motion.group_motion import separate, synchronise
 from pinproof.motion.joint_path import JointPath
 from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramSegment
 from pinproof.motion.motion_record import MotionRecord
@@ -32,5 +33,7 @@ __all__ = [
     "TorqueLimits",
     "TorquePeak",
     "Trajectory",
+    "separate",
+    "synchronise",
     "time_parametrise",
 ]

@@ -14,7 +14,7 @@ from pinproof.common.display import outline
 from pinproof.description.dh_keys import DEFAULT_EFFORT
 from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
-from pinproof.model import Arm, Payload
+from pinproof.model import JointGroup, Payload
 from pinproof.model.dynamics import GRAVITY, checked_payloads, dynamic_tree, massless_joints
 from pinproof.motion.curve import Array
 from pinproof.motion.tool_limits import controls, require_joints, time_of
@@ -74,7 +74,7 @@ class TorqueLimits:
     Parameters
     ----------
     arm
-        The arm.
+        The arm, or a joint group with several arms.
     payload
         A body, or several, that the arm carries in addition to its own links.
     limits
@@ -93,7 +93,7 @@ class TorqueLimits:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: JointGroup,
         payload: Payload | Sequence[Payload] | None = None,
         *,
         limits: npt.ArrayLike | None = None,
@@ -116,7 +116,7 @@ class TorqueLimits:
         return (
             *([f"no mass of the links moved by {', '.join(massless)}"] if massless else []),
             *([f"no torque limit: {', '.join(unlimited)}"] if unlimited else []),
-            *([GENERATED_MASSES] if has_generated_bodies(self.arm.robot.urdf) else []),
+            *([GENERATED_MASSES] if self.arm.robot.has_generated_bodies else []),
         )
 
     def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
@@ -214,11 +214,11 @@ class TorqueLimits:
         return outline(f"TorqueLimits({self.arm.robot.name!r}, {self.arm.dof} joints)", rows)
 
 
-def _rebuilt(arm: Arm, payloads: tuple[Payload, ...], limits: Array, gravity: Array) -> TorqueLimits:
+def _rebuilt(arm: JointGroup, payloads: tuple[Payload, ...], limits: Array, gravity: Array) -> TorqueLimits:
     return TorqueLimits(arm, payloads, limits=limits, gravity=gravity)
 
 
-def _checked_limits(arm: Arm, value: npt.ArrayLike | None) -> Array:
+def _checked_limits(arm: JointGroup, value: npt.ArrayLike | None) -> Array:
     joints = ", ".join(arm.joint_names)
     unknown = (
         f"no torque limit of the joints {joints} is known; state max_effort in a file of joint limits (--limits), or "

@@ -90,7 +90,7 @@ def _barrier(
     blocked = [k for k in range(VALUES) if not judge.is_free_unchecked(q[k])]
     chosen = np.linspace(0, len(blocked) - 1, min(CONFIRMED, len(blocked)))
     found = [
-        Barrier(judge.arm.joint_names[joint], float(q[k, joint]), contact)
+        Barrier(judge.group.joint_names[joint], float(q[k, joint]), contact)
         for k in (blocked[round(row)] for row in chosen.tolist())
         for contact in judge.finer_at(q[k]).check(q[k]).contacts
         if frozenset(contact.bodies) in owners  # checkers with finer bodies check all pairs again

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.model.limits import AT_LIMIT
 from pinproof.motion import TorqueLimits
 from pinproof.planning.constrained import manifold_of, violations_at
@@ -60,7 +60,7 @@ class Ends:
     torque_limits: TorqueLimits | None = None
 
 
-def _read_goals(arm: Arm, goals: npt.ArrayLike) -> Array:
+def _read_goals(arm: JointGroup, goals: npt.ArrayLike) -> Array:
     """One goal (n,) or several (g, n) as (g, n)."""
     try:
         dimensions, size = np.ndim(goals), np.size(goals)
@@ -71,7 +71,7 @@ def _read_goals(arm: Arm, goals: npt.ArrayLike) -> Array:
     return arm.configuration(goals, "goals")[None] if dimensions == 1 else finite("goals", goals, (None, arm.dof))
 
 
-def with_turns(arm: Arm, start: Array, goals: Array) -> tuple[Array, list[int]]:
+def with_turns(arm: JointGroup, start: Array, goals: Array) -> tuple[Array, list[int]]:
     """The goals, and the goals with periodic joints shifted by multiples of 2 pi inside the limits.
 
     For an unbounded joint, only the two angles nearest to the start, one on each side, are added.
@@ -103,7 +103,7 @@ def with_turns(arm: Arm, start: Array, goals: Array) -> tuple[Array, list[int]]:
     return np.vstack([goals, every[order]]), [*range(len(goals)), *(index_of[k] for k in order.tolist())]
 
 
-def _turns(arm: Arm, joint: int, start: float, goal: float) -> list[int]:
+def _turns(arm: JointGroup, joint: int, start: float, goal: float) -> list[int]:
     """The multiples of 2 pi by which a joint may be shifted, including 0."""
     if not arm.periodic[joint]:
         return [0]
@@ -132,24 +132,24 @@ def read_ends(
     InputError
         If there is no goal, a shape is wrong or a number is not finite.
     """
-    arm = checker.arm
-    first = arm.limits.snap(arm.configuration(start, "start"))
-    given = arm.limits.snap(_read_goals(arm, goals))
-    many, index_of = with_turns(arm, first, given) if turns else (given, list(range(len(given))))
-    inside = [not arm.limits.violations(goal, arm.joint_names) for goal in many]
+    group = checker.group
+    first = group.limits.snap(group.configuration(start, "start"))
+    given = group.limits.snap(_read_goals(group, goals))
+    many, index_of = with_turns(group, first, given) if turns else (given, list(range(len(given))))
+    inside = [not group.limits.violations(goal, group.joint_names) for goal in many]
     if constraints:
-        tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(arm, constraints)
+        tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(checker.arm, constraints)
         inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
     if torque_limits is not None:
-        require_arm(torque_limits, arm)
+        require_arm(torque_limits, group)
         inside = [ok and torque_limits.standstill_share(q) <= 1.0 for ok, q in zip(inside, many, strict=True)]
         if heavy := torque_limits.standstill(first):
             message = f"the start is invalid: {heavy}"
             return PlanResult(PlanStatus.START_INVALID, None, None, None, message, checker=checker)
-    if violated := violations_at(arm, first, constraints):
+    if violated := violations_at(checker, first, constraints):
         message = f"the start is invalid: {'; '.join(violated)}"
         return PlanResult(PlanStatus.START_INVALID, None, None, None, message, checker=checker)
-    if arm.limits.violations(first, arm.joint_names):
+    if group.limits.violations(first, group.joint_names):
         return _invalid_start(checker, first)
     if not checker.is_free_unchecked(first):
         checker = checker.finer_at(first)
@@ -169,7 +169,7 @@ def read_ends(
     return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns, torque_limits)
 
 
-def require_arm(torque_limits: TorqueLimits, arm: Arm) -> None:
+def require_arm(torque_limits: TorqueLimits, arm: JointGroup) -> None:
     """Raise InputError unless torque limits are for the joints of an arm."""
     if torque_limits.arm.joint_names != arm.joint_names:
         names = torque_limits.arm.joint_names
@@ -183,7 +183,7 @@ def _reason(
     torque_limits: TorqueLimits | None = None,
 ) -> str:
     """Why q (n,) is invalid: joints outside their limits, violated constraints, torques, or the contacts."""
-    outside = checker.arm.limits.violations(q, checker.arm.joint_names) + violations_at(checker.arm, q, constraints)
+    outside = checker.group.limits.violations(q, checker.group.joint_names) + violations_at(checker, q, constraints)
     if torque_limits is not None and (heavy := torque_limits.standstill(q)):
         outside.append(heavy)
     return "; ".join(outside) if outside else str(checker.check(q))

@@ -159,7 +159,7 @@ class OmplPlanner:
             return result(
                 PlanStatus.OUT_OF_BUDGET, f"{message}{near}Try a larger {budget}, another rng or another planner"
             )
-        path = JointPath(q, checker.arm.joint_names)
+        path = JointPath(q, checker.group.joint_names)
         certificate = certify(path, ends.checker)
         if not certificate.free:  # pragma: no cover  # the edges were proven one by one
             message = f"the path of {self.planner} of OMPL fails the proof: {certificate.message}"
@@ -223,7 +223,7 @@ def _solve(settings: OmplPlanner, ends: Ends, seed: int, validity: _Validity) ->
     """A path (m, n) or None, the number of nodes, and the distance of an approximate solution from a goal or NaN."""
     ob, og, ou = _ompl()
     ou.RNG.setSeed(seed)
-    arm, both = ends.checker.arm, np.vstack([ends.start, ends.goals])
+    arm, both = ends.checker.group, np.vstack([ends.start, ends.goals])
     space, bounds = ob.RealVectorStateSpace(arm.dof), ob.RealVectorBounds(arm.dof)
     for joint, (low, high) in enumerate(sampling_box(arm, both).T.tolist()):
         bounds.setLow(joint, low)

@@ -187,7 +187,7 @@ def optimise(
     TimingError
         If the path cannot be timed within the limits.
     """
-    arm = checker.arm
+    arm = checker.group
     if tuple(path.joint_names) != arm.joint_names:
         raise InputError(f"the path has the joints {path.joint_names}, the arm {arm.joint_names}")
     if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or budget < 0:
@@ -195,7 +195,7 @@ def optimise(
     further = checked_constraints(rate_limits)
     bounds = Bounds.of(arm.limits if limits is None else limits, arm.joint_names, jerk)
     kept = check_constraints(constraints)
-    manifold, tolerances = manifold_of(arm, kept) if kept else None, np.array([each.tolerance for each in kept])
+    manifold, tolerances = manifold_of(checker.arm, kept) if kept else None, np.array([each.tolerance for each in kept])
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
@@ -470,7 +470,7 @@ class _Search:
             self._edges.core,
             np.ascontiguousarray(self._start),
             ends,
-            sampling_box(self._checker.arm, np.vstack([self._start, ends])),
+            sampling_box(self._checker.group, np.vstack([self._start, ends])),
             step=PLAN_STEP,
             max_nodes=PLAN_SAMPLES,
             max_samples=PLAN_SAMPLES,

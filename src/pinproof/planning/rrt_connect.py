@@ -26,7 +26,7 @@ from pinproof._core import RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
 from pinproof.collision.path_constraints import check_constraints
 from pinproof.errors import InputError
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.motion import JointPath, TorqueLimits
 from pinproof.planning.barriers import find_barriers, no_path_message
 from pinproof.planning.constrained import manifold_of
@@ -207,7 +207,7 @@ class Search:
             self._edges.core,
             np.ascontiguousarray(ends.start),
             np.ascontiguousarray(ends.goals),
-            sampling_box(ends.checker.arm, both),
+            sampling_box(ends.checker.group, both),
             step=settings.step,
             max_nodes=settings.max_nodes,
             max_samples=settings.max_samples,
@@ -291,7 +291,7 @@ class Search:
 
     def _prove(self, q: Array, row: int) -> tuple[PlanResult | None, int]:
         """The certified path q (m, n) to a goal; or None and the index of the edge that is not free."""
-        path = JointPath(q, self._checker.arm.joint_names)
+        path = JointPath(q, self._checker.group.joint_names)
         certificate = certify(path, self._checker, constraints=self._constraints)
         if certificate.free:
             message = f"found a path with {len(path)} waypoints and length {path.length:.3g}; {certificate.message}"
@@ -310,7 +310,7 @@ class Search:
         if not barriers:
             return None
         gap = self._core.distance_of_trees()
-        periodic = {self._checker.arm.joint_names[k] for k in np.flatnonzero(self._checker.arm.periodic)}
+        periodic = {self._checker.group.joint_names[k] for k in np.flatnonzero(self._checker.group.periodic)}
         shifted = not self._given.turns and self._has_other_turns()
         hint = f"; {OTHER_TURNS}" if shifted and periodic.intersection(each.joint for each in barriers) else ""
         return self._result(PlanStatus.IMPOSSIBLE, no_path_message(barriers) + hint, gap=gap)
@@ -332,7 +332,7 @@ class Search:
         trees = (self._core.nodes(0), self._core.nodes(1))
         gap = self._core.distance_of_trees()
         separation = _describe_gap(
-            self._checker.arm, *trees, gap, turns=self._given.turns or not self._has_other_turns()
+            self._checker.group, *trees, gap, turns=self._given.turns or not self._has_other_turns()
         )
         if self._given.torque_limits is not None:
             advice = f"{advice}. Configurations at which the torque limits do not permit a standstill were avoided"
@@ -342,7 +342,7 @@ class Search:
     def _has_other_turns(self) -> bool:
         """Whether a goal shifted by multiples of 2 pi is inside the limits and is not itself a goal."""
         goals = self._given.goals
-        others = with_turns(self._checker.arm, self._given.start, goals)[0][len(goals) :]
+        others = with_turns(self._checker.group, self._given.start, goals)[0][len(goals) :]
         return any(np.abs(goals - other).max(axis=1).min() > SAME_GOAL for other in others)
 
     def _result(self, status: PlanStatus, message: str, *, gap: float) -> PlanResult:
@@ -376,7 +376,7 @@ def _failed_edge(certificate: Certificate, edges: int) -> int:
     return min(int(where), edges - 1)
 
 
-def sampling_box(arm: Arm, ends: Array) -> Array:
+def sampling_box(arm: JointGroup, ends: Array) -> Array:
     """(2, n) the joint limits; an unbounded joint gets the range of the ends (e, n), extended by pi on both sides."""
     unbounded = np.isinf(arm.limits.lower) | np.isinf(arm.limits.upper)
     low = np.where(unbounded, np.maximum(ends.min(axis=0) - np.pi, arm.limits.lower), arm.limits.lower)
@@ -384,7 +384,7 @@ def sampling_box(arm: Arm, ends: Array) -> Array:
     return np.array([low, high])
 
 
-def _describe_gap(arm: Arm, from_start: Array, from_goal: Array, gap: float, *, turns: bool) -> str:
+def _describe_gap(arm: JointGroup, from_start: Array, from_goal: Array, gap: float, *, turns: bool) -> str:
     """A text with the ``gap`` between two trees (a, n) and (b, n) and the joints whose ranges do not overlap.
 
     ``turns`` states whether all goals shifted by 2 pi were roots. If not, and the ranges of a periodic joint do not
@@ -396,7 +396,7 @@ def _describe_gap(arm: Arm, from_start: Array, from_goal: Array, gap: float, *, 
     return "; ".join([text, *separated.values(), *hints])
 
 
-def _separation(arm: Arm, joint: int, from_start: Array, from_goal: Array) -> str:
+def _separation(arm: JointGroup, joint: int, from_start: Array, from_goal: Array) -> str:
     """The ranges of one joint in both trees; empty if they overlap or are closer than SEPARATION."""
     one, other = from_start[:, joint], from_goal[:, joint]
     if max(one.min() - other.max(), other.min() - one.max()) < SEPARATION:

@@ -181,7 +181,7 @@ def _is_for(
 ) -> bool:
     """Whether a certificate is for this path, this setup, this margin, these excluded pairs and these constraints."""
     same = certificate.margin == checker.margin and certificate.excluded == tuple(checker.excluded)
-    return same and certificate.matches(path, checker.arm, checker.scene, checker.attached, constraints)
+    return same and certificate.matches(path, checker.group, checker.scene, checker.attached, constraints)
 
 
 def _result(
@@ -236,8 +236,8 @@ def shortcut(
     InputError
         If the joints of the path are not those of the arm, or a setting is out of its range.
     """
-    if path.joint_names != checker.arm.joint_names:
-        raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.arm.joint_names}")
+    if path.joint_names != checker.group.joint_names:
+        raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.group.joint_names}")
     if attempts < 0:
         raise InputError(f"attempts = {attempts}; it must be 0 or more")
     edges = Edges(checker, resolution, path.q[[0, -1]], torque_limits=torque_limits)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pinproof.collision import Obstacle
 from pinproof.errors import InputError
 from pinproof.ik import SelfMotionCurve
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import matrix
 from pinproof.viewer.stage import Stage
@@ -55,7 +55,8 @@ class Phase:
     trajectory
         Starts where the previous phase ends; both are at rest there.
     attached
-        Objects that move with the tcp, in addition to those of the stage; poses are ``tcp_from_object``.
+        Objects that move with the tcp of the first arm, in addition to those of the stage; poses are
+        ``tcp_from_object``.
     held
         Values (rad or m, by name) of joints outside the arm, such as fingers. Default: those of the arm of the stage.
     """
@@ -75,8 +76,8 @@ class Film:
         (F,) seconds; F = 1 for a single configuration.
     poses
         (F, L, 4, 4) ``root_from_link`` of the drawn links.
-    tcp
-        (F, 3) position of the tcp in the root frame.
+    tcps
+        (F, A, 3) positions of the tcps of the A arms in the root frame.
     riders
         By name, (F, 4, 4) ``root_from_object`` of objects that are attached in some phases. Before and after, they rest
         where they are picked and placed.
@@ -86,12 +87,12 @@ class Film:
 
     times: Array
     poses: Array
-    tcp: Array
+    tcps: Array
     riders: dict[str, Array] = field(default_factory=dict)
     frames: dict[str, Array] = field(default_factory=dict)
 
 
-def checked_motion(arm: Arm, motion: Trajectory) -> Trajectory:
+def checked_motion(arm: JointGroup, motion: Trajectory) -> Trajectory:
     """Return the motion after checking that it is a trajectory of this arm.
 
     Raises
@@ -126,16 +127,16 @@ def film(
         instants = np.linspace(0.0, motion.duration, count)[min(number, 1) :]  # the first is in the last phase
         for q in np.asarray(motion(instants), dtype=float):
             poses.append(placed.link_poses(q))
-            tcps.append(placed.tcp_pose(q))
+            tcps.append(placed.tcp_poses(q))
             axes.append(placed.frame_poses(q, frames))
         times.append(start_time + instants)
         holding += [{thing.name: matrix(thing.pose) for thing in phase.attached}] * len(instants)
         start_time += motion.duration
     root_from_tcp = np.stack(tcps)
     names = dict.fromkeys(name for held in holding for name in held)
-    riders = {name: _object_poses(root_from_tcp, [held.get(name) for held in holding]) for name in names}
+    riders = {name: _object_poses(root_from_tcp[:, 0], [held.get(name) for held in holding]) for name in names}
     named = dict(zip(frames, np.stack(axes).swapaxes(0, 1), strict=True))
-    return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :3, 3], riders, named)
+    return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :, :3, 3], riders, named)
 
 
 ELBOW_STEP = 0.03
@@ -152,7 +153,7 @@ def film_of_elbow(stage: Stage, curve: SelfMotionCurve, frames: Sequence[str] = 
     many = [curve.at(value) for value in at.tolist()]
     named = dict(zip(frames, np.stack([stage.frame_poses(q, frames) for q in many]).swapaxes(0, 1), strict=True))
     poses = np.stack([stage.link_poses(q) for q in many])
-    return Film(at - curve.lower, poses, np.stack([stage.tcp_position(q) for q in many]), frames=named)
+    return Film(at - curve.lower, poses, np.stack([stage.tcp_poses(q)[:, :3, 3] for q in many]), frames=named)
 
 
 def _object_poses(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Array:
@@ -171,7 +172,7 @@ def _object_poses(root_from_tcp: Array, tcp_from_object: Sequence[Array | None])
 def still(stage: Stage, q: Array, *, frames: Sequence[str] = ()) -> Film:
     """A single key frame at the configuration q (n,)."""
     named = dict(zip(frames, stage.frame_poses(q, frames)[:, None], strict=True))
-    return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_position(q)[None], frames=named)
+    return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_poses(q)[None, :, :3, 3], frames=named)
 
 
 def animate(commands: Commands, stage: Stage, shown: Film) -> None:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.errors import ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
 from pinproof.viewer.overlays import ColouredPoints
@@ -51,7 +51,7 @@ Event = tuple[str, str]
 
 
 def show(
-    arm: Arm,
+    arm: JointGroup,
     scene: Scene | None = None,
     trajectory: Trajectory | None = None,
     *,

@@ -14,7 +14,7 @@ from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
 from pinproof.viewer.assembly import assemble, fill, part
@@ -55,7 +55,7 @@ class Page:
 
 def write_html(
     path: str | Path,
-    arm: Arm,
+    arm: JointGroup,
     scene: Scene | None = None,
     trajectory: Trajectory | None = None,
     *,

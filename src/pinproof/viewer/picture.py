@@ -18,7 +18,7 @@ from pinproof.collision import Certificate, CertificateStatus, CheckResult, Firs
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.errors import InputError, UnknownNameError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3, finite, matrix, rigid
 from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, film_of_elbow, still
@@ -39,7 +39,7 @@ from pinproof.viewer.overlays import (
 )
 from pinproof.viewer.stage import Stage, set_stage, simplified
 from pinproof.viewer.surfaces import Rgba, ball, tube
-from pinproof.viewer.wire import Commands, node_path
+from pinproof.viewer.wire import Commands, node_name, node_path
 
 __all__ = ["LAYERS", "Caption", "Layer", "Picture", "RenderedPicture", "caption_of", "checked_layers", "stage_commands"]
 
@@ -108,7 +108,7 @@ class Caption:
 
 
 def caption_of(
-    arm: Arm,
+    arm: JointGroup,
     scene: Scene | None,
     motion: Trajectory | None,
     certificate: Certificate | None,
@@ -116,7 +116,8 @@ def caption_of(
     check: CheckResult | None = None,
 ) -> Caption:
     """The caption of a motion, or of a configuration and its ``check`` if ``motion`` is None."""
-    figures = [("Robot", arm.robot.name), ("Base to tcp", f"{arm.base} \u2192 {arm.tcp}")]
+    ends = ", ".join(f"{base} \u2192 {tcp}" for base, tcp in arm.ends.values())
+    figures = [("Robot", arm.robot.name), ("Base to tcp", ends)]
     if motion is None:
         return _configuration_caption(check, figures)
     duration = ("Duration", f"{motion.duration:.2f} s")
@@ -275,7 +276,7 @@ class RenderedPicture:
 class Picture:
     """The content of a picture; the fields are the parameters of :func:`pinproof.write_html`."""
 
-    arm: Arm
+    arm: JointGroup
     scene: Scene | None = None
     trajectory: Trajectory | None = None
     certificate: Certificate | None = None
@@ -315,7 +316,7 @@ class Picture:
         marks = marks_of(self.check if caption.contact is None else caption.contact)
         ghost_poses = ghosts_at(stage, ghosts)
         extra = [mark.points for mark in marks] + ([] if self.points is None else [self.points.xyz])
-        points = np.concatenate([shown.tcp, *extra])
+        points = np.concatenate([*shown.tcps.swapaxes(0, 1), *extra])
         view = choose_view(stage, shown.poses, points, also=ghost_poses, tool=tool_points(stage, shown.poses))
         commands, radius = stage_commands(stage, shown, view), view.radius
         if self.points is not None:
@@ -387,14 +388,14 @@ class Picture:
         self, stage: Stage, shown: Film, wanted: Collection[str], *, marks: int, steps: int, ghosts: int
     ) -> list[Layer]:
         """The layers that are not empty."""
-        visual = tuple(("robot", link.name, "visual") for link in stage.links if link.surfaces)
-        collision = tuple(("robot", link.name, "collision") for link in stage.links if link.bodies)
+        visual = tuple(("robot", node_name(link.name), "visual") for link in stage.links if link.surfaces)
+        collision = tuple(("robot", node_name(link.name), "collision") for link in stage.links if link.bodies)
         given = len(self._ghosts())
         found: list[tuple[str, tuple[tuple[str, ...], ...], bool, str]] = [
             ("robot", visual, True, ""),
             ("collision", collision, False, ""),
             ("scene", (("scene",),) if stage.obstacles else (), True, ""),
-            ("path", (("tcp path",),) if np.ptp(shown.tcp, axis=0).any() else (), True, ""),
+            ("path", (("tcp path",),) if np.ptp(shown.tcps, axis=0).any() else (), True, ""),
             ("sweep", (("sweep",),) if steps else (), False, f"{steps} steps"),
             (
                 "ghosts",
@@ -431,9 +432,10 @@ def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
 
 
 def add_path(commands: Commands, shown: Film, radius: float) -> None:
-    """Draw the path of the tcp as a tube from a white sphere at its start to an orange one at its end."""
-    line = tube(shown.tcp, radius, PATH_ORANGE)
-    if line is not None:
-        commands.set_surface("/tcp path/line", line)
-        commands.set_surface("/tcp path/start", ball(shown.tcp[0], 2.5 * radius, START_WHITE))
-        commands.set_surface("/tcp path/end", ball(shown.tcp[-1], 2.5 * radius, PATH_ORANGE))
+    """Draw the path of each tcp as a tube from a white sphere at its start to an orange one at its end."""
+    for number, tcp in enumerate(shown.tcps.swapaxes(0, 1)):
+        line, node = tube(tcp, radius, PATH_ORANGE), f"/tcp path/{number}"
+        if line is not None:
+            commands.set_surface(f"{node}/line", line)
+            commands.set_surface(f"{node}/start", ball(tcp[0], 2.5 * radius, START_WHITE))
+            commands.set_surface(f"{node}/end", ball(tcp[-1], 2.5 * radius, PATH_ORANGE))

@@ -14,7 +14,7 @@ from html import escape
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.motion import RateConstraint, Trajectory
 from pinproof.motion.plot import DrawnLimits, Panel, panels_of
 
@@ -62,7 +62,7 @@ class PlotLimits:
     rate_limits: Sequence[RateConstraint] = ()
 
     @classmethod
-    def of(cls, arm: Arm) -> PlotLimits:
+    def of(cls, arm: JointGroup) -> PlotLimits:
         """The known limits of an arm; accelerations that are only assumed are no limits."""
         limits = arm.limits
         assumed = limits.acceleration_source.startswith("default")

@@ -267,7 +267,9 @@ void bind_search(nb::module_& module) {
             },
             nb::arg("tree"), "The node at which a tree met the other.")
         .def_prop_ro("samples", &RrtSearch::samples, "Total number of random samples.")
-        .def_prop_ro("gap", &RrtSearch::gap, "The smallest distance found between the nodes of both trees.");
+        .def_prop_ro("gap", &RrtSearch::gap, "The smallest distance found so far between nodes of both trees.")
+        .def("distance_of_trees", &RrtSearch::distance_of_trees, nb::call_guard<nb::gil_scoped_release>(),
+             "The smallest distance between the nodes of both trees.");
 }
 
 }  // namespace

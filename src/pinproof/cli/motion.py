@@ -19,7 +19,6 @@ from pinproof.cli.options import (
     ConstraintOptions,
     Html,
     Json,
-    Limits,
     RateOptions,
     Robot,
     SceneOptions,
@@ -87,7 +86,6 @@ def plan(
     ] = "rrt_connect",
     html: Html = None,
     seed: Seed = 0,
-    limits: Limits = None,
     jerk: Annotated[
         str | None,
         typer.Option(
@@ -113,9 +111,9 @@ def plan(
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
-    check_output_files([output, html], [robot, scene_options.scene, chain.srdf, limits, *tool.files])
+    check_output_files([output, html], [robot, scene_options.scene, chain.srdf, chain.limits, *tool.files])
     search = pp.planning.make_planner(planner)
-    arm = chain.arm(robot, limits, tool)
+    arm = chain.arm(robot, tool)
     rate_limits = rates.limits(arm)
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from pinproof._core import DynamicTree
 from pinproof.common.display import outline
+from pinproof.description.dh_keys import DEFAULT_EFFORT
 from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm, Payload
@@ -191,11 +192,16 @@ class TorqueLimits:
             needed = f"joint {self.arm.joint_names[j]!r} needs {abs(gravity[i, j]):.4g} {unit} to hold the arm at rest"
             raise TimingError(
                 f"{needed} at q = {np.round(q[i], 4).tolist()}; its torque limit is {self.limits[j]:.4g} {unit}"
-                f"{self._loaded()}"
+                f"{self._guessed(int(j))}{self._loaded()}"
             )
 
     def _unit(self, joint: int) -> str:
         return "N m" if self.arm.angular[joint] else "N"
+
+    def _guessed(self, joint: int) -> str:
+        if self.limits[joint] != DEFAULT_EFFORT or not has_generated_bodies(self.arm.robot.urdf):
+            return ""
+        return ", the default of a DH table: state effort there, or max_effort in a file of joint limits"
 
     def _loaded(self) -> str:
         return f" (payload {sum(each.mass for each in self.payloads):.4g} kg)" if self.payloads else ""
@@ -214,10 +220,12 @@ def _rebuilt(arm: Arm, payloads: tuple[Payload, ...], limits: Array, gravity: Ar
 
 def _checked_limits(arm: Arm, value: npt.ArrayLike | None) -> Array:
     joints = ", ".join(arm.joint_names)
+    unknown = (
+        f"no torque limit of the joints {joints} is known; state max_effort in a file of joint limits (--limits), or "
+        "in Python limits="
+    )
     if value is None:
-        raise InputError(
-            f"no torque limit of the joints {joints} is known; state limits=, or max_effort in a file of joint limits"
-        )
+        raise InputError(unknown)
     try:
         limits = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
@@ -231,5 +239,5 @@ def _checked_limits(arm: Arm, value: npt.ArrayLike | None) -> Array:
             raise InputError(f"the torque limit of joint {name!r} must be above 0, not {limit:g}")
     limits[np.isnan(limits)] = np.inf
     if np.isinf(limits).all():
-        raise InputError(f"no torque limit of the joints {joints} is known; state limits=")
+        raise InputError(unknown)
     return limits

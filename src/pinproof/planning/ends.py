@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -90,27 +90,27 @@ def with_turns(arm: Arm, start: Array, goals: Array) -> tuple[Array, list[int]]:
     (k, n) the given goals, followed by the shifted ones sorted by the largest joint step from the start; and for each
     the index of the given goal that it equals.
     """
-    shifted: list[tuple[float, int, Array]] = []
+    limits, shifted, index_of = arm.limits, [goals[:0]], list[int]()
     for index, goal in enumerate(goals):
-        for turns in product(*(_turns(arm, joint, start[joint], goal[joint]) for joint in range(arm.dof))):
-            if any(turns):
-                shift = TURN * np.array(turns)
-                # Clipping removes rounding only: a shift may end one bit beyond a limit that is a multiple of 2 pi.
-                q = np.where(shift != 0, np.clip(goal + shift, arm.limits.lower, arm.limits.upper), goal)
-                shifted.append((float(np.abs(q - start).max()), index, q))
-    shifted.sort(key=lambda entry: entry[:2])
-    shifted = shifted[: max(MAX_GOALS - len(goals), 0)]
-    return np.vstack([goals, *(q for _, _, q in shifted)]), [*range(len(goals)), *(index for _, index, _ in shifted)]
+        turns = [_turns(arm, joint, start[joint], goal[joint]) for joint in range(arm.dof)]
+        shift = TURN * np.array(np.meshgrid(*turns, indexing="ij"), dtype=float).reshape(arm.dof, -1).T
+        shift = shift[shift.any(axis=1)]
+        # Clipping removes rounding only: a shift may end one bit beyond a limit that is a multiple of 2 pi.
+        shifted.append(np.where(shift != 0, np.clip(goal + shift, limits.lower, limits.upper), goal))
+        index_of += [index] * len(shift)
+    every = np.concatenate(shifted)
+    order = np.argsort(np.abs(every - start).max(axis=1), kind="stable")[: max(MAX_GOALS - len(goals), 0)]
+    return np.vstack([goals, every[order]]), [*range(len(goals)), *(index_of[k] for k in order.tolist())]
 
 
 def _turns(arm: Arm, joint: int, start: float, goal: float) -> list[int]:
     """The multiples of 2 pi by which a joint may be shifted, including 0."""
     if not arm.periodic[joint]:
         return [0]
-    below = int(np.floor((start - goal) / TURN))
-    low, high = arm.limits.lower[joint], arm.limits.upper[joint]
-    fewest = below if np.isinf(low) else int(np.ceil((low - AT_LIMIT - goal) / TURN))
-    most = below + 1 if np.isinf(high) else int(np.floor((high + AT_LIMIT - goal) / TURN))
+    below = math.floor((start - goal) / TURN)
+    low, high = float(arm.limits.lower[joint]), float(arm.limits.upper[joint])
+    fewest = below if math.isinf(low) else math.ceil((low - AT_LIMIT - goal) / TURN)
+    most = below + 1 if math.isinf(high) else math.floor((high + AT_LIMIT - goal) / TURN)
     return sorted({0, *range(fewest, most + 1)})
 
 

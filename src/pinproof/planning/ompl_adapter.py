@@ -20,6 +20,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, PathConstraint, certify
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import JointPath, TorqueLimits
+from pinproof.planning.barriers import find_barriers, no_path_message
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanResult, PlanStatus
@@ -147,6 +148,8 @@ class OmplPlanner:
                 status, message=message, nodes=nodes, samples=edges, seconds=seconds, checker=ends.checker, **given
             )
 
+        if q is None and (barriers := find_barriers(ends.checker, ends.start, ends.goals)):
+            return result(PlanStatus.IMPOSSIBLE, no_path_message(barriers))
         if q is None:
             near = f"it came within {gap:.3g} (rad or m) of a goal. " if np.isfinite(gap) else ""
             budget, value = ("max_edges", f"{self.max_edges}")

@@ -1,5 +1,5 @@
 // The page of one motion. A live page receives further commands from the server that sent it.
-offer(settings.duration, settings.start);
+offer(settings.duration, settings.start, settings.parameter);
 
 const moment = byId("moment");
 moment.hidden = settings.start === null;

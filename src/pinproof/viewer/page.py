@@ -13,6 +13,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, ViewerError
+from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
@@ -64,6 +65,7 @@ def write_html(
     title: str | None = None,
     points: ColouredPoints | None = None,
     ghosts: npt.ArrayLike | None = None,
+    elbow: SelfMotion | SelfMotionCurve | None = None,
     check: CheckResult | None = None,
     frames: Mapping[str, SE3] = NO_FRAMES,
     layers: Collection[str] = (),
@@ -95,6 +97,9 @@ def write_html(
         Coloured points to draw, with their legend.
     ghosts
         (k, n) configurations at which transparent copies of the arm are drawn, for example all IK solutions of a pose.
+    elbow
+        A self-motion (:meth:`pinproof.AnalyticIk.self_motion`) or one of its curves. The page has a slider that moves
+        the redundant joint along the curve, of a self-motion the longest one, and opens at the solution closest to q.
     check
         The result of a collision check of ``q``. Contacts are marked with their normals, and the bodies are red.
     frames
@@ -111,14 +116,15 @@ def write_html(
     Raises
     ------
     InputError
-        If the trajectory has other joints than the arm or no timing, or is combined with ``q`` or ``check``.
+        If the trajectory has other joints than the arm or no timing, or is combined with ``q`` or ``check``; if
+        ``elbow`` is for another arm, or combined with ``trajectory`` or ``check``.
     UnknownNameError
         If a layer does not exist.
     ViewerError
         If the page cannot be written, a shape cannot be drawn, or meshcat is not installed.
     """
     picture = Picture(
-        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
+        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers, elbow
     )  # fmt: skip
     try:
         write_text_whole(path, render_page(picture, plot=plot).text)

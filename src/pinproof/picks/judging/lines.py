@@ -118,10 +118,15 @@ def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
 
 def along(task: Task, candidate: Candidate) -> Attempt:
     """The approach and the retreat of a configuration."""
-    into, shift = line_in(task, candidate), np.zeros(task.arm.dof)
+    shift = np.zeros(task.arm.dof)
+    # in a trial for a failed retreat, an approach is only needed if the retreat is possible
+    first = line_out(task, candidate) if task.cell.trial is Stage.RETREAT else None
+    if first is not None and not first[0].result.ok:
+        return Attempt(candidate, (first[0].result,), shift=shift, fraction=first[0].fraction)
+    into = line_in(task, candidate)
     if not into.result.ok:
         return Attempt(candidate, (into.result,), shift=shift, fraction=into.fraction)
-    out, parting = line_out(task, candidate)
+    out, parting = first or line_out(task, candidate)
     stages, clearance = (into.result, out.result), min(into.clearance, out.clearance)
     return Attempt(candidate, stages, into.path, out.path, parting, shift, out.fraction, clearance)
 

@@ -20,7 +20,7 @@ from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify
 from pinproof.planning.ends import with_turns
 
-__all__ = ["Placer", "Placing", "Release"]
+__all__ = ["Placer", "Placing", "Release", "release_lines"]
 
 Array = npt.NDArray[np.float64]
 
@@ -154,7 +154,7 @@ class Placer:
         for bound, _, down in sorted(candidates, key=lambda each: each[:2]):
             if best is not None and -bound <= best[0]:
                 break
-            result, placing = self._transfer(task.place, attempt, down, seeds)
+            result, placing = self.transfer(task.place, attempt, down, seeds)
             if placing is None:
                 failed.append(result)
             elif best is None or score(placing, 0.0) > best[0]:
@@ -166,6 +166,14 @@ class Placer:
             message = f"{farthest.message}; {len(tried)} of {len(many)} IK solutions at the release were tried"
             farthest = replace(farthest, message=message)
         return farthest, None
+
+    def may_place(self, member: Member) -> bool:
+        """Whether the lines from a release of a family member are possible."""
+        task, many = self._task, self.releases(member)
+        if task.place is None:
+            return True
+        free = np.flatnonzero(task.letting_go(member).is_free_batch(many)).tolist() if len(many) else []
+        return any(not self._down(task.place, member, index).why for index in free)
 
     def _out_of_reach(self, member: Member) -> StageResult:
         task = self._task
@@ -179,17 +187,17 @@ class Placer:
         """The lines of one of the releases."""
         key = member.words, index
         if key not in self._downs:
-            self._downs[key] = _down(self._task, asked, member, self.releases(member)[index])
+            self._downs[key] = release_lines(self._task, asked, member, self.releases(member)[index])
         return self._downs[key]
 
-    def _transfer(
-        self, asked: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int]
+    def transfer(
+        self, asked: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], *, turns: bool = True
     ) -> tuple[StageResult, Placing | None]:
-        """The transfer from the end of the retreat to the approach of the place, at any full rotations."""
+        """The transfer from the retreat to the approach of the place, with ``turns`` at any full rotations."""
         task, arm = self._task, self._task.arm
         carrying, limits = task.carrying(attempt.candidate.member), arm.limits
         low, high = span(down.q, down.lift, down.leave)
-        goals, _ = with_turns(arm, attempt.exit, down.entrance[None])
+        goals = with_turns(arm, attempt.exit, down.entrance[None])[0] if turns else down.entrance[None]
         shifts = [goal - down.entrance for goal in goals]
         inside = [shift for shift in shifts if limits.inside(np.array([low, high]) + shift).all()]
         shifts = inside or shifts[:1]
@@ -230,7 +238,7 @@ def _failure(down: Release) -> StageResult:
     return StageResult(Stage.PLACE, False, down.why, {"passed": float(down.passed)})
 
 
-def _down(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
+def release_lines(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
     """The approach to a release q (n,), and the retreat from it with the empty hand."""
     release = task.release(member)
     carrying, free_hand = task.carrying(member), task.letting_go(member)

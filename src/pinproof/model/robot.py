@@ -546,7 +546,8 @@ class Robot:
                 if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
                     raise InputError(
                         f"{joint.type} joint {name!r} states no lower and upper limit; "
-                        f"pass limits={{{name!r}: (lower, upper)}}"
+                        f"state both in the URDF, or in a file of joint limits (--limits); "
+                        f"in Python also limits={{{name!r}: (lower, upper)}}"
                     )
         return Arm(self, base, tcp, chain, new_limits, held_values(self.urdf, chain, held or {}, self.home))
 
@@ -607,7 +608,7 @@ class Robot:
             if joint is not None and joint.type == "fixed":
                 return leaves[0]
         raise InputError(
-            f"robot {self.name!r} declares no single tcp; name one with tcp=. "
+            f"robot {self.name!r} declares no single tcp; name one (--tcp, in Python tcp=). "
             f"Candidates: {', '.join(declared or leaves)}"
         )
 

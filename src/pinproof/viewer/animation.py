@@ -11,13 +11,25 @@ import numpy.typing as npt
 
 from pinproof.collision import Obstacle
 from pinproof.errors import InputError
+from pinproof.ik import SelfMotionCurve
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
 from pinproof.spatial import matrix
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = ["Film", "Phase", "animate", "checked_motion", "film", "pose_tracks", "quaternions", "still", "tracks"]
+__all__ = [
+    "Film",
+    "Phase",
+    "animate",
+    "checked_motion",
+    "film",
+    "film_of_elbow",
+    "pose_tracks",
+    "quaternions",
+    "still",
+    "tracks",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -124,6 +136,23 @@ def film(
     riders = {name: _object_poses(root_from_tcp, [held.get(name) for held in holding]) for name in names}
     named = dict(zip(frames, np.stack(axes).swapaxes(0, 1), strict=True))
     return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :3, 3], riders, named)
+
+
+ELBOW_STEP = 0.03
+"""Largest motion (rad or m) of a joint between key frames of a self-motion; the viewer interpolates in between."""
+
+
+def film_of_elbow(stage: Stage, curve: SelfMotionCurve, frames: Sequence[str] = ()) -> Film:
+    """Key frames along a curve of IK solutions; the times are the values of its parameter minus the smallest one."""
+    values = [curve.values[:1]]
+    for low, high, before, after in zip(curve.values, curve.values[1:], curve.q, curve.q[1:], strict=False):
+        parts = int(np.ceil(np.abs(after - before).max() / ELBOW_STEP))
+        values.append(np.linspace(low, high, max(parts, 1) + 1)[1:])
+    at = np.concatenate(values)
+    many = [curve.at(value) for value in at.tolist()]
+    named = dict(zip(frames, np.stack([stage.frame_poses(q, frames) for q in many]).swapaxes(0, 1), strict=True))
+    poses = np.stack([stage.link_poses(q) for q in many])
+    return Film(at - curve.lower, poses, np.stack([stage.tcp_position(q) for q in many]), frames=named)
 
 
 def _object_poses(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Array:

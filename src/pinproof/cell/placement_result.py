@@ -347,7 +347,7 @@ class PlacementResult:
         How far the base may be off at the best placement, for each axis of the region.
     tolerance
         Metres: the unchanged motions of the best placement are proven to stay free if the base is displaced by no more
-        than this; 0 without a good placement.
+        than this; 0 without a good placement. Contact that is allowed, such as that of hand and part, is not covered.
     failing
         The reason for each pick that works at no placement that was screened, by name.
     message

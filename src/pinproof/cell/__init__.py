@@ -5,7 +5,7 @@
 
 from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
 from pinproof.cell.precedence import Precedence
-from pinproof.cell.sequence_page import write_sequence_page
+from pinproof.cell.sequence_page import read_heat_map, write_sequence_page
 from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
 from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
 from pinproof.cell.sequencing import SequenceInterrupted, sequence
@@ -21,6 +21,7 @@ __all__ = [
     "SequenceResult",
     "SequenceStep",
     "cycle_time",
+    "read_heat_map",
     "save_sequence",
     "sequence",
     "sequence_dict",

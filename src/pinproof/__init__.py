@@ -95,7 +95,7 @@ _HOME = {  # package: the names that the top level exports
         "screen_picks",
         "validate_picks",
     ),
-    "pinproof.cell": ("sequence",),
+    "pinproof.cell": ("place_base", "sequence"),
     "pinproof.formats": ("file_schema",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
@@ -119,6 +119,7 @@ _PACKAGES = (
 
 if TYPE_CHECKING:
     from pinproof.cell import (
+        place_base as place_base,
         sequence as sequence,
     )
     from pinproof.collision import (

@@ -22,6 +22,7 @@ import typer
 import pinproof as pp
 from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.cell import cell_sequence
+from pinproof.cli.cell_placement import cell_compare, cell_place, cell_tolerance
 from pinproof.cli.certify import certify_motion
 from pinproof.cli.console import Interrupted, print_error, print_json, print_note
 from pinproof.cli.convert import dh2urdf, urdf2dh
@@ -72,7 +73,10 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,
     "schema": schema,
+    "cell place": cell_place,
     "cell sequence": cell_sequence,
+    "cell compare": cell_compare,
+    "cell tolerance": cell_tolerance,
     "bench ik": bench_ik,
     "bench plan": bench_plan,
 }
@@ -91,7 +95,10 @@ class _ErrorOptions:
 
 groups = {
     "": app,
-    "cell": typer.Typer(help="Plan a robot cell: the order of its picks and its cycle time.", no_args_is_help=True),
+    "cell": typer.Typer(
+        help="Plan a robot cell: where the robot is placed, the order of its picks, and its cycle time.",
+        no_args_is_help=True,
+    ),
     "bench": typer.Typer(help="Run the benchmarks on this machine.", no_args_is_help=True),
 }
 for name in ("cell", "bench"):

@@ -27,7 +27,16 @@ from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 from pinproof.planning import optimise
 from pinproof.planning.optimisation import with_moving_ends
 
-__all__ = ["MotionPart", "Timed", "motion_parts", "prove_part", "recertify", "time_motion", "time_part"]
+__all__ = [
+    "MotionPart",
+    "Timed",
+    "certify_displaced",
+    "motion_parts",
+    "prove_part",
+    "recertify",
+    "time_motion",
+    "time_part",
+]
 
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
 
@@ -196,6 +205,31 @@ def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:
         part = _part_again(task, member, name, trajectory)
         found.append(prove_part(part, trajectory))
     return tuple(found)
+
+
+def certify_displaced(task: Task, member: Member, motion: PickMotion, by: float) -> Certificate:
+    """Certify a motion of a pick again, for a part that is displaced by up to ``by`` metres from its stated pose.
+
+    No point of the part is farther than ``by`` from where it is stated: in the scene before the grasp, and in the hand
+    after it. It is assumed to still rest on its support, whose margin is not changed where the two separate. A pick
+    without an object does not state which obstacle is its part; then every obstacle may be displaced.
+    """
+    part = _part_again(task, member, motion.name, motion.trajectory)
+    if task.name is None:
+        return certify(motion.trajectory, part.checker, obstacle_tolerance=by, constraints=part.constraints)
+    wider = _with_wider_margins(part.checker, task.name, by, part.parting)
+    passing = None if part.passing is None else part.passing.padded(by)
+    return prove_part(replace(part, checker=wider, passing=passing), motion.trajectory)
+
+
+def _with_wider_margins(checker: CollisionChecker, name: str, by: float, kept: Pairs) -> CollisionChecker:
+    """The checker with margins that are larger by ``by`` metres for all pairs of the named body, except those kept."""
+    margins = {}
+    for pair, (i, j) in enumerate(checker.pairs):
+        owners = checker.bodies[i].owner, checker.bodies[j].owner
+        wider = name in owners and not any(set(owners) == set(each) for each in kept)
+        margins[owners] = float(checker.margins[pair]) + (by if wider else 0.0)
+    return checker.with_margin(checker.margin, margins)
 
 
 def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -> MotionPart:

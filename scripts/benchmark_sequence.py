@@ -27,9 +27,9 @@ TEXT = (
     "approach and a retreat of 30 mm. CPU times include all grasps, lines, orders, motions and certificates."
 )
 AUDIT = (
-    f"Up to {MOST_AUDITED} evenly spaced motions of each sequence are audited by samples at most {AUDIT_STEP} rad apart "
-    "on the exact meshes of the robot, in the scene of the moment: with the parts that were placed, and without those "
-    "that were picked."
+    f"Up to {MOST_AUDITED} evenly spaced motions of each sequence are audited by samples at most {AUDIT_STEP} rad "
+    "apart on the exact meshes of the robot, in the scene of the moment: with the parts that were placed, and without "
+    "those that were picked."
 )
 
 

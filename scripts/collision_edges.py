@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +33,7 @@ from pinproof.collision import (
     certify,
 )
 from pinproof.collision.coal_checks import PlainCoal
-from pinproof.model import Arm, load_robot
+from pinproof.model import JointGroup, load_robot
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, pose
 
@@ -87,7 +87,7 @@ class EdgeRow:
     checked
         Configurations at which verdicts were checked independently.
     mean_ms
-        Mean time of a certificate.
+        Mean processor time of a certificate.
     wrong
         Verdicts that the independent check contradicts, as sentences.
     """
@@ -110,11 +110,37 @@ def edge_rows(edges: int, seed: int, on_progress: Callable[[str], None]) -> list
     return [check_edges(robot, count, seed, on_progress) for robot, count in zip(ROBOTS, counts, strict=True) if count]
 
 
-def check_edges(robot: str, edges: int, seed: int = 0, on_progress: Callable[[str], None] = lambda _: None) -> EdgeRow:
-    """Certify random edges of a robot and check the verdicts; each scene depends only on the seed and its number."""
-    arm = load_robot(robot).arm()
-    reach = own_reach(arm)
-    hulls, exact = CollisionChecker(arm), CollisionChecker(arm, link_meshes="surface")
+def check_edges(
+    robot: str,
+    edges: int,
+    seed: int = 0,
+    on_progress: Callable[[str], None] = lambda _: None,
+    *,
+    checkers: tuple[CollisionChecker, CollisionChecker] | None = None,
+    reach: float | None = None,
+    samples: int = SAMPLES,
+    step: float = AUDIT_STEP,
+) -> EdgeRow:
+    """Certify random edges of a robot and check the verdicts; each scene depends only on the seed and its number.
+
+    Parameters
+    ----------
+    robot
+        A robot of the catalogue, or the name of the joint group of ``checkers``.
+    edges, seed, on_progress
+        The number of edges, the seed of the scenes and edges, and what receives the progress.
+    checkers
+        Checkers without obstacles, by hulls and by exact meshes.
+    reach
+        Distance (m) from the root within which obstacles are placed.
+    samples, step
+        As :data:`SAMPLES` and :data:`AUDIT_STEP`.
+    """
+    if checkers is None:
+        arm = load_robot(robot).arm()
+        checkers = CollisionChecker(arm), CollisionChecker(arm, link_meshes="surface")
+    hulls, exact = checkers
+    reach = own_reach(hulls.arm) if reach is None else reach
     counts = dict.fromkeys(CertificateStatus, 0)
     wrong: list[str] = []
     checked, seconds, scenes = 0, 0.0, -(-edges // EDGES_PER_SCENE)
@@ -124,12 +150,12 @@ def check_edges(robot: str, edges: int, seed: int = 0, on_progress: Callable[[st
         checker, mesh_checker = hulls.with_scene(scene).with_margin(margin), exact.with_scene(scene)
         for edge in range(min(EDGES_PER_SCENE, edges - number * EDGES_PER_SCENE)):
             path = random_edge(checker, rng)
-            begin = perf_counter()
+            begin = process_time()
             certificate = certify(path, checker, tolerance=TOLERANCE)
-            seconds += perf_counter() - begin
+            seconds += process_time() - begin
             counts[certificate.status] += 1
-            samples, error = check_verdict(path, certificate, checker, mesh_checker)
-            checked += samples
+            count, error = check_verdict(path, certificate, checker, mesh_checker, samples=samples, step=step)
+            checked += count
             if error:
                 wrong.append(f"{robot}, seed {seed}, scene {number}, edge {edge}: {error}")
         if number % 10 == 9:
@@ -148,7 +174,13 @@ def check_edges(robot: str, edges: int, seed: int = 0, on_progress: Callable[[st
 
 
 def check_verdict(
-    path: JointPath, certificate: Certificate, checker: CollisionChecker, mesh_checker: CollisionChecker
+    path: JointPath,
+    certificate: Certificate,
+    checker: CollisionChecker,
+    mesh_checker: CollisionChecker,
+    *,
+    samples: int = SAMPLES,
+    step: float = AUDIT_STEP,
 ) -> tuple[int, str]:
     """Return the number of configurations checked, and how they contradict the verdict (empty if they do not).
 
@@ -164,11 +196,11 @@ def check_verdict(
         return 1, ""
     if certificate.status is CertificateStatus.UNDECIDED:
         return 0, ""
-    distance = _smallest_distance(checker, path(np.linspace(*path.domain, SAMPLES)))
+    distance = _smallest_distance(checker, path(np.linspace(*path.domain, samples)))
     if distance < max(checker.margin, certificate.clearance) - DISTANCE_ERROR:
-        return SAMPLES, f"FREE with a proven clearance of {certificate.clearance:.6g} m, but {distance:.6g} m measured"
-    result = audit(path, mesh_checker, step=AUDIT_STEP)
-    return SAMPLES + result.samples, "" if result.clean else f"FREE, but on exact meshes {result.message}"
+        return samples, f"FREE with a proven clearance of {certificate.clearance:.6g} m, but {distance:.6g} m measured"
+    result = audit(path, mesh_checker, step=step, measure=False)
+    return samples + result.samples, "" if result.clean else f"FREE, but on exact meshes {result.message}"
 
 
 def _smallest_distance(checker: CollisionChecker, configurations: Array) -> float:
@@ -207,7 +239,7 @@ def _random_shape(rng: np.random.Generator) -> Shape:
     )[int(rng.integers(7))]()
 
 
-def random_configurations(arm: Arm, count: int, rng: np.random.Generator) -> Array:
+def random_configurations(arm: JointGroup, count: int, rng: np.random.Generator) -> Array:
     """Return configurations (N, n) drawn uniformly within the limits (+-pi for a joint without limits)."""
     lower, upper = arm.limits.sampling_range()
     return rng.uniform(lower, upper, (count, arm.dof))
@@ -215,7 +247,7 @@ def random_configurations(arm: Arm, count: int, rng: np.random.Generator) -> Arr
 
 def random_edge(checker: CollisionChecker, rng: np.random.Generator) -> JointPath:
     """Return a straight edge within the limits that starts, if possible, at a free configuration."""
-    arm = checker.arm
+    arm = checker.group
     tried = random_configurations(arm, TRIES, rng)
     free = np.flatnonzero(checker.is_free_batch(tried))
     start = tried[free[0] if len(free) else 0]

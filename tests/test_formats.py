@@ -116,6 +116,7 @@ EVERYTHING: dict[str, Any] = {
                         "tip": 0.005},
         "payload": {"mass": 0.8, "center_of_mass": [0, 0, 0.05], "inertia": [0.01, 0.01, 0.01], "frame": "flange"},
         "torque_limits": True,
+        "optimise": 20,
         "frames": {
             "tray": {"xyz": [0.4, 0, 0], "rpy": [0, 0, "pi/2"], "frame": "table"},
             "box": {"quat_xyzw": [0, 0, 0, 1]},

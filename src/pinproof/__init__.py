@@ -22,9 +22,11 @@ _HOME = {  # package: the names that the top level exports
     "pinproof.description": ("DhRow", "DhTable"),
     "pinproof.model": (
         "Arm",
+        "JointGroup",
         "JointLimits",
         "Payload",
         "Robot",
+        "assemble",
         "load_robot",
     ),
     "pinproof.conversion": ("dh_to_urdf", "urdf_to_dh", "write_urdf"),
@@ -60,6 +62,7 @@ _HOME = {  # package: the names that the top level exports
         "HeightMap",
         "LookAt",
         "Mesh",
+        "Mover",
         "Obstacle",
         "PointCloud",
         "Scene",
@@ -136,6 +139,7 @@ if TYPE_CHECKING:
         HeightMap as HeightMap,
         LookAt as LookAt,
         Mesh as Mesh,
+        Mover as Mover,
         Obstacle as Obstacle,
         PointCloud as PointCloud,
         Scene as Scene,
@@ -177,9 +181,11 @@ if TYPE_CHECKING:
     )
     from pinproof.model import (
         Arm as Arm,
+        JointGroup as JointGroup,
         JointLimits as JointLimits,
         Payload as Payload,
         Robot as Robot,
+        assemble as assemble,
         load_robot as load_robot,
     )
     from pinproof.motion import JointPath as JointPath, Trajectory as Trajectory, time_parametrise as time_parametrise

@@ -10,6 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
+from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.errors import FileError
 
 URDF = """<robot name="slider"><link name="base"/><link name="tool"/>
@@ -138,3 +139,28 @@ def test_a_set_that_names_no_robot_is_refused(mbm_files: SimpleNamespace, tmp_pa
     (tmp_path / "box_nobody" / "scene0001.yaml").write_text(str(scene), encoding="utf-8")
     with pytest.raises(FileError, match="box_nobody: names no catalogue robot"):
         find_sets(tmp_path)
+
+
+def test_fingers_beyond_their_limit_can_be_held_as_stated(mbm_files: SimpleNamespace, tmp_path: Path) -> None:
+    mbm_files.write(tmp_path / "box_panda", 1, mbm_files.request(finger=0.065), [1, 1, 1])
+    (problem,) = read_problems(find_sets(tmp_path)[0], as_stated=True)
+    assert problem.arm.held["panda_finger_joint1"] == 0.065
+    assert "0.065" in problem.notes[0]
+
+
+def test_goal_of_two_arms_is_a_problem_of_their_group(mbm_files: SimpleNamespace, tmp_path: Path) -> None:
+    group = pp.load_robot("baxter_left").arms()
+    request = mbm_files.request()
+    state = {"name": list(group.joint_names), "position": group.home.tolist()}
+    request["start_state"]["joint_state"] = state
+    goal = [
+        {"joint_name": name, "position": value}
+        for name, value in zip(group.joint_names, (group.home + 0.01).tolist(), strict=True)
+    ]
+    request["goal_constraints"] = [{"joint_constraints": goal}]
+    mbm_files.write(tmp_path / "box_baxter", 1, request, [3, 3, 3])
+    (problem,) = read_problems(find_sets(tmp_path, "baxter_left")[0])
+    assert problem.group.joint_names == group.joint_names
+    assert tuple(tcp for _, tcp in problem.group.ends.values()) == ("left_wrist", "right_wrist")
+    with pytest.raises(NotApplicableError):
+        _ = problem.arm

@@ -62,7 +62,7 @@ def test_links_are_drawn_at_their_forward_kinematics_in_the_root_frame(panda) ->
     stage, q = set_stage(arm, None), arm.home + 0.1
     for link, root_from_link in zip(stage.links, stage.link_poses(q), strict=True):
         assert np.allclose(root_from_link, matrix(arm.root_from_base * arm.frame_placement(q, link.name)), atol=1e-14)
-    assert np.allclose(stage.tcp_position(q), (arm.root_from_base * arm.forward_kinematics(q)).translation)
+    assert np.allclose(stage.tcp_poses(q)[0, :3, 3], (arm.root_from_base * arm.forward_kinematics(q)).translation)
 
 
 def test_obstacles_are_drawn_at_their_pose_with_the_floor_below() -> None:
@@ -115,7 +115,7 @@ def test_the_film_runs_from_start_to_end_in_true_time() -> None:
     assert np.diff(shown.times).max() <= 1 / FRAME_RATE + 1e-12
     middle = len(shown.times) // 2
     assert np.allclose(shown.poses[middle, 1], stage.link_poses(motion(shown.times[middle]))[1])
-    assert np.allclose(shown.tcp[-1], (0.5 * np.cos(1), 0.5 * np.sin(1), 0.1))
+    assert np.allclose(shown.tcps[-1, 0], (0.5 * np.cos(1), 0.5 * np.sin(1), 0.1))
 
 
 def test_a_motion_of_other_joints_is_refused(ur5) -> None:

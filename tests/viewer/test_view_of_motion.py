@@ -93,7 +93,7 @@ def case(request) -> tuple[Stage, Film, View]:
     trajectory = above_and_down(arm, move) if isinstance(move, tuple) else motion(arm, *move)
     stage = set_stage(arm, pp.Scene(obstacles), attached)
     shown = film(stage, [Phase(trajectory)])
-    view = choose_view(stage, shown.poses, shown.tcp, tool=tool_points(stage, shown.poses))
+    view = choose_view(stage, shown.poses, shown.tcps[:, 0], tool=tool_points(stage, shown.poses))
     return stage, shown, view
 
 
@@ -109,7 +109,7 @@ def test_the_tool_is_in_the_picture_at_every_key_frame(case) -> None:
     for poses in shown.poses:
         points = np.concatenate([placed(stage.links[k].surfaces, poses[k]) for k in tool])
         assert max(outside(view, points, aspect) for aspect in ASPECTS) < 0
-    assert all(outside(view, shown.tcp, aspect) < 0 for aspect in ASPECTS)
+    assert all(outside(view, shown.tcps[:, 0], aspect) < 0 for aspect in ASPECTS)
 
 
 def test_all_links_are_in_the_picture_at_every_key_frame(case) -> None:
@@ -136,7 +136,7 @@ def test_obstacles_near_the_tool_are_in_the_picture(case) -> None:
 def test_a_view_that_ignores_the_tool_fails_the_same_check(case) -> None:
     stage, shown, view = case
     blind = replace(view, points=placed(stage.links[0].surfaces, shown.poses[0, 0]))
-    assert max(outside(blind, shown.tcp, aspect) for aspect in ASPECTS) > 0
+    assert max(outside(blind, shown.tcps[:, 0], aspect) for aspect in ASPECTS) > 0
 
 
 def test_the_robot_is_not_sunk_in_the_floor(case) -> None:
@@ -158,7 +158,7 @@ def test_tcp_path_of_a_small_arm_is_thin() -> None:
     rows = [pp.DhRow("one", 0, 0, 0.05, 0), pp.DhRow("two", 0, 0, 0.04, 0)]
     arm = load_robot_from_text(pp.dh_to_urdf(pp.DhTable(rows, convention="standard"))).arm("tool0")
     picture = Picture(arm, None, motion(arm, [0, 0.5], [1, -0.5])).render()
-    balls = [each for each in picture.commands.items if each.get("path") == "/tcp path/start"]
+    balls = [each for each in picture.commands.items if each.get("path") == "/tcp path/0/start"]
     assert balls
     blob, reference = picture.commands._blob, balls[0]["object"]["geometries"][0]["data"]["attributes"]["position"]
     _, offset, count = reference["array"]["$buffer"]

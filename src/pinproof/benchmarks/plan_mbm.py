@@ -25,7 +25,7 @@ from pinproof.collision import Scene
 from pinproof.common.yaml_file import read_yaml
 from pinproof.description.catalogue import catalogue_names
 from pinproof.errors import FileError
-from pinproof.model import Arm, Robot, load_robot
+from pinproof.model import JointGroup, Robot, load_robot
 
 __all__ = ["COLLECTION", "MbmSet", "find_sets", "read_problems"]
 
@@ -89,8 +89,18 @@ def find_sets(path: str | Path, robot: str | None = None) -> list[MbmSet]:
     return sets
 
 
-def read_problems(found: MbmSet, most: int | None = None) -> Iterator[PlanProblem]:
+def read_problems(found: MbmSet, most: int | None = None, *, as_stated: bool = False) -> Iterator[PlanProblem]:
     """Read the first problems of a set in the order of their numbers; by default all.
+
+    Parameters
+    ----------
+    found
+        The set.
+    most
+        The largest number of problems.
+    as_stated
+        Whether joints that are not planned, such as fingers, are held at the values of the files also beyond their
+        limits, instead of at the limits.
 
     Raises
     ------
@@ -99,10 +109,10 @@ def read_problems(found: MbmSet, most: int | None = None) -> Iterator[PlanProble
     """
     robot = load_robot(found.robot, srdf=found.srdf)
     for number, (scene, request) in islice(found.files.items(), most):
-        yield _problem(found, number, robot, Scene.load(scene), request)
+        yield _problem(found, number, robot, Scene.load(scene), request, as_stated)
 
 
-def _problem(found: MbmSet, number: int, robot: Robot, scene: Scene, path: Path) -> PlanProblem:
+def _problem(found: MbmSet, number: int, robot: Robot, scene: Scene, path: Path, as_stated: bool) -> PlanProblem:
     request = read_yaml(path, ("start_state", "goal_constraints"), FileError)
     try:
         state = request["start_state"]
@@ -122,17 +132,17 @@ def _problem(found: MbmSet, number: int, robot: Robot, scene: Scene, path: Path)
     unknown = sorted({name for goal in goals for name in goal} - set(robot.urdf.joints))
     if unknown:
         raise FileError(path, f"names the joints {', '.join(unknown)}, which {robot.name!r} does not have")
-    arm, notes = _arm(robot, str(request.get("group_name", "")), start, goals[0])
-    limits = arm.limits
+    group, notes = _group(robot, str(request.get("group_name", "")), start, goals[0], as_stated)
+    limits = group.limits
     rows = []
     for where, values in (("start_state", start), *(("goal_constraints", goal) for goal in goals)):
-        missing = [name for name in arm.joint_names if name not in values]
+        missing = [name for name in group.joint_names if name not in values]
         if missing:
             raise FileError(path, f"does not state the joints {', '.join(missing)} of {robot.name!r}", where)
-        q = np.array([values[name] for name in arm.joint_names])
+        q = np.array([values[name] for name in group.joint_names])
         inside = limits.clip(q)
         rows.append(np.where(np.abs(inside - q) <= ROUNDING, inside, q))
-    return PlanProblem(COLLECTION, found.name, number, arm, scene, rows[0], np.array(rows[1:]), notes)
+    return PlanProblem(COLLECTION, found.name, number, group, scene, rows[0], np.array(rows[1:]), notes)
 
 
 def _goal(path: Path, stated: Mapping[str, Any]) -> dict[str, float]:
@@ -153,18 +163,20 @@ def _numbers_of(stated: Any, keys: str) -> list[float]:
     return [float(value) for value in values]
 
 
-def _arm(
-    robot: Robot, group: str, start: Mapping[str, float], goal: Mapping[str, float]
-) -> tuple[Arm, tuple[str, ...]]:
-    """The arm of a request, with its other joints held at the start state, and notes on changed values.
+def _group(
+    robot: Robot, group: str, start: Mapping[str, float], goal: Mapping[str, float], as_stated: bool
+) -> tuple[JointGroup, tuple[str, ...]]:
+    """The joints of a request, with the other joints of the robot held at the start state, and notes on changed values.
 
-    The arm is the group of the request; if the SRDF does not define it, the arm ends at the last joint of the goal.
+    They are the arm of the group of the request; if the SRDF does not define it, or it is not a chain, an arm ends at
+    each joint of the goal below which no joint of the goal is.
     """
-    if group in robot.srdf.groups:
-        free = robot.arm(group=group)
+    above = {name: _joints_above(robot, name) for name in goal}
+    tips = [robot.urdf.joints[name].child for name in goal if not any(name in above[other] for other in goal)]
+    if len(tips) > 1:
+        free: JointGroup = robot.arms(*tips)
     else:
-        links = [robot.urdf.joints[name].child for name in goal]
-        free = robot.arm(max(links, key=lambda link: _joints_above(robot, link)))
+        free = robot.arm(group=group) if group in robot.srdf.groups else robot.arm(tips[0])
     held, notes = {}, []
     for name, value in start.items():
         joint = robot.urdf.joints.get(name)
@@ -175,16 +187,23 @@ def _arm(
         lower = -np.inf if joint.lower is None else joint.lower
         upper = np.inf if joint.upper is None else joint.upper
         held[name] = float(np.clip(value, lower, upper))
-        if abs(held[name] - value) > ROUNDING:
+        if abs(held[name] - value) <= ROUNDING:
+            continue
+        if as_stated:
+            notes.append(f"{name} is held at {value:g}, as the file states, beyond its limit {held[name]:g}")
+            held[name] = float(value)
+        else:
             notes.append(f"{name} is held at its limit {held[name]:g} instead of {value:g}")
-    return robot.arm(free.tcp, base=free.base, held=held), tuple(notes)
+    return free.with_held(held), tuple(notes)
 
 
-def _joints_above(robot: Robot, link: str) -> int:
-    count = 0
-    while (joint := robot.urdf.parent_joint(link)) is not None:
-        link, count = joint.parent, count + 1
-    return count
+def _joints_above(robot: Robot, joint: str) -> set[str]:
+    """The names of the joints between a joint and the root."""
+    found, link = set(), robot.urdf.joints[joint].parent
+    while (above := robot.urdf.parent_joint(link)) is not None:
+        found.add(above.name)
+        link = above.parent
+    return found
 
 
 def _problem_files(folder: Path) -> dict[int, tuple[Path, Path]]:
@@ -203,8 +222,13 @@ def _split(folder: Path, scene: Path) -> tuple[str, str | None]:
     content = read_yaml(scene, ("world",), FileError)
     model = str(content.get("robot_model_name", ""))
     if name and last and last in (*catalogue_names(), model):
-        return name, last if last in catalogue_names() else None
-    return folder.resolve().name, model if model in catalogue_names() else None
+        return name, _catalogue_name(last)
+    return folder.resolve().name, _catalogue_name(model)
+
+
+def _catalogue_name(model: str) -> str | None:
+    """The entry of a robot in the catalogue; a robot with two arms has an entry for each of them."""
+    return next((name for name in (model, f"{model}_left") if name in catalogue_names()), None)
 
 
 def _robot_beside(folder: Path) -> tuple[str, str | None] | None:

@@ -120,7 +120,7 @@ def _prepare(planner_name: str, problem: PlanProblem, checker: CollisionChecker)
         simple = simplify(plan.path, used, rng=seed, certificate=plan.certificate)
         watch.lap("simplify")
         try:
-            trajectory = time_parametrise(simple.path, problem.arm.limits)
+            trajectory = time_parametrise(simple.path, problem.group.limits)
         except TimingError as error:
             return PlanAnswer(None, watch.ms, certified=False, rejected_edges=plan.cut, message=str(error))
         watch.lap("time")

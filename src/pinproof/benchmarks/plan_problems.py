@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Scene
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik import Clik
-from pinproof.model import Arm, load_robot
+from pinproof.model import Arm, JointGroup, load_robot
 from pinproof.spatial import SE3, pose
 
 __all__ = [
@@ -88,19 +89,32 @@ class PlanProblem(ProblemName):
 
     Parameters
     ----------
-    arm, scene
-        The arm and the obstacles.
+    group, scene
+        The joints that are planned, those of an arm or of several, and the obstacles.
     start, goals
         (n,) and (g, n) in rad or m; the motion may end at any of the goals.
     notes
         How the problem was adapted to the robot, in sentences.
     """
 
-    arm: Arm
+    group: JointGroup
     scene: Scene
     start: Array
     goals: Array
     notes: tuple[str, ...] = ()
+
+    @property
+    def arm(self) -> Arm:
+        """The arm.
+
+        Raises
+        ------
+        NotApplicableError
+            If the problem is one of several arms.
+        """
+        if not isinstance(self.group, Arm):
+            raise NotApplicableError("it plans for one arm")
+        return self.group
 
 
 def end_faults(problem: PlanProblem, checker: CollisionChecker) -> tuple[str, ...]:
@@ -114,7 +128,7 @@ def end_faults(problem: PlanProblem, checker: CollisionChecker) -> tuple[str, ..
 
 
 def _fault(problem: PlanProblem, checker: CollisionChecker, q: Array) -> str:
-    outside = problem.arm.limits.violations(q, problem.arm.joint_names)
+    outside = problem.group.limits.violations(q, problem.group.joint_names)
     touching = checker.check(q)
     return "; ".join([*outside, *([] if touching.free else [str(touching)])])
 

@@ -62,12 +62,12 @@ def motion_faults(
         faults.append("does not begin at the start")
     if np.abs(curve(last) - problem.goals).max(axis=1).min() > ROUNDING:
         faults.append("does not end at a goal")
-    limits = problem.arm.limits
+    limits = problem.group.limits
     sampled = np.concatenate(_segments(curve))
     excess = np.maximum(limits.lower - sampled, sampled - limits.upper).max(axis=0)
     faults += [
         f"{name} is {value:.2g} outside its limits"
-        for name, value in zip(problem.arm.joint_names, excess, strict=True)
+        for name, value in zip(problem.group.joint_names, excess, strict=True)
         if value > ROUNDING
     ]
     result = audit(curve, mesh_checker, step=step, measure=False)
@@ -194,9 +194,9 @@ class _Run:
         try:
             for problem in source():
                 begin = perf_counter_ns()
-                hull_checker = CollisionChecker(problem.arm, problem.scene)
+                hull_checker = CollisionChecker(problem.group, problem.scene)
                 setup_ms = (perf_counter_ns() - begin) / NANOSECONDS_PER_MS
-                mesh_checker = CollisionChecker(problem.arm, problem.scene, link_meshes="surface")
+                mesh_checker = CollisionChecker(problem.group, problem.scene, link_meshes="surface")
                 if self._add_problem(problem, hull_checker, mesh_checker, setup_ms):
                     self._solve(problem, hull_checker, mesh_checker, warm_up=not warm)
                     warm = True
@@ -212,7 +212,7 @@ class _Run:
             collection=problem.collection,
             set_name=problem.set_name,
             number=problem.number,
-            robot=problem.arm.robot.name,
+            robot=problem.group.robot.name,
             hull_faults=end_faults(problem, hull_checker),
             mesh_faults=end_faults(problem, mesh_checker),
             notes=problem.notes,

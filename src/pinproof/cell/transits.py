@@ -17,6 +17,7 @@ from pinproof.errors import TimingError
 from pinproof.motion import JointPath, Trajectory, time_parametrise
 from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, StageResult
 from pinproof.picks.judging.lines import Attempt, shortened, transit
+from pinproof.picks.judging.motion_limits import torque_limits_of_tool
 from pinproof.picks.judging.place import Placer, Placing, Release
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
@@ -171,11 +172,14 @@ class CertifiedMotions:
         known = self._again(part, (previous, START))
         if known is not None:
             return known
-        plan = make_planner(setup.budget.planner).limited_to(setup.budget.nodes).plan(checker, q, end[None], rng=0)
+        torques = torque_limits_of_tool(checker.arm, setup.shared)
+        planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
+        plan = planner.plan(checker, q, end[None], torque_limits=torques, rng=0)
         if plan.path is None:
             return MotionFailure("transit", f"to the end: {plan.message}")
-        path, _ = shortened(plan, checker, 0)
-        found = optimise(path, checker, budget=setup.budget.motion)
+        path, _ = shortened(plan, checker, 0, torques)
+        rates = [] if torques is None else [torques]
+        found = optimise(path, checker, rate_limits=rates, budget=setup.budget.motion)
         if not found.certificate.free:
             return MotionFailure("transit", f"to the end: {found.certificate.message}")
         self._known[(previous, START), "transit"] = found.trajectory

@@ -96,7 +96,7 @@ def cell_sequence(
         typer.Option(
             "-o",
             "--output",
-            help=f"The sequence as {', '.join(pp.cell.SEQUENCE_SUFFIXES)}; can be given several times.",
+            help="The sequence as .json, .md, .csv or .html; can be given several times.",
             metavar="FILE",
         ),
     ] = None,

@@ -32,6 +32,7 @@ from pinproof.cli.kinematics import fk, ik
 from pinproof.cli.motion import check, plan
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import pick
+from pinproof.cli.program import export
 from pinproof.cli.reach import reach
 from pinproof.cli.schema import schema
 from pinproof.cli.view import view
@@ -69,6 +70,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "check": check,
     "plan": plan,
     "certify": certify_motion,
+    "export": export,
     "view": view,
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,
@@ -117,9 +119,10 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def common(
     version: Annotated[  # noqa: ARG001  # used by its callback
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.", metavar=""),
     ] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.", metavar="")] = False,
 ) -> None:
     """Options of the program itself."""
     _ErrorOptions.verbose = verbose

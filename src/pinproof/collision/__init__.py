@@ -11,6 +11,7 @@ from pinproof.collision.certificate import (
 )
 from pinproof.collision.certify import certify, is_proven_free
 from pinproof.collision.checker import CheckResult, CollisionChecker, Contact
+from pinproof.collision.movers import Mover, TimedScene, with_movers
 from pinproof.collision.overlaps import LinkOverlap, OverlapReport, sample_overlaps
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.path_constraints import (
@@ -22,6 +23,7 @@ from pinproof.collision.path_constraints import (
     Upright,
     Within,
 )
+from pinproof.collision.program_proof import ProgramCertificate, ProgramPart, certify_program, export_program
 from pinproof.collision.proof_file import verify_proof
 from pinproof.collision.scene import Attachments, Scene
 from pinproof.collision.shapes import (
@@ -64,21 +66,28 @@ __all__ = [
     "LookAt",
     "Mesh",
     "MotionTube",
+    "Mover",
     "Obstacle",
     "OverlapReport",
     "Parting",
     "PathConstraint",
     "PointCloud",
+    "ProgramCertificate",
+    "ProgramPart",
     "Scene",
     "Shape",
     "Sphere",
+    "TimedScene",
     "UndecidedConstraint",
     "UndecidedSpan",
     "Upright",
     "Within",
     "audit",
     "certify",
+    "certify_program",
+    "export_program",
     "is_proven_free",
     "sample_overlaps",
     "verify_proof",
+    "with_movers",
 ]

@@ -18,7 +18,7 @@ from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, FinerPair,
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Mesh, Obstacle
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model import Arm
+from pinproof.model import Arm, JointGroup
 from pinproof.units import FAR, MOST_REACH, warn_of_millimetres
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "finer_levels",
     "keep_pairs",
     "leave_out",
+    "only_arm",
     "warn_of_units",
 ]
 
@@ -105,6 +106,10 @@ class Margins:
         return f"Margins({self.common!r}, {single!r})"
 
 
+MOST_MARGIN = 0.99
+"""Metres. A larger margin is stated in millimetres."""
+
+
 def checked_margin(name: str, margin: float) -> float:
     """Return a margin as a number.
 
@@ -119,6 +124,7 @@ def checked_margin(name: str, margin: float) -> float:
         value = math.nan
     if not math.isfinite(value) or value < 0:
         raise InputError(f"{name} = {margin}; it must be a distance in metres, 0 or more")
+    warn_of_millimetres(name, [value], most=MOST_MARGIN, stacklevel=4)
     return value
 
 
@@ -160,10 +166,28 @@ Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
 """Cache of obstacle bodies, by identity of the obstacle (of which it keeps a reference) and its link."""
 
 
+def only_arm(group: JointGroup) -> Arm:
+    """Return the arm of a joint group with one arm.
+
+    Raises
+    ------
+    InputError
+        If it has several.
+    """
+    if isinstance(group, Arm):
+        return group
+    if len(group.ends) > 1:
+        raise InputError(
+            f"this requires one arm; the checker is for the arms {', '.join(group.ends)}. Create a checker of "
+            "group.arms[name]"
+        )
+    return next(iter(group.arms.values()))
+
+
 class CheckedBodies:
     """The bodies, pairs and margins of a checker: the part of it that the workspaces of its threads read."""
 
-    _arm: Arm
+    _group: JointGroup
     _geometry_model: Any = None
     bodies: tuple[Body, ...]
     """Links, attached objects and obstacles."""
@@ -185,9 +209,20 @@ class CheckedBodies:
     """The pairs that no joint moves relative to each other."""
 
     @property
+    def group(self) -> JointGroup:
+        """The joints of q: an arm, or several; :meth:`with_held` returns a checker with other values of the others."""
+        return self._group
+
+    @property
     def arm(self) -> Arm:
-        """The arm; :meth:`with_held` returns a checker with other values of the joints outside the arm."""
-        return self._arm
+        """The arm.
+
+        Raises
+        ------
+        InputError
+            If the checker is for a joint group with several arms, which is :attr:`group`.
+        """
+        return only_arm(self._group)
 
     @property
     def geometry_model(self) -> Any:
@@ -197,7 +232,7 @@ class CheckedBodies:
     def coal_geometry(self) -> Any:
         """The geometry model itself, which must not be changed; created on first access."""
         if self._geometry_model is None:
-            self._geometry_model = geometry_model(self.arm.model, self.bodies, self.pairs)
+            self._geometry_model = geometry_model(self.group.model, self.bodies, self.pairs)
         return self._geometry_model
 
 
@@ -235,7 +270,7 @@ class Assembly(NamedTuple):
 
 
 def assemble(
-    arm: Arm,
+    arm: JointGroup,
     links: Sequence[Body],
     scene: Scene,
     attached: Sequence[Obstacle],
@@ -252,9 +287,11 @@ def assemble(
     InputError, MeshError, UnknownNameError
         As :class:`pinproof.CollisionChecker` does.
     """
+    if named := [obstacle.name for obstacle in scene.obstacles if obstacle.arm is not None]:
+        raise InputError(f"the obstacles {', '.join(named)} of the scene name an arm; only attached objects have one")
     made: Known = {}
     added: list[Body] = []
-    for link, obstacle in (*((arm.tcp, o) for o in attached), *((None, o) for o in scene.obstacles)):
+    for link, obstacle in (*((arm.tcp_of(o.arm), o) for o in attached), *((None, o) for o in scene.obstacles)):
         before = known.get((id(obstacle), link))
         if before is None or before[0] is not obstacle:
             before = obstacle, tuple(shape_bodies(obstacle.name, link, obstacle.shape, obstacle.pose))
@@ -275,7 +312,7 @@ LARGEST_SMALL_PART = 3.0
 """Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
 
 
-def warn_of_units(arm: Arm, bodies: Sequence[Body], scene: Scene) -> None:
+def warn_of_units(arm: JointGroup, bodies: Sequence[Body], scene: Scene) -> None:
     """Warn of links, attached objects and obstacles that are implausibly large, as meshes in millimetres are."""
     shapes = {obstacle.name: obstacle.shape for obstacle in scene.obstacles}
     warned: set[str] = set()
@@ -324,7 +361,7 @@ def keep_pairs(assembly: Assembly, kept: Indices) -> Assembly:
 
 
 def add_obstacle_bodies(
-    arm: Arm, assembly: Assembly, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]
+    arm: JointGroup, assembly: Assembly, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]
 ) -> Assembly:
     """Return the assembly with more bodies of obstacles, appended to the others, and more checked pairs."""
     every = (*assembly.bodies, *bodies)

@@ -6,6 +6,7 @@ and contacts are computed by Pinocchio and coal.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import coal
@@ -14,8 +15,9 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.checker import CollisionChecker
+from pinproof.collision.movers import Mover, with_movers
 from pinproof.errors import InputError
-from pinproof.motion import Curve
+from pinproof.motion import Curve, Trajectory
 
 __all__ = ["AuditResult", "audit"]
 
@@ -63,7 +65,14 @@ class AuditResult:
         return not self.contacts
 
 
-def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measure: bool = True) -> AuditResult:
+def audit(
+    curve: Curve,
+    checker: CollisionChecker,
+    *,
+    step: float = STEP,
+    measure: bool = True,
+    movers: Sequence[Mover | Trajectory] = (),
+) -> AuditResult:
     """Search for contacts at samples so dense that no joint moves more than ``step`` between them.
 
     Parameters
@@ -77,17 +86,21 @@ def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measur
         Largest motion of a joint (rad or m) between samples.
     measure
         Whether distances are measured, which takes most of the time.
+    movers
+        As for :func:`pinproof.certify`; no mover moves more than ``step`` between samples either.
 
     Raises
     ------
     InputError
         If the curve's joints are not the arm's, or the step is not positive.
     """
-    if tuple(curve.joint_names) != checker.arm.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
+    if tuple(curve.joint_names) != checker.group.joint_names:
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")
     if not step > 0:
         raise InputError(f"step = {step}; it must be positive (rad or m)")
-    arm, model, geometry = checker.arm, checker.arm.model, checker.coal_geometry()
+    if movers:
+        curve, checker, _ = with_movers(curve, checker, movers)
+    arm, model, geometry = checker.group, checker.group.model, checker.coal_geometry()
     data, bodies = model.createData(), geometry.createData()
     # Pinocchio's broad phase is five times as fast, but does not report which pairs touch. It is not used with a
     # half-space, whose box is infinite.

@@ -14,6 +14,7 @@ from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -31,9 +32,9 @@ from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Mesh, Obstacle
 from pinproof.common.display import html_block, html_list, outline
 from pinproof.common.files import os_errors
-from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
+from pinproof.description.dh_urdf import GENERATED_BODIES
 from pinproof.errors import InputError, NotProvenFree
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.motion import Curve, MotionRecord
 from pinproof.spatial import matrix
 from pinproof.verifier import curve_digest
@@ -107,7 +108,7 @@ def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) 
         found.append(f"it was certified with {_listed(absent)} attached, which is missing now")
     if other := [name for name, known in first.attached.items() if name in now and body_digest(now[name]) != known]:
         found.append(f"{_listed(other)} had another shape or pose on the tcp when it was certified")
-    held = checker.arm.held
+    held = checker.group.held
     for name, value in first.held.items():
         if name in held and abs(held[name] - value) > HELD_TOLERANCE:
             found.append(f"it was certified with {name} held at {value:.9g}, now at {held[name]:.9g}")
@@ -351,7 +352,7 @@ class Certificate:
     def matches(
         self,
         curve: Curve,
-        arm: Arm,
+        arm: JointGroup,
         scene: Scene,
         attached: Sequence[Obstacle] = (),
         constraints: Sequence[PathConstraint] = (),
@@ -458,7 +459,7 @@ def curve_hash(curve: Curve) -> str:
     return curve_digest(tuple(curve.joint_names), *curve.bezier())
 
 
-def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
+def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
     """Return a hash of an arm (kinematics, held joints, collision geometry), its attached objects, and a scene.
 
     The pairs that the SRDF and the scene allow or disable are included.
@@ -471,10 +472,14 @@ def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str
         if obstacle is None:  # separates the attached objects from the scene
             digest.update(b"scene")
             continue
-        digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())
+        digest.update(repr((obstacle.name, obstacle.shape, obstacle.arm)).encode() + matrix(obstacle.pose).tobytes())
         if isinstance(obstacle.shape, Mesh):
             digest.update(_content_hash(obstacle.shape.path).encode())
     return digest.hexdigest()
+
+
+_setups: WeakKeyDictionary[CollisionChecker, tuple[tuple[FileStamp | None, ...], str]] = WeakKeyDictionary()
+"""The hash of the setup of each checker, with the mesh files for which it holds: one motion may need many proofs."""
 
 
 def checked_hash(checker: CollisionChecker) -> str:
@@ -482,8 +487,17 @@ def checked_hash(checker: CollisionChecker) -> str:
 
     If a mesh file was changed after the checker read it, the hash matches no setup.
     """
-    digest = setup_hash(checker.arm, checker.scene, checker.attached)
-    changed = changed_files(checker)
+    meshes: list[str | Path | None] = [
+        geometry.mesh.path for geometry in checker.group.robot.urdf.collisions if geometry.mesh is not None
+    ]
+    meshes += [
+        each.shape.path for each in (*checker.attached, *checker.scene.obstacles) if isinstance(each.shape, Mesh)
+    ]
+    files = tuple(None if path is None else FileStamp.of(path) for path in meshes)
+    known = _setups.get(checker)
+    if known is None or known[0] != files:
+        known = _setups[checker] = files, setup_hash(checker.group, checker.scene, checker.attached)
+    digest, changed = known[1], changed_files(checker)
     return hashlib.sha256(repr((digest, changed)).encode()).hexdigest() if changed else digest
 
 
@@ -494,8 +508,8 @@ def changed_files(checker: CollisionChecker) -> tuple[FileStamp, ...]:
 
 
 @lru_cache(maxsize=ARMS_KEPT)
-def _hash_of(arm: Arm, meshes: tuple[str, ...]) -> Any:
-    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)).encode())
+def _hash_of(arm: JointGroup, meshes: tuple[str, ...]) -> Any:
+    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, dict(arm.ends), arm.joint_names, dict(arm.held))).encode())
     for geometry, content in zip(arm.robot.urdf.collisions, meshes, strict=True):
         mesh = None if geometry.mesh is None else geometry.mesh.uri
         digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh, content)).encode())
@@ -548,7 +562,20 @@ def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
 
     Excluded pairs are listed in :attr:`CollisionChecker.excluded`, each with its reason.
     """
-    arm, notes = checker.arm, list(checker.scene.notes)
+    before, after = _unchanging_notes(checker)
+    changed = [Path(file.path).name for file in changed_files(checker)]
+    about_files = [f"{_some(changed)}: changed after the checker read it; create a new checker"] if changed else []
+    return tuple(dict.fromkeys((*before, *about_files, *after)))
+
+
+_notes: WeakKeyDictionary[CollisionChecker, tuple[list[str], list[str]]] = WeakKeyDictionary()
+
+
+def _unchanging_notes(checker: CollisionChecker) -> tuple[list[str], list[str]]:
+    """The notes before and after those about changed files."""
+    if checker in _notes:
+        return _notes[checker]
+    arm, notes = checker.group, list(checker.scene.notes)
     by_remark: dict[str, dict[str, None]] = {}
     for body in checker.bodies:
         if body.remark:
@@ -561,15 +588,13 @@ def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
     solid = {body.link for body in checker.bodies if body.owner == body.link}
     if not solid:
         notes.append("the robot has no collision geometry, so its links are not checked")
-    elif has_generated_bodies(arm.robot.urdf):
+    elif arm.robot.has_generated_bodies:
         notes.append(GENERATED_BODIES)
     elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
         notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
-    if changed := [Path(file.path).name for file in changed_files(checker)]:
-        notes.append(f"{_some(changed)}: changed after the checker read it; create a new checker")
-    if arm.held:
-        notes.append(f"joints outside the arm are held fixed: {_some([f'{n} = {v:g}' for n, v in arm.held.items()])}")
-    return tuple(dict.fromkeys(notes))
+    held = [f"{name} = {value:g}" for name, value in arm.held.items()]
+    _notes[checker] = notes, [f"joints outside the arm are held fixed: {_some(held)}"] if held else []
+    return _notes[checker]
 
 
 def _some(names: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import ProofSettings, ProofState, prove
+from pinproof.collision.assembly import only_arm
 from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
@@ -33,11 +34,12 @@ from pinproof.collision.certificate import (
 from pinproof.collision.checker import CollisionChecker, Contact
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.constraint_proofs import with_constraints
+from pinproof.collision.movers import Mover, with_movers
 from pinproof.collision.parting import prove_parting
 from pinproof.collision.path_constraints import PathConstraint, check_constraints
 from pinproof.collision.placed_bodies import CoalJudge
 from pinproof.errors import InputError
-from pinproof.motion import Curve
+from pinproof.motion import Curve, Trajectory
 from pinproof.motion.curve import read_only
 from pinproof.spatial import finite
 
@@ -75,6 +77,7 @@ def certify(
     obstacle_tolerance: float = 0.0,
     parting: Sequence[tuple[str, str]] = (),
     constraints: Sequence[PathConstraint] = (),
+    movers: Sequence[Mover | Trajectory] = (),
     record: bool = False,
 ) -> Certificate:
     """Prove that a curve is collision-free and satisfies constraints, or find a configuration where it does not.
@@ -105,6 +108,10 @@ def certify(
     constraints
         :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.LookAt`: conditions of the tcp that
         must hold over the whole curve too.
+    movers
+        :class:`~pinproof.Mover` for obstacles that move with time, such as parts on a conveyor, and trajectories of
+        other joints of the robot, such as those of another arm of a cell. The certificate is then one of the motion of
+        all of them, which :func:`pinproof.collision.with_movers` returns, over space and time.
     record
         Store the evidence in :attr:`Certificate.evidence`, which :meth:`Certificate.save` needs.
 
@@ -122,11 +129,11 @@ def certify(
     UnknownNameError
         If ``parting`` names an unknown body.
     """
-    if tuple(curve.joint_names) != checker.arm.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
+    if tuple(curve.joint_names) != checker.group.joint_names:
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")
     if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
-    n = checker.arm.dof
+    n = checker.group.dof
     each = np.full(n, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
     joints = finite("joint_tolerance", each, (n,))
     if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
@@ -139,6 +146,12 @@ def certify(
 
     constraints = check_constraints(constraints)
     checker.refuse_changes()
+    arm_curve, group = curve, checker.group
+    if movers:
+        if parting or obstacle_tolerance:
+            raise InputError("movers cannot be combined with parting or obstacle_tolerance; Mover has a tolerance")
+        curve, checker, tolerances = with_movers(curve, checker, movers)
+        joints = np.concatenate([joints, np.zeros(len(tolerances) - n)]) + tolerances
 
     def at(each: float) -> Certificate:
         def prove(part: Curve, judge: CollisionChecker) -> Certificate:
@@ -168,12 +181,12 @@ def certify(
         return certificate
     return with_constraints(
         certificate,
-        curve,
-        checker.arm,
+        arm_curve,
+        only_arm(group),
         constraints,
         tolerance=tolerance,
         max_intervals=max_intervals,
-        joint_tolerance=joints,
+        joint_tolerance=joints[:n],
         record=record,
     )
 
@@ -188,7 +201,13 @@ def is_proven_free(curve: Curve, checker: CollisionChecker) -> bool:
     knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
     settings = ProofSettings(tolerance=TOLERANCE, max_intervals=QUICK_INTERVALS)
     proof = prove(
-        checker.world, knots, control, settings, np.zeros(checker.arm.dof), CoalJudge(checker.workspace), KNOWN_NOTHING
+        checker.world,
+        knots,
+        control,
+        settings,
+        np.zeros(checker.group.dof),
+        CoalJudge(checker.workspace),
+        KNOWN_NOTHING,
     )
     return bool(proof.free)
 
@@ -386,6 +405,6 @@ class _Proof:
             evidence=read_only(state.evidence) if self._record else None,
             subject=(self._curve, self._checker) if self._record else None,
             attached=checker.attached,
-            held=dict(checker.arm.held),
+            held=dict(checker.group.held),
             obstacles=checker.scene.names,
         )

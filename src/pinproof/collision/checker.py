@@ -32,13 +32,13 @@ from pinproof.collision.bodies import Body
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, meshes_of
 from pinproof.collision.packed import pack_geometry, pack_world
-from pinproof.collision.pairs import HOUSING_SHARE, Overlaps, PairRules, Pairs, overlap_levels, unexplained_pairs
+from pinproof.collision.pairs import Overlaps, PairRules, Pairs, overlap_levels, unexplained_pairs
 from pinproof.collision.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.errors import InputError
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.spatial import finite
 
 __all__ = ["CheckResult", "CollisionChecker", "Contact"]
@@ -125,7 +125,7 @@ class CollisionChecker(CheckedBodies):
     Parameters
     ----------
     arm
-        The arm.
+        The arm, or a joint group with several arms.
     scene
         The obstacles.
     margin
@@ -140,7 +140,8 @@ class CollisionChecker(CheckedBodies):
         values, in which ``"*"`` stands for all other links. Pairs of links that an SRDF disables without a reason are
         checked with several hulls each where one hull would be too coarse.
     attached
-        Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``.
+        Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``. For a joint group with
+        several arms, ``Obstacle(..., arm=name)`` states the arm.
     allowed
         Pairs of names (links, attached objects, obstacles) that may touch.
     trust_disabled
@@ -165,7 +166,7 @@ class CollisionChecker(CheckedBodies):
 
     def __init__(
         self,
-        arm: Arm,
+        arm: JointGroup,
         scene: Scene | None = None,
         *,
         margin: float = 0.0,
@@ -177,10 +178,10 @@ class CollisionChecker(CheckedBodies):
         housing: float | None = None,
     ) -> None:
         urdf = arm.robot.urdf
-        self._arm = arm
+        self._group = arm
         self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
         unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
-        length = HOUSING_SHARE * arm.robot.size if housing is None else checked_margin("housing", housing)
+        length = None if housing is None else checked_margin("housing", housing)
         self._rules = PairRules(Overlaps(arm.robot, self._link_bodies), length, trust_disabled)
         self._levels: Levels = {
             **dict.fromkeys(unexplained, DECOMPOSED),
@@ -191,12 +192,13 @@ class CollisionChecker(CheckedBodies):
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
         self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
         warn_of_units(arm, self.bodies, self.scene)
+        self._refuse_overlapping_robots()
 
     def __repr__(self) -> str:
         counts = f"{len(self.bodies)} bodies, {len(self.pairs)} checked pairs, {len(self.excluded)} excluded pairs"
         attached = "".join(f", {body.name} attached" for body in self.attached)
         margin = f"margin {self.margin * 1e3:g} mm"
-        return outline(f"CollisionChecker({self.arm.robot.name!r}, {counts}, {margin}{attached})")
+        return outline(f"CollisionChecker({self.group.robot.name!r}, {counts}, {margin}{attached})")
 
     # -- queries ----------------------------------------------------------------------------------------------------
 
@@ -205,10 +207,10 @@ class CollisionChecker(CheckedBodies):
         try:
             left = self._threads.judge(q)
         except (AttributeError, TypeError, ValueError):  # the first query of a thread, or not (n,) contiguous doubles
-            return self.is_free_unchecked(self.arm.configuration(q))
+            return self.is_free_unchecked(self.group.configuration(q))
         if left == CONTACT:
             return False
-        return not self.still.touching if left == 0 else self.is_free_unchecked(self.arm.configuration(q))
+        return not self.still.touching if left == 0 else self.is_free_unchecked(self.group.configuration(q))
 
     def is_free_unchecked(self, q: Array) -> bool:
         """:meth:`is_free` without validation of q (n,), for inner loops."""
@@ -217,14 +219,14 @@ class CollisionChecker(CheckedBodies):
         if left == 0:
             return not self.still.touching
         if left == NOT_FINITE:
-            self.arm.configuration(q)  # raises
+            self.group.configuration(q)  # raises
         if left < 0:
             return False
         return not self.still.touching and not space.any_left_touches()
 
     def is_free_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> npt.NDArray[np.bool_]:
         """Return (N,) :meth:`is_free` for each row of Q (N, n); the result does not depend on ``threads``."""
-        many = finite("Q", Q, (None, self.arm.dof))
+        many = finite("Q", Q, (None, self.group.dof))
         if self.still.touching:
             return np.zeros(len(many), dtype=bool)
         left = self._batch(lambda part: self.workspace.judge_many(part), many, threads)
@@ -236,7 +238,7 @@ class CollisionChecker(CheckedBodies):
     def check(self, q: npt.ArrayLike) -> CheckResult:
         """Return all contacts at q (n,), sorted by distance, with names, distances, points and normals."""
         space = self.workspace
-        touching = (*self.still.touching, *space.touching(self.arm.configuration(q)))
+        touching = (*self.still.touching, *space.touching(self.group.configuration(q)))
         found = [self.contact(k, measured) for k, measured in touching]
         return CheckResult(tuple(sorted(found, key=lambda contact: contact.distance)))
 
@@ -247,13 +249,13 @@ class CollisionChecker(CheckedBodies):
         bodies it is minus the penetration depth as computed by coal.
         """
         space = self.workspace
-        near = space.nearest(self.arm.configuration(q))
+        near = space.nearest(self.group.configuration(q))
         judged = (space.measure(k).distance for k in (*near.contacts, *near.left_to_coal))
         return min((near.lower, self.still.lower, *judged))
 
     def clearance_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> Array:
         """Return (N,) :meth:`clearance` for each row of Q (N, n); the result does not depend on ``threads``."""
-        many = finite("Q", Q, (None, self.arm.dof))
+        many = finite("Q", Q, (None, self.group.dof))
         lower = self._batch(lambda part: self.workspace.clearances(part), many, threads)
         out = np.minimum(lower, self.still.lower)
         for i in np.flatnonzero(np.isnan(lower)):
@@ -302,12 +304,31 @@ class CollisionChecker(CheckedBodies):
 
     def with_held(self, held: Mapping[str, float]) -> CollisionChecker:
         """Return a checker with other values (rad or m) of joints outside the arm, such as the robot's fingers."""
-        arm = self.arm.with_held(held)
-        if arm is self.arm:
+        group = self.group.with_held(held)
+        if group is self.group:
             return self
         other = copy(self)
-        other._arm = arm
+        other._group = group
         other._assemble(self.scene, self.attached, self._allowed)
+        return other
+
+    def on_group(
+        self,
+        group: JointGroup,
+        scene: Scene,
+        attached: Sequence[Obstacle],
+        allowed: Sequence[tuple[str, str]] = (),
+    ) -> CollisionChecker:
+        """Return a checker with the same links on another joint group, in another scene, with more allowed contacts.
+
+        For groups of the same robot, or of the robot with movers (:func:`pinproof.collision.with_movers`).
+        """
+        other = copy(self)
+        other._group = group
+        # Joints that move in addition may need finer bodies of their links.
+        more = overlap_levels(self._link_bodies.of({}), group, self._rules)
+        other._levels = {**more, **self._levels}
+        other._assemble(scene, tuple(attached), (*self._allowed, *allowed))
         return other
 
     def allowing(self, *pairs: Sequence[str]) -> CollisionChecker:
@@ -342,7 +363,7 @@ class CollisionChecker(CheckedBodies):
         The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
         """
         other = copy(self)
-        made = add_obstacle_bodies(self.arm, self._assembly, bodies, list(pairs))
+        made = add_obstacle_bodies(self.group, self._assembly, bodies, list(pairs))
         other._take(made, self.scene, self.attached, self._allowed)
         return other
 
@@ -353,7 +374,7 @@ class CollisionChecker(CheckedBodies):
         Derived checkers keep this. :attr:`finer` and certificates list these pairs. Returns this checker if there is
         no contact at q, or only contacts of the exact meshes.
         """
-        at = self.arm.configuration(q)
+        at = self.group.configuration(q)
 
         def touching(levels: Levels) -> set[frozenset[str]]:
             judge = self if levels == self._levels else self._on(levels)
@@ -365,7 +386,7 @@ class CollisionChecker(CheckedBodies):
 
     def exact_at(self, q: npt.ArrayLike) -> CollisionChecker:
         """Return a checker in which links that touch at q (n,) are represented by their exact meshes."""
-        owners = (frozenset(self._owners(k)) for k in self._in_contact(self.arm.configuration(q)))
+        owners = (frozenset(self._owners(k)) for k in self._in_contact(self.group.configuration(q)))
         pairs = [pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))]
         return self._on({**self._levels, **dict.fromkeys(pairs, EXACT)}) if pairs else self
 
@@ -417,13 +438,14 @@ class CollisionChecker(CheckedBodies):
         """The result for pairs that no joint moves relative to each other; computed on first access."""
         if self._still is None:
             space = PlacedBodies(self, self.world.of_still_pairs())
-            self._still = check_fixed_pairs(space, np.zeros(self.arm.dof))
+            self._still = check_fixed_pairs(space, np.zeros(self.group.dof))
         return self._still
 
     def fingerprint(self) -> str:
         """Return a hash of all inputs of a verdict: kinematics, held joints, geometry, placements, pairs, margins."""
         digest = hashlib.sha256()
-        words = (self.arm.robot.urdf.kinematics, self.arm.base, self.arm.tcp, self.arm.joint_names, self.arm.held)
+        group = self.group
+        words = (group.robot.urdf.kinematics, dict(group.ends), group.joint_names, dict(group.held))
         digest.update(repr((words, self._rules[1:], self._link_bodies, self.excluded, self.finer)).encode())
         digest.update(self.margins.tobytes() + repr(self.margin).encode())
         for body in self.bodies:
@@ -470,12 +492,27 @@ class CollisionChecker(CheckedBodies):
         still = [k for k, _ in self.still.touching]
         return [*still, *space.contacts(q)]
 
+    def _refuse_overlapping_robots(self) -> None:
+        """Raise an exception if robots of a cell overlap with links that no joint moves, such as their bases."""
+        robot = self.group.robot
+        if not robot.parts:
+            return
+        for k, measured in self.still.touching:
+            i, j = self.pairs[k]
+            one, other = self.bodies[i], self.bodies[j]
+            if one.link is None or other.link is None or robot.part_of(one.link) == robot.part_of(other.link):
+                continue
+            raise InputError(
+                f"the robots of the cell overlap: {self.contact(k, measured)}. Place them farther apart, or pass "
+                f"allowed=[{self._owners(k)}] if these links may touch"
+            )
+
     # -- assembly -----------------------------------------------------------------------------------------------
 
     def _assemble(self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]) -> None:
         """Assemble bodies and pairs from links, scene, attached objects, allowed contacts and margins."""
         made = assemble(
-            self.arm, self._link_bodies.of(self._levels), scene, attached, self._rules,
+            self.group, self._link_bodies.of(self._levels), scene, attached, self._rules,
             levels=self._levels, allowed=allowed, known=self._known,
         )  # fmt: skip
         self._take(made, scene, attached, allowed)
@@ -551,5 +588,5 @@ class CollisionChecker(CheckedBodies):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._known, self._threads = {}, threading.local()
-        self._geometry = pack_geometry(self.arm, self.bodies, self.rounding)
+        self._geometry = pack_geometry(self.group, self.bodies, self.rounding)
         self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)

@@ -101,9 +101,9 @@ class CoalWorkspace:
     """The bodies of a checker in a coal workspace; each thread needs its own instance."""
 
     def __init__(self, checker: CheckedBodies) -> None:
-        self._arm, self._bodies, self._pairs = checker.arm, checker.bodies, checker.pairs
+        self._arm, self._bodies, self._pairs = checker.group, checker.bodies, checker.pairs
         self._margins = checker.margins
-        self._model, self._geometry_model = checker.arm.model, checker.coal_geometry()
+        self._model, self._geometry_model = checker.group.model, checker.coal_geometry()
         self._data = self._model.createData()
         # Made after the last geometry was added: adding one later corrupts memory.
         self._geometry_data = self._geometry_model.createData()
@@ -176,13 +176,13 @@ class PlainCoal:
     """
 
     def __init__(self, checker: CheckedBodies, *, broadphase: bool = False) -> None:
-        self._model, self._geometry = checker.arm.model, checker.coal_geometry()
+        self._model, self._geometry = checker.group.model, checker.coal_geometry()
         self._data, self._bodies = self._model.createData(), self._geometry.createData()
         for k, margin in enumerate(checker.margins.tolist()):
             request = self._bodies.collisionRequests[k]
             request.security_margin = margin
             self._bodies.collisionRequests[k] = request
-        self._configuration, self._any = checker.arm.model_configuration, bool(checker.pairs)
+        self._configuration, self._any = checker.group.model_configuration, bool(checker.pairs)
         self._tree = None
         if broadphase:
             self._tree = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(

@@ -134,9 +134,9 @@ def sample_overlaps(robot: Robot, *, samples: int = 1000) -> OverlapReport:
 
 def overlap_hint(checker: CollisionChecker, q: Array, found: CheckResult) -> str:
     """Return a remedy if links touch each other at the home configuration of an arm, else an empty text."""
-    links = set(checker.arm.robot.urdf.links)
+    links = set(checker.group.robot.urdf.links)
     among_links = [contact for contact in found.contacts if links.issuperset(contact.bodies)]
-    if not among_links or not (q == checker.arm.home).all():
+    if not among_links or not (q == checker.group.home).all():
         return ""
     return (
         "if these links overlap by design, `pinproof info ROBOT --overlaps` lists all such pairs and "

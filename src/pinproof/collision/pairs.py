@@ -34,7 +34,7 @@ from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import ANYTHING
 from pinproof.description import UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model import Arm, Robot
+from pinproof.model import JointGroup, Robot
 
 __all__ = [
     "ALLOWED_BY_CALLER",
@@ -144,7 +144,7 @@ class Overlaps:
         return self._overlap(*several, closer, DECOMPOSED) if closer.mean() - true.mean() <= COARSE else found
 
     def _overlap(self, a: Sequence[Body], b: Sequence[Body], touching: Booleans, level: int) -> Overlap:
-        close, near = CLOSE_SHARE * self._robot.size, touching
+        close, near = CLOSE_SHARE * self._robot.size_around(a[0].link or ""), touching
         if MOST <= touching.mean() < NEARLY_ALL:
             near = touching | self._touching(a, b, where=~touching, within=close)
         return Overlap(float(touching.mean()), float(near.mean()), close, level)
@@ -274,6 +274,9 @@ ALLOWED_BY_CALLER = "allowed by the caller"
 DISABLED, TOUCHED = "the SRDF disables them without a reason", "their hulls touch where their meshes do not"
 """Reasons for checking a pair with finer geometry than requested."""
 
+BOTH_OBSTACLES = "both are obstacles, of which a mover moves one or both"
+"""Reason for excluding pairs of obstacles that move relative to each other; they need not be listed if none moves."""
+
 NOT_MOVED = "no joint of the arm moves them relative to each other"
 """Reason for excluding a pair that an SRDF disables without sampling."""
 
@@ -311,15 +314,15 @@ class PairRules(NamedTuple):
 
     overlaps: Overlaps
     """How often links touch."""
-    housing: float
-    """Length (m) of a joint housing."""
+    housing: float | None
+    """Length (m) of a joint housing; None is :data:`HOUSING_SHARE` of the size of the robot."""
     trust_disabled: bool = False
     """Whether every pair that the SRDF or the scene disables is excluded."""
 
 
 def choose_pairs(
     bodies: Sequence[Body],
-    arm: Arm,
+    arm: JointGroup,
     scene: Scene,
     rules: PairRules,
     *,
@@ -351,8 +354,12 @@ def choose_pairs(
     named = {owner for pair in (*reasons, *levels) for owner in pair}
     fixed = [owner for owner, own in members.items() if bodies[own[0]].link is None]
     plain = [i for owner in fixed if owner not in named for i in members[owner]]
-    pairs = Pairs([(i, j) for a in moving for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
-    for a, b in (*combinations(moving, 2), *product(moving, (owner for owner in fixed if owner in named))):
+    carried = {owner for owner in moving if bodies[members[owner][0]].link in robot.movers.values()}
+    own = [owner for owner in moving if owner not in carried]
+    pairs = Pairs([(i, j) for a in own for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
+    for a, b in (*combinations(moving, 2), *product(own, (owner for owner in fixed if owner in named))):
+        if a in carried and b in carried:
+            continue
         key = frozenset((a, b))
         reason = reasons.get(key) or neighbours.reason(owned[a], owned[b])
         if reason:
@@ -364,11 +371,13 @@ def choose_pairs(
         if any(bodies[i].level for side in sides for i in side):
             reason = DISABLED if level == DECOMPOSED and key in unexplained else TOUCHED
             pairs.finer.append(FinerPair((a, b), BY[level], reason))
+    for a, b in (*combinations(sorted(carried), 2), *product(sorted(carried), fixed)):
+        pairs.excluded.append(ExcludedPair((a, b), BOTH_OBSTACLES))
     pairs.checked.sort()
     return pairs
 
 
-def overlap_levels(bodies: Sequence[Body], arm: Arm, rules: PairRules) -> dict[frozenset[str], int]:
+def overlap_levels(bodies: Sequence[Body], arm: JointGroup, rules: PairRules) -> dict[frozenset[str], int]:
     """Return the levels of detail of pairs of links that may touch, but do not in nearly all configurations.
 
     If their hulls touch much more often than their meshes, they are checked with several hulls or the exact meshes.
@@ -440,11 +449,12 @@ def _by_srdf(reason: str) -> str:
 class _Neighbours:
     """Finds links that touch by design: connected by one joint, or in contact in nearly all configurations."""
 
-    def __init__(self, arm: Arm, bodies: Sequence[Body], rules: PairRules) -> None:
+    def __init__(self, arm: JointGroup, bodies: Sequence[Body], rules: PairRules) -> None:
         self._robot, self._rules = arm.robot, rules
         self._solid = {body.link for body in bodies if body.link is not None and body.owner == body.link}
         self._up = {joint.child: joint for joint in self._robot.urdf.joints.values()}
         self._own = {*arm.joint_names, *arm.followers}
+        self._above: dict[str, list[str]] = {}
         self._disabled = {
             frozenset(pair.links): pair.reason
             for pair in self._robot.srdf.disabled
@@ -461,8 +471,8 @@ class _Neighbours:
 
     def claim(self, a: Body, b: Body) -> tuple[str, bool]:
         """Return why the owners of two bodies may touch (empty: they may not), and if sampling must confirm it."""
-        if a.link is None or b.link is None:
-            return "", False
+        if a.link is None or b.link is None or self._robot.part_of(a.link) != self._robot.part_of(b.link):
+            return "", False  # robots of a cell do not touch by design, also where one joint or none is between them
         up, common, down = self._links_between(a.link, b.link)
         moving = [joint for link in (*up, *down) if (joint := self._up[link]).type != "fixed"]
         if not moving:
@@ -479,10 +489,10 @@ class _Neighbours:
         disabled = self._disabled.get(frozenset((a.owner, b.owner)))
         if disabled is not None:
             claim = _by_srdf(disabled)
-        elif solid_between or (up and down) or not self._in_one_place(moving):
+        elif solid_between or (up and down) or not self._in_one_place(moving, self._housing(a.link)):
             return "", False
         else:
-            length, housing = self._length(moving) * 1e3, self._rules.housing * 1e3
+            length, housing = self._length(moving) * 1e3, self._housing(a.link) * 1e3
             claim = f"adjacent: only links without geometry between them ({', '.join(between)}), joints within "
             claim += f"{length:.3g} mm (housing {housing:.3g} mm)"
         if not any(joint.name in self._own for joint in moving):
@@ -497,14 +507,19 @@ class _Neighbours:
             [body for body in one if body.level == 0], [body for body in other if body.level == 0]
         )
 
-    def _in_one_place(self, line: Sequence[UrdfJoint]) -> bool:
-        """Whether all joints of a chain, listed from the tip, lie within one housing.
+    def _housing(self, link: str) -> float:
+        """Return the length (m) of a joint housing of the robot that a link belongs to."""
+        given = self._rules.housing
+        return HOUSING_SHARE * self._robot.size_around(link) if given is None else given
+
+    def _in_one_place(self, line: Sequence[UrdfJoint], housing: float) -> bool:
+        """Whether all joints of a chain, listed from the tip, lie within one housing of this length (m).
 
         A prismatic joint moves its child link out of the housing.
         """
         if any(joint.type == "prismatic" for joint in line):
             return False
-        return self._length(line) <= self._rules.housing
+        return self._length(line) <= housing
 
     def _length(self, line: Sequence[UrdfJoint]) -> float:
         """Return the length (m) of a chain of joints, listed from the tip: the sum of the distances between the joints.
@@ -518,11 +533,11 @@ class _Neighbours:
     def _links_between(self, a: str, b: str) -> tuple[list[str], str, list[str]]:
         """Return the links from a up to the common ancestor, the ancestor, and the links from b up to it."""
         above_a, above_b = self._to_root(a), self._to_root(b)
-        common = next(link for link in above_a if link in set(above_b))
+        common = next(link for link in above_a if link in above_b)
         return above_a[: above_a.index(common)], common, above_b[: above_b.index(common)]
 
     def _to_root(self, link: str) -> list[str]:
-        chain = [link]
-        while chain[-1] in self._up:
-            chain.append(self._up[chain[-1]].parent)
-        return chain
+        if link not in self._above:
+            joint = self._up.get(link)
+            self._above[link] = [link] if joint is None else [link, *self._to_root(joint.parent)]
+        return self._above[link]

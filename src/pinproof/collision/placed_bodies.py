@@ -49,7 +49,7 @@ class PlacedBodies:
 
     def __init__(self, checker: CheckedBodies, world: World) -> None:
         self._checker, self._core = checker, Workspace(world)
-        self._q = np.zeros(checker.arm.dof)
+        self._q = np.zeros(checker.group.dof)
         self._moves = 0
         self._coal: CoalWorkspace | None = None
         self._convex: MeasureConvex | None = None

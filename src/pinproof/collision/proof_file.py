@@ -26,7 +26,7 @@ from pinproof.collision.path_constraints import ConstraintProof, LookAt, PathCon
 from pinproof.collision.shapes import Mesh
 from pinproof.common.files import write_bytes_whole
 from pinproof.errors import FileError, InputError, NotProvenFree
-from pinproof.model import Arm
+from pinproof.model import Arm, JointGroup
 from pinproof.model.chain import joint_axis
 from pinproof.motion import Curve
 from pinproof.spatial import SE3
@@ -85,6 +85,7 @@ def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any
     """
     checker = proven.checker
     pair, spans, u = _leaves(proven, (proof.curve.low, proof.curve.high))
+    bodies = np.array(checker.pairs, dtype=np.int64).reshape(-1, 2)
     need = np.array([proof.required(i, j) for i, j in checker.pairs])
     moved = np.array([proof.tolerance_of(j) for _, j in checker.pairs])
     need = np.maximum(need, proven.clearance - CONFIRMED + moved)
@@ -99,7 +100,8 @@ def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any
         unknown = ~u.any(axis=1)
         u[unknown] = _directions(checker, pair[unknown], bounds_of_table.q[at[unknown]])
         fresh |= unknown
-        good = _bounds(checker, bounds_of_table, pair, at, u) > need[pair]
+        unit = u / np.linalg.norm(u, axis=1, keepdims=True)
+        good = bounds_of_table.distance(bodies[pair, 0], bodies[pair, 1], at, unit) > need[pair]
         done.append((pair[good], spans[good], u[good]))
         pair, spans, u, fresh = pair[~good], spans[~good], u[~good], fresh[~good]
         # An interval that fails with its own direction is bisected; the others first get their own direction.
@@ -138,16 +140,6 @@ def _directions(checker: CollisionChecker, pairs: Indices, q: Array) -> Array:
     for row, (pair, configuration) in enumerate(zip(pairs.tolist(), q, strict=True)):
         found[row] = checker.placed(configuration).measure(pair).normal
     return np.round(found, DIGITS)
-
-
-def _bounds(checker: CollisionChecker, bounds_of_table: IntervalBounds, pairs: Indices, at: Indices, u: Array) -> Array:
-    found = np.empty(len(pairs))
-    unit = u / np.linalg.norm(u, axis=1, keepdims=True)
-    order = np.argsort(pairs, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(pairs[order])) + 1):
-        i, j = checker.pairs[int(pairs[rows[0]])]
-        found[rows] = bounds_of_table.distance(i, j, at[rows], unit[rows])
-    return found
 
 
 def _document_rows(checker: CollisionChecker, done: list[tuple[Indices, Array, Array]]) -> tuple[list[Any], list[Any]]:
@@ -192,7 +184,7 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
     curve, checker = proven.curve, proven.checker
     _refuse_surfaces(checker)
     knots, control = curve.bezier()
-    arm = checker.arm
+    arm = checker.group
     document: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -210,7 +202,11 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
             "curve": proven.curve_hash,
             "setup": proven.setup_hash,
         },
-        "robot": {"name": arm.robot.name, "base": arm.base, "tcp": arm.tcp, "held": arm.held},
+        "robot": {
+            "name": arm.robot.name,
+            "arms": {name: {"base": base, "tcp": tcp} for name, (base, tcp) in arm.ends.items()},
+            "held": dict(arm.held),
+        },
         "curve": {"joint_names": list(curve.joint_names), "knots": knots.tolist(), "control": control.tolist()},
         "joints": joints_of(arm),
         "bodies": bodies_of(checker),
@@ -225,7 +221,7 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
         raise NotProvenFree(f"the verifier cannot read the proof: {refused}") from refused
     document["intervals"], document["pairs"] = evidence_of(proof, proven)
     if proven.constraints:
-        document["constraints"] = _constraint_evidence(document, arm, proven)
+        document["constraints"] = _constraint_evidence(document, checker.arm, proven)
     verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}})
     if not verdict.ok:
         raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}")
@@ -295,7 +291,7 @@ def _constraint_evidence(document: dict[str, Any], arm: Arm, proven: ProvenMotio
     return rows
 
 
-def joints_of(arm: Arm) -> list[dict[str, Any]]:
+def joints_of(arm: JointGroup) -> list[dict[str, Any]]:
     """The joints that move with the arm's, followers too, each behind its parent."""
     model, rows = arm.model, []
     for k in range(1, model.njoints):
@@ -318,7 +314,7 @@ def joints_of(arm: Arm) -> list[dict[str, Any]]:
 
 def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
     """The bodies of a checker, in its order."""
-    model, sources = checker.arm.model, _sources(checker)
+    model, sources = checker.group.model, _sources(checker)
     rows = []
     for body in checker.bodies:
         joint, place = -1, body.link_from_body
@@ -345,7 +341,7 @@ def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
 def _sources(checker: CollisionChecker) -> dict[str, dict[str, str]]:
     """The kind and file of the shape that each geometry was made of, and the hash of its mesh file."""
     found: dict[str, dict[str, str]] = {}
-    for geometry in checker.arm.robot.urdf.collisions:
+    for geometry in checker.group.robot.urdf.collisions:
         found[geometry.name] = _source(geometry.kind, None if geometry.mesh is None else geometry.mesh.path)
     for thing in (*checker.attached, *checker.scene.obstacles):
         mesh = thing.shape.path if isinstance(thing.shape, Mesh) else None
@@ -552,10 +548,10 @@ def _other_curve(proof: Proof, curve: Curve) -> list[str]:
 def _differences(document: dict[str, Any], proof: Proof, checker: CollisionChecker) -> list[str]:
     """Where the proof's joints and bodies are not the checker's, and which of the checker's pairs it does not prove."""
     found: list[str] = []
-    names = checker.arm.joint_names
+    names = checker.group.joint_names
     if proof.curve.names != names:
         return [f"curve.joint_names: those of your arm are {', '.join(names)}"]
-    joints = joints_of(checker.arm)
+    joints = joints_of(checker.group)
     if len(joints) != len(proof.joints):
         return [f"joints: the proof has {len(proof.joints)}, your robot {len(joints)} that move"]
     for k, (stated, mine) in enumerate(zip(document["joints"], joints, strict=True)):

@@ -70,13 +70,21 @@ HASHES = KeyTable(
     more=True,
 )
 
+ARM = KeyTable(
+    "arm",
+    "An arm.",
+    (
+        FileKey("base", {"type": "string"}, "base link of the arm"),
+        FileKey("tcp", {"type": "string"}, "tcp frame of the arm"),
+    ),
+)
+
 ROBOT = KeyTable(
     "robot",
     "The robot, for readers; it is not checked, because the placements contain it.",
     (
         FileKey("name", {"type": "string"}, "name of the robot"),
-        FileKey("base", {"type": "string"}, "base link of the arm"),
-        FileKey("tcp", {"type": "string"}, "tcp frame of the arm"),
+        FileKey("arms", mapping_to(ARM), "the arms by name; an arm alone has the name of its tcp"),
         FileKey("held", mapping_to(PLAIN_NUMBER), "values of the joints outside the arm", "rad or m"),
     ),
     more=True,

@@ -406,12 +406,15 @@ class Obstacle:
         afterwards; :meth:`Scene.move` returns a scene in which the obstacle has another pose.
     rgba
         Its colour in the viewer, 0 to 1.
+    arm
+        For an object attached to a joint group with several arms: the name of the arm that carries it.
     """
 
     name: str
     shape: Shape
     pose: pin.SE3 = None
     rgba: tuple[float, float, float, float] | None = None
+    arm: str | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -419,6 +422,11 @@ class Obstacle:
         if not isinstance(self.shape, Shape):
             kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
             raise InputError(f"obstacle {self.name!r} has the shape {self.shape!r}; valid:  {kinds}")
+        if self.arm is not None and not isinstance(self.arm, str):
+            raise InputError(
+                f"arm = {self.arm!r} of {self.name!r} must be the name of one arm; an object that several arms hold "
+                "together forms a closed chain, which is not supported"
+            )
         placement = pin.SE3.Identity() if self.pose is None else rigid(f"pose of obstacle {self.name!r}", self.pose)
         if float(np.abs(placement.translation).max()) > LARGEST_SIZE:
             where = placement.translation.tolist()

@@ -35,6 +35,8 @@ class CatalogueEntry:
         Default base of ``robot.arm()`` if the tcp is a descendant of it; None for the root link.
     overlaps
         Pairs of links whose collision geometry overlaps in every sampled configuration (`pinproof info --overlaps`).
+    arms
+        The tcp frames of the arms of ``robot.arms()`` by name, for a robot with several.
     """
 
     name: str
@@ -44,6 +46,7 @@ class CatalogueEntry:
     home: Mapping[str, float] = field(default_factory=dict)
     base: str | None = None
     overlaps: tuple[tuple[str, str], ...] = ()
+    arms: Mapping[str, str] = field(default_factory=dict)
 
 
 def catalogue_names() -> tuple[str, ...]:
@@ -69,8 +72,28 @@ def find_robot(name: str) -> CatalogueEntry:
     srdf = None if data.get("srdf") is None else _file(name, data["srdf"])
     overlaps = tuple((first, second) for first, second in _table("catalogue_overlaps.yaml").get(data["urdf"], ()))
     return CatalogueEntry(
-        name, _file(name, data["urdf"]), srdf, data["tcp"], data.get("home", {}), data.get("base"), overlaps
+        name,
+        _file(name, data["urdf"]),
+        srdf,
+        data["tcp"],
+        data.get("home", {}),
+        data.get("base"),
+        overlaps,
+        _arms(name, robots),
     )
+
+
+SIDES = ("left", "right")
+"""The suffixes of the two entries of a robot with two arms."""
+
+
+def _arms(name: str, robots: Mapping[str, Any]) -> dict[str, str]:
+    """Return the tcps of the arms ``left`` and ``right`` of a robot that has an entry for each of them."""
+    stem, _, side = name.rpartition("_")
+    both = [f"{stem}_{each}" for each in SIDES]
+    if side not in SIDES or not all(each in robots for each in both):
+        return {}
+    return {each: robots[entry]["tcp"] for each, entry in zip(SIDES, both, strict=True)}
 
 
 def robots_folder() -> Path:

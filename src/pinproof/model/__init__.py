@@ -1,13 +1,15 @@
 """Robots, arms, joint limits, forward kinematics, Jacobians and inverse dynamics (Pinocchio)."""
 
+from pinproof.model.cell import assemble
 from pinproof.model.dynamics import Payload
 from pinproof.model.info import JointInfo, RobotInfo
 from pinproof.model.limits import JointLimits, LimitsFile
 from pinproof.model.loading import load_robot
-from pinproof.model.robot import Arm, Robot, Singularity, kinematic_class, load_robot_from_text
+from pinproof.model.robot import Arm, JointGroup, Robot, Singularity, kinematic_class, load_robot_from_text
 
 __all__ = [
     "Arm",
+    "JointGroup",
     "JointInfo",
     "JointLimits",
     "LimitsFile",
@@ -15,6 +17,7 @@ __all__ = [
     "Robot",
     "RobotInfo",
     "Singularity",
+    "assemble",
     "kinematic_class",
     "load_robot",
     "load_robot_from_text",

@@ -27,12 +27,14 @@ __all__ = [
     "Chain",
     "affine",
     "aligned_axes",
+    "chain_of",
     "compiled_chain",
     "find_chain",
     "group_ends",
     "held_values",
     "joint_axis",
     "link_path",
+    "moving_joints",
     "periodic",
     "reduced_model",
 ]
@@ -47,12 +49,12 @@ MOVING = ("revolute", "continuous", "prismatic")
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The joints of an arm.
+    """The joints of an arm or of a joint group.
 
     Parameters
     ----------
     joint_names
-        The n joints of q, from base to tcp.
+        The n joints of q, from base to tcp; those of a group arm by arm.
     angular
         (n,) True for a revolute or continuous joint, False for a prismatic one.
     followers
@@ -85,34 +87,50 @@ def link_path(urdf: Urdf, base: str, tip: str) -> list[UrdfJoint]:
     return path[::-1]
 
 
-def find_chain(urdf: Urdf, base: str, tip: str) -> Chain:
-    """Find the joints of the arm from link ``base`` to link ``tip``.
+def find_chain(urdf: Urdf, *ends: tuple[str, str]) -> Chain:
+    """Find the joints of one or several arms, each of which is given by its base link and its tip link.
+
+    A joint of several arms is listed with the first one.
 
     Raises
     ------
     InputError
-        If no joint moves between them, more than :data:`MAX_JOINTS` do, or one is floating or planar.
+        If no joint moves between the ends of an arm, more than :data:`MAX_JOINTS` do, or one is floating or planar.
     """
-    path = link_path(urdf, base, tip)
-    names: list[str] = []
-    for joint in path:
-        if joint.type in ("floating", "planar"):
-            raise InputError(
-                f"joint {joint.name!r} between {base!r} and {tip!r} is {joint.type}; an arm has single-axis joints only"
-            )
-        if joint.type == "fixed":
-            continue
-        leader = joint.name if joint.mimic is None else joint.mimic.leader
-        if leader not in names:
-            names.append(leader)
-    if not names:
-        raise InputError(f"no joint moves between {base!r} and {tip!r}; is the tcp on the arm?")
+    names = list(dict.fromkeys(name for base, tip in ends for name in moving_joints(urdf, base, tip)))
     if len(names) > MAX_JOINTS:
-        raise InputError(f"{len(names)} joints move between {base!r} and {tip!r}; the limit is {MAX_JOINTS}")
+        between = " and ".join(f"between {base!r} and {tip!r}" for base, tip in ends)
+        raise InputError(f"{len(names)} joints move {between}; the limit is {MAX_JOINTS}")
+    return chain_of(urdf, names)
+
+
+def chain_of(urdf: Urdf, names: Sequence[str]) -> Chain:
+    """Return any independent single-axis joints of a robot as those of a joint group."""
     followers = tuple(j.name for j in urdf.joints.values() if j.mimic is not None and j.mimic.leader in names)
     angular = np.array([urdf.joints[name].type != "prismatic" for name in names])
     angular.setflags(write=False)
     return Chain(tuple(names), angular, followers, _limits(urdf, names, followers))
+
+
+def moving_joints(urdf: Urdf, base: str, tip: str) -> tuple[str, ...]:
+    """Return the independent joints that move link ``tip`` relative to link ``base``; a mimic joint is its leader.
+
+    Raises
+    ------
+    InputError
+        If there is none, or one is floating or planar.
+    """
+    names: dict[str, None] = {}
+    for joint in link_path(urdf, base, tip):
+        if joint.type in ("floating", "planar"):
+            raise InputError(
+                f"joint {joint.name!r} between {base!r} and {tip!r} is {joint.type}; an arm has single-axis joints only"
+            )
+        if joint.type != "fixed":
+            names[joint.name if joint.mimic is None else joint.mimic.leader] = None
+    if not names:
+        raise InputError(f"no joint moves between {base!r} and {tip!r}; is the tcp on the arm?")
+    return tuple(names)
 
 
 def affine(urdf: Urdf, chain: Chain, model_joints: tuple[str, ...]) -> tuple[Array, Array]:
@@ -178,7 +196,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
     return values
 
 
-def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLimits:
+def _limits(urdf: Urdf, names: Sequence[str], followers: tuple[str, ...]) -> JointLimits:
     """Return the limits of the joints; infinite positions and NaN velocities where the file states none."""
     lower, upper, velocity, torque = [], [], [], []
     for name in names:
@@ -314,7 +332,9 @@ def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
     if len(group.chains) == 1:
         base, tip = group.chains[0]
     elif group.chains:
-        raise InputError(f"group {name!r} has the chains {list(group.chains)}; select one with base= and tcp=")
+        raise InputError(
+            f"group {name!r} has the chains {list(group.chains)}; select one with base and tcp (--base, --tcp)"
+        )
     else:
         base, tip = _ends_of_joints(urdf, name, _joints(urdf, group.joints, group.links))
     return base, declared[0] if declared else tip
@@ -328,14 +348,14 @@ def _joints(urdf: Urdf, joints: Sequence[str], links: Sequence[str]) -> list[str
 def _ends_of_joints(urdf: Urdf, name: str, joints: Sequence[str]) -> tuple[str, str]:
     """Return the parent link of the first joint and the child link of the last joint."""
     if not joints:
-        raise InputError(f"group {name!r} has no chain, no joints and no moving links; pass tcp= instead")
+        raise InputError(f"group {name!r} has no chain, no joints and no moving links; name the tcp instead (--tcp)")
     above = {joint: _joints_above(urdf, joint) for joint in joints}
     outermost = max(joints, key=lambda joint: len(above[joint]))
     aside = [joint for joint in joints if joint not in above[outermost]]
     if aside:
         raise InputError(
             f"group {name!r} is not a chain: joint {aside[0]!r} is not on the path to {outermost!r}; "
-            "pass base= and tcp= instead"
+            "name base and tcp instead (--base, --tcp)"
         )
     innermost = min(joints, key=lambda joint: len(above[joint]))
     return urdf.joints[innermost].parent, urdf.joints[outermost].child

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -37,10 +37,10 @@ moment, that is attributed to rounding in files."""
 
 
 class ArmBodies(Protocol):
-    """The attributes of :class:`pinproof.Arm` on which its dynamics depend."""
+    """The attributes of :class:`pinproof.JointGroup` on which its dynamics depend."""
 
     robot: Any
-    tcp: str
+    ends: Mapping[str, tuple[str, str]]
     scale: Array
     offset: Array
 
@@ -48,9 +48,8 @@ class ArmBodies(Protocol):
     def model(self) -> Any:
         """A copy of the reduced Pinocchio model."""
 
-    @property
-    def tcp_id(self) -> int:
-        """The index of the tcp frame in the model."""
+    def tcp_of(self, arm: str | None) -> str:
+        """The tcp frame of an arm; None is the only arm."""
 
     @property
     def dof(self) -> int:
@@ -72,7 +71,7 @@ class Payload:
         Inertia about the centre of mass in kg m^2, in the axes of ``frame``: (3, 3), or (3,) for a diagonal one. By
         default, the body is a point mass.
     frame
-        The link that the body is fixed to; by default the tcp of the arm.
+        The link that the body is fixed to; by default the tcp of the arm. Required for a group with several arms.
 
     Raises
     ------
@@ -180,7 +179,9 @@ def _packed(arm: ArmBodies, model: pin.Model) -> DynamicTree:
         mass[row], first_moment[row] = body.mass, body.mass * body.lever
         inertia[row] = body.matrix()[3:, 3:]  # about the origin of the joint frame
     leader = np.abs(arm.scale).argmax(axis=1)
-    tcp = model.frames[arm.tcp_id]
+    # The tool of a group with several arms is that of the first; limits of the tool are for one arm only.
+    _, tool = next(iter(arm.ends.values()))
+    tcp = model.frames[model.getFrameId(tool, pin.FrameType.BODY)]
     return DynamicTree(
         before=before,
         prismatic=[aligned_axes(model, joint)[1] for joint in joints],
@@ -217,7 +218,7 @@ def _loaded_model(arm: ArmBodies, payloads: Sequence[Payload], gravity: npt.Arra
     model = arm.model
     model.gravity.linear = finite("gravity", gravity, (3,))
     for payload in payloads:
-        name = arm.tcp if payload.frame is None else payload.frame
+        name = arm.tcp_of(None) if payload.frame is None else payload.frame
         if name not in arm.robot.urdf.links:
             raise UnknownNameError("frame", name, arm.robot.urdf.links, "the payload")
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]

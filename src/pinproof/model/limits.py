@@ -134,6 +134,48 @@ class JointLimits:
     def __len__(self) -> int:
         return len(self.lower)
 
+    def select(self, joints: Sequence[int] | npt.NDArray[np.int64]) -> JointLimits:
+        """Return the limits of the joints with these indices, in this order."""
+        index = np.asarray(joints, dtype=int)
+        return JointLimits(
+            self.lower[index],
+            self.upper[index],
+            self.velocity[index],
+            self.acceleration[index],
+            None if self.jerk is None else self.jerk[index],
+            None if self.torque is None else self.torque[index],
+            acceleration_source=self.acceleration_source,
+            jerk_source=self.jerk_source,
+        )
+
+    @staticmethod
+    def join(parts: Sequence[JointLimits]) -> JointLimits:
+        """Return the limits of all parts, one part after the other; NaN where one does not know a kind."""
+
+        def joined(kind: str) -> Array | None:
+            values = [getattr(part, kind) for part in parts]
+            if all(value is None for value in values):
+                return None
+            return np.concatenate(
+                [np.full(len(part), np.nan) if v is None else v for part, v in zip(parts, values, strict=True)]
+            )
+
+        def texts(kind: str) -> str:
+            found = list(dict.fromkeys(text for part in parts if (text := getattr(part, kind))))
+            # the text of several sources must not start with "default", which marks limits that are all default values
+            return found[0] if len(found) == 1 else f"several: {'; '.join(found)}" if found else ""
+
+        return JointLimits(
+            np.concatenate([part.lower for part in parts]),
+            np.concatenate([part.upper for part in parts]),
+            np.concatenate([part.velocity for part in parts]),
+            np.concatenate([part.acceleration for part in parts]),
+            joined("jerk"),
+            joined("torque"),
+            acceleration_source=texts("acceleration_source"),
+            jerk_source=texts("jerk_source"),
+        )
+
     def contains(self, q: Array, tolerance: float = 0.0) -> bool:
         """Whether every joint of q (n,) is inside its limits, widened by ``tolerance`` (rad or m)."""
         lower, upper = (self.lower - tolerance, self.upper + tolerance) if tolerance else (self.lower, self.upper)

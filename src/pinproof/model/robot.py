@@ -14,7 +14,7 @@ from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,7 @@ from pinproof.model.chain import (
     group_ends,
     held_values,
     link_path,
+    moving_joints,
     periodic,
     reduced_model,
 )
@@ -45,6 +46,7 @@ from pinproof.spatial import finite, frozen
 
 __all__ = [
     "Arm",
+    "JointGroup",
     "Reference",
     "Robot",
     "Singularity",
@@ -58,6 +60,11 @@ Array = npt.NDArray[np.float64]
 Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
 REFERENCES: tuple[Reference, ...] = ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD")
 
+
+Group = TypeVar("Group", bound="JointGroup")
+
+PART = "/"
+"""Separates the name of a robot in a cell from the names of its links and joints."""
 
 DH_FRAME = re.compile(r"dh_\d+")
 
@@ -83,46 +90,54 @@ class Singularity:
 
 
 HELD_READ_ONLY = "the held joints of an arm are read-only; arm.with_held({name: value}) makes an arm with others"
+ENDS_READ_ONLY = "the arms of a joint group are read-only; robot.arms() makes other groups"
 HOME_READ_ONLY = "the home of a robot is read-only; pass the configuration where it is needed"
 
 
-class Arm:
-    """The chain of joints between a base link and a tcp frame; created by :meth:`pinproof.Robot.arm`.
+class JointGroup:
+    """Joints of a robot that are planned, certified and timed together, with the tcps of one or several arms.
+
+    Created by :meth:`pinproof.Robot.arms` and :func:`pinproof.assemble`; :class:`Arm` is the group of a single arm. The
+    arms are branches of one kinematic tree: they may share joints between their base and the links where they part,
+    such as a torso or a linear axis.
 
     A configuration ``q`` is (n,) in the order of :attr:`joint_names`, in rad or m; a continuous joint is one unwrapped
-    angle. Poses of the tcp are in the frame of the base link. All methods are thread-safe.
+    angle. All methods are thread-safe.
 
-    An arm is read-only, so that a certificate of it stays valid; :meth:`with_limits`, :meth:`with_held` and
-    :meth:`pinproof.Robot.arm` return other arms.
+    A group is read-only, so that a certificate of it stays valid; :meth:`with_limits` and :meth:`with_held` return
+    other groups.
 
     Attributes
     ----------
     robot
-        The robot of the arm.
-    base, tcp
-        Names of the base link and the tcp frame.
+        The robot.
+    ends
+        The base link and the tcp frame of each arm, by the name of the arm.
     joint_names
-        Names of the n joints, from base to tcp.
+        Names of the n joints, arm by arm, each from base to tcp; a shared joint is listed with the first of its arms.
     limits
         Limits of the joints, in this order.
     held
-        Values (rad or m) of the other joints of the robot by name; :meth:`with_held` returns an arm with other values.
+        Values (rad or m) of the other joints of the robot by name; :meth:`with_held` returns a group with other values.
     angular
         (n,) True for a revolute or continuous joint, False for a prismatic one.
     periodic
         (n,) True where q and q + 2 pi give the same pose of every link (False for example for an angular joint with a
         mimic follower of multiplier 0.5).
-    root_from_base
-        Pose of the base link in the root link.
-    chain
-        The joints from base to tcp for the compiled core.
     """
 
     def __init__(
-        self, robot: Robot, base: str, tcp: str, chain: Chain, limits: JointLimits, held: Mapping[str, float]
+        self,
+        robot: Robot,
+        ends: Mapping[str, tuple[str, str]],
+        chain: Chain,
+        limits: JointLimits,
+        held: Mapping[str, float],
     ) -> None:
-        self.robot, self.base, self.tcp = robot, base, tcp
+        self.robot = robot
+        self.ends: Mapping[str, tuple[str, str]] = ReadOnlyDict(ends, ENDS_READ_ONLY)
         self.limits, self.held = limits, ReadOnlyDict(held, HELD_READ_ONLY)
+        self._chain = chain
         self.joint_names, self.angular = chain.joint_names, chain.angular
         self.followers = chain.followers
         self._model = reduced_model(robot.urdf, robot._model, {*chain.joint_names, *chain.followers}, held)
@@ -130,15 +145,19 @@ class Arm:
         for array in (self.scale, self.offset):
             array.setflags(write=False)
         self.periodic = periodic(robot.urdf, chain)
-        self._tcp_id = self._frame_id(tcp)
         self._threads = threading.local()
-        base_frame = self._model.frames[self._frame_id(base)]
-        if base_frame.parentJoint != 0:
+        self._root_from_base = {name: self._placement_of_base(name) for name in ends}
+
+    def _placement_of_base(self, name: str) -> pin.SE3:
+        base = self.ends[name][0]
+        frame = self._model.frames[self._frame_id(base)]
+        if frame.parentJoint == 0:
+            return frozen(frame.placement)
+        if len(self.ends) > 1:
             raise InputError(
-                f"the base {base!r} is moved by the arm's own joints, through a mimic joint; choose another"
+                f"the base {base!r} of arm {name!r} is moved by joints of another arm; pass a base= that no arm moves"
             )
-        self.root_from_base: pin.SE3 = frozen(base_frame.placement)
-        self.chain = compiled_chain(self._model, self._tcp_id, self.root_from_base, self.scale, self.offset)
+        raise InputError(f"the base {base!r} is moved by the arm's own joints, through a mimic joint; choose another")
 
     def __setattr__(self, name: str, value: object) -> None:
         if name in self.__dict__:
@@ -153,25 +172,79 @@ class Arm:
         return self._model.copy()
 
     @property
-    def tcp_id(self) -> int:
-        """The index of the tcp frame in :attr:`model`."""
-        return self._tcp_id
-
-    @property
     def dof(self) -> int:
         """The number n of joints in q."""
         return len(self.joint_names)
 
+    @cached_property
+    def arms(self) -> Mapping[str, Arm]:
+        """The arms by name; each is an :class:`Arm` whose other joints are held at their home."""
+        joints = self.robot.urdf.joints
+        held = {name: value for name, value in self.held.items() if not _is_mimic(joints, name)}
+        made = {}
+        for name, (base, tcp) in self.ends.items():
+            chain = find_chain(self.robot.urdf, (base, tcp))
+            limits = self.limits.select(self.indices(name))
+            made[name] = Arm(
+                self.robot, base, tcp, chain, limits, held_values(self.robot.urdf, chain, held, self.robot.home)
+            )
+        return ReadOnlyDict(made, ENDS_READ_ONLY)
+
+    def indices(self, arm: str) -> npt.NDArray[np.int64]:
+        """Return the indices of the joints of an arm in q, so that ``q[group.indices("left")]`` is its configuration.
+
+        Raises
+        ------
+        UnknownNameError
+            If the group has no arm of that name.
+        """
+        if arm not in self.ends:
+            raise UnknownNameError("arm", arm, self.ends, f"the joint group of {self.robot.name!r}")
+        return np.array([self.joint_names.index(n) for n in moving_joints(self.robot.urdf, *self.ends[arm])], dtype=int)
+
     @property
-    def home(self) -> Array:
-        """(n,) home configuration of the robot, or the middle of the limits where none is defined (continuous: 0)."""
-        return self._home.copy()
+    def shared_joints(self) -> tuple[str, ...]:
+        """The joints that belong to more than one arm."""
+        count = Counter(name for ends in self.ends.values() for name in moving_joints(self.robot.urdf, *ends))
+        return tuple(name for name in self.joint_names if count[name] > 1)
+
+    def tcp_of(self, arm: str | None) -> str:
+        """Return the tcp frame of an arm; None is the only arm.
+
+        Raises
+        ------
+        UnknownNameError
+            If the group has no arm of that name.
+        InputError
+            If no arm is named, and the group has several.
+        """
+        if arm is None:
+            if len(self.ends) > 1:
+                raise InputError(f"the joint group has the arms {', '.join(self.ends)}; name one of them")
+            arm = next(iter(self.ends))
+        if arm not in self.ends:
+            raise UnknownNameError("arm", arm, self.ends, f"the joint group of {self.robot.name!r}")
+        return self.ends[arm][1]
+
+    def tcp_placements(self, q: npt.ArrayLike) -> dict[str, pin.SE3]:
+        """Compute ``root_from_tcp`` of each arm at q (n,), by the name of the arm, in the frame of the root link."""
+        at = self.configuration(q)
+        return {name: self._root_from(at, self._frame_id(tcp)) for name, (_, tcp) in self.ends.items()}
+
+    def root_from_frame(self, q: npt.ArrayLike, frame: str) -> pin.SE3:
+        """Compute the pose of any link of the robot in the frame of the root link at the configuration q (n,)."""
+        return self._root_from(self.configuration(q), self._frame_id(frame))
 
     @cached_property
     def _home(self) -> Array:
         lower, upper = self.limits.sampling_range()
         middle = dict(zip(self.joint_names, (lower + upper) / 2, strict=True))
         return self.limits.clip(np.array([self.robot.home.get(name, middle[name]) for name in self.joint_names]))
+
+    @property
+    def home(self) -> Array:
+        """(n,) home configuration of the robot, or the middle of the limits where none is defined (continuous: 0)."""
+        return self._home.copy()
 
     def state(self, name: str, *, group: str | None = None) -> Array:
         """Return a named state (n,) of the SRDF (:meth:`pinproof.Robot.state`), in the order of :attr:`joint_names`.
@@ -188,51 +261,6 @@ class Arm:
         if missing:
             raise InputError(f"state {name!r} says nothing about the joints {', '.join(missing)} of the arm")
         return np.array([values[joint] for joint in self.joint_names])
-
-    def forward_kinematics(self, q: npt.ArrayLike) -> pin.SE3:
-        """Compute ``base_from_tcp`` at the configuration q (n,)."""
-        return self._placement(self.configuration(q), self._tcp_id)
-
-    def forward_kinematics_batch(self, Q: npt.ArrayLike) -> Array:
-        """Compute ``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n), by the compiled core.
-
-        It equals :meth:`forward_kinematics`, which uses Pinocchio, up to rounding.
-        """
-        return np.asarray(self.chain.forward_batch(finite("Q", Q, (None, self.dof))))
-
-    def frame_placement(self, q: npt.ArrayLike, frame: str) -> pin.SE3:
-        """Compute ``base_from_frame`` for any link of the robot at the configuration q (n,)."""
-        return self._placement(self.configuration(q), self._frame_id(frame))
-
-    def jacobian(self, q: npt.ArrayLike, *, reference: Reference = "LOCAL_WORLD_ALIGNED") -> Array:
-        """Compute the (6, n) Jacobian of the tcp, joint velocities to twist, linear (m/s) then angular (rad/s).
-
-        Parameters
-        ----------
-        q
-            (n,) configuration.
-        reference
-            ``LOCAL_WORLD_ALIGNED``: velocity of the tcp point, in the axes of the base. ``LOCAL``: the same in the axes
-            of the tcp. ``WORLD``: the spatial twist at the origin of the base, in the axes of the base.
-        """
-        if reference not in REFERENCES:
-            raise UnknownNameError("reference", reference, REFERENCES)
-        base_from_tcp, local = self.local_jacobian(self.configuration(q))
-        if reference == "LOCAL":
-            return local
-        if reference == "WORLD":
-            return np.asarray(base_from_tcp.toActionMatrix() @ local)
-        rotation = base_from_tcp.rotation
-        return np.vstack([rotation @ local[:3], rotation @ local[3:]])
-
-    def local_jacobian(self, q: Array) -> tuple[pin.SE3, Array]:
-        """Compute ``base_from_tcp`` and its (6, n) Jacobian in the axes of the tcp without validating q."""
-        data = self._data()
-        pin.computeJointJacobians(self._model, data, self.scale @ q + self.offset)
-        placement = pin.updateFramePlacement(self._model, data, self._tcp_id)
-        local = pin.getFrameJacobian(self._model, data, self._tcp_id, pin.ReferenceFrame.LOCAL)
-        # For a model with one joint Pinocchio returns (6,), not (6, 1).
-        return self.root_from_base.actInv(placement), local.reshape(6, -1) @ self.scale
 
     def torques(
         self,
@@ -285,11 +313,6 @@ class Arm:
         of_motion, of_gravity = dynamic_tree(self, checked_payloads(payload), gravity).torques(q, *rates)
         return np.asarray(of_motion + of_gravity)
 
-    def singularity(self, q: npt.ArrayLike) -> Singularity:
-        """Compute the singular values of the tcp Jacobian at q (n,) and the direction of the smallest one."""
-        u, values, _ = np.linalg.svd(self.jacobian(q))
-        return Singularity(float(values[-1]), u[:, len(values) - 1].copy(), values)
-
     def configuration(self, q: npt.ArrayLike, name: str = "q") -> Array:
         """Return a validated copy (n,) of a configuration.
 
@@ -303,8 +326,8 @@ class Arm:
         except ValueError as error:
             raise type(error)(f"{error}; the arm's joints are {', '.join(self.joint_names)}") from None
 
-    def with_limits(self, limits: JointLimits) -> Arm:
-        """Return the same arm with other limits.
+    def with_limits(self: Group, limits: JointLimits) -> Group:
+        """Return the same joints with other limits.
 
         Raises
         ------
@@ -315,11 +338,12 @@ class Arm:
             raise InputError(f"limits hold {len(limits)} joints; the arm has {self.dof}: {', '.join(self.joint_names)}")
         other = copy(self)
         other.__dict__["limits"] = limits
-        other.__dict__.pop("_home", None)
+        for cached in ("_home", "arms"):
+            other.__dict__.pop(cached, None)
         return other
 
-    def with_held(self, held: Mapping[str, float]) -> Arm:
-        """Return the same arm with other values for some of the joints outside it.
+    def with_held(self: Group, held: Mapping[str, float]) -> Group:
+        """Return the same joints with other values for some of the joints outside them.
 
         Parameters
         ----------
@@ -333,16 +357,22 @@ class Arm:
         """
         if all(self.held.get(name) == value for name, value in held.items()):
             return self
-        joints = self.robot.urdf.joints
-        values = {name: value for name, value in {**self.held, **held}.items() if not _is_mimic(joints, name)}
-        return self.robot.arm(self.tcp, base=self.base, limits=self.limits, held=values)
+        urdf = self.robot.urdf
+        values = {name: value for name, value in {**self.held, **held}.items() if not _is_mimic(urdf.joints, name)}
+        chain = self._chain
+        return cast(Group, self._holding(chain, held_values(urdf, chain, values, self.robot.home)))
+
+    def _holding(self, chain: Chain, held: Mapping[str, float]) -> JointGroup:
+        return JointGroup(self.robot, self.ends, chain, self.limits, held)
 
     def model_configuration(self, q: Array) -> Array:
         """Return the configuration of :attr:`model` (mimic joints included) for q (n,), without validating q."""
         return np.asarray(self.scale @ q + self.offset)
 
     def __repr__(self) -> str:
-        return f"Arm({self.robot.name!r}, {self.base} -> {self.tcp}, {self.dof} joints: {', '.join(self.joint_names)})"
+        arms = ", ".join(f"{name}: {base} -> {tcp}" for name, (base, tcp) in self.ends.items())
+        joints = f"{self.dof} joints: {', '.join(self.joint_names)}"
+        return f"JointGroup({self.robot.name!r}, {arms}, {joints})"
 
     def _repr_html_(self) -> str:
         columns = ("joint", "lower", "upper", "velocity", "acceleration", "home")
@@ -350,7 +380,10 @@ class Arm:
         cells = (self.joint_names, limits.lower, limits.upper, limits.velocity, limits.acceleration, self.home)
         table = html_table(columns, list(zip(*cells, strict=True)))
         held = (f"{name} is held at {value:g}" for name, value in self.held.items())
-        return html_block(f"Arm of {self.robot.name}, {self.base} -> {self.tcp} (rad or m)", table, html_list(held))
+        ends = " and ".join(f"{base} -> {tcp}" for base, tcp in self.ends.values())
+        return html_block(f"{self._kind} of {self.robot.name}, {ends} (rad or m)", table, html_list(held))
+
+    _kind = "Joint group"
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_threads"}
@@ -361,11 +394,10 @@ class Arm:
             array.setflags(write=False)  # pickle does not preserve the flag
         self._threads = threading.local()
 
-    def _placement(self, q: Array, frame_id: int) -> pin.SE3:
+    def _root_from(self, q: Array, frame_id: int) -> pin.SE3:
         data = self._data()
         pin.forwardKinematics(self._model, data, self.scale @ q + self.offset)
-        # updateFramePlacement returns a view of data; the product below is a new transform.
-        return self.root_from_base.actInv(pin.updateFramePlacement(self._model, data, frame_id))
+        return pin.updateFramePlacement(self._model, data, frame_id).copy()  # it is a view of data
 
     def _data(self) -> Any:
         """Return the ``pinocchio.Data`` of this thread; sharing one between threads gives wrong results."""
@@ -379,6 +411,110 @@ class Arm:
         if not self._model.existFrame(name, pin.FrameType.BODY):
             raise UnknownNameError("frame", name, self.robot.urdf.links, f"robot {self.robot.name!r}")
         return int(self._model.getFrameId(name, pin.FrameType.BODY))
+
+
+class Arm(JointGroup):
+    """The chain of joints between a base link and a tcp frame; created by :meth:`pinproof.Robot.arm`.
+
+    It is a :class:`JointGroup` with one arm, named by its tcp. A configuration ``q`` is (n,) in the order of
+    :attr:`joint_names`, in rad or m; a continuous joint is one unwrapped angle. Poses of the tcp are in the frame of
+    the base link. All methods are thread-safe.
+
+    An arm is read-only, so that a certificate of it stays valid; :meth:`with_limits`, :meth:`with_held` and
+    :meth:`pinproof.Robot.arm` return other arms.
+
+    Attributes
+    ----------
+    base, tcp
+        Names of the base link and the tcp frame.
+    root_from_base
+        Pose of the base link in the root link.
+    chain
+        The joints from base to tcp for the compiled core.
+    """
+
+    def __init__(
+        self, robot: Robot, base: str, tcp: str, chain: Chain, limits: JointLimits, held: Mapping[str, float]
+    ) -> None:
+        self.base, self.tcp = base, tcp
+        super().__init__(robot, {tcp: (base, tcp)}, chain, limits, held)
+        self._tcp_id = self._frame_id(tcp)
+        self.root_from_base: pin.SE3 = self._root_from_base[tcp]
+        self.chain = compiled_chain(self._model, self._tcp_id, self.root_from_base, self.scale, self.offset)
+
+    @property
+    def arms(self) -> Mapping[str, Arm]:
+        """The arm itself, by its tcp."""
+        return {self.tcp: self}
+
+    def _holding(self, chain: Chain, held: Mapping[str, float]) -> Arm:
+        return Arm(self.robot, self.base, self.tcp, chain, self.limits, held)
+
+    @property
+    def tcp_id(self) -> int:
+        """The index of the tcp frame in :attr:`model`."""
+        return self._tcp_id
+
+    def forward_kinematics(self, q: npt.ArrayLike) -> pin.SE3:
+        """Compute ``base_from_tcp`` at the configuration q (n,)."""
+        return self._placement(self.configuration(q), self._tcp_id)
+
+    def forward_kinematics_batch(self, Q: npt.ArrayLike) -> Array:
+        """Compute ``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n), by the compiled core.
+
+        It equals :meth:`forward_kinematics`, which uses Pinocchio, up to rounding.
+        """
+        return np.asarray(self.chain.forward_batch(finite("Q", Q, (None, self.dof))))
+
+    def frame_placement(self, q: npt.ArrayLike, frame: str) -> pin.SE3:
+        """Compute ``base_from_frame`` for any link of the robot at the configuration q (n,)."""
+        return self._placement(self.configuration(q), self._frame_id(frame))
+
+    def jacobian(self, q: npt.ArrayLike, *, reference: Reference = "LOCAL_WORLD_ALIGNED") -> Array:
+        """Compute the (6, n) Jacobian of the tcp, joint velocities to twist, linear (m/s) then angular (rad/s).
+
+        Parameters
+        ----------
+        q
+            (n,) configuration.
+        reference
+            ``LOCAL_WORLD_ALIGNED``: velocity of the tcp point, in the axes of the base. ``LOCAL``: the same in the axes
+            of the tcp. ``WORLD``: the spatial twist at the origin of the base, in the axes of the base.
+        """
+        if reference not in REFERENCES:
+            raise UnknownNameError("reference", reference, REFERENCES)
+        base_from_tcp, local = self.local_jacobian(self.configuration(q))
+        if reference == "LOCAL":
+            return local
+        if reference == "WORLD":
+            return np.asarray(base_from_tcp.toActionMatrix() @ local)
+        rotation = base_from_tcp.rotation
+        return np.vstack([rotation @ local[:3], rotation @ local[3:]])
+
+    def local_jacobian(self, q: Array) -> tuple[pin.SE3, Array]:
+        """Compute ``base_from_tcp`` and its (6, n) Jacobian in the axes of the tcp without validating q."""
+        data = self._data()
+        pin.computeJointJacobians(self._model, data, self.scale @ q + self.offset)
+        placement = pin.updateFramePlacement(self._model, data, self._tcp_id)
+        local = pin.getFrameJacobian(self._model, data, self._tcp_id, pin.ReferenceFrame.LOCAL)
+        # For a model with one joint Pinocchio returns (6,), not (6, 1).
+        return self.root_from_base.actInv(placement), local.reshape(6, -1) @ self.scale
+
+    def singularity(self, q: npt.ArrayLike) -> Singularity:
+        """Compute the singular values of the tcp Jacobian at q (n,) and the direction of the smallest one."""
+        u, values, _ = np.linalg.svd(self.jacobian(q))
+        return Singularity(float(values[-1]), u[:, len(values) - 1].copy(), values)
+
+    def __repr__(self) -> str:
+        return f"Arm({self.robot.name!r}, {self.base} -> {self.tcp}, {self.dof} joints: {', '.join(self.joint_names)})"
+
+    _kind = "Arm"
+
+    def _placement(self, q: Array, frame_id: int) -> pin.SE3:
+        data = self._data()
+        pin.forwardKinematics(self._model, data, self.scale @ q + self.offset)
+        # updateFramePlacement returns a view of data; the product below is a new transform.
+        return self.root_from_base.actInv(pin.updateFramePlacement(self._model, data, frame_id))
 
 
 def _for_all(value: npt.ArrayLike, shape: tuple[int, ...]) -> npt.ArrayLike:
@@ -404,6 +540,13 @@ class Robot:
         Home configuration, joint name to rad or m; may be empty.
     default_base
         Default base of :meth:`arm` if the tcp is a descendant of it.
+    declared_arms
+        The tcp frames of the arms of :meth:`arms` by name; empty for a robot with one arm.
+    parts
+        The robots of a cell by name, if this robot is one that :func:`pinproof.assemble` made. Their links and joints
+        have the names of the robots as prefixes: ``left/wrist_1_link``.
+    movers
+        The links that carry moving obstacles by the name of the mover; see :class:`pinproof.Mover`.
     """
 
     urdf: Urdf
@@ -411,11 +554,16 @@ class Robot:
     default_tcp: str | None = None
     home: Mapping[str, float] = field(default_factory=dict)
     default_base: str | None = None
+    declared_arms: Mapping[str, str] = field(default_factory=dict)
+    parts: Mapping[str, Robot] = field(default_factory=dict)
+    movers: Mapping[str, str] = field(default_factory=dict)
     _model: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_model", _model_of(self.urdf))
         object.__setattr__(self, "home", ReadOnlyDict(self.home, HOME_READ_ONLY))
+        for name in ("declared_arms", "parts", "movers"):
+            object.__setattr__(self, name, ReadOnlyDict(getattr(self, name), ENDS_READ_ONLY))
 
     @property
     def model(self) -> Any:
@@ -445,13 +593,37 @@ class Robot:
 
     @property
     def size(self) -> float:
-        """Largest distance (m) from the root to a link along the links, without the travel of prismatic joints."""
+        """Largest distance (m) from the root to a link along the links, without the travel of prismatic joints.
+
+        For a cell of several robots, that of the largest of them.
+        """
+        if self.parts:
+            return max(robot.size for robot in self.parts.values())
         model = self._model
         reach = np.zeros(model.njoints)
         for joint in range(1, model.njoints):
             step = np.linalg.norm(model.jointPlacements[joint].translation)
             reach[joint] = reach[model.parents[joint]] + step
-        return float(max(reach[f.parentJoint] + np.linalg.norm(f.placement.translation) for f in model.frames))
+        own = [frame for frame in model.frames if frame.name not in self.movers.values()]
+        return float(max(reach[f.parentJoint] + np.linalg.norm(f.placement.translation) for f in own))
+
+    @property
+    def has_generated_bodies(self) -> bool:
+        """Whether collision bodies of links were generated from a DH table, in a cell those of any robot."""
+        robots = self.parts.values() or (self,)
+        return any(has_generated_bodies(robot.urdf) for robot in robots)
+
+    def part_of(self, link: str) -> str | None:
+        """Return the name of the robot of a cell, or the mover, that a link belongs to; None in any other robot."""
+        if link in self.movers.values():
+            return link
+        name = link.partition(PART)[0]
+        return name if name in self.parts else None
+
+    def size_around(self, link: str) -> float:
+        """Return :attr:`size`, in a cell that of the robot that a link belongs to."""
+        part = self.part_of(link)
+        return self.size if part is None or part not in self.parts else self.parts[part].size
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -527,28 +699,103 @@ class Robot:
         self._known_frame(tcp)
         base = base or self._base_of(tcp)
         self._known_frame(base)
-        chain = find_chain(self.urdf, base, tcp)
-        if isinstance(limits, JointLimits):
-            if len(limits) != len(chain.joint_names):
-                raise InputError(
-                    f"limits hold {len(limits)} joints; the arm has {len(chain.joint_names)}: {chain.joint_names}"
-                )
-            new_limits = limits
-        else:
-            if isinstance(limits, LimitsFile):
-                new_limits = limits.over(chain.limits, chain.joint_names, list(self.urdf.joints))
-                position: Mapping[str, tuple[float, float]] = limits.position
-            else:
-                position = limits or {}
-                new_limits = chain.limits.replace(chain.joint_names, position)
-            for name in chain.joint_names:
-                joint = self.urdf.joints[name]
-                if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
+        chain = find_chain(self.urdf, (base, tcp))
+        return Arm(
+            self,
+            base,
+            tcp,
+            chain,
+            _chosen_limits(self.urdf, chain, limits),
+            held_values(self.urdf, chain, held or {}, self.home),
+        )
+
+    def arms(
+        self,
+        *names: str | Mapping[str, str],
+        base: str | None = None,
+        limits: JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None = None,
+        held: Mapping[str, float] | None = None,
+    ) -> JointGroup:
+        """Select several arms as one joint group, to plan and certify their motions together.
+
+        Parameters
+        ----------
+        names
+            The arms: each the name of an arm that the catalogue declares (such as ``"left"``), a tcp frame, or a group
+            of the SRDF. Or one mapping of names that you choose to these. Default: all arms that the catalogue
+            declares.
+        base
+            A link above all arms. The joints between it and the links where the arms part, such as a torso or a linear
+            axis, belong to the group and move all arms. Default: for each arm that of :meth:`arm`; the arms may not
+            share a joint then.
+        limits, held
+            As for :meth:`arm`.
+
+        Raises
+        ------
+        UnknownNameError
+            If an arm, frame or joint does not exist.
+        InputError
+            If no arm is named and none is declared, two are the same, they share a joint and ``base`` is not given, or
+            a joint has no limits.
+        """
+        ends: dict[str, tuple[str, str]] = {}
+        for name, stated in self._named_arms(names).items():
+            ends[name] = self._ends_of_arm(stated, base)
+        if base is not None:
+            self._known_frame(base)
+        owner: dict[str, str] = {}
+        for name, (_, tcp) in ends.items():
+            if twin := next((other for other in ends if other != name and ends[other][1] == tcp), None):
+                raise InputError(f"the arms {twin!r} and {name!r} have the same tcp {tcp!r}")
+            for joint in moving_joints(self.urdf, *ends[name]):
+                if owner.setdefault(joint, name) != name and base is None:
                     raise InputError(
-                        f"{joint.type} joint {name!r} states no lower and upper limit; "
-                        f"pass limits={{{name!r}: (lower, upper)}}"
+                        f"joint {joint!r} belongs to both arms {owner[joint]!r} and {name!r}; pass a base= below it to "
+                        "leave it out, or the base= above it to move both arms with it"
                     )
-        return Arm(self, base, tcp, chain, new_limits, held_values(self.urdf, chain, held or {}, self.home))
+        chain = find_chain(self.urdf, *ends.values())
+        return JointGroup(
+            self,
+            ends,
+            chain,
+            _chosen_limits(self.urdf, chain, limits),
+            held_values(self.urdf, chain, held or {}, self.home),
+        )
+
+    def _named_arms(self, names: Sequence[str | Mapping[str, str]]) -> dict[str, str]:
+        """Return what each arm was given by, by the name of the arm."""
+        if not names:
+            if not self.declared_arms:
+                raise InputError(f"robot {self.name!r} declares no arms; name them by tcp frame or SRDF group")
+            return {name: name for name in self.declared_arms}
+        named: dict[str, str] = {}
+        for each in names:
+            for name, stated in each.items() if isinstance(each, Mapping) else ((each, each),):
+                if not isinstance(name, str) or not isinstance(stated, str):
+                    raise InputError(f"an arm is named by a text, not by {stated!r}")
+                if name in named:
+                    raise InputError(f"the arm {name!r} is given twice")
+                named[name] = stated
+        return named
+
+    def _ends_of_arm(self, stated: str, base: str | None) -> tuple[str, str]:
+        """Return the base and the tcp of an arm of :meth:`arms`."""
+        if stated in self.declared_arms:
+            tcp = self.declared_arms[stated]
+            self._known_frame(tcp)
+            return base or self._base_of(tcp), tcp
+        if stated in self.urdf.links:
+            if stated in self.srdf.groups:
+                raise InputError(f"{stated!r} is both a link and a group of the SRDF; name the tcp of the arm")
+            return base or self._base_of(stated), stated
+        if stated in self.srdf.groups:
+            group_base, tcp = group_ends(self.urdf, self.srdf, stated)
+            return base or group_base, tcp
+        parents = {joint.parent for joint in self.urdf.joints.values()}
+        leaves = [link for link in self.urdf.links if link not in parents]
+        known = (*self.declared_arms, *self.srdf.groups, *(leaves or self.urdf.links))
+        raise UnknownNameError("arm", stated, known, f"robot {self.name!r}")
 
     def state(self, name: str, *, group: str | None = None) -> dict[str, float]:
         """Return a named state of the SRDF (joint name to rad or m) of one group, or combined from all groups.
@@ -607,9 +854,41 @@ class Robot:
             if joint is not None and joint.type == "fixed":
                 return leaves[0]
         raise InputError(
-            f"robot {self.name!r} declares no single tcp; name one with tcp=. "
+            f"robot {self.name!r} declares no single tcp; name one (--tcp, in Python tcp=). "
             f"Candidates: {', '.join(declared or leaves)}"
         )
+
+
+def _chosen_limits(
+    urdf: Urdf, chain: Chain, limits: JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None
+) -> JointLimits:
+    """Return the limits of the joints of a chain, with those that the caller gives instead.
+
+    Raises
+    ------
+    InputError
+        If the number of joints differs, or a joint has no limits.
+    """
+    if isinstance(limits, JointLimits):
+        if len(limits) != len(chain.joint_names):
+            raise InputError(
+                f"limits hold {len(limits)} joints; the arm has {len(chain.joint_names)}: {chain.joint_names}"
+            )
+        return limits
+    if isinstance(limits, LimitsFile):
+        chosen = limits.over(chain.limits, chain.joint_names, list(urdf.joints))
+        position: Mapping[str, tuple[float, float]] = limits.position
+    else:
+        position = limits or {}
+        chosen = chain.limits.replace(chain.joint_names, position)
+    for name in chain.joint_names:
+        joint = urdf.joints[name]
+        if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
+            raise InputError(
+                f"{joint.type} joint {name!r} states no lower and upper limit; state both in the URDF, or in a file of "
+                f"joint limits (--limits); in Python also limits={{{name!r}: (lower, upper)}}"
+            )
+    return chosen
 
 
 def kinematic_class(arm: Arm) -> str:
@@ -679,7 +958,7 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
         notes.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
     if not robot.urdf.collisions:
         notes.append("no collision geometry: contact of its links is not detected")
-    elif has_generated_bodies(robot.urdf):
+    elif robot.has_generated_bodies:
         notes.append(GENERATED_BODIES)
     slow = [name for name, v in zip(arm.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]
     if slow:
@@ -707,7 +986,7 @@ def build_robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None = None) -> 
     """Build the kinematic model of a description; ``entry`` states tcp, base and home of a robot of the catalogue."""
     if entry is None:
         return Robot(urdf, srdf)
-    return Robot(urdf, srdf, entry.tcp, entry.home, entry.base)
+    return Robot(urdf, srdf, entry.tcp, entry.home, entry.base, entry.arms)
 
 
 def _model_of(urdf: Urdf) -> pin.Model:

@@ -3,19 +3,24 @@
 from pinproof.motion.blended_path import BlendedPath
 from pinproof.motion.cubic_path import CubicPath
 from pinproof.motion.curve import Curve
+from pinproof.motion.group_motion import separate, synchronise
 from pinproof.motion.joint_path import JointPath
 from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramSegment
 from pinproof.motion.motion_record import MotionRecord
+from pinproof.motion.program_steps import Blend
 from pinproof.motion.rate_constraints import RateConstraint
+from pinproof.motion.robot_program import JointMap, RobotProgram
 from pinproof.motion.timing import MotionLimits, time_parametrise
 from pinproof.motion.tool_limits import ToolLimits
 from pinproof.motion.torque_limits import TorqueLimits, TorquePeak
 from pinproof.motion.trajectory import Trajectory
 
 __all__ = [
+    "Blend",
     "BlendedPath",
     "CubicPath",
     "Curve",
+    "JointMap",
     "JointPath",
     "MotionLimits",
     "MotionProgram",
@@ -23,9 +28,12 @@ __all__ = [
     "ProgramEvent",
     "ProgramSegment",
     "RateConstraint",
+    "RobotProgram",
     "ToolLimits",
     "TorqueLimits",
     "TorquePeak",
     "Trajectory",
+    "separate",
+    "synchronise",
     "time_parametrise",
 ]

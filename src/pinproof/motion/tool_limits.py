@@ -8,7 +8,7 @@ import numpy as np
 
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
-from pinproof.model import Arm
+from pinproof.model import Arm, JointGroup
 from pinproof.model.dynamics import kinematic_tree
 from pinproof.motion.curve import Array
 from pinproof.motion.trajectory import Trajectory
@@ -155,7 +155,7 @@ def time_of(trajectory: Trajectory, piece: Array, fraction: Array) -> Array:
     return np.asarray(knots[piece] + fraction * (knots[piece + 1] - knots[piece]))
 
 
-def require_joints(arm: Arm, trajectory: Trajectory) -> None:
+def require_joints(arm: JointGroup, trajectory: Trajectory) -> None:
     """Raise InputError unless the trajectory moves the joints of the arm."""
     if trajectory.joint_names != arm.joint_names:
         raise InputError(f"the trajectory moves {trajectory.joint_names}; the joints of the arm are {arm.joint_names}")

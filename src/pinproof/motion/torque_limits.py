@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import DynamicTree
 from pinproof.common.display import outline
+from pinproof.description.dh_keys import DEFAULT_EFFORT
 from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
-from pinproof.model import Arm, Payload
+from pinproof.model import JointGroup, Payload
 from pinproof.model.dynamics import GRAVITY, checked_payloads, dynamic_tree, massless_joints
 from pinproof.motion.curve import Array
 from pinproof.motion.tool_limits import controls, require_joints, time_of
@@ -72,7 +74,7 @@ class TorqueLimits:
     Parameters
     ----------
     arm
-        The arm.
+        The arm, or a joint group with several arms.
     payload
         A body, or several, that the arm carries in addition to its own links.
     limits
@@ -91,7 +93,7 @@ class TorqueLimits:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: JointGroup,
         payload: Payload | Sequence[Payload] | None = None,
         *,
         limits: npt.ArrayLike | None = None,
@@ -114,7 +116,7 @@ class TorqueLimits:
         return (
             *([f"no mass of the links moved by {', '.join(massless)}"] if massless else []),
             *([f"no torque limit: {', '.join(unlimited)}"] if unlimited else []),
-            *([GENERATED_MASSES] if has_generated_bodies(self.arm.robot.urdf) else []),
+            *([GENERATED_MASSES] if self.arm.robot.has_generated_bodies else []),
         )
 
     def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
@@ -161,6 +163,17 @@ class TorqueLimits:
             for j, name in enumerate(self.arm.joint_names)
         )
 
+    @property
+    def tree(self) -> DynamicTree:
+        """The arm and its payloads in the compiled core."""
+        return self._tree
+
+    def standstill_share(self, q: npt.ArrayLike) -> float:
+        """The largest share of a limit that holding the arm at rest at configurations (N, n) needs."""
+        rows = np.ascontiguousarray(finite("q", np.atleast_2d(q), (None, self.arm.dof)))
+        still = np.zeros_like(rows)
+        return float((np.abs(self._tree.torques(rows, still, still)[1]) / self.limits).max(initial=0.0))
+
     def standstill(self, q: npt.ArrayLike) -> str:
         """A sentence about the joint that cannot hold the arm at rest at q (n,), or an empty text if all can."""
         still = np.zeros((1, self.arm.dof))
@@ -179,11 +192,16 @@ class TorqueLimits:
             needed = f"joint {self.arm.joint_names[j]!r} needs {abs(gravity[i, j]):.4g} {unit} to hold the arm at rest"
             raise TimingError(
                 f"{needed} at q = {np.round(q[i], 4).tolist()}; its torque limit is {self.limits[j]:.4g} {unit}"
-                f"{self._loaded()}"
+                f"{self._guessed(int(j))}{self._loaded()}"
             )
 
     def _unit(self, joint: int) -> str:
         return "N m" if self.arm.angular[joint] else "N"
+
+    def _guessed(self, joint: int) -> str:
+        if self.limits[joint] != DEFAULT_EFFORT or not has_generated_bodies(self.arm.robot.urdf):
+            return ""
+        return ", the default of a DH table: state effort there, or max_effort in a file of joint limits"
 
     def _loaded(self) -> str:
         return f" (payload {sum(each.mass for each in self.payloads):.4g} kg)" if self.payloads else ""
@@ -196,16 +214,18 @@ class TorqueLimits:
         return outline(f"TorqueLimits({self.arm.robot.name!r}, {self.arm.dof} joints)", rows)
 
 
-def _rebuilt(arm: Arm, payloads: tuple[Payload, ...], limits: Array, gravity: Array) -> TorqueLimits:
+def _rebuilt(arm: JointGroup, payloads: tuple[Payload, ...], limits: Array, gravity: Array) -> TorqueLimits:
     return TorqueLimits(arm, payloads, limits=limits, gravity=gravity)
 
 
-def _checked_limits(arm: Arm, value: npt.ArrayLike | None) -> Array:
+def _checked_limits(arm: JointGroup, value: npt.ArrayLike | None) -> Array:
     joints = ", ".join(arm.joint_names)
+    unknown = (
+        f"no torque limit of the joints {joints} is known; state max_effort in a file of joint limits (--limits), or "
+        "in Python limits="
+    )
     if value is None:
-        raise InputError(
-            f"no torque limit of the joints {joints} is known; state limits=, or max_effort in a file of joint limits"
-        )
+        raise InputError(unknown)
     try:
         limits = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
@@ -219,5 +239,5 @@ def _checked_limits(arm: Arm, value: npt.ArrayLike | None) -> Array:
             raise InputError(f"the torque limit of joint {name!r} must be above 0, not {limit:g}")
     limits[np.isnan(limits)] = np.inf
     if np.isinf(limits).all():
-        raise InputError(f"no torque limit of the joints {joints} is known; state limits=")
+        raise InputError(unknown)
     return limits

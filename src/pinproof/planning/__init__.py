@@ -2,6 +2,7 @@
 
 from pinproof.planning.blending import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
+from pinproof.planning.coordination import CoordinationResult, coordinate
 from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
 from pinproof.planning.optimisation import OptimiseResult, optimise
 from pinproof.planning.planners import DEFAULT_PLANNER, Planner, make_planner
@@ -18,6 +19,7 @@ from pinproof.planning.simplification import SimplifyResult, shortcut, simplify
 
 __all__ = [
     "DEFAULT_PLANNER",
+    "CoordinationResult",
     "LinearPlanResult",
     "LinearStatus",
     "OmplPlanner",
@@ -30,6 +32,7 @@ __all__ = [
     "RrtConnect",
     "SimplifyResult",
     "blend",
+    "coordinate",
     "make_planner",
     "ompl_planners",
     "optimise",

@@ -46,8 +46,8 @@ def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1)
     InputError
         If the joints of the path are not those of the arm, or ``deviation`` is not above 0.
     """
-    if path.joint_names != checker.arm.joint_names:
-        raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.arm.joint_names}")
+    if path.joint_names != checker.group.joint_names:
+        raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.group.joint_names}")
     if not deviation > 0:
         raise InputError(f"deviation = {deviation}; it must be a distance in joint space above 0")
     distinct = JointPath(without_repeats(path.q), path.joint_names)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Manifold
-from pinproof.collision import PathConstraint
+from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.collision.path_constraints import amount
 from pinproof.model import Arm
 from pinproof.motion import BlendedPath, CubicPath
@@ -57,11 +57,11 @@ def manifold_of(arm: Arm, constraints: Sequence[PathConstraint]) -> Manifold:
     return Manifold(arm.chain, [each.compiled() for each in constraints], lower, upper)
 
 
-def violations_at(arm: Arm, q: Array, constraints: Sequence[PathConstraint]) -> list[str]:
+def violations_at(checker: CollisionChecker, q: Array, constraints: Sequence[PathConstraint]) -> list[str]:
     """The constraints that q (n,) violates, each as a sentence that states by how much."""
     found = []
     for each in constraints:
-        error = each.error(arm, q)
+        error = each.error(checker.arm, q)
         if not error <= each.tolerance:
             excess = amount(each, error - each.tolerance)
             found.append(f"{each} is violated: the error is {amount(each, error)}, {excess} too much")

@@ -11,13 +11,25 @@ import numpy.typing as npt
 
 from pinproof.collision import Obstacle
 from pinproof.errors import InputError
-from pinproof.model import Arm
+from pinproof.ik import SelfMotionCurve
+from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import matrix
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = ["Film", "Phase", "animate", "checked_motion", "film", "pose_tracks", "quaternions", "still", "tracks"]
+__all__ = [
+    "Film",
+    "Phase",
+    "animate",
+    "checked_motion",
+    "film",
+    "film_of_elbow",
+    "pose_tracks",
+    "quaternions",
+    "still",
+    "tracks",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -43,7 +55,8 @@ class Phase:
     trajectory
         Starts where the previous phase ends; both are at rest there.
     attached
-        Objects that move with the tcp, in addition to those of the stage; poses are ``tcp_from_object``.
+        Objects that move with the tcp of the first arm, in addition to those of the stage; poses are
+        ``tcp_from_object``.
     held
         Values (rad or m, by name) of joints outside the arm, such as fingers. Default: those of the arm of the stage.
     """
@@ -63,8 +76,8 @@ class Film:
         (F,) seconds; F = 1 for a single configuration.
     poses
         (F, L, 4, 4) ``root_from_link`` of the drawn links.
-    tcp
-        (F, 3) position of the tcp in the root frame.
+    tcps
+        (F, A, 3) positions of the tcps of the A arms in the root frame.
     riders
         By name, (F, 4, 4) ``root_from_object`` of objects that are attached in some phases. Before and after, they rest
         where they are picked and placed.
@@ -74,12 +87,12 @@ class Film:
 
     times: Array
     poses: Array
-    tcp: Array
+    tcps: Array
     riders: dict[str, Array] = field(default_factory=dict)
     frames: dict[str, Array] = field(default_factory=dict)
 
 
-def checked_motion(arm: Arm, motion: Trajectory) -> Trajectory:
+def checked_motion(arm: JointGroup, motion: Trajectory) -> Trajectory:
     """Return the motion after checking that it is a trajectory of this arm.
 
     Raises
@@ -114,16 +127,33 @@ def film(
         instants = np.linspace(0.0, motion.duration, count)[min(number, 1) :]  # the first is in the last phase
         for q in np.asarray(motion(instants), dtype=float):
             poses.append(placed.link_poses(q))
-            tcps.append(placed.tcp_pose(q))
+            tcps.append(placed.tcp_poses(q))
             axes.append(placed.frame_poses(q, frames))
         times.append(start_time + instants)
         holding += [{thing.name: matrix(thing.pose) for thing in phase.attached}] * len(instants)
         start_time += motion.duration
     root_from_tcp = np.stack(tcps)
     names = dict.fromkeys(name for held in holding for name in held)
-    riders = {name: _object_poses(root_from_tcp, [held.get(name) for held in holding]) for name in names}
+    riders = {name: _object_poses(root_from_tcp[:, 0], [held.get(name) for held in holding]) for name in names}
     named = dict(zip(frames, np.stack(axes).swapaxes(0, 1), strict=True))
-    return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :3, 3], riders, named)
+    return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :, :3, 3], riders, named)
+
+
+ELBOW_STEP = 0.03
+"""Largest motion (rad or m) of a joint between key frames of a self-motion; the viewer interpolates in between."""
+
+
+def film_of_elbow(stage: Stage, curve: SelfMotionCurve, frames: Sequence[str] = ()) -> Film:
+    """Key frames along a curve of IK solutions; the times are the values of its parameter minus the smallest one."""
+    values = [curve.values[:1]]
+    for low, high, before, after in zip(curve.values, curve.values[1:], curve.q, curve.q[1:], strict=False):
+        parts = int(np.ceil(np.abs(after - before).max() / ELBOW_STEP))
+        values.append(np.linspace(low, high, max(parts, 1) + 1)[1:])
+    at = np.concatenate(values)
+    many = [curve.at(value) for value in at.tolist()]
+    named = dict(zip(frames, np.stack([stage.frame_poses(q, frames) for q in many]).swapaxes(0, 1), strict=True))
+    poses = np.stack([stage.link_poses(q) for q in many])
+    return Film(at - curve.lower, poses, np.stack([stage.tcp_poses(q)[:, :3, 3] for q in many]), frames=named)
 
 
 def _object_poses(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Array:
@@ -142,7 +172,7 @@ def _object_poses(root_from_tcp: Array, tcp_from_object: Sequence[Array | None])
 def still(stage: Stage, q: Array, *, frames: Sequence[str] = ()) -> Film:
     """A single key frame at the configuration q (n,)."""
     named = dict(zip(frames, stage.frame_poses(q, frames)[:, None], strict=True))
-    return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_position(q)[None], frames=named)
+    return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_poses(q)[None, :, :3, 3], frames=named)
 
 
 def animate(commands: Commands, stage: Stage, shown: Film) -> None:

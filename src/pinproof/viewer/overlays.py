@@ -22,7 +22,7 @@ from pinproof.viewer.animation import Film
 from pinproof.viewer.camera import View
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.surfaces import Rgba, Surface, ball, box_triangles, cone, revolved, shade, tube
-from pinproof.viewer.wire import Commands, node_path
+from pinproof.viewer.wire import Commands, node_name, node_path
 
 __all__ = [
     "GHOST_HUES",
@@ -119,9 +119,13 @@ LABEL_DISTANCE = 0.2
 
 
 def frame_names(stage: Stage) -> list[str]:
-    """The links whose frames are drawn: the base, the child link of each joint of the arm, and the tcp."""
-    joints = stage.arm.robot.urdf.joints
-    return list(dict.fromkeys([stage.arm.base, *(joints[name].child for name in stage.arm.joint_names), stage.arm.tcp]))
+    """The links whose frames are drawn: for each arm the base, the child link of each joint, and the tcp."""
+    arm, joints = stage.arm, stage.arm.robot.urdf.joints
+    names: dict[str, None] = {}
+    for name, (base, tcp) in arm.ends.items():
+        moved = [joints[arm.joint_names[i]].child for i in arm.indices(name)]
+        names |= dict.fromkeys([base, *moved, tcp])
+    return list(names)
 
 
 def add_frames(commands: Commands, placed: Mapping[str, Array], reach: float) -> dict[str, Any]:
@@ -218,11 +222,11 @@ def body_nodes(stage: Stage, marks: Sequence[Mark]) -> list[list[str]]:
     found: dict[tuple[str, str], None] = {}
     for name in (body for mark in marks for body in mark.bodies):
         if name in links:
-            found["robot", name] = None
+            found["robot", node_name(name)] = None
         elif name in obstacles:
-            found["scene", name] = None
-        elif name not in stage.arm.robot.urdf.links and stage.arm.tcp in links:
-            found["robot", stage.arm.tcp] = None
+            found["scene", node_name(name)] = None
+        elif name not in stage.arm.robot.urdf.links:
+            found.update({("robot", node_name(tcp)): None for _, tcp in stage.arm.ends.values() if tcp in links})
     return [list(node) for node in found]
 
 
@@ -281,7 +285,7 @@ def copies(
         if own is not None:
             kept = kept[(np.abs(placed[kept] - own[number]) > SAME_POSE).any(axis=(1, 2))]
         columns = np.swapaxes(placed[kept], 1, 2).astype(np.float32)  # three.js reads matrices by columns
-        entry = {"into": into, "of": ["robot", link.name, "visual"], "count": len(kept), "opacity": opacity}
+        entry = {"into": into, "of": ["robot", node_name(link.name), "visual"], "count": len(kept), "opacity": opacity}
         entry["matrices"] = commands.array(columns.ravel())
         if rgb is not None:
             entry["rgb"] = commands.array(rgb[kept].ravel())
@@ -301,9 +305,9 @@ def swept(stage: Stage, shown: Film, reach: float) -> Array:
     tool = stage.tool
     if len(shown.times) < 2 or not tool.any():
         return np.empty((0, len(stage.links), 4, 4))
-    rotation = shown.poses[:, int(np.flatnonzero(tool)[0]), :3, :3]
-    cosine = np.clip((np.einsum("fij,fij->f", rotation[:-1], rotation[1:]) - 1) / 2, -1.0, 1.0)
-    shift = np.linalg.norm(np.diff(shown.tcp, axis=0), axis=1)
+    rotation = shown.poses[:, tool, :3, :3]
+    cosine = np.clip((np.einsum("flij,flij->fl", rotation[:-1], rotation[1:]).min(axis=1) - 1) / 2, -1.0, 1.0)
+    shift = np.linalg.norm(np.diff(shown.tcps, axis=0), axis=2).max(axis=1)
     total = np.concatenate([[0.0], np.cumsum(shift / (SWEEP_SHARE * reach) + np.arccos(cosine) / SWEEP_TURN)])
     steps = int(np.clip(np.ceil(total[-1]), 1, MOST_STEPS)) + 1
     frames = np.unique(np.searchsorted(total, np.linspace(0.0, total[-1], steps)).clip(max=len(total) - 1))
@@ -364,7 +368,11 @@ class ColouredPoints:
         colormap = colormaps[colours]
         share = (finite("values", values, (None,)) - low) / (high - low)
         steps = np.linspace(0.0, 1.0, LEGEND_STEPS)
-        legend = [(f"{label} {low + (high - low) * step:.3g}", tuple(colormap(step)[:3])) for step in steps]
+        colours_at = [colormap(step) for step in steps]
+        legend = [
+            (f"{label} {low + (high - low) * step:.3g}", (red, green, blue))
+            for step, (red, green, blue, _) in zip(steps, colours_at, strict=True)
+        ]
         return cls(np.asarray(xyz, dtype=float), colormap(share.clip(0.0, 1.0))[:, :3], size, tuple(legend))
 
     def draw(self, commands: Commands) -> None:

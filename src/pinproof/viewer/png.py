@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.common.files import write_bytes_whole
 from pinproof.errors import FileError, InputError, ViewerError
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
 from pinproof.viewer.overlays import ColouredPoints
@@ -162,7 +162,7 @@ def _run(command: list[str]) -> str:
 
 def write_png(
     path: str | Path,
-    arm: Arm,
+    arm: JointGroup,
     scene: Scene | None = None,
     trajectory: Trajectory | None = None,
     *,

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from pinproof.collision import Obstacle, Scene
 from pinproof.description import LinkGeometry
 from pinproof.errors import MeshError
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 from pinproof.spatial import matrix
 from pinproof.viewer.surfaces import Surface, body_surfaces, link_surfaces, merge_by_colour, obstacle_surfaces, shade
 
@@ -59,7 +59,7 @@ class DrawnObstacle:
 class Stage:
     """The links and obstacles of a picture; ``notes`` states what could not be drawn, or not in full detail."""
 
-    arm: Arm
+    arm: JointGroup
     links: tuple[DrawnLink, ...]
     obstacles: tuple[DrawnObstacle, ...]
     notes: tuple[str, ...]
@@ -70,21 +70,16 @@ class Stage:
 
     def frame_poses(self, q: Array, names: Sequence[str]) -> Array:
         """(K, 4, 4) ``root_from_frame`` of any links at the configuration q (n,)."""
-        root_from_base = self.arm.root_from_base
-        poses = [matrix(root_from_base * self.arm.frame_placement(q, name)) for name in names]
+        poses = [matrix(self.arm.root_from_frame(q, name)) for name in names]
         return np.array(poses).reshape(-1, 4, 4)
 
-    def tcp_position(self, q: Array) -> Array:
-        """(3,) position of the tcp in the root frame, in metres, at the configuration q (n,)."""
-        return self.tcp_pose(q)[:3, 3]
-
-    def tcp_pose(self, q: Array) -> Array:
-        """(4, 4) ``root_from_tcp`` at the configuration q (n,)."""
-        return matrix(self.arm.root_from_base * self.arm.forward_kinematics(q))
+    def tcp_poses(self, q: Array) -> Array:
+        """(A, 4, 4) ``root_from_tcp`` of each arm at the configuration q (n,)."""
+        return np.array([matrix(pose) for pose in self.arm.tcp_placements(q).values()])
 
     @cached_property
     def tool(self) -> npt.NDArray[np.bool_]:
-        """(L,) which links belong to the tool: the drawn ones fixed in the tcp frame, else the last one before it."""
+        """(L,) which links belong to a tool: the drawn ones fixed in a tcp frame, else the last one before it."""
         rng = np.random.default_rng(0)
         arm, names = self.arm, [link.name for link in self.links]
         own = np.array([name in arm.robot.urdf.links for name in names])  # a page also draws groups of arrows
@@ -92,14 +87,19 @@ class Stage:
         low, high = np.maximum(arm.limits.lower, arm.home - 1.0), np.minimum(arm.limits.upper, arm.home + 1.0)
         samples = [arm.home, *(low + rng.random((2, arm.dof)) * (high - low))]
         moving = [name for name, is_own in zip(names, own, strict=True) if is_own]
-        tcp_from_link = np.stack([np.linalg.inv(self.tcp_pose(q)) @ self.frame_poses(q, moving) for q in samples])
-        fixed = np.zeros(len(names), dtype=bool)
-        fixed[own] = (np.abs(tcp_from_link - tcp_from_link[0]) < RIGID_TOLERANCE).all(axis=(0, 2, 3))
-        fixed, joint = fixed & drawn, arm.robot.urdf.parent_joint(arm.tcp)
-        while not fixed.any() and joint is not None:
-            fixed = np.array([name == joint.parent for name in names]) & drawn
-            joint = arm.robot.urdf.parent_joint(joint.parent)
-        return fixed
+        poses = np.stack([self.frame_poses(q, moving) for q in samples])
+        tools = np.zeros(len(names), dtype=bool)
+        for number, (_, tcp) in enumerate(arm.ends.values()):
+            inverse = np.linalg.inv([self.tcp_poses(q)[number] for q in samples])
+            tcp_from_link = inverse[:, None] @ poses
+            fixed = np.zeros(len(names), dtype=bool)
+            fixed[own] = (np.abs(tcp_from_link - tcp_from_link[0]) < RIGID_TOLERANCE).all(axis=(0, 2, 3))
+            fixed, joint = fixed & drawn, arm.robot.urdf.parent_joint(tcp)
+            while not fixed.any() and joint is not None:
+                fixed = np.array([name == joint.parent for name in names]) & drawn
+                joint = arm.robot.urdf.parent_joint(joint.parent)
+            tools |= fixed
+        return tools
 
     def floor(self, poses: Array) -> float:
         """Height (m) of the floor: the lowest point of all obstacles and of links at poses (F, L, 4, 4), at most 0."""
@@ -118,7 +118,9 @@ def box_corners(surfaces: Iterable[Surface]) -> Array:
     return np.where(np.indices((2, 2, 2)).reshape(3, 8).T == 0, low, high)
 
 
-def set_stage(arm: Arm, scene: Scene | None, attached: Sequence[Obstacle] = (), *, bodies: bool = False) -> Stage:
+def set_stage(
+    arm: JointGroup, scene: Scene | None, attached: Sequence[Obstacle] = (), *, bodies: bool = False
+) -> Stage:
     """Load the surfaces of an arm and a scene.
 
     A mesh that cannot be loaded is left out and named in ``notes``.
@@ -147,7 +149,7 @@ def set_stage(arm: Arm, scene: Scene | None, attached: Sequence[Obstacle] = (), 
             problem = second_problem if surfaces else problem or second_problem
         if problem:
             notes.append(f"{name} is {'only partly' if surfaces else 'not'} drawn: {problem}")
-        for item in attached if name == arm.tcp else ():
+        for item in (item for item in attached if arm.tcp_of(item.arm) == name):
             parts, problem = _load_surfaces((item,), obstacle_surfaces)
             surfaces = [*surfaces, *(part.moved(matrix(item.pose)) for part in parts)]
             if problem:

@@ -17,16 +17,21 @@ import numpy.typing as npt
 
 from pinproof.viewer.surfaces import Surface
 
-__all__ = ["Commands", "node_path", "transform_command"]
+__all__ = ["Commands", "node_name", "node_path", "transform_command"]
 
 Array = npt.NDArray[np.float64]
 
 TYPED_ARRAYS = {"float32": "Float32Array", "int8": "Int8Array", "uint16": "Uint16Array", "uint32": "Uint32Array"}
 
 
+def node_name(name: str) -> str:
+    """The name of a node in meshcat's tree. A slash would separate levels; it is replaced by a similar character."""
+    return name.replace("/", "\u2215")
+
+
 def node_path(*names: str) -> str:
-    """A path in meshcat's tree. A slash in a name would separate levels; it is replaced by a similar character."""
-    return "/" + "/".join(name.replace("/", "\u2215") for name in names)
+    """A path in meshcat's tree from the names of the links or obstacles."""
+    return "/" + "/".join(map(node_name, names))
 
 
 class Commands:

@@ -14,6 +14,7 @@ from pinproof.picks.input.pick import Member, PlaceTarget, moved
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch
 from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
+from pinproof.picks.judging.motion_limits import torque_limits
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify
@@ -166,6 +167,14 @@ class Placer:
             farthest = replace(farthest, message=message)
         return farthest, None
 
+    def may_place(self, member: Member) -> bool:
+        """Whether the lines from a release of a family member are possible."""
+        task, many = self._task, self.releases(member)
+        if task.place is None:
+            return True
+        free = np.flatnonzero(task.letting_go(member).is_free_batch(many)).tolist() if len(many) else []
+        return any(not self._down(task.place, member, index).why for index in free)
+
     def _out_of_reach(self, member: Member) -> StageResult:
         task = self._task
         nearest = Clik().solve(task.arm, task.target(task.release(member)), task.cell.home, rng=self._seed)
@@ -194,19 +203,27 @@ class Placer:
         shifts = inside or shifts[:1]
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
         goals, constraints = down.entrance + np.array(shifts), task.constraints(attempt.candidate.member)
-        plan = planner.plan(carrying, attempt.exit, goals, constraints=constraints, rng=seeds[0])
+        torques = torque_limits(task, attempt.candidate.member, "transfer", carrying.arm)
+        plan = planner.plan(carrying, attempt.exit, goals, constraints=constraints, torque_limits=torques, rng=seeds[0])
         if plan.path is None or plan.goal is None:
             return _failure(replace(down, why=f"transfer: {plan.message}")), None
         path: JointPath | BlendedPath
         if constraints:
-            simple = simplify(plan.path, carrying, rng=seeds[1], constraints=constraints, certificate=plan.certificate)
+            simple = simplify(
+                plan.path,
+                carrying,
+                rng=seeds[1],
+                constraints=constraints,
+                torque_limits=torques,
+                certificate=plan.certificate,
+            )
             path, clearance = simple.path, simple.observed_after
         else:
-            path, clearance = shortened(plan, carrying, seeds[1])
+            path, clearance = shortened(plan, carrying, seeds[1], torques)
         by = shifts[plan.goal]
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
-        kept = f" {constraints[0]}" if constraints else ""
-        message = f"transfer of {path.length:.2f} rad{kept}, {asked.approach * 1e3:.0f} mm approach{support}, "
+        upright = f" {constraints[0]}" if constraints else ""
+        message = f"transfer of {path.length:.2f} rad{upright}, {asked.approach * 1e3:.0f} mm approach{support}, "
         proven = np.nan if plan.certificate is None else plan.certificate.clearance
         figures = {"length": path.length, "clearance": min(down.proven, proven)}
         return (

@@ -89,6 +89,8 @@ class PickSetup:
         trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checked)]
         if trouble:
             trouble += filter(None, [overlap_hint(checker, start, checked)])
+            if home is None and not (picks.home or arm.robot.home):
+                trouble.append("the robot states no home, and this is the middle of its limits; state one in the picks")
             raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
         seeds = seed_sequence(rng)
         return cls(
@@ -98,7 +100,7 @@ class PickSetup:
             seeds,
             seeds.n_children_spawned,
             weights or PickWeights(),
-            budget or PickBudget(),
+            budget or (PickBudget() if picks.optimise is None else PickBudget(motion=picks.optimise)),
         )
 
     def __repr__(self) -> str:
@@ -289,5 +291,5 @@ def _check_velocity_limits(arm: Arm) -> None:
     if unknown:
         raise InputError(
             f"motions cannot be timed: {', '.join(unknown)} has no velocity or acceleration limit; "
-            "state limits with robot.arm(limits=JointLimits(...))"
+            "state it in a file of joint limits (`limits` of the picks file, --limits, in Python limits=)"
         )

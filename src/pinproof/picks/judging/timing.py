@@ -140,14 +140,12 @@ def time_part(task: Task, part: MotionPart, attempt: Attempt) -> tuple[list[Traj
 def _timed(
     task: Task, part: MotionPart, curve: JointPath | BlendedPath | CubicPath, rates: list[RateConstraint]
 ) -> tuple[Trajectory, Certificate | None]:
-    """The timed curve. A path of the planner may be replaced by a shorter motion, which has a certificate.
-
-    A path with constraints of the tcp is kept, because the moves of the optimisation leave them.
-    """
+    """The timed curve. A path of the planner, but not a line, may become a shorter motion with a certificate."""
     limits, budget = task.arm.limits, task.cell.budget.motion
-    if budget == 0 or part.constraints or not isinstance(curve, JointPath):
+    if budget == 0 or isinstance(curve, CubicPath):
         return time_parametrise(curve, limits, rate_limits=rates), None
-    result = optimise(curve, part.checker, limits=limits, rate_limits=rates, budget=budget)
+    kept = part.constraints
+    result = optimise(curve, part.checker, limits=limits, rate_limits=rates, constraints=kept, budget=budget)
     return result.trajectory, result.certificate
 
 

@@ -299,7 +299,7 @@ class PageMotions:
         """(N, 3) points on the paths of the tcp and of carried bodies, for the camera."""
         films = [each for each in self.films if each is not None]
         carried = [poses[:, :3, 3] for each in films for poses in each.riders.values()]
-        points = np.concatenate([np.empty((0, 3)), *(each.tcp for each in films), *carried])
+        points = np.concatenate([np.empty((0, 3)), *(each.tcps[:, 0] for each in films), *carried])
         return points[:: -(-len(points) // SHOWN_POINTS) or 1]
 
     @property
@@ -329,7 +329,7 @@ class PageMotions:
                 {
                     "duration": float(shown.times[-1]),
                     "tracks": tracks(commands, self.stage, shown, places),
-                    "path": commands.array(shown.tcp.astype(np.float32).ravel()),
+                    "path": commands.array(shown.tcps[:, 0].astype(np.float32).ravel()),
                     "riders": {places[name]: _column(poses[0]) for name, poses in shown.riders.items()},
                 }
             )
@@ -499,7 +499,7 @@ def _render(
     grasps = np.array([at for at in placed if at is not None]).reshape(-1, 4, 4)
     poses = np.concatenate([rest.poses, motions.shown_poses])
     tool = np.concatenate([tool_points(stage, rest.poses), motions.tool])
-    view = frame_picks(stage, poses, np.concatenate([rest.tcp, motions.shown_points]), grasps, tool)
+    view = frame_picks(stage, poses, np.concatenate([rest.tcps[:, 0], motions.shown_points]), grasps, tool)
     commands = stage_commands(stage, rest, view)
     _draw_open_hand(commands, stage, home, picks)
     marked = [k for k, at in enumerate(placed) if at is not None]
@@ -554,7 +554,7 @@ def _draw_open_hand(commands: Commands, stage: Stage, home: Array, picks: Picks)
         path = node_path(OPEN_HAND, thing.name)
         for number, surface in enumerate(surfaces_of(thing)):
             commands.set_surface(f"{path}/{number}", surface)
-        commands.set_transform(path, stage.tcp_pose(home) @ matrix(thing.pose))
+        commands.set_transform(path, stage.tcp_poses(home)[0] @ matrix(thing.pose))
 
 
 def _root_from_tip(values: dict[str, Any], arm: Arm, scene: Scene, picks: Picks) -> Array | None:

@@ -1,0 +1,71 @@
+"""Arms with given motions wait for each other; the motion of all is certified and audited."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision import audit
+from pinproof.motion import JointPath, separate
+from pinproof.planning import coordinate
+
+
+@pytest.fixture(scope="module")
+def cell():
+    arm = pp.load_robot("ur5").arm()
+    return pp.assemble({"a": (arm, np.eye(4)), "b": (arm, pp.pose((1.1, 0, 0), (0, 0, np.pi)))})
+
+
+def visit(cell, name: str, *, jerk: float | None = None) -> pp.Trajectory:
+    """The arm moves from the side to the middle between the robots and back."""
+    arm = cell.arms[name]
+    target = arm.root_from_base.inverse() * pp.pose((0.55, 0.0, 0.4), (np.pi, 0, 0))
+    there = pp.AnalyticIk().solve_all(arm, target).q
+    there = there[np.abs(there - arm.home).max(axis=1).argmin()]
+    start = there.copy()
+    start[0] += 1.2
+    return pp.time_parametrise(JointPath(np.array([start, there, start]), arm.joint_names), arm.limits, jerk=jerk)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("jerk", [None, 100.0])
+def test_arm_waits_until_the_other_has_left_the_shared_place(cell, jerk) -> None:
+    checker = pp.CollisionChecker(cell)
+    motions = {name: visit(cell, name, jerk=jerk) for name in ("a", "b")}
+    together = pp.certify(pp.motion.synchronise(motions, cell, wait=True), checker)
+    assert together.status is pp.CertificateStatus.COLLIDING
+    result = coordinate(checker, motions)
+    assert result.ok
+    assert result.delays["a"] == 0.0
+    assert 0.0 < result.delays["b"] < motions["a"].duration
+    assert result.certificate.matches(result.trajectory, cell, checker.scene)
+    assert audit(result.trajectory, checker, step=0.01, measure=False).clean
+    parts, late = separate(result.trajectory, cell), result.delays["b"]
+    t = np.linspace(0.0, motions["b"].duration, 100)
+    assert np.allclose(parts["a"](t), motions["a"](t), atol=1e-9)
+    assert np.allclose(parts["b"](np.minimum(t + late, parts["b"].duration)), motions["b"](t), atol=1e-6)
+
+
+def test_motions_that_never_fit_are_reported_with_the_bodies(cell) -> None:
+    checker = pp.CollisionChecker(cell)
+    motions = {name: visit(cell, name) for name in ("a", "b")}
+    stays = separate_half(motions["a"])
+    result = coordinate(checker, {"a": stays, "b": motions["b"]}, step=0.5)
+    assert not result.ok
+    assert result.trajectory is None
+    assert "'b'" in result.message
+    assert any(name.startswith("a/") for name in result.certificate.first_contact.bodies)
+
+
+def separate_half(motion: pp.Trajectory) -> pp.Trajectory:
+    """The first half: the arm stays in the middle."""
+    rests = np.flatnonzero(~motion.velocities.any(axis=1))[1]
+    return motion.split(float(motion.times[rests]))[0]
+
+
+def test_motion_that_does_not_rest_at_its_ends_is_refused(cell) -> None:
+    names = cell.arms["a"].joint_names
+    moving = pp.Trajectory([0.0, 0.1], np.zeros((2, 6)), np.array([np.zeros(6), np.ones(6)]), names)
+    with pytest.raises(pp.InputError, match="'a' does not rest"):
+        coordinate(pp.CollisionChecker(cell), {"a": moving, "b": visit(cell, "b")})

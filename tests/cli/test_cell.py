@@ -51,6 +51,8 @@ def test_failing_picks_are_listed_and_give_exit_code_1(bolts: str, run: Run) -> 
         (("--before", "bolt_1,bolt_2", "--before", "bolt_2,bolt_1"), "bolt_1 before bolt_2"),
         (("-o", "cell.pdf"), "cell.pdf"),
         (("-o", "nowhere/cell.csv"), "nowhere"),
+        (("-o", "cell.html", "--heat-map", "ur5/scene.yaml"), "column 'x'"),
+        (("-o", "cell.csv", "--heat-map", "ur5/scene.yaml"), "--heat-map"),
     ],
 )
 def test_bad_input_is_named(options: tuple[str, ...], message: str, bolts: str, run: Run) -> None:

@@ -37,7 +37,10 @@ def test_page_shows_the_cell_at_any_time_of_the_cycle(browser: Browser, pages: C
     result = pp.sequence(setup, picks, grip_dwell=0.5, release_dwell=0.25)
     path = pages("sequence")
     grid = np.array([(x, y, 0.0) for x in (0.1, 0.2) for y in (0.1, 0.2)])
-    heat = pp.viewer.ColouredPoints.of_values(grid, [0, 0.2, 0.5, 1], label="share of picks:")
+    table = path.with_suffix(".csv")
+    table.write_text("x,y,yaw,share\n" + "".join(f"{x},{y},0,0.5\n{x},{y},1,0.75\n" for x, y, _ in grid), "utf-8")
+    heat = pp.cell.read_heat_map(table)
+    assert np.allclose(heat.xyz, grid)
     write_sequence_page(result, path, heat_map=heat)
     page = browser.open(path.as_uri())
     assert page.evaluate("document.querySelectorAll('#rows tr').length") == 2

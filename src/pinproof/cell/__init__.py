@@ -19,7 +19,7 @@ from pinproof.cell.placement_result import (
 )
 from pinproof.cell.placement_tasks import OBJECTIVES
 from pinproof.cell.precedence import Precedence
-from pinproof.cell.sequence_page import write_sequence_page
+from pinproof.cell.sequence_page import read_heat_map, write_sequence_page
 from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
 from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
 from pinproof.cell.sequencing import SequenceInterrupted, sequence
@@ -54,6 +54,7 @@ __all__ = [
     "compare",
     "cycle_time",
     "place_base",
+    "read_heat_map",
     "save_sequence",
     "sequence",
     "sequence_dict",

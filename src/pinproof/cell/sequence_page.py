@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,10 @@ import numpy.typing as npt
 from pinproof.cell.cycle_time import cycle_time
 from pinproof.cell.sequence_result import PHASES, SequenceResult
 from pinproof.collision.certificate import proven_millimetres
-from pinproof.common.files import write_text_whole
+from pinproof.common.files import os_errors, write_text_whole
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model.limits import guess_note
-from pinproof.spatial import matrix
+from pinproof.spatial import SE3, matrix
 from pinproof.viewer.animation import Film, pose_tracks, tracks
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
 from pinproof.viewer.camera import choose_view, placed_points, tool_points
@@ -24,7 +25,7 @@ from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import Stage, box_corners, set_stage, simplified
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = ["write_sequence_page"]
+__all__ = ["read_heat_map", "write_sequence_page"]
 
 Array = npt.NDArray[np.float64]
 
@@ -117,6 +118,42 @@ def write_sequence_page(
         write_text_whole(path, text)
     except FileError as error:
         raise ViewerError(str(error)) from error
+
+
+def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> ColouredPoints:
+    """Points on the floor from the table of a placement search: for each x and y the largest share of picks that work.
+
+    Parameters
+    ----------
+    path
+        A CSV file with the columns ``x``, ``y`` (m) and ``share`` (0 to 1), and optionally ``z``.
+    root_from_cell
+        The pose of the frame of the table in the frame of the robot's root; by default they are the same.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, lacks a column, or has a value that is not a number.
+    """
+    with os_errors(path, "cannot be read"), Path(path).open(newline="", encoding="utf-8") as file:
+        table = csv.DictReader(file)
+        missing = [name for name in ("x", "y", "share") if name not in (table.fieldnames or ())]
+        if missing:
+            raise FileError(path, f"lacks the column {missing[0]!r}; a heat map has x, y and share")
+        best: dict[tuple[float, float, float], float] = {}
+        for number, row in enumerate(table, start=2):
+            try:
+                x, y, z, share = (float(row.get(name) or 0.0) for name in ("x", "y", "z", "share"))
+            except ValueError as error:
+                raise FileError(path, f"line {number}: {error}") from error
+            best[x, y, z] = max(best.get((x, y, z), 0.0), share)
+    if not best:
+        raise FileError(path, "has no row")
+    points = np.array(list(best))
+    steps = [np.diff(np.unique(points[:, axis])) for axis in (0, 1)]
+    size = 0.5 * min((float(step.min()) for step in steps if len(step)), default=0.05)
+    placed = points if root_from_cell is None else np.array([root_from_cell.act(point) for point in points])
+    return ColouredPoints.of_values(placed, list(best.values()), label="share of picks:", size=min(size, 0.05))
 
 
 def _figures(result: SequenceResult) -> list[tuple[str, str]]:

@@ -19,7 +19,7 @@ from pinproof.cli.console import (
     print_note,
     progress_status,
 )
-from pinproof.cli.options import Json, Seed
+from pinproof.cli.options import Json, Seed, placement
 from pinproof.cli.pick import CellOptions
 from pinproof.errors import InputError, UnknownNameError
 
@@ -99,6 +99,10 @@ def cell_sequence(
             metavar="FILE",
         ),
     ] = None,
+    heat_map: Annotated[
+        Path | None,
+        typer.Option(help="Draw the heat map of a placement search (.csv with x, y, share) on the floor of the page."),
+    ] = None,
     seed: Seed = 0,
     cell: CellOptions,
     as_json: Json = False,
@@ -113,7 +117,10 @@ def cell_sequence(
     for path in outputs:
         if path.suffix.lower() not in pp.cell.SEQUENCE_SUFFIXES:
             raise InputError(f"{path}: unknown file type; valid: {', '.join(pp.cell.SEQUENCE_SUFFIXES)}")
-    check_output_files(outputs, [file, *cell.files])
+    check_output_files(outputs, [file, heat_map, *cell.files])
+    if heat_map is not None and not any(path.suffix.lower() == ".html" for path in outputs):
+        raise InputError("--heat-map belongs to a page; add -o FILE.html")
+    heat = None if heat_map is None else pp.cell.read_heat_map(heat_map, placement(cell.place).inverse())
     arm, scene, source = cell.open(file)
     picks = source.load()
     if picks.problems:
@@ -141,7 +148,10 @@ def cell_sequence(
             raise Interrupted from None
         result, interrupted = error.result, error
     for path in outputs:
-        pp.cell.save_sequence(result, path)
+        if heat is not None and path.suffix.lower() == ".html":
+            pp.cell.write_sequence_page(result, path, heat_map=heat)
+        else:
+            pp.cell.save_sequence(result, path)
     if as_json:
         print_json(pp.cell.sequence_dict(result))
     else:

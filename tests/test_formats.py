@@ -54,6 +54,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "program": pp.motion.MotionProgram.load,
 }
 
+WRITTEN_AS_JSON = ("motion", "program", "proof", "report", "sequence", "placement", "comparison", "tolerance")
+
 EVERY_WAY = {
     "approach": 0.1,
     "approach_direction": [0, 0, 1],
@@ -114,6 +116,7 @@ EVERYTHING: dict[str, Any] = {
                         "tip": 0.005},
         "payload": {"mass": 0.8, "center_of_mass": [0, 0, 0.05], "inertia": [0.01, 0.01, 0.01], "frame": "flange"},
         "torque_limits": True,
+        "optimise": 20,
         "frames": {
             "tray": {"xyz": [0.4, 0, 0], "rpy": [0, 0, "pi/2"], "frame": "table"},
             "box": {"quat_xyzw": [0, 0, 0, 1]},
@@ -450,11 +453,21 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
         folder / "written_attached.yaml"
     )
     pp.DhTable.load(ROOT / "robots" / "scara" / "dh.yaml").save(folder / "written_dh.yaml")
-    pp.validate_picks(arm, scene, [pp.Pick("far", pp.pose((9, 0, 0)))]).save(folder / "report.json")
+    report = pp.validate_picks(arm, scene, [pp.Pick("far", pp.pose((9, 0, 0)))])
+    report.save(folder / "report.json")
+    above = pp.Pick("above", arm.forward_kinematics(arm.home), approach=0.0, retreat=0.0)
+    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks([above]), home=None, rng=0)
+    pp.cell.save_sequence(pp.sequence(setup, [above]), folder / "sequence.json")
+    region = pp.cell.PlacementRegion(x=(8, 9), y=(0, 1))
+    few = pp.cell.PlacementBudget(grid=4, runs=0, certified=1)
+    both = [above, pp.Pick("far", pp.pose((9, 0, 0)))]
+    pp.place_base(arm, scene, both, region, placement_budget=few).save(folder / "placement.json")
+    pp.cell.compare(report, report).save(folder / "comparison.json")
+    pp.cell.tolerance_study(report, samples=0).save(folder / "tolerance.json")
     for name in FORMATS:
         if name in ("picks", "limits"):
             continue  # pinproof does not write them
-        file = folder / (f"{name}.json" if name in ("motion", "program", "proof", "report") else f"written_{name}.yaml")
+        file = folder / (f"{name}.json" if name in WRITTEN_AS_JSON else f"written_{name}.yaml")
         tree = yaml.safe_load(file.read_text(encoding="utf-8"))
         errors = jsonschema.Draft202012Validator(closed(pp.file_schema(name))).iter_errors(tree)
         assert [(error.json_path, error.message) for error in errors] == [], name

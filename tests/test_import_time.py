@@ -49,6 +49,7 @@ def test_importing_the_packages_loads_only_their_requirements() -> None:
         "planning",
         "viewer",
         "picks",
+        "cell",
     ]
     assert loaded_by("; ".join(f"import pinproof.{package}" for package in packages)) <= FOUNDATION
 

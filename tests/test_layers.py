@@ -33,6 +33,7 @@ PACKAGES = (
     "planning",
     "viewer",
     "picks",
+    "cell",
     "formats",
     "benchmarks",
     "cli",

@@ -98,16 +98,33 @@ _HOME = {  # package: the names that the top level exports
         "screen_picks",
         "validate_picks",
     ),
+    "pinproof.cell": ("place_base", "sequence"),
     "pinproof.formats": ("file_schema",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = sorted([*_MODULE_OF, "__version__"])
 
-_PACKAGES = ("collision", "errors", "formats", "ik", "model", "motion", "picks", "planning", "verifier", "viewer")
+_PACKAGES = (
+    "cell",
+    "collision",
+    "errors",
+    "formats",
+    "ik",
+    "model",
+    "motion",
+    "picks",
+    "planning",
+    "verifier",
+    "viewer",
+)
 """Packages with further names, imported at first use: ``pp.picks.PickBudget``."""
 
 if TYPE_CHECKING:
+    from pinproof.cell import (
+        place_base as place_base,
+        sequence as sequence,
+    )
     from pinproof.collision import (
         Box as Box,
         Capsule as Capsule,

@@ -23,7 +23,11 @@ FORMATS = {
     "motion": ("pinproof.motion.motion_keys", "MOTION"),
     "program": ("pinproof.motion.motion_keys", "PROGRAM"),
     "report": ("pinproof.picks.report.report_keys", "REPORT"),
+    "sequence": ("pinproof.cell.sequence_keys", "SEQUENCE"),
     "proof": ("pinproof.collision.proof_keys", "PROOF"),
+    "placement": ("pinproof.cell.placement_keys", "PLACEMENT"),
+    "comparison": ("pinproof.cell.placement_keys", "COMPARISON"),
+    "tolerance": ("pinproof.cell.placement_keys", "TOLERANCE"),
 }
 """Module and name of the table of keys of each format."""
 

@@ -86,9 +86,9 @@ def refuse_degree_limit(name: str, limit: float | None) -> None:
         raise InputError(f"{name}: {limit:g} rad is {abs(limit) / math.tau:.0f} full rotations; {_degrees(limit)}")
 
 
-def refuse_millimetres(name: str, lengths: Sequence[float]) -> None:
-    """Raise InputError if the lengths are probably in millimetres: one exceeds 100 m and all others are 0 or >= 1 m."""
-    if text := _millimetres_text(name, lengths):
+def refuse_millimetres(name: str, lengths: Sequence[float], *, most: float = MOST_REACH) -> None:
+    """Raise InputError for lengths probably in millimetres: one exceeds ``most`` (m) and all others are 0 or >= 1 m."""
+    if text := _millimetres_text(name, lengths, most):
         raise InputError(text)
 
 

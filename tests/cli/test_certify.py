@@ -133,3 +133,37 @@ def test_a_wrong_payload_or_speed_is_refused(run: Run, option: str, value: str) 
     code, _, error = run("ur5", "motion.json", f"{option}={value}")
     assert code == 2
     assert error.startswith("pinproof: ")
+
+
+@pytest.fixture
+def script(run: Run, tmp_path: Path) -> Path:
+    """A program of the motion, as ``pinproof export`` writes it."""
+    code, out, err = run.func("export", "ur5", "motion.json", "--scene", "scene.yaml", "-o", "motion.script")
+    assert code == 0, err
+    assert "wrote motion.script" in out
+    return tmp_path / "motion.script"
+
+
+def test_an_exported_program_is_certified_from_its_text(run: Run, script: Path) -> None:
+    code, out, _ = run("ur5", script.name, "--scene", "scene.yaml", "--json")
+    found = json.loads(out)
+    assert (code, found["status"], found["same_certificate"], found["moves"]) == (0, "FREE", True, 2)
+    code, out, _ = run("ur5", script.name, "--scene", "moved.yaml", "--json")
+    assert (code, json.loads(out)["same_certificate"]) == (0, False)
+
+
+def test_a_program_edited_by_hand_is_refused_with_its_line(run: Run, script: Path) -> None:
+    text = script.read_text(encoding="utf-8")
+    line = next(i for i, each in enumerate(text.splitlines(), 1) if "-1.470000" in each)
+    script.write_text(text.replace("-1.470000", "-1.370000"), encoding="utf-8")
+    code, _, err = run("ur5", script.name)
+    assert code == 2
+    assert f"line {line}" in err
+    code, out, _ = run("ur5", script.name, "--allow-changes")
+    assert (code, out.partition(":")[0]) == (0, "FREE")
+
+
+def test_a_program_into_a_wall_is_not_written(run: Run, tmp_path: Path) -> None:
+    code, out, _ = run.func("export", "ur5", "motion.json", "--scene", "wall.yaml", "-o", "into.src", "--ignore-record")
+    assert (code, out.partition(":")[0]) == (1, "COLLIDING")
+    assert not (tmp_path / "into.src").exists()

@@ -13,7 +13,8 @@ import pytest
 
 from pinproof.cli.main import main
 from pinproof.description import robots_folder
-from pinproof.motion import MotionProgram
+from pinproof.motion import MotionProgram, RobotProgram
+from pinproof.motion.program_steps import SetOutput, Wait
 
 from ..processes import PATIENCE, RUN_CLI, started, wait_for
 
@@ -175,3 +176,21 @@ def test_ctrl_c_before_the_first_pick_gives_no_result(tmp_path: Path) -> None:
     assert (process.returncode, out) == (130, "")
     assert "0 of 2 picks" in err
     assert not (tmp_path / "r.json").exists()
+
+
+@pytest.mark.slow
+def test_a_robot_program_of_each_good_pick_is_written(run: Run, tmp_path: Path) -> None:
+    picks = write_picks(tmp_path, 1)
+    code, out, _ = run("pick", picks, "-o", "out", "--export", "krl", "--gripper-output", "7", "--grip-dwell", "0.5")
+    assert code == 0
+    assert "1 programs in krl" in out
+    program = RobotProgram.load("out/pin_0.src")
+    output, wait = (step for step in program.steps if isinstance(step, SetOutput | Wait))
+    assert (output.output, output.on, wait.seconds) == ("7", True, 0.5)
+    assert len(program.certificate) == 64
+
+
+def test_a_language_without_outputs_is_refused_for_picks(run: Run, tmp_path: Path) -> None:
+    code, _, err = run("pick", write_picks(tmp_path, 1), "-o", "out", "--export", "ros2")
+    assert code == 2
+    assert "urscript, rapid, krl or fanuc" in err

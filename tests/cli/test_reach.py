@@ -107,6 +107,16 @@ def test_orientations_that_the_arm_never_takes_are_reported(any_run: Run) -> Non
     assert "takes none" in json.loads(out)["note"]
 
 
+def test_a_planar_arm_is_mapped_with_the_direction_of_its_tool_at_home(any_run: Run) -> None:
+    rows = "".join(f"  - {{name: j{k}, theta: 0, d: 0.02, a: {a}, alpha: 0}}\n" for k, a in enumerate((0.5, 0.4, 0.2)))
+    Path("planar.yaml").write_text(f"convention: standard\nrows:\n{rows}")
+    code, out, _ = any_run("planar.yaml", "--orientations", "home", "-o", "map.npz")
+    assert (code, "takes none" in out) == (0, False)
+    found = pp.ReachMap.load("map.npz")
+    assert found.reachable.mean() > 0.5
+    np.testing.assert_allclose(found.orientations[:, :, 2], [[0, 0, 1]] * 2, atol=1e-12)
+
+
 def test_a_region_out_of_reach_is_no_matter_of_orientations(any_run: Run) -> None:
     code, out, _ = any_run("ur5", "--place", "9 0 0")
     assert code == 1

@@ -322,6 +322,22 @@ def test_overlapping_parts_are_solid_in_any_orientation(slider, turned, inverted
     assert checker.is_free([0.37])
 
 
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("low", [(0.1, 0.1, 0.1), (0.1, 0.1, 0.0)])
+def test_bodies_that_share_a_corner_or_edges_are_solid_in_any_orientation(low, inverted):
+    """A box in a corner of another; inverted, its winding numbers cancel those of the other."""
+    outer = trimesh.creation.box(bounds=[(0, 0, 0), (0.4, 0.4, 0.4)])
+    inner = trimesh.creation.box(bounds=[low, (0.4, 0.4, 0.4)])
+    if inverted:
+        inner.invert()
+    both = trimesh.util.concatenate([outer, inner])
+    solid = Solid(np.array(both.vertices), np.array(both.faces))
+    assert solid.watertight
+    assert len(solid.witnesses) == len(solid.solids) == 2
+    assert solid.contains(np.array([[0.2, 0.25, 0.22]]))  # in both
+    assert solid.contains(np.array([[0.05, 0.25, 0.22]]))  # in the outer one alone
+
+
 def test_bodies_inside_cavities():
     """A box in the cavity of a box is solid; the cavity about it is not, in any orientation."""
     sides = (1.0, 0.8, 0.6, 0.4, 0.2)
@@ -335,6 +351,7 @@ def test_bodies_inside_cavities():
         assert solid.watertight
         wanted = {0.45: True, 0.35: False, 0.25: True, 0.15: False, 0.05: True}
         assert {x: solid.contains(np.array([[x, 0.001, 0.002]])) for x in wanted} == wanted
+        assert len(solid.solids) == 1  # the bodies cannot be separated from the cavities
 
 
 @pytest.mark.slow

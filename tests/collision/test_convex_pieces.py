@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from itertools import product
 
 import numpy as np
@@ -162,13 +163,39 @@ def polycube(seed):
 def test_random_blocks_are_held_however_few_the_pieces(seed, most):
     solid, points = polycube(seed)
     assume(solid is not None and solid.watertight)
-    cover = convex_pieces(solid.corners, solid.contains, most=most, tolerance=1e-4)
+    cover = convex_pieces(solid, most=most, tolerance=1e-4)
     assume(cover is not None)
     assert held(points, cover.points).all()
     assert held(solid.corners.reshape(-1, 3), cover.points).all()
     if cover.excess < 1e-3:
         volume = abs(np.linalg.det(solid.corners - solid.corners.mean(axis=(0, 1))).sum()) / 6
         assert sum(Hull(part).volume for part in cover.points) < volume * 1.01
+
+
+@pytest.mark.slow
+@given(st.integers(0, 10_000))
+@examples(15)
+def test_overlapping_boxes_of_a_mesh_are_covered_one_by_one(seed):
+    """On a grid, so that boxes share corners, edges and faces too; each may be turned inside out."""
+    rng = np.random.default_rng(seed)
+    lows = rng.integers(0, 3, (int(rng.integers(2, 5)), 3))
+    bounds = np.stack([lows, lows + rng.integers(1, 4, lows.shape)], axis=1) * 0.0625
+    boxes = [trimesh.creation.box(bounds=each) for each in bounds]
+    for box in boxes[1:]:
+        if rng.random() < 0.5:
+            box.invert()
+    mesh = trimesh.util.concatenate(boxes)
+    solid = Solid(np.array(mesh.vertices), np.array(mesh.faces))
+    assume(solid.watertight)
+    points = rng.uniform(0, 0.375, (300, 3))
+    within = (bounds[:, None, 0] < points) & (points < bounds[:, None, 1])
+    union = within.all(axis=2).any(axis=0)
+    assert [solid.contains(point[None]) for point in points] == union.tolist()
+    cover = convex_pieces(solid, most=64, tolerance=1e-4)
+    assert cover is not None
+    assert len(cover.points) <= len(boxes)
+    assert (held(points, cover.points) == union).all()
+    assert cover.excess < 1e-6
 
 
 def test_a_ball_inside_an_open_bin_does_not_touch_it(slider, tmp_path):
@@ -280,3 +307,17 @@ def test_balls_next_to_each_piece_measure_the_distance_to_the_mesh(slider):
     checker = CollisionChecker(slider, Scene([Obstacle("angle", mesh_of(ANGLE), pose((0.3, -0.175, -0.05)))]))
     assert checker.clearance([0.0]) == pytest.approx(0.29, abs=1e-6)
     assert checker.clearance([0.45]) == pytest.approx(0.09, abs=1e-6)  # in the notch, where the hull is filled
+
+
+def test_a_dense_cad_mesh_is_refused_in_little_memory():
+    """Samples times planes of the hull, as one matrix, would take more than 2 GB for this mesh."""
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    x, y, z = ball.vertices.T
+    bumps = 1 + 0.02 * np.sin(24 * x) * np.sin(24 * y) * np.sin(24 * z)
+    corners = np.array((0.1 * bumps[:, None] * ball.vertices)[ball.faces])
+    tracemalloc.start()
+    cover = convex_pieces(corners, lambda _: True, most=64, tolerance=1e-4)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert cover is None
+    assert peak < 200e6

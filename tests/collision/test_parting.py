@@ -31,7 +31,7 @@ from pinproof import (
     time_parametrise,
 )
 from pinproof.collision.certificate import Parting
-from pinproof.collision.separation import DepartureDirection, MovingBody, directions_to_facets
+from pinproof.collision.separation import MovingBody, directions_to_facets
 from pinproof.motion import CubicPath, bezier
 
 from ..examples import examples
@@ -274,16 +274,16 @@ def test_the_gap_never_decreases_by_more_than_the_bound(request, name, seed):
     q = rng.uniform(-2, 2, arm.dof)
     body, _ = checker.pairs[pair]
     normal = rng.normal(size=3)
-    departure = DepartureDirection(MovingBody(checker, body), normal / np.linalg.norm(normal), float(rng.normal()))
+    departure = MovingBody(checker, body).departure(normal / np.linalg.norm(normal), float(rng.normal()))
     piece = q + rng.choice([0.002, 0.05, 0.5]) * rng.normal(size=(rng.integers(2, 6), arm.dof))
-    falls, motion = departure._falls(piece)
+    decrease, motion = departure.decrease(piece)
     gaps = np.array(
         [departure.gap(p) for p in bezier.evaluate(np.array([0.0, 1.0]), piece[None], np.linspace(0, 1, 80))]
     )
-    assert (np.maximum.accumulate(gaps) - gaps).max() <= falls + 1e-9
+    assert (np.maximum.accumulate(gaps) - gaps).max() <= decrease + 1e-9
     assert np.ptp(gaps) <= 2 * motion + 1e-9
     if len(piece) == 2 and motion < 0.02:  # and it is no idle bound: it tells a short piece from the same one backwards
-        assert min(falls, departure._falls(piece[::-1])[0]) < motion
+        assert min(decrease, departure.decrease(np.ascontiguousarray(piece[::-1]))[0]) < motion
 
 
 @examples(40)
@@ -546,6 +546,28 @@ def test_a_part_whose_hull_contains_its_support_is_undecided(gantry):
     assert certificate.status is UNDECIDED
     assert "convex hull of part" in certificate.message
     assert certificate.undecided.bodies == ("part", "table")
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_a_part_of_overlapping_bodies_leaves_what_stands_under_its_hull(gantry, inverted):
+    """A bridge over a rail: its hull contains the rail, each of its three bodies leaves the table by itself."""
+    boxes = [
+        trimesh.creation.box(bounds=bounds)
+        for bounds in (
+            [(-0.1, -0.05, 0.07), (0.1, 0.05, 0.1)],
+            [(-0.1, -0.05, 0.0), (-0.07, 0.05, 0.1)],
+            [(0.07, -0.04, 0.0), (0.09, 0.04, 0.09)],
+        )
+    ]
+    if inverted:
+        boxes[1].invert()
+    bridge = trimesh.util.concatenate(boxes)
+    part = Obstacle("part", Mesh.from_arrays(bridge.vertices, bridge.faces))
+    rail = Obstacle("rail", Box(0.08, 0.5, 0.06), pose((0, 0, 0.03)))
+    lifted = verdict(gantry, [0, 0, 0], [0, 0.3, 0], part=part, scene=[rail])
+    assert lifted.status is FREE
+    assert [parting.bodies for parting in lifted.partings] == [("part", "table")] * 2  # the two legs
+    assert verdict(gantry, [0, 0, 0], [0.2, 0.03, 0], part=part, scene=[rail]).status is COLLIDING
 
 
 def test_the_note_of_a_parting_states_a_gap_of_zero_without_a_sign() -> None:

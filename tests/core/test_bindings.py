@@ -159,6 +159,24 @@ def settings(**changes: Any) -> Any:
     return _core.ProofSettings(**{"tolerance": 1e-4, "max_intervals": 100, **changes})
 
 
+def departure(**changes: Any) -> Any:
+    values = {"body": 1, "hull": cube(), "normal": np.array([0.0, 0.0, 1.0]), "level": 0.0, **changes}
+    return _core.Departure(world(), **values)
+
+
+def route(**changes: Any) -> Any:
+    """Of one piece, which stays at one pose."""
+    values = {"poses": EYE[None], "directions": np.zeros((1, 4, 3)), "coefficients": np.zeros((1, 2, 6)), **changes}
+    return _core.Route(**{"borders": UNIT, "derivatives": np.zeros((1, 3)), **values})
+
+
+def follower(**changes: Any) -> Any:
+    ends: dict[str, Any] = {"lower": [-3.0] * DOF, "upper": [3.0] * DOF}
+    ends |= {"tracked_lower": [-3.0] * DOF, "tracked_upper": [3.0] * DOF}
+    values = {"deviation": 1e-3, "rotation_deviation": 1e-2, "max_joint_step": 0.3, **changes}
+    return _core.RouteFollower(chain=chain(), task=_core.Task([True] * 6, 1e-6, 1e-6), **{**ends, **values})
+
+
 def bounds() -> Any:
     return _core.MotionBounds(world(), np.zeros(2), np.full(2, 0.1), np.zeros(2))
 
@@ -188,6 +206,11 @@ CLOSED: dict[str, Any] = {
 
 def reach(**changes: Any) -> Any:
     return _core.Reach(**{"chain": chain(), "lower": np.zeros(DOF), "upper": np.ones(DOF), **changes})
+
+
+def overlaps(**changes: Any) -> Any:
+    one = {"links": np.array([[0, 1]]), "balls": np.zeros((1, 4)), "poses": EYE[None], "sizes": np.zeros((1, 4))}
+    return _core.Overlaps(**{**one, **changes})
 
 
 def closed_form(**changes: Any) -> Any:
@@ -328,6 +351,14 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a proof for a target in one row": lambda: reach().prove(np.eye(3), 1e-6, 1e-6, 10, False),
     "a proof for a target that is not rigid": lambda: reach().prove(2 * EYE, 1e-6, 1e-6, 10, False),
     "a proof with a tolerance that is no number": lambda: reach().prove(EYE, NAN, 1e-6, 10, False),
+    "overlaps of another number": lambda: overlaps(balls=np.zeros((2, 4))),
+    "an overlap on a link that does not exist": lambda: overlaps(links=np.array([[0, -1]])),
+    "an overlap with a negative radius": lambda: overlaps(balls=np.full((1, 4), -1.0)),
+    "an overlap that is not finite": lambda: overlaps(sizes=np.full((1, 4), NAN)),
+    "an overlap at a pose that is not rigid": lambda: overlaps(poses=2 * EYE[None]),
+    "an overlap behind the last joint": lambda: reach().prove(
+        EYE, 1e-6, 1e-6, 10, False, overlaps(links=np.array([[0, DOF + 1]]))
+    ),
     "a proof with a negative budget": lambda: reach().prove(EYE, 1e-6, 1e-6, -1, False),
     "a batch whose size overflows": lambda: closed_form().solve_batch(
         np.tile(EYE, (2, 1, 1)), np.zeros((1, DOF)), np.zeros((1, 1)), 2**62
@@ -378,6 +409,9 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "samples in a world with fewer bodies": lambda: edges().set_steering(
         _core.World(geometry(robot_bodies=1, joints=[0, -1, -1]), np.array([[0, 2]]), np.zeros(1)), Judge(), False
     ),
+    "torque limits of one joint": lambda: edges().set_torque_limits(bodies(), np.ones(1)),
+    "torque limits of a tree of one joint": lambda: edges().set_torque_limits(bodies(dof=1, index=[0, 0]), np.ones(2)),
+    "a torque limit of zero": lambda: edges().set_torque_limits(bodies(), np.array([1.0, 0.0])),
     "an edge of one joint": lambda: edges().samples_free(np.zeros(1), np.zeros(2)),
     "points of one joint": lambda: edges().points_free(np.zeros((3, 1))),
     "no points of a motion": lambda: edges().points_free(np.zeros((0, 2))),
@@ -404,6 +438,27 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a proof of a constraint on a curve of two joints": lambda: prove_upright(STRAIGHT, np.zeros(DOF)),
     "a proof of a constraint at NaN": lambda: prove_upright(np.full((1, 2, DOF), NAN), np.zeros(DOF)),
     "a proof of a constraint with a tolerance of one joint": lambda: prove_upright(np.zeros((1, 2, DOF)), np.zeros(1)),
+    "a departure of an obstacle": lambda: departure(body=2),
+    "a departure of a half-space": lambda: departure(hull=_core.Shape.half_space(BOX)),
+    "a departure along a direction of length 2": lambda: departure(normal=np.array([0.0, 0.0, 2.0])),
+    "a departure along NaN": lambda: departure(normal=np.full(3, NAN)),
+    "a departure at a configuration of one joint": lambda: departure().gap(np.zeros(1)),
+    "a departure on a piece without points": lambda: departure().decrease(np.zeros((0, 2))),
+    "a departure on a curve of NaN": lambda: departure().follow(UNIT, np.full((1, 2, 2), NAN), 0.1, 1e-4, 10),
+    "a departure with a tolerance of zero": lambda: departure().follow(UNIT, STRAIGHT, 0.1, 0.0, 10),
+    "a route without pieces": lambda: route(poses=np.zeros((0, 4, 4))),
+    "a route with NaN": lambda: route(directions=np.full((1, 4, 3), NAN)),
+    "a route with too few borders": lambda: route(borders=np.zeros(1)),
+    "a route with borders that decrease": lambda: route(borders=np.array([1.0, 0.0])),
+    "a route that is followed without knots": lambda: follower().follow(route(), np.zeros(0), np.zeros(DOF)),
+    "a route that is followed to knots that do not increase": lambda: follower().follow(
+        route(), np.zeros(2), np.zeros(DOF)
+    ),
+    "a route that is followed from one joint": lambda: follower().follow(route(), UNIT, np.zeros(1)),
+    "a follower with limits of one joint": lambda: follower(lower=[0.0]),
+    "a follower with a deviation of zero": lambda: follower(deviation=0.0),
+    "deviations of a curve that is not cubic": lambda: follower().deviations(route(), UNIT, np.zeros((1, 3, DOF))),
+    "a spline through too few points": lambda: _core.spline_slopes(UNIT, np.zeros((3, 2))),
     "a manifold without constraints": lambda: manifold(constraints=[]),
     "a manifold with limits of one joint": lambda: manifold(lower=np.zeros(1)),
     "a manifold with crossed limits": lambda: manifold(lower=np.full(DOF, 4.0)),
@@ -447,6 +502,9 @@ def test_the_arguments_without_a_mistake_are_accepted() -> None:
     prove_upright(np.zeros((1, 2, DOF)), np.zeros(DOF))
     assert _core.Workspace(world()).judge(np.zeros(2)) == 0
     assert prove(UNIT, STRAIGHT, np.zeros(2)).free
+    assert departure().follow(UNIT, STRAIGHT, 0.1, 1e-4, 10).end == 1.0
+    assert follower().follow(route(), UNIT, np.zeros(DOF)).q.shape[1] == DOF
+    assert np.allclose(_core.spline_slopes(UNIT, np.eye(2)), [[-1.0, 1.0]] * 2)
     assert prove_by([(0.2, 0.1)]).free
     assert not prove_by([(NAN, NAN)]).free
     assert search().branch(0, 0) == [0]

@@ -190,7 +190,7 @@ def test_a_bad_csv_names_file_row_and_column(old, new, place, reason, tmp_path):
         ("convention: standard", "convention: 3", "", "unknown DH convention 3"),
         ("convention: standard", "convention: standard\nconvention: modified", "line 2", "duplicate key"),
         ("a: 0,", "a: 0, a: 1,", "line 3", "duplicate key 'a'"),
-        ("convention", "tools: {}\nconvention", "", "unknown key 'tools'; valid: tool"),
+        ("convention", "tools: {}\nconvention", "line 1, column 1, key tools", "unknown key 'tools'; valid: tool"),
         ("d: 0.33", "d: .nan", "line 3, row 1, column d", "not a finite number"),
         ("d: 0.33", "d: true", "line 3, row 1, column d", "True is not a number"),
         ("d: 0.33", "d: [1]", "line 3, row 1, column d", "is not a number"),

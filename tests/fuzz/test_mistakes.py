@@ -82,7 +82,7 @@ def said_of(path: Path) -> str:
         ("dh.csv", "name,theta,d,a,alpha\na,0,0,0,0\n", "add 'convention: standard' or 'convention: modified'"),
         ("dh.yaml", "rows: [{name: a, theta: 010, d: 0, a: 0, alpha: 0}]\n", "line 1.*'010' is ambiguous in YAML"),
         # robots
-        ("r.urdf", ROBOT.format("", ""), r"joint 'j' states no lower and upper limit; pass limits={'j'"),
+        ("r.urdf", ROBOT.format("", ""), r"joint 'j' states no lower and upper limit; .*limits={'j'"),
         ("r.urdf", mesh("package://my/x.stl"), "1 collision meshes were not found: package://my/x.stl"),
         ("r.urdf", mesh("meshes\\x.stl"), "not found: .*use / in paths"),
         ("r.urdf", ROBOT.format("", LIMIT)[:50], "line 1: is not well-formed XML"),

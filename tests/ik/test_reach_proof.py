@@ -11,7 +11,7 @@ import pytest
 import pinproof as pp
 from pinproof import _core
 from pinproof.errors import InputError
-from pinproof.ik import ReachStatus, is_provable
+from pinproof.ik import Overlap, ReachStatus, is_provable
 from pinproof.ik.reach_check import CUT_LOWER, EXCLUDED, SPLIT, Steps, check_exclusion
 from pinproof.model import load_robot_from_text
 from pinproof.model.limits import AT_LIMIT
@@ -166,6 +166,86 @@ def test_undecided_proof_has_nothing_to_verify(arms) -> None:
 def test_closed_form_without_a_branch_returns_a_proof_for_redundant_arms(arms) -> None:
     found = pp.AnalyticIk().solve(arms["panda"], pp.pose((0.9, 0.0, 0.4)))
     assert found.status is pp.IkStatus.IMPOSSIBLE
+
+
+def links_of(arm: pp.Arm, q: np.ndarray) -> list[np.ndarray]:
+    """The poses (4, 4) of the links of the chain in the base."""
+    poses = [np.eye(4)]
+    for before, prismatic, value in zip(arm.chain.before, arm.chain.prismatic, q, strict=True):
+        motion = (
+            pin.SE3(np.eye(3), np.array([0, 0, value]))
+            if prismatic
+            else pin.SE3(pin.exp3(np.array([0, 0, value])), np.zeros(3))
+        )
+        poses.append(poses[-1] @ before @ motion.homogeneous)
+    return poses
+
+
+def overlap_near(rng: np.random.Generator, arm: pp.Arm, q: np.ndarray, gap: float) -> Overlap:
+    """A ball and a box on different links whose distance at q (n,) is ``gap``; below 0, they overlap."""
+    links = links_of(arm, q)
+    ball_link, box_link = rng.choice(arm.dof + 1, 2, replace=False).tolist()
+    at = links[ball_link] @ [*rng.uniform(-0.3, 0.3, 3), 1.0]
+    link_from_box = turned(rng, rng.uniform(-0.5, 0.5, 3))
+    in_box = np.linalg.inv(links[box_link] @ link_from_box) @ at
+    half = rng.uniform(0.0, 0.3, 3) * rng.choice([0.0, 1.0])
+    beyond = np.abs(in_box[:3]) - half
+    signed = np.linalg.norm(np.maximum(beyond, 0.0)) if beyond.max() > 0 else beyond.max()
+    radius = signed - gap
+    share = rng.uniform() if radius > 0 else 0.0
+    centre = (np.linalg.inv(links[ball_link]) @ at)[:3]
+    if radius < 0:  # the box shrinks until the gap remains
+        half = np.maximum(half + radius, 0.0)
+        beyond = np.abs(in_box[:3]) - half
+        radius = max((np.linalg.norm(np.maximum(beyond, 0.0)) if beyond.max() > 0 else beyond.max()) - gap, 0.0)
+    return Overlap(("a", "b"), ball_link, centre, share * radius, box_link, link_from_box, half, (1 - share) * radius)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_overlaps_never_exclude_a_configuration_without_one(arms, name) -> None:
+    """The configuration is barely free of each overlap; some of them, slightly larger, do exclude their targets."""
+    arm, rng, proven = arms[name], np.random.default_rng(5), 0
+    for _ in range(10):
+        q = rng.uniform(*arm.limits.sampling_range())
+        target, count = arm.forward_kinematics(q), int(rng.integers(1, 12))
+        free = [overlap_near(rng, arm, q, 2e-6 * 10.0 ** rng.uniform(0, 3)) for _ in range(count)]
+        assert not pp.prove_unreachable(arm, target, search=False, budget=150, overlaps=free).proven
+        large = [overlap_near(rng, arm, q, -0.3) for _ in range(count)]
+        proof = pp.prove_unreachable(arm, target, search=False, budget=150, overlaps=large)
+        proven += proof.proven
+        assert not proof.proven or (proof.verify() and proof.bodies == (("a", "b"),))
+    assert proven > 0
+
+
+@pytest.mark.slow
+def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms) -> None:
+    """The elbow of a Panda is within a sphere at every solution; a smaller sphere proves nothing."""
+    arm = arms["panda"]
+    target = pp.pose((0.5, 0.1, 0.4), rpy=(np.pi, 0, 0))
+    curves = pp.AnalyticIk().self_motion(arm, target)
+    elbows = np.array([links_of(arm, q)[4][:3, 3] for curve in curves for q in curve.q])
+    away = np.linalg.norm(elbows - elbows.mean(axis=0), axis=1)
+    at = np.eye(4)
+    at[:3, 3] = elbows.mean(axis=0)
+
+    def proof(radius: float) -> pp.ik.ReachProof:
+        elbow = Overlap(("elbow", "ball"), 4, np.zeros(3), 0.02, 0, at, np.zeros(3), radius)
+        return pp.prove_unreachable(arm, target, search=False, budget=3000, overlaps=[elbow])
+
+    assert not proof(away.max() - 0.021).proven
+    proven = proof(away.max() + 0.02)
+    assert proven.proven
+    assert proven.examined > 10
+    assert proven.verify()
+    assert "elbow with ball" in proven.message
+    smaller = replace(proven.overlaps[0], box_radius=away.max() - 0.021)
+    assert not replace(proven, overlaps=(smaller,)).verify()
+    lower, upper = arm.limits.sampling_range()
+    ranges = lower - AT_LIMIT, upper + AT_LIMIT
+    for overlaps in ((), (smaller,)):
+        assert not check_exclusion(proven._loop, proven.steps, *ranges, proven.target, 1e-6, 1e-6, overlaps)
+    with pytest.raises(InputError, match="search"):
+        pp.prove_unreachable(arm, target, overlaps=proven.overlaps)
 
 
 def test_unsupported_arms_and_settings_are_refused(planar) -> None:

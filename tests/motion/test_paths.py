@@ -5,9 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.interpolate import CubicSpline
 
 from pinproof import InputError
 from pinproof.motion import CubicPath, Curve, JointPath, bezier
+
+from ..examples import examples
 
 NAMES = ("shoulder", "elbow")
 CORNER = JointPath([[0, 0], [3, 4], [3, 5]], NAMES)
@@ -154,3 +157,14 @@ def test_equal_neighbours_need_knots():
 def test_knots_must_increase_and_be_as_many_as_points(knots):
     with pytest.raises(InputError, match="knots"):
         CubicPath(CORNER.q, CORNER.q, knots, NAMES)
+
+
+@examples(60)
+@given(count=st.integers(2, 9), seed=st.integers(0, 2**32 - 1))
+def test_the_spline_is_that_of_scipy(count: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    knots, points = np.cumsum(10 ** rng.uniform(-2, 0, count)), rng.normal(size=(count, 3))
+    expected = CubicSpline(knots, points)(knots, 1)
+    assert np.allclose(
+        CubicPath.through(points, ("a", "b", "c"), knots=knots).tangents, expected, atol=1e-9 * np.abs(expected).max()
+    )

@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof import InputError
 from pinproof.model import load_robot_from_text
-from pinproof.motion import JointPath, ToolLimits, time_parametrise
+from pinproof.motion import BlendedPath, CubicPath, JointPath, ToolLimits, time_parametrise
 
 from ..heavy_robot import heavy_robot_text
 from .test_torque_limits import random_trajectory, samples
@@ -86,3 +86,26 @@ def test_limits_pickle(panda):
 def test_a_limit_that_is_not_positive_is_refused(panda, limit):
     with pytest.raises(InputError, match=next(iter(limit), "linear_speed")):
         ToolLimits(panda, **limit)
+
+
+@pytest.mark.parametrize("seed", [3, 14])
+def test_a_limit_of_acceleration_along_a_spline_costs_no_more_than_on_a_finer_grid(seed):
+    """Where a component of the acceleration does not depend on s'', it limits the speed only."""
+    ur5 = pp.load_robot("ur5").arm(tcp="tool0")
+    rng = np.random.default_rng(seed)
+    path = CubicPath.through(rng.uniform(-2, 2, (int(rng.integers(3, 9)), 6)), ur5.joint_names)
+    limit = ToolLimits(ur5, linear_acceleration=2.0)
+    knots, control = path.bezier()
+    halves = [half for piece in control for half in halved(piece)]
+    finer = BlendedPath(np.sort([*knots, *(knots[1:] + knots[:-1]) / 2]), halves, ur5.joint_names)
+    coarse, fine = (time_parametrise(each, ur5.limits, rate_limits=[limit]) for each in (path, finer))
+    assert coarse.duration == pytest.approx(fine.duration, rel=0.01)
+    assert limit.peaks(coarse)["linear_acceleration"] <= 2.0 * (1 + 2e-4)
+
+
+def halved(points):
+    """The control points of both halves of a piece, by de Casteljau's algorithm."""
+    rows = [points]
+    while len(rows[-1]) > 1:
+        rows.append((rows[-1][:-1] + rows[-1][1:]) / 2)
+    return [np.array([row[0] for row in rows]), np.array([row[-1] for row in rows[::-1]])]

@@ -170,3 +170,20 @@ def test_a_wrong_cup_is_refused_by_key(tmp_path, stated, named):
     with pytest.raises(pp.errors.PicksError, match=named) as caught:
         pp.read_picks(path)
     assert "cup" in str(caught.value)
+
+
+@pytest.mark.parametrize("watertight", [True, False])
+def test_a_part_as_a_mesh_of_its_own_shape_is_held_by_its_top(watertight):
+    """A bracket: its upright is 30 mm high and its foot 10 mm; the hull of an open mesh fills the corner."""
+    foot = trimesh.creation.box(bounds=[[-0.015, -0.01, 0], [0.015, 0.01, 0.01]])
+    upright = trimesh.creation.box(bounds=[[-0.015, -0.01, 0], [-0.005, 0.01, 0.03]])
+    mesh = trimesh.boolean.union([foot, upright], engine="manifold")
+    if not watertight:
+        keep = mesh.face_normals[:, 2] > -0.5
+        mesh.update_faces(keep)
+    assert mesh.is_watertight == watertight
+    part = part_of(pp.Mesh.from_arrays(mesh.vertices, mesh.faces))
+    cup = SuctionCup(radius=0.003)
+    assert grip_by_cup(cup, above(0.01, x=0.005), part).held is True
+    assert grip_by_cup(cup, above(0.03, x=-0.01), part).held is True
+    assert grip_by_cup(cup, above(0.03, x=0.005), part).held is False

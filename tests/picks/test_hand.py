@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
-from scipy.spatial import Delaunay
+from scipy.spatial import ConvexHull
 
 import pinproof as pp
 from pinproof.model import load_robot_from_text
@@ -32,12 +34,16 @@ ROBOT = (
 OPEN, CLOSED = 0.1, 0.9
 PADS = ("left_pad", "right_pad")
 
+STEPS = np.linspace(OPEN, CLOSED, 301).tolist()
+"""Values of the closing joint."""
+
 
 @pytest.fixture(scope="module")
 def arm() -> pp.Arm:
     return load_robot_from_text(ROBOT).arm(tcp="hand", held={"left_joint": OPEN})
 
 
+@lru_cache(maxsize=2 * len(STEPS))
 def bodies(arm: pp.Arm, value: float) -> dict[str, pp.SE3]:
     there = arm.with_held({"left_joint": value})
     hand = there.forward_kinematics(there.home)
@@ -55,11 +61,11 @@ def test_swept_bodies_hold_every_point_of_rotating_fingers(arm) -> None:
         "left_knuckle": np.array(np.meshgrid((-0.005, 0.005), (-0.006, 0.006), (0.0, 0.06))).reshape(3, 8).T,
     }
     for name, points in own.items():
-        hulls = [Delaunay(each.shape.points) for each in found[name].swept()]
-        for value in np.linspace(OPEN, CLOSED, 301):
-            at = bodies(arm, float(value))[name]
+        faces = [ConvexHull(each.shape.points).equations for each in found[name].swept()]
+        for value in STEPS:
+            at = bodies(arm, value)[name]
             placed = points @ at.rotation.T + at.translation
-            inside = np.any([hull.find_simplex(placed, tol=1e-9) >= 0 for hull in hulls], axis=0)
+            inside = np.any([(placed @ face[:, :3].T + face[:, 3] <= 1e-9).all(axis=1) for face in faces], axis=0)
             assert inside.all(), (name, value)
 
 
@@ -69,8 +75,7 @@ def test_swept_bodies_are_not_much_larger_than_the_motion(arm) -> None:
     points = np.concatenate([each.shape.points for each in finger.swept()])
     corners = np.array(np.meshgrid((-0.005, 0.005), (-0.006, 0.006), (0.0, 0.06))).reshape(3, 8).T
     reached = [
-        corners @ at.rotation.T + at.translation
-        for at in (bodies(arm, float(value))["left_knuckle"] for value in np.linspace(OPEN, CLOSED, 300))
+        corners @ at.rotation.T + at.translation for at in (bodies(arm, value)["left_knuckle"] for value in STEPS)
     ]
     reached = np.concatenate(reached)
     assert (points.min(axis=0) >= reached.min(axis=0) - 2 * SAGITTA - 1e-6).all()

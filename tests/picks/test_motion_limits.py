@@ -73,8 +73,8 @@ NEEDS = r"joint '\w+' needs \d+\.?\d* N m to hold the arm at rest at q = \[.*lim
 
 def test_a_transfer_that_fails_only_because_of_torque_names_joint_torque_and_part(judge):
     _, _, verdict = judge(defaults="payload: {mass: 25}, ")
-    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.TIMING)
-    assert re.search("^transfer: " + NEEDS.format(25), verdict.reason)
+    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
+    assert re.search("^transfer: .*" + NEEDS.format(25), verdict.reason)
 
 
 def test_an_object_too_heavy_for_every_configuration_at_the_grasp_is_refuted(judge):

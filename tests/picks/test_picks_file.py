@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 
 import pinproof as pp
 from pinproof.common.content_hash import digest
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
+from pinproof.picks.judging.setup import PickSetup
 
 GOOD_ROW = "{name: fine, xyz: [0.4, 0.1, 0.2]}"
 
@@ -289,6 +291,24 @@ def test_invalid_families_and_objects_are_reported(write, row: str, reason: str)
     assert reason in picks.problems[0].reason
 
 
+def test_the_file_states_how_far_motions_are_optimised(write) -> None:
+    row = "{name: a, xyz: [0.4, 0.1, 0.3], rpy: [pi, 0, 0], approach: 0.05}"
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    durations = {}
+    for stated in (None, 0, 200):
+        picks = pp.read_picks(write(row, shared="" if stated is None else f"optimise: {stated}"))
+        assert picks.optimise == stated
+        setup = PickSetup.make(arm, pp.Scene(), picks, home=arm.home, rng=0)
+        assert setup.budget.motion == (100 if stated is None else stated)
+        durations[stated] = (
+            pp.validate_picks(arm, pp.Scene(), picks, home=arm.home, rng=0).verdicts[0].trajectory.duration
+        )
+    assert durations[200] <= durations[None] < durations[0]
+    for wrong in ("-1", "1.5", "much", "true"):
+        with pytest.raises(PicksError, match="optimise must be an integer"):
+            pp.read_picks(write(row, shared=f"optimise: {wrong}"))
+
+
 def test_the_grip_limits_of_a_picks_file_are_read(write) -> None:
     row = "{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0]}"
     picks = pp.read_picks(write(row, shared="grip_limits: {area: 1.0e-5, angle: pi/6, tip: 0.01}"))
@@ -301,3 +321,35 @@ def test_the_grip_limits_of_a_picks_file_are_read(write) -> None:
     ):
         with pytest.raises(PicksError, match=expected):
             pp.read_picks(write(row, shared=f"grip_limits: {stated}"))
+
+
+def test_a_tool_as_an_stl_file_is_grey_and_one_that_can_state_colours_keeps_them(tmp_path):
+    for suffix in ("stl", "ply"):
+        trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / f"body.{suffix}")
+    file = tmp_path / "picks.yaml"
+    file.write_text(
+        "tool: [{name: a, mesh: {path: body.stl}}, {name: b, mesh: {path: body.ply}}]\n"
+        "picks: [{name: one, xyz: [0.4, 0, 0.2]}]\n"
+    )
+    from_stl, from_ply = pp.read_picks(file).tool
+    assert from_stl.rgba is not None
+    assert from_ply.rgba is None
+
+
+@pytest.mark.parametrize(
+    ("shared", "stated"),
+    [
+        ("robto: ur5", r"line 1, column 1, key robto: unknown key 'robto'"),
+        ("tip: {xyz: [0, 0, 105]}", r"105 mm = 0\.105 m"),
+        ("defaults: {spin: {range: [0, 360]}}", r"360 degrees = 6\.28319 rad"),
+        ("defaults: {spin: fre}", "write spin: free"),
+        ("margin: 2mm", r"'2mm' is not a number.*-pi/2"),
+    ],
+)
+def test_typing_errors_of_shared_keys_name_the_place_and_the_remedy(write, shared, stated):
+    with pytest.raises(PicksError, match=stated):
+        pp.read_picks(write(GOOD_ROW, shared=shared))
+
+
+def test_a_pick_without_a_name_is_reported_as_such(write):
+    assert "states no name" in pp.read_picks(write("{xyz: [0.4, 0.1, 0.2]}")).problems[0].reason

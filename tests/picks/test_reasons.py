@@ -10,7 +10,10 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks import PickStatus, Stage, apply_suggestion
+from pinproof.picks import PickSetup, PickStatus, Stage, apply_suggestion
+from pinproof.picks.judging.blocked import prove_blocked
+from pinproof.picks.judging.configurations import along_families, configurations
+from pinproof.picks.judging.task import Task
 
 DOWN = (np.pi, 0, 0)
 
@@ -142,12 +145,52 @@ def test_contact_of_the_hand_excludes_every_solution_of_seven_joints(arms) -> No
         assert any("stone" in one.bodies and one.bodies[0] in reason for one in contacts)
 
 
-def test_a_verdict_for_seven_joints_states_that_more_solutions_may_exist(arms) -> None:
-    """A link that the self-motion moves may leave the obstacle at a configuration that was not tried."""
+def test_links_that_the_self_motion_moves_exclude_every_solution_of_seven_joints(arms) -> None:
+    arm = arms["panda"]
+    wall = pp.Obstacle("wall", pp.Box(0.3, 1.6, 0.02), pp.pose((0.5, 0.0, 0.4)))
+    target = pp.pose((0.6, 0.0, 0.1), DOWN)
+    picks, budget = pp.Picks((pp.Pick("p", target),)), pp.picks.PickBudget(remedies=0)
+    (verdict,) = pp.validate_picks(arm, pp.Scene([wall]), picks, budget=budget).verdicts
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP), verdict.reason
+    (reason,) = verdict.refuted
+    assert "panda_link6 collides with wall" in reason
+    meshes = pp.CollisionChecker(arm, pp.Scene([wall]), link_meshes="mesh")
+    family = pp.AnalyticIk().self_motion(arm, target)
+    assert len(family) > 1
+    assert not any(meshes.is_free_batch(curve.q).any() for curve in family)
+
+
+def test_margin_alone_does_not_exclude_every_solution_of_seven_joints(arms) -> None:
+    """The wall is nearer to links than the margin, without contact; further solutions are not excluded."""
+    arm = arms["panda"]
+    wall = pp.Obstacle("wall", pp.Box(0.3, 1.6, 0.02), pp.pose((0.5, 0.0, 0.47)))
+    picks = pp.Picks((pp.Pick("p", pp.pose((0.6, 0.0, 0.1), DOWN)),))
+    margins = {("panda_link5", "wall"): 0.2, ("panda_link6", "wall"): 0.2}
+    task = Task(picks.picks[0], PickSetup.make(arm, pp.Scene([wall]), picks, home=None, rng=0).cell)
+    checker = task.at_grasp.with_margin(0.0, margins)
+    q = along_families(arm, task.targets([picks.picks[0].pose]), arm.home)[1]
+    assert not checker.is_free_batch(q).any()
+    assert task.at_grasp.with_margin(0.0).is_free_batch(q).any()
+    assert prove_blocked(checker, task.target(picks.picks[0].pose), q) is None
+
+
+def test_an_elbow_between_the_values_of_the_sweep_is_found(arms) -> None:
+    """Below a wall, only a narrow range of the elbow is free."""
     arm = arms["panda"]
     wall = pp.Obstacle("wall", pp.Box(0.3, 1.6, 0.02), pp.pose((0.5, 0.0, 0.45)))
-    picks = pp.Picks((pp.Pick("p", pp.pose((0.6, 0.0, 0.1), DOWN)),))
+    pick = pp.Pick("p", pp.pose((0.6, 0.0, 0.1), DOWN), approach=0.02, retreat=0.02)
     budget = pp.picks.PickBudget(remedies=0)
-    (verdict,) = pp.validate_picks(arm, pp.Scene([wall]), picks, budget=budget).verdicts
-    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.GRASP), verdict.reason
-    assert f"more IK solutions may exist ({verdict.configurations} tried)" in verdict.reason
+    (verdict,) = pp.validate_picks(arm, pp.Scene([wall]), pp.Picks((pick,)), budget=budget).verdicts
+    row, q = configurations(arm, np.array([pick.pose.homogeneous]), arm.home, 0)
+    assert len(row) > 5
+    assert not pp.CollisionChecker(arm, pp.Scene([wall]), margin=0.002).is_free_batch(q).any()
+    assert verdict.ok, verdict.reason
+
+
+def test_a_pose_on_a_line_that_is_out_of_reach_excludes_the_pick(arms) -> None:
+    """Both ends of the line have solutions, and no configuration reaches the poses between them."""
+    arm = arms["panda"]
+    pick = pp.Pick("p", pp.pose((0.4, 0.0, 0.4), DOWN), approach=0.05, retreat=1.0, retreat_direction=(-1.0, 0.0, 0.0))
+    (verdict,) = pp.validate_picks(arm, pp.Scene(), pp.Picks((pick,)), budget=pp.picks.PickBudget(remedies=0)).verdicts
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.RETREAT), verdict.reason
+    assert "reaches the retreat" in verdict.refuted[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -121,3 +122,20 @@ def test_projection_ends_inside_the_tolerance_and_the_limits(panda: pp.Arm) -> N
         assert upright.error(panda, q) <= 0.01 + 1e-9
         assert plane.error(panda, q) <= 5e-5 + 1e-9
     assert solved > 150
+
+
+def test_the_smooth_curve_stays_inside_the_joint_limits(ur5: pp.Arm) -> None:
+    """The limits are the range of the path, which a spline through its points may leave."""
+    upright = pp.Upright.keeping(ur5, START, tolerance=0.3)
+    scene = pp.Scene([TABLE, POST])
+    wide = pp.CollisionChecker(ur5, scene)
+    plan = pp.RrtConnect().plan(wide, START, GOAL, constraints=[upright], rng=0).or_raise()
+    short = pp.shortcut(plan.path, wide, constraints=[upright])
+    low, high = short.q.min(axis=0), short.q.max(axis=0)
+    narrow = ur5.with_limits(replace(ur5.limits, lower=low, upper=high))
+    simple = pp.simplify(short, pp.CollisionChecker(narrow, scene), constraints=[upright])
+    assert simple.ok
+    q = simple.path(np.linspace(*simple.path.domain, 5000))
+    assert (q.min(axis=0) >= low - 1e-9).all()
+    assert (q.max(axis=0) <= high + 1e-9).all()
+    assert pp.time_parametrise(simple.path, narrow.limits).duration > 0

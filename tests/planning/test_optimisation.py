@@ -147,6 +147,44 @@ class SpeedLimit:
         return np.linalg.norm(control, axis=2).max(axis=1) / self.most
 
 
+def test_torque_limits_are_kept_and_still_shorten_the_motion(panda: pp.Arm) -> None:
+    """The planned path brakes with the load at a large distance, where gravity uses most of the torque."""
+    checker = pp.CollisionChecker(
+        panda, pp.Scene([pp.Obstacle("post", pp.Box(0.1, 0.1, 0.5), pp.pose((0.45, 0, 0.2)))])
+    )
+    path = pp.JointPath(
+        [[-1.0, 0.3, 0, -2.2, 0, 2.5, 0], [0.0, -0.3, 0, -1.4, 0, 1.2, 0], [1.0, 0.9, 0, -1.6, 0, 2.4, 0]],
+        panda.joint_names,
+    )
+    load = pp.Payload(3.0)
+    torques, limits = pp.motion.TorqueLimits(panda, load), limits_of(panda)
+    free = optimise(path, checker, limits=limits, jerk=500.0, budget=200)
+    assert max(peak.share for peak in torques.peaks(free.trajectory)) > 1.2
+    result = optimise(path, checker, limits=limits, jerk=500.0, rate_limits=[torques])
+    assert pp.certify(result.trajectory, checker).free
+    assert excess_on_grid(result.trajectory, limits, 500.0) <= RATE_TOLERANCE
+    times = np.linspace(0.0, result.duration, 3000)
+    motion = result.trajectory
+    states = zip(motion(times), motion.velocity(times), motion.acceleration(times), strict=True)
+    needed = np.abs([panda.torques(q, v, a, payload=load) for q, v, a in states])  # by Pinocchio
+    assert (needed / torques.limits).max() <= 1.0 + RATE_TOLERANCE
+    assert result.duration < 0.85 * result.duration_before
+
+
+def test_a_constraint_of_the_tcp_is_kept_by_a_shorter_motion(ur5: pp.Arm) -> None:
+    first, last = np.array([-1.0, -1.2, 1.6, -1.97, -1.57, 0.0]), np.array([1.0, -1.2, 1.6, -1.97, -1.57, 0.5])
+    checker = pp.CollisionChecker(ur5, pp.Scene([pp.Obstacle("post", pp.Box(0.1, 0.1, 1.2), pp.pose((0.6, 0, 0.3)))]))
+    upright = pp.Upright.keeping(ur5, first, tolerance=np.radians(2.0))
+    plan = pp.RrtConnect().plan(checker, first, last, constraints=[upright], rng=0).or_raise()
+    tilted = last + np.array([0, 0, 0, 0.3, 0, 0])
+    result = optimise(plan.path, checker, goals=[last, tilted], constraints=[upright], budget=300)
+    assert result.goal == 0
+    assert result.duration < 0.7 * result.duration_before
+    assert pp.certify(result.trajectory, checker, constraints=[upright]).free
+    angles = [upright.error(ur5, q) for q in result.trajectory(np.linspace(0.0, result.duration, 3000))]
+    assert max(angles) <= result.certificate.constraints[0].largest <= upright.tolerance
+
+
 def test_a_constraint_is_kept(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
     checker, path = around_the_wall
     limits, constraint = limits_of(checker.arm), SpeedLimit()

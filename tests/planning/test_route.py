@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.planning.follow import DeviationBound
+from pinproof.planning.follow import RouteFollower, line_task
 from pinproof.planning.route import LEVER, MIN_LENGTH, Route, routes_through
 from pinproof.spatial import SE3, interpolate, twist_size
 
@@ -23,6 +23,13 @@ some_pose = st.builds(lambda xyz, rpy: pp.pose(xyz, rpy), st.tuples(*[numbers] *
 
 def as_pose(matrix: np.ndarray) -> SE3:
     return SE3(matrix[:3, :3], matrix[:3, 3])
+
+
+def _follower(arm: pp.Arm, mask: np.ndarray, deviation: float, rotation_deviation: float) -> RouteFollower:
+    return RouteFollower(
+        arm=arm, task=line_task((mask > 0).tolist()), deviation=deviation, rotation_deviation=rotation_deviation,
+        translation_step=0.05, rotation_step=0.2, max_joint_step=0.3,
+    )  # fmt: skip
 
 
 @examples(20)
@@ -80,7 +87,7 @@ def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], round
 def test_the_bound_holds_everywhere_and_is_not_far_from_the_truth(name: str, deviation: float) -> None:
     arm = pp.load_robot(name).arm()
     rng = np.random.default_rng(0)
-    bound = DeviationBound(arm, np.ones(6), deviation, 10 * deviation)
+    bound = _follower(arm, np.ones(6), deviation, 10 * deviation)
     for _ in range(3):
         q = arm.limits.clip(arm.home + np.cumsum(rng.uniform(-0.1, 0.1, (4, arm.dof)), axis=0))
         path = pp.motion.CubicPath.through(q, arm.joint_names, knots=np.linspace(0, 1, 4))
@@ -103,14 +110,14 @@ def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) ->
     here = ur5.forward_kinematics(q[0])
     route = Route.straight(here, here)
     both, place, turn = (
-        DeviationBound(ur5, np.array(request), 1e-3, 1e-2).bound(path, route)
+        _follower(ur5, np.array(request), 1e-3, 1e-2).bound(path, route)
         for request in ([1.0] * 6, [1.0, 1, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
     )
     assert (place[:, 1] == 0).all()
     assert (turn[:, 0] == 0).all()
     assert np.allclose(place[:, 0], both[:, 0], rtol=1e-2)
     assert np.allclose(turn[:, 1], both[:, 1], rtol=1e-2)
-    spin = DeviationBound(ur5, np.array([1.0, 1, 1, 1, 1, 0]), 1e-3, 1e-2).bound(path, route)
+    spin = _follower(ur5, np.array([1.0, 1, 1, 1, 1, 0]), 1e-3, 1e-2).bound(path, route)
     s = np.linspace(0, 1, 2001)
     axes = ur5.forward_kinematics_batch(path(s))[:, :3, 2]
     angle = np.arccos(np.clip(axes @ here.rotation[:, 2], -1, 1))
@@ -120,7 +127,7 @@ def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) ->
 def test_a_curve_that_would_need_too_many_samples_is_not_waved_through(ur5: pp.Arm) -> None:
     here = ur5.forward_kinematics(ur5.home)
     path = pp.motion.CubicPath.through([ur5.home, ur5.home, ur5.home + 3], ur5.joint_names, knots=[0, 0.5, 1])
-    assert np.isinf(DeviationBound(ur5, np.ones(6), 1e-9, 1e-9).bound(path, Route.straight(here, here))).all()
+    assert np.isinf(_follower(ur5, np.ones(6), 1e-9, 1e-9).bound(path, Route.straight(here, here))).all()
 
 
 def test_roundings_and_legs_together_are_twice_differentiable() -> None:

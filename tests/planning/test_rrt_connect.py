@@ -283,8 +283,7 @@ def test_with_rotations_a_goal_behind_a_wall_is_reached_in_the_other_direction(t
     checker = pp.CollisionChecker(turntable, pp.Scene([post]))
     budget = pp.RrtConnect(max_nodes=100, max_samples=500, time_limit=600.0)
     without = budget.plan(checker, [0.0], [3.0])
-    assert without.status is pp.PlanStatus.OUT_OF_BUDGET
-    assert "turn stayed in" in without.message
+    assert without.status is pp.PlanStatus.IMPOSSIBLE
     assert "turns=True" in without.message
     plan = budget.plan(checker, [0.0], [3.0], turns=True)
     assert plan.path.end[0] == pytest.approx(3.0 - 2 * np.pi, abs=1e-12)
@@ -296,7 +295,7 @@ def test_rotations_are_not_suggested_if_all_are_goals(turntable: pp.Arm) -> None
     checker = pp.CollisionChecker(turntable, pp.Scene(posts))
     budget = pp.RrtConnect(max_nodes=100, max_samples=500, time_limit=600.0)
     plan = budget.plan(checker, [0.0], [[3.0], [3.0 - 2 * np.pi]])
-    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert plan.status is pp.PlanStatus.IMPOSSIBLE
     assert "turns=True" not in plan.message
 
 
@@ -333,3 +332,25 @@ def test_arguments_that_make_no_sense(gantry: pp.Arm, start: object, goals: obje
 def test_settings_that_make_no_sense(name: str) -> None:
     with pytest.raises(pp.InputError, match=name):
         pp.RrtConnect(**{name: 0})
+
+
+def test_configurations_that_gravity_does_not_permit_are_avoided(ur5: pp.Arm) -> None:
+    """The straight segment stretches the arm horizontally, which a load of 15 kg does not permit."""
+    checker = pp.CollisionChecker(ur5, pp.Scene())
+    torques = pp.motion.TorqueLimits(ur5, pp.model.Payload(15.0))
+    ends = np.array([[0, -0.4, 2.4, -1.6, -1.57, 0], [0, -0.4, -2.0, 1.6, -1.57, 0]])
+    stretched = ends.mean(axis=0)
+    assert "shoulder_lift_joint" in torques.standstill(stretched)
+    direct = pp.RrtConnect().plan(checker, *ends, rng=0).or_raise()
+    with pytest.raises(pp.errors.TimingError, match="shoulder_lift_joint"):
+        pp.time_parametrise(direct.path, ur5.limits, rate_limits=[torques])
+    plan = pp.RrtConnect().plan(checker, *ends, torque_limits=torques, rng=0).or_raise()
+    path = pp.simplify(plan.path, checker, torque_limits=torques).path
+    assert torques.standstill_share(path(np.linspace(*path.domain, 2000))) <= 1.0
+    assert pp.time_parametrise(path, ur5.limits, rate_limits=[torques]).duration > 0
+    refused = pp.RrtConnect().plan(checker, ends[0], stretched, torque_limits=torques)
+    assert refused.status is pp.PlanStatus.GOAL_INVALID
+    assert "shoulder_lift_joint" in refused.message
+    assert pp.RrtConnect().plan(checker, stretched, ends[0], torque_limits=torques).status is (
+        pp.PlanStatus.START_INVALID
+    )

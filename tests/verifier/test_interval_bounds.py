@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.motion import bezier
-from pinproof.verifier import IntervalBounds, Proof
+from pinproof.verifier import IntervalBounds, Proof, interval_bounds
 
 from ..examples import examples
 
@@ -34,12 +34,10 @@ def curve(rng, size, degree, pieces):
 def bounds(proof, directions, intervals):
     """(P, T) of every pair on every interval."""
     table = IntervalBounds(proof, intervals)
-    rows = np.arange(len(intervals))
-    found = []
-    for k in range(len(proof.pairs)):
-        u = directions[:, k]
-        found.append(table.distance(*proof.members(k), rows, u / np.linalg.norm(u, axis=1, keepdims=True)))
-    return np.array(found), table.q
+    rows, count = np.arange(len(intervals)), len(proof.pairs)
+    i, j = np.repeat([proof.members(k) for k in range(count)], len(rows), axis=0).T
+    u = np.moveaxis(directions / np.linalg.norm(directions, axis=2, keepdims=True), 1, 0).reshape(-1, 3)
+    return table.distance(i, j, np.tile(rows, count), u).reshape(count, -1), table.q
 
 
 @pytest.mark.slow
@@ -68,3 +66,19 @@ def test_on_a_short_interval_the_bound_is_close_to_the_distance(proof, rehashed,
     q = bezier.evaluate(np.arange(2.0), control, 0.5)
     found, _ = bounds(Proof(document), look.normals(q)[None], span)
     assert found[:, 0] == pytest.approx(look.distances(q), abs=1e-4)
+
+
+def test_bounds_computed_together_are_those_of_each_pair_alone(proof, rehashed, monkeypatch):
+    rng = np.random.default_rng(8)
+    checked = Proof(with_curve(proof, rehashed, curve(rng, 0.3, 3, 2), 0.01))
+    table = IntervalBounds(checked, np.sort(rng.uniform(0, 2, (40, 2)), axis=1))
+    count = 40 * len(checked.pairs)
+    i, j = np.array([checked.members(k) for k in rng.integers(len(checked.pairs), size=count)]).T
+    rows, u = rng.integers(40, size=count), rng.normal(size=(count, 3))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    together = table.distance(i, j, rows, u)
+    alone = [table.distance(*(each[[k]] for each in (i, j, rows, u)))[0] for k in range(count)]
+    np.testing.assert_allclose(together, alone, rtol=0, atol=1e-13)
+    for name in ("AT_ONCE", "PRODUCTS"):
+        monkeypatch.setattr(interval_bounds, name, 7)
+    np.testing.assert_allclose(table.distance(i, j, rows, u), together, rtol=0, atol=1e-13)

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import pinproof as pp
 from pinproof.collision import Box, Obstacle, Scene
 from pinproof.spatial import pose
 from pinproof.viewer.animation import still
-from pinproof.viewer.camera import choose_view, fit
+from pinproof.viewer.camera import LEAST_DISTANCE, choose_view, fit, tool_points
 from pinproof.viewer.stage import set_stage
 
 from .conftest import small_arm
@@ -34,7 +35,23 @@ def test_the_picture_shows_every_point_from_the_smallest_distance(points, azimut
     sides = np.concatenate([(tangent * -seen[:, 2:] - seen[:, :2]), (tangent * -seen[:, 2:] + seen[:, :2])], axis=1)
     assert sides.min() > -1e-9
     tight = sides.min(axis=0).reshape(2, 2).max(axis=0)
-    assert tight.min() < 1e-9  # opposite sides both touch, in width or in height
+    nearest, farthest = seen[:, 2].max(), seen[:, 2].min()
+    assert -nearest >= LEAST_DISTANCE * (nearest - farthest) - 1e-9
+    at_least = -nearest <= LEAST_DISTANCE * (nearest - farthest) + 1e-9
+    assert at_least or tight.min() < 1e-9  # opposite sides both touch, in width or in height
+
+
+def test_a_planar_arm_is_not_hidden_behind_its_own_tip() -> None:
+    rows = [pp.DhRow(f"j{k}", 0, 0, a, 0) for k, a in enumerate((1.0, 0.8, 0.3))]
+    arm = pp.load_robot(pp.DhTable(rows, convention="standard", name="planar")).arm()
+    stage = set_stage(arm, Scene())
+    shown = still(stage, np.array([np.pi / 6, np.pi / 4, 0.3]))
+    view = choose_view(stage, shown.poses, shown.tcp, tool=tool_points(stage, shown.poses))
+    axes, tangent, camera = fit(view.points, view.direction, 1.6)
+    seen = np.array([[0, 0, 0], [0.866, 0.5, 0], [1.073, 1.273, 0], [1.049, 1.572, 0]]) @ axes.T - camera
+    across = seen[:, :2] / (-seen[:, 2:] * tangent)
+    steps = np.linalg.norm(np.diff(across, axis=0), axis=1)  # halves of the picture
+    assert (steps > 0.2).all()
 
 
 def test_a_wall_does_not_hide_a_later_contact() -> None:

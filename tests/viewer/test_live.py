@@ -10,6 +10,8 @@ import pytest
 
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.errors import InputError, ViewerError
+from pinproof.ik import AnalyticIk
+from pinproof.model import load_robot
 from pinproof.viewer import show
 
 from .browser import PATIENCE, Browser
@@ -69,6 +71,20 @@ def test_nothing_is_printed_and_the_program_ends_by_itself() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE, check=True)
     assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_a_view_shows_a_slider_for_the_elbow_until_the_arm_is_moved() -> None:
+    arm = load_robot("panda").arm()
+    motion = AnalyticIk(redundant_steps=12).self_motion(arm, arm.forward_kinematics(arm.home), arm.home)
+    with show(arm, elbow=motion.curves[-1]) as view:
+        page = get(view)[1]
+        assert f'"parameter":{{"name":"panda_joint7","unit":"rad","first":{motion.curves[-1].lower}' in page
+        view.move_to(arm.home)
+        assert '"parameter":null' in get(view)[1]
+        with pytest.raises(InputError, match="elbow and check"):
+            view.replace(None, elbow=motion, check=CollisionChecker(arm).check(arm.home))
+    with pytest.raises(InputError, match="another arm"):
+        show(load_robot("ur5").arm(), elbow=motion)
 
 
 def test_a_configuration_of_the_wrong_length_is_refused() -> None:

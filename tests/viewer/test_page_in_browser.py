@@ -11,6 +11,7 @@ import pytest
 from pinproof.collision import Scene
 from pinproof.conversion import dh_to_urdf
 from pinproof.description import DhTable, robots_folder
+from pinproof.ik import AnalyticIk
 from pinproof.model import Arm, load_robot, load_robot_from_text
 from pinproof.viewer import write_html
 
@@ -90,6 +91,55 @@ def test_the_motion_plays_pauses_and_starts_at_the_time_of_the_url(
     assert np.array_equal(page.canvas(), early)
     turned = page.evaluate("pinproof.viewer.scene_tree.find(['robot', 'upper']).object.quaternion.toArray()")
     assert 2 * np.arctan2(turned[2], turned[3]) == pytest.approx(float(swing(arm)(0.5)[0]), abs=1e-4)
+    page.close()
+
+
+def test_the_plots_follow_the_motion_and_a_click_seeks(browser: Browser, pages: Callable[[str], Path]) -> None:
+    arm, path = small_arm(), pages("plots")
+    write_html(path, arm, None, swing(arm, duration=2.0))
+    page = browser.open(f"{path.as_uri()}#t=0.5")
+    tall = page.evaluate("document.getElementById('stage').clientHeight")
+    page.evaluate("document.querySelector('#plots summary').click()")
+    page.wait_for(f"document.getElementById('stage').clientHeight < {tall} - 50")
+    page.wait_for("document.querySelector('canvas').clientHeight === document.getElementById('stage').clientHeight")
+    shift = "Number(/[0-9.]+/.exec(document.querySelector('#plots .now').getAttribute('transform'))[0])"
+    page.wait_for(f"Math.abs({shift} - 0.25 * (360 - 46 - 8)) < 0.2")
+    click = "new MouseEvent('click', {clientX: box.left + box.width * (46 + 0.75 * 306) / 360, clientY: box.top})"
+    page.evaluate(
+        f"(() => {{ const svg = document.querySelector('#plots svg'), box = svg.getBoundingClientRect();"
+        f" svg.dispatchEvent({click}); }})()"
+    )
+    page.wait_for("Math.abs(pinproof.viewer.animator.time - 1.5) < 0.02")
+    assert page.complaints == []
+    page.close()
+
+
+def test_the_slider_of_a_self_motion_moves_the_elbow_and_not_the_tcp(
+    browser: Browser, pages: Callable[[str], Path]
+) -> None:
+    arm, path = load_robot("panda").arm(), pages("elbow")
+    motion = AnalyticIk(redundant_steps=24).self_motion(arm, arm.forward_kinematics(arm.home), arm.home)
+    write_html(path, arm, None, elbow=motion)
+    page = browser.open(path.as_uri(), 1000, 640)
+    curve = motion.curves[0]
+    assert page.text("#verdict") == "NOT VALIDATED"
+    assert page.evaluate("document.getElementById('scrub').getAttribute('aria-label')") == "panda_joint7 in rad"
+    shown = float(page.text("#clock").split("= ")[1].split()[0])
+    assert curve.lower - 1e-3 <= shown <= curve.upper + 1e-3
+    assert not page.evaluate("pinproof.viewer.animator.playing")
+    for share in (0.1, 0.35, 0.8):
+        value = curve.lower + share * (curve.upper - curve.lower)
+        page.evaluate(
+            f"(() => {{ const s = document.getElementById('scrub'); s.value = {value - curve.lower}; "
+            "s.dispatchEvent(new Event('input')); })()"
+        )
+        page.wait_for(f"Math.abs(pinproof.viewer.animator.time - {value - curve.lower}) < 2e-3")
+        q = curve.at(curve.lower + page.evaluate("pinproof.viewer.animator.time"))
+        for link, tolerance in (("panda_link4", 2e-3), ("panda_hand", 2e-3)):
+            found = page.evaluate(f"pinproof.viewer.scene_tree.find(['robot', '{link}']).object.position.toArray()")
+            expected = (arm.root_from_base * arm.frame_placement(q, link)).translation
+            assert np.abs(np.array(found) - expected).max() < tolerance
+    assert page.complaints == []
     page.close()
 
 

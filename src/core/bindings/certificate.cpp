@@ -14,6 +14,7 @@
 #include "bindings/exact_judge.h"
 #include "certificate/constraint_proof.h"
 #include "certificate/curve_proof.h"
+#include "certificate/departure.h"
 #include "certificate/motion_bounds.h"
 
 namespace pinproof {
@@ -159,6 +160,72 @@ void bind_constraints(nb::module_& module) {
         "The error at q, and its bound on a piece of a curve about q, for tests.");
 }
 
+// The largest difference of the length of a direction from 1.
+constexpr double kUnit = 1e-6;
+
+Departure make_departure(const World& world, std::size_t body, std::shared_ptr<Shape> hull, const Vector& normal,
+                         double level) {
+    if (body >= world.space().robot_bodies) throw std::invalid_argument("not a body of the robot");
+    if (hull->kind != ShapeKind::kConvex) throw std::invalid_argument("the hull of a body must be convex");
+    const Vec3 along = read_vector("normal", normal);
+    if (!(std::abs(norm(along) - 1.0) < kUnit)) throw std::invalid_argument("normal is no unit vector");
+    require_finite("level", &level, 1);
+    return {world.geometry, static_cast<int>(body), std::move(hull), along, level};
+}
+
+void bind_departure(nb::module_& module) {
+    nb::class_<DepartureProof>(module, "DepartureProof", "The span of a curve on which a body is proven not to approach.")
+        .def_ro("end", &DepartureProof::end, "The parameter up to which it is proven.")
+        .def_ro("until", &DepartureProof::until,
+                "The parameter after which its gap is also larger than required; infinity if this is not reached.")
+        .def_ro("stopped", &DepartureProof::stopped,
+                "The end of the first interval in which the proof failed; `end` if it did not fail.")
+        .def_ro("intervals", &DepartureProof::intervals, "Number of intervals.");
+    nb::class_<Departure>(module, "Departure", "The motion of a body of the robot along one direction.")
+        .def(nb::new_([](const World& world, std::size_t body, std::shared_ptr<Shape> hull, const Vector& normal,
+                         double level) { return make_departure(world, body, std::move(hull), normal, level); }),
+             nb::arg("world"), nb::arg("body"), nb::arg("hull"), nb::arg("normal"), nb::arg("level"),
+             "`hull`: a convex shape with the points of the body; `level` (m): the extent of the obstacle along normal.")
+        .def_prop_ro(
+            "normal",
+            [](const Departure& self) {
+                auto out = new_array({3});
+                for (int i = 0; i < 3; ++i) out.data[i] = self.normal()[i];
+                return nb::cast(out.array);
+            },
+            "(3,) the unit vector in the root frame.")
+        .def_prop_ro("level", &Departure::level)
+        .def(
+            "gap",
+            [](Departure& self, const Vector& q) {
+                require_size("q", q.shape(0), self.dof());
+                require_finite("q", q.data(), q.shape(0));
+                return self.gap(q.data());
+            },
+            nb::arg("q"), "The gap (m) at q: a lower bound of the distance, negative in overlap.")
+        .def(
+            "decrease",
+            [](Departure& self, const Matrix& piece) {
+                require_size("a control point", piece.shape(1), self.dof());
+                if (piece.shape(0) == 0) throw std::invalid_argument("the piece has no control points");
+                require_finite("piece", piece.data(), piece.size());
+                const GapDecrease bound = self.decrease(piece.data(), piece.shape(0));
+                return std::make_tuple(bound.decrease, bound.motion);
+            },
+            nb::arg("piece"), "Upper bounds (m) of the decrease of the gap and of the motion over a piece of a curve.")
+        .def(
+            "follow",
+            [](Departure& self, const Vector& knots, const Stack& control, double enough, double tolerance,
+               std::int64_t max_intervals) {
+                const CurveView curve = view(knots, control, self.dof());
+                require_finite("control", control.data(), control.size());
+                require_count("max_intervals", max_intervals);
+                return self.follow(curve, enough, read_tolerance(tolerance), max_intervals);
+            },
+            nb::arg("knots"), nb::arg("control"), nb::arg("enough"), nb::arg("tolerance"), nb::arg("max_intervals"),
+            "The DepartureProof of a curve: the body has separated beyond the gap `enough` (m).");
+}
+
 nb::object evidence(const ProofState& state) {
     auto out = new_array({state.evidence.size(), 7});
     double* row = out.data;
@@ -209,6 +276,7 @@ private:
 
 void bind_certificate(nb::module_& module) {
     bind_constraints(module);
+    bind_departure(module);
     nb::class_<ProofSettings>(module, "ProofSettings", "How a curve is proven.")
         .def(
             "__init__",

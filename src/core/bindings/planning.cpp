@@ -71,6 +71,17 @@ void bind_edges(nb::module_& module) {
             },
             nb::arg("resolution"))
         .def(
+            "set_torque_limits",
+            [](EdgeChecker& self, const DynamicTree& model, const Vector& limits) {
+                require_size("a configuration of model", model.tree.dof, self.dof());
+                require_size("limits", limits.shape(0), self.dof());
+                for (std::size_t j = 0; j < self.dof(); ++j)
+                    if (!(limits(j) > 0.0)) throw std::invalid_argument("limits must be above 0");
+                self.set_torque_limits(model, {limits.data(), limits.data() + limits.size()});
+            },
+            nb::arg("model"), nb::arg("limits"),
+            "Only samples at which the arm is held at rest with torques (n,) within the limits are free.")
+        .def(
             "samples_free",
             [](EdgeChecker& self, const Vector& a, const Vector& b) {
                 require_size("a", a.shape(0), self.dof());
@@ -256,7 +267,9 @@ void bind_search(nb::module_& module) {
             },
             nb::arg("tree"), "The node at which a tree met the other.")
         .def_prop_ro("samples", &RrtSearch::samples, "Total number of random samples.")
-        .def_prop_ro("gap", &RrtSearch::gap, "The smallest distance found between the nodes of both trees.");
+        .def_prop_ro("gap", &RrtSearch::gap, "The smallest distance found so far between nodes of both trees.")
+        .def("distance_of_trees", &RrtSearch::distance_of_trees, nb::call_guard<nb::gil_scoped_release>(),
+             "The smallest distance between the nodes of both trees.");
 }
 
 }  // namespace

@@ -28,20 +28,25 @@ struct JointTree {
     std::size_t dof = 0;  // the length of q
 };
 
+// root_from_joint at q, which must be finite; `root_from_parent` is null for a joint on the root.
+inline Transform placed_joint(const TreeJoint& joint, const Transform* root_from_parent, const double* q) {
+    Transform place =
+        root_from_parent == nullptr ? joint.parent_from_joint : *root_from_parent * joint.parent_from_joint;
+    const double value = joint.value(q);
+    if (joint.prismatic) {
+        place.translation += value * place.rotation.column(2);
+    } else {
+        const auto [sine, cosine] = sincos_of_any(value);
+        rotate_about_z(place.rotation, sine, cosine);
+    }
+    return place;
+}
+
 // root_from_joint of every joint at q (dof), which must be finite.
 inline void place_joints(const JointTree& tree, const double* q, std::span<Transform> root_from_joint) {
     for (std::size_t k = 0; k < tree.joints.size(); ++k) {
         const TreeJoint& joint = tree.joints[k];
-        Transform& place = root_from_joint[k];
-        place =
-            joint.parent == kRoot ? joint.parent_from_joint : root_from_joint[joint.parent] * joint.parent_from_joint;
-        const double value = joint.value(q);
-        if (joint.prismatic) {
-            place.translation += value * place.rotation.column(2);
-        } else {
-            const auto [sine, cosine] = sincos_of_any(value);
-            rotate_about_z(place.rotation, sine, cosine);
-        }
+        root_from_joint[k] = placed_joint(joint, joint.parent == kRoot ? nullptr : &root_from_joint[joint.parent], q);
     }
 }
 

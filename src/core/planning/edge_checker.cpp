@@ -35,6 +35,27 @@ void EdgeChecker::set_steering(std::shared_ptr<const World> world, std::unique_p
     blocked_ = blocked;
 }
 
+void EdgeChecker::set_torque_limits(DynamicTree model, std::vector<double> limits) {
+    load_ = std::make_unique<Load>(std::move(model), std::move(limits));
+}
+
+EdgeChecker::Load::Load(DynamicTree tree, std::vector<double> most)
+    : model(std::move(tree)),
+      limits(std::move(most)),
+      dynamics(model),
+      motion(limits.size()),
+      of_motion(limits.size()),
+      of_gravity(limits.size()) {}
+
+bool EdgeChecker::Load::is_held(const double* q) {
+    for (std::size_t j = 0; j < motion.size(); ++j) motion[j].position = q[j];
+    dynamics.move(motion);
+    dynamics.torques(of_motion, of_gravity);
+    for (std::size_t j = 0; j < limits.size(); ++j)
+        if (!(std::abs(of_gravity[j]) <= limits[j])) return false;
+    return true;
+}
+
 bool EdgeChecker::samples_free(const double* a, const double* b) {
     if (blocked_) return false;
     deferred_.clear();
@@ -94,6 +115,7 @@ bool EdgeChecker::curve_proven_free(const CurveView& curve) {
 
 bool EdgeChecker::is_sample_free(const double* q) {
     ++samples_;
+    if (load_ && !load_->is_held(q)) return false;
     if (!sampler_->place_at(q) || sampler_->any_contact()) return false;
     if (!sampler_->left().empty()) deferred_.push_back({{q, q + dof()}, sampler_->left()});
     return true;

@@ -13,6 +13,7 @@
 
 #include "certificate/curve_proof.h"
 #include "collision/near.h"
+#include "dynamics/inverse_dynamics.h"
 
 namespace pinproof {
 
@@ -28,6 +29,9 @@ public:
     // contact, so that no edge is free.
     void set_steering(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, bool blocked);
     void set_resolution(double resolution) { resolution_ = resolution; }
+    // Only samples at which the torques that hold the arm at rest are within `limits` (dof; infinite for none) are free.
+    // Proofs do not cover torques.
+    void set_torque_limits(DynamicTree model, std::vector<double> limits);
 
     // Whether the samples after a (dof) up to and including b are free.
     bool samples_free(const double* a, const double* b);
@@ -47,6 +51,18 @@ private:
         std::vector<int> pairs;
     };
 
+    // The torques from gravity at rest.
+    struct Load {
+        Load(DynamicTree model, std::vector<double> limits);
+        bool is_held(const double* q);
+
+        DynamicTree model;
+        std::vector<double> limits;
+        InverseDynamics<double> dynamics;  // refers to `model`
+        std::vector<JointMotion<double>> motion;
+        std::vector<double> of_motion, of_gravity;
+    };
+
     bool is_sample_free(const double* q);
     bool inner_samples_free(const double* a, const double* b);
     bool deferred_free();
@@ -56,6 +72,7 @@ private:
     std::unique_ptr<ExactJudge> exact_, steering_exact_;
     CurveProof proof_;
     std::optional<Workspace> sampler_;
+    std::unique_ptr<Load> load_;
     bool blocked_ = false;
     double resolution_;
     std::int64_t samples_ = 0;

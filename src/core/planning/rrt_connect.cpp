@@ -150,6 +150,16 @@ void RrtSearch::begin_connection() {
     phase_ = Phase::kConnect;
 }
 
+double RrtSearch::distance_of_trees() const {
+    double square = kInfinity;
+    for (int i = 0; i < trees_[1].size(); ++i) {
+        if (trees_[1].removed(i)) continue;
+        const double* q = trees_[1].node(i);
+        square = std::min(square, squared_distance(trees_[0].node(trees_[0].nearest(q)), q, dof()));
+    }
+    return std::sqrt(square);
+}
+
 // Draw a random sample about a random node of the smaller tree, which grows towards it.
 void RrtSearch::begin_sample() {
     const std::size_t dof = target_.size();

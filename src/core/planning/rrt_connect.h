@@ -72,6 +72,8 @@ public:
     std::size_t dof() const { return target_.size(); }
     std::int64_t samples() const { return samples_; }  // random samples so far
     double gap() const { return gap_; }                // smallest distance found between the nodes of both trees
+    // The smallest distance between the remaining nodes of both trees.
+    double distance_of_trees() const;
     void forget_gap() { gap_ = std::numeric_limits<double>::infinity(); }
 
 private:

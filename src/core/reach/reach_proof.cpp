@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 namespace pinproof {
@@ -25,6 +26,11 @@ constexpr double kAngleRounding = 1e-12;
 constexpr double kWide = 0.35;
 constexpr int kMostWide = 2;
 
+// Rad, or fraction of the chain's length: if the joint with the largest influence is narrower than this, and another one
+// is wider by more than the factor kMuchWider, the latter is divided.
+constexpr double kNarrow = 0.1;
+constexpr double kMuchWider = 3.0;
+
 // A contraction by a smaller part of the range does not trigger another evaluation of the other constraints.
 constexpr double kWorthwhile = 0.1;
 
@@ -33,6 +39,10 @@ constexpr int kPasses = 3;
 
 // Rad or m: a box of this half width is not divided further, because constraints hold to about this accuracy.
 constexpr double kSmallest = 1e-7;
+
+// An overlap at the middle of the box whose depth is at least this part of the radius that encloses its ball is proven
+// soon: the box is divided for it.
+constexpr double kDeepEnough = 0.2;
 
 // A gap of at least this part of the range is where a box is divided.
 constexpr double kWorthyGap = 0.2;
@@ -305,18 +315,101 @@ bool ReachProver::propagate(bool first) {
     return true;
 }
 
+// The ball of an overlap over the box, on the link of its box: along the joints between the links, or through the target.
+Ball ReachProver::carried(const Overlap& overlap, bool through) const {
+    Ball ball{overlap.centre, 0.0};
+    const int from = overlap.ball_link, to = overlap.box_link;
+    const auto ascend = [&](int first, int last) {
+        for (int joint = first; joint < last; ++joint) ball = rotated_back(joint, this->up(joint, ball));
+    };
+    const auto descend = [&](int first, int last) {
+        for (int joint = first - 1; joint >= last; --joint) ball = down(joint, ball);
+    };
+    if (!through) {
+        ascend(from, to);
+        descend(from, to);
+    } else if (from >= to) {
+        ascend(from, n_);
+        ball = through_target(base_from_last_, chain_.tool.translation, ball);
+        ascend(0, to);
+    } else {
+        descend(from, 0);
+        ball = through_target(last_from_base_, target_.translation, ball);
+        descend(n_, to);
+    }
+    return ball;
+}
+
+// Whether the ball and the box of one overlap share a point at every configuration of the box at which the tcp is at the
+// target. A ball with the centre c and the radius s reaches a box at the signed distance d from c if d < s; the centre is
+// enclosed in a ball with the radius r, so that d + r < s is sufficient.
+bool ReachProver::overlaps_everywhere() {
+    overlap_share_ = 0.0;
+    const int first = static_cast<int>(loop_.constraints.size());
+    const Overlap* last = nullptr;
+    Ball carried_balls[2];
+    for (std::size_t i = 0; i < overlap_order_.size(); ++i) {
+        const int number = overlap_order_[i];
+        const Overlap& overlap = settings_.overlaps[number];
+        // Most overlaps have the ball of the previous one.
+        if (last == nullptr || last->ball_link != overlap.ball_link || last->box_link != overlap.box_link ||
+            squared_norm(last->centre - overlap.centre) != 0.0)
+            for (const bool through : {false, true}) carried_balls[through] = carried(overlap, through);
+        last = &overlap;
+        for (const bool through : {false, true}) {
+            const Ball& ball = carried_balls[through];
+            const Vec3 p = overlap.box_from_link * ball.centre;
+            double inside = -std::numeric_limits<double>::infinity(), outside = 0.0;
+            for (int axis = 0; axis < 3; ++axis) {
+                const double beyond = std::abs(p[axis]) - overlap.half[axis];
+                inside = std::max(inside, beyond);
+                outside += beyond > 0.0 ? beyond * beyond : 0.0;
+            }
+            const double signed_distance = (inside > 0.0 ? std::sqrt(outside) : inside) - overlap.box_radius;
+            const double depth = overlap.ball_radius - signed_distance - rounding_;
+            if (depth > ball.radius) {
+                std::rotate(overlap_order_.begin(), overlap_order_.begin() + i, overlap_order_.begin() + i + 1);
+                proof_->used[number] = 1;
+                if (settings_.record)
+                    proof_->steps.push_back({ReachStep::kExcluded, -1, first + number, 0.0, ++clock_});
+                return true;
+            }
+            if (depth <= 0.0 || depth / ball.radius <= overlap_share_) continue;
+            overlap_share_ = depth / ball.radius;
+            const int low = std::min(overlap.ball_link, overlap.box_link);
+            const int high = std::max(overlap.ball_link, overlap.box_link);
+            for (int k = 0; k < n_; ++k) {
+                const bool between = k >= low && k < high;
+                overlap_effect_[k] = between != through ? value_[k].half_width : 0.0;
+            }
+        }
+    }
+    return false;
+}
+
 int ReachProver::joint_to_split() const {
     int best = 0;
-    double most = -1.0;
+    if (overlap_share_ > kDeepEnough) {
+        for (int k = 1; k < n_; ++k)
+            if (overlap_effect_[k] > overlap_effect_[best]) best = k;
+        if (overlap_effect_[best] > kSmallest) return best;
+        best = 0;
+    }
+    int widest = 0;
+    double most = -1.0, widths[kMostProofJoints];
     for (int k = 0; k < n_; ++k) {
-        const double width = value_[k].half_width / (chain_.joints[k].prismatic ? loop_.size : 1.0);
-        const double score = width > kSmallest ? influence_[k] + 1e-9 * width : -1.0;
+        widths[k] = value_[k].half_width / (chain_.joints[k].prismatic ? loop_.size : 1.0);
+        const double score = widths[k] > kSmallest ? influence_[k] + 1e-9 * widths[k] : -1.0;
         if (score > most) {
             most = score;
             best = k;
         }
+        if (widths[k] > widths[widest]) widest = k;
     }
-    return most < 0.0 ? -1 : best;
+    if (most < 0.0) return -1;
+    // Constraints with many wide joints are not evaluated, so that those joints have no influence. They are divided once
+    // dividing the others has little effect.
+    return widths[best] < kNarrow && widths[widest] > kMuchWider * widths[best] ? widest : best;
 }
 
 void ReachProver::start(const Transform& base_from_tcp, const ReachSettings& settings) {
@@ -324,6 +417,9 @@ void ReachProver::start(const Transform& base_from_tcp, const ReachSettings& set
     target_ = base_from_tcp;
     base_from_last_ = base_from_tcp * inverse(chain_.tool);
     last_from_base_ = inverse(base_from_last_);
+    overlap_order_.resize(settings.overlaps.size());
+    std::iota(overlap_order_.begin(), overlap_order_.end(), 0);
+    overlap_share_ = 0.0;
 }
 
 // Make a box the present one. `divided` is the joint whose range was divided last; -1: none.
@@ -351,13 +447,14 @@ ReachProof ReachProver::prove(const Transform& base_from_tcp, const ReachSetting
     };
     ReachProof proof;
     proof_ = &proof;
+    proof.used.resize(settings.overlaps.size());
     start(base_from_tcp, settings);
     std::vector<Open> waiting{{limits_, -1}};
     while (!waiting.empty()) {
         open(waiting.back().box, waiting.back().divided);
         waiting.pop_back();
         ++proof.boxes;
-        if (!propagate(proof.boxes == 1)) continue;
+        if (!propagate(proof.boxes == 1) || overlaps_everywhere()) continue;
         const int joint = joint_to_split();
         if (joint < 0 || proof.boxes >= settings.budget) {
             for (int k = 0; k < n_; ++k) {

@@ -16,8 +16,20 @@ struct JointBox {
     double lower[kMostProofJoints], upper[kMostProofJoints];
 };
 
+// A test of a collision: a ball inside a body on one link, and a box with rounded edges inside a body on another link.
+// Configurations at which they overlap are in collision. Link k is behind joint k; link 0 is the base.
+struct Overlap {
+    int ball_link;
+    Vec3 centre;  // of the ball, on its link
+    double ball_radius;
+    int box_link;
+    Transform box_from_link;
+    Vec3 half;          // half sides of the box; zeros: a ball
+    double box_radius;  // of the ball that is added to the box
+};
+
 // A step of the proof. The steps are the nodes of a tree of boxes in the order of a depth-first search: each divides or
-// excludes the present box.
+// excludes the present box. The numbers of overlaps follow those of the constraints.
 struct ReachStep {
     enum Kind : std::int32_t {
         kSplit,      // at `value` of `joint`; the lower half comes next, then the upper one
@@ -38,12 +50,14 @@ struct ReachSettings {
     double position_tolerance, orientation_tolerance;  // m, rad
     std::int64_t budget;                               // largest number of boxes
     bool record;                                       // whether the steps are recorded
+    std::vector<Overlap> overlaps = {};                // configurations with one of these are excluded too
 };
 
 struct ReachProof {
     ReachOutcome outcome = ReachOutcome::kUndecided;
     std::int64_t boxes = 0;         // that were examined
     std::vector<ReachStep> steps;
+    std::vector<char> used;         // whether each overlap excluded a box
     std::vector<double> remaining;  // undecided: the middle of the box that could not be excluded (n,)
     double width = 0.0;             // undecided: its largest width
 };
@@ -84,6 +98,8 @@ class ReachProver {
     bool project(int joint, const Ball& before, const Ball& after, const Range& distance, int number);
     bool narrow(int joint, double lower, double upper, int number);
     bool propagate(bool first);
+    Ball carried(const Overlap& overlap, bool through_target) const;
+    bool overlaps_everywhere();
     void start(const Transform& base_from_tcp, const ReachSettings& settings);
     void open(const JointBox& box, int divided);
     double place_to_split(int joint) const;
@@ -110,6 +126,10 @@ class ReachProver {
         double width = 0.0, middle = 0.0;
     };
     Gap gap_[kMostProofJoints];
+
+    std::vector<int> overlap_order_;  // the overlap that excluded a box last comes first
+    double overlap_share_ = 0.0;      // the best quotient of a depth at the middle of the box and the depth required
+    double overlap_effect_[kMostProofJoints];  // the part of each joint in the motion of its ball
 };
 
 }  // namespace pinproof

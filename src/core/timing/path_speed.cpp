@@ -14,6 +14,10 @@ constexpr double kRounding = 1e-12;
 // A bound of u (1/s^2, with s approximately in seconds) beyond all practical values; it keeps quotients finite.
 constexpr double kFar = 1e30;
 
+// Factor of the largest possible u up to which a limit may lie outside and still counts as a limit of u. A limit beyond
+// depends on x only, up to the relative error 1 / kBeyond: its quotients would have errors of the size of all others.
+constexpr double kBeyond = 1e10;
+
 // Maximum number of Newton steps; it exceeds the number of limits on one step.
 constexpr int kRounds = 200;
 
@@ -29,9 +33,15 @@ struct Range {
     double least, most;
 };
 
+// The bound of u on step i beyond which a limit does not restrict it: |u| <= max(x, next x) / (2 h).
+double far_of(const SpeedProblem& problem, std::size_t i, const Range& next) {
+    const double most = kBeyond * std::max(problem.ceiling[i], next.most) / (2.0 * problem.step[i]);
+    return most > 0.0 ? std::min(most, kFar) : kFar;
+}
+
 // The interval of u that the limits on step i permit at x.
 Interval permitted(const SpeedProblem& problem, std::size_t i, double x, const Range& next) {
-    const double twice = 2.0 * problem.step[i];
+    const double twice = 2.0 * problem.step[i], far = far_of(problem, i, next);
     Interval u{(next.least - x) / twice, (next.most - x) / twice, -1.0 / twice, -1.0 / twice};
     for (std::size_t side = 0; side < 2; ++side)
         for (std::size_t j = 0; j < problem.rows; ++j) {
@@ -39,7 +49,7 @@ Interval permitted(const SpeedProblem& problem, std::size_t i, double x, const R
             const std::size_t entry = (2 * i + side) * problem.rows + j;
             const double r = problem.beta[entry], g = problem.gamma[entry], a = problem.bound[entry];
             const double p = problem.alpha[entry] + static_cast<double>(side) * twice * r;
-            if (std::abs(p) * kFar <= a) continue;  // see largest_without_slope()
+            if (std::abs(p) * far <= a) continue;  // see largest_without_slope()
             const double middle = -(r * x + g) / p, half = a / std::abs(p);
             if (middle + half < u.high) {
                 u.high = middle + half;
@@ -54,21 +64,22 @@ Interval permitted(const SpeedProblem& problem, std::size_t i, double x, const R
 }
 
 // The largest x within the limits that do not restrict any practical u, because their joints hardly move along the path.
-double largest_without_slope(const SpeedProblem& problem, std::size_t i) {
+double largest_without_slope(const SpeedProblem& problem, std::size_t i, const Range& next) {
+    const double far = far_of(problem, i, next);
     double x = std::numeric_limits<double>::infinity();
     for (std::size_t side = 0; side < 2; ++side)
         for (std::size_t j = 0; j < problem.rows; ++j) {
             const std::size_t entry = (2 * i + side) * problem.rows + j;
             const double r = problem.beta[entry], g = problem.gamma[entry], a = problem.bound[entry];
             const double p = problem.alpha[entry] + static_cast<double>(side) * 2.0 * problem.step[i] * r;
-            if (r != 0.0 && std::abs(p) * kFar <= a) x = std::min(x, (a - (r > 0.0 ? g : -g)) / std::abs(r));
+            if (r != 0.0 && std::abs(p) * far <= a) x = std::min(x, (a - (r > 0.0 ? g : -g)) / std::abs(r));
         }
     return x;
 }
 
 // The first x from the given one down (or up) at which some u leads to the range; NaN without one.
 double first_feasible(const SpeedProblem& problem, std::size_t i, double x, const Range& next, bool down) {
-    const double most = largest_without_slope(problem, i);
+    const double most = largest_without_slope(problem, i, next);
     if (down) x = std::min(x, most);
     for (int round = 0; round < kRounds; ++round) {
         const Interval u = permitted(problem, i, x, next);

@@ -35,7 +35,7 @@ constexpr double kSubdivideAbove = 1.01;
 constexpr std::size_t kMaxParts = 4;
 
 // Fraction of the total time that a step may lose before it is subdivided. The estimate is eight times too large.
-constexpr double kMaxLoss = 4e-3;
+constexpr double kMaxLoss = 2e-3;
 
 // Without a jerk limit: numbers of steps of the first grid on a bent piece, at least and at most; the least number on
 // all bent pieces together (a single step that begins and ends at rest would not move); and the least number on a piece

@@ -22,6 +22,7 @@ from pinproof.cli.options import (
     ToolOptions,
     load_motion,
 )
+from pinproof.cli.program import certify_program_file
 from pinproof.errors import InputError
 
 __all__ = ["certify_motion", "verdict"]
@@ -81,7 +82,10 @@ def certify_motion(
         ),
     ] = None,
     motion: Annotated[
-        Path | None, typer.Argument(help="A motion file (.json, .csv, .yaml or .yml).", metavar="MOTION")
+        Path | None,
+        typer.Argument(
+            help="A motion file (.json, .csv, .yaml or .yml), or a robot program of pinproof export.", metavar="MOTION"
+        ),
     ] = None,
     *,
     tolerances: ToleranceOptions,
@@ -98,6 +102,9 @@ def certify_motion(
     ] = None,
     audit_options: AuditOptions,
     ignore_record: IgnoreRecord = False,
+    allow_changes: Annotated[
+        bool, typer.Option("--allow-changes", help="Accept a robot program that was edited after it was written.")
+    ] = False,
     html: Html = None,
     rates: RateOptions,
     chain: ChainOptions,
@@ -124,9 +131,19 @@ def certify_motion(
         return
     if arm is None or motion is None:
         raise InputError("ROBOT or MOTION is missing; state both, or a saved proof with --verify")
-    check_output_files([html, save_proof], [robot, motion, scene_options.scene, chain.srdf, *tool.files])
+    check_output_files([html, save_proof], [robot, motion, scene_options.scene, chain.srdf, chain.limits, *tool.files])
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
+    from pinproof.motion.dialects import is_program_file
+
+    if is_program_file(motion):
+        if save_proof or html or audit_options.with_audit or rates != RateOptions() or tolerances != ToleranceOptions():
+            raise InputError(
+                "a robot program is certified with the deviation that it states, and without --save-proof, --html, "
+                "--audit, --payload, --torque, --tool-speed and tolerances; remove these options"
+            )
+        certify_program_file(motion, checker, allow_changes=allow_changes, as_json=as_json)
+        return
     trajectory = load_motion(motion, checker, ignore_record)
     with progress_status("certifying"):
         certificate = pp.certify(

@@ -52,7 +52,7 @@ def urdf2dh(
 
     Example: pinproof urdf2dh ur5 -o ur5.yaml
     """
-    check_output_files([output], [robot, chain.srdf])
+    check_output_files([output], [robot, chain.srdf, chain.limits])
     arm = chain.arm(robot)
     rows = pp.urdf_to_dh(arm, convention=convention.value)
     rows.save(output)

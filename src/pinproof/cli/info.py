@@ -47,7 +47,7 @@ def info(
 
     Example: pinproof info ur5
     """
-    check_output_files([write_srdf, write_urdf], [robot, chain.srdf])
+    check_output_files([write_srdf, write_urdf], [robot, chain.srdf, chain.limits])
     arm = chain.arm(robot)
     if write_urdf is not None:
         arm.robot.save_urdf(write_urdf)

@@ -21,6 +21,8 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.bench import bench_ik, bench_plan
+from pinproof.cli.cell import cell_sequence
+from pinproof.cli.cell_placement import cell_compare, cell_place, cell_tolerance
 from pinproof.cli.certify import certify_motion
 from pinproof.cli.console import Interrupted, print_error, print_json, print_note
 from pinproof.cli.convert import dh2urdf, urdf2dh
@@ -30,6 +32,7 @@ from pinproof.cli.kinematics import fk, ik
 from pinproof.cli.motion import check, plan
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import pick
+from pinproof.cli.program import export
 from pinproof.cli.reach import reach
 from pinproof.cli.schema import schema
 from pinproof.cli.view import view
@@ -67,14 +70,19 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "check": check,
     "plan": plan,
     "certify": certify_motion,
+    "export": export,
     "view": view,
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,
     "schema": schema,
+    "cell place": cell_place,
+    "cell sequence": cell_sequence,
+    "cell compare": cell_compare,
+    "cell tolerance": cell_tolerance,
     "bench ik": bench_ik,
     "bench plan": bench_plan,
 }
-"""The commands by name; ``bench`` is a group of commands."""
+"""The commands by name; ``cell`` and ``bench`` are groups of commands."""
 
 
 class _ErrorOptions:
@@ -87,8 +95,16 @@ class _ErrorOptions:
         cls.verbose = True
 
 
-groups = {"": app, "bench": typer.Typer(help="Run the benchmarks on this machine.", no_args_is_help=True)}
-app.add_typer(groups["bench"], name="bench")
+groups = {
+    "": app,
+    "cell": typer.Typer(
+        help="Plan a robot cell: where the robot is placed, the order of its picks, and its cycle time.",
+        no_args_is_help=True,
+    ),
+    "bench": typer.Typer(help="Run the benchmarks on this machine.", no_args_is_help=True),
+}
+for name in ("cell", "bench"):
+    app.add_typer(groups[name], name=name)
 for words, command in COMMANDS.items():
     group, _, name = words.rpartition(" ")
     groups[group].command(name)(expand_options(command, _ErrorOptions.set_verbose))
@@ -103,9 +119,10 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def common(
     version: Annotated[  # noqa: ARG001  # used by its callback
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.", metavar=""),
     ] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.", metavar="")] = False,
 ) -> None:
     """Options of the program itself."""
     _ErrorOptions.verbose = verbose

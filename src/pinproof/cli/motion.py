@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy.typing as npt
 import typer
 
 import pinproof as pp
@@ -18,7 +19,6 @@ from pinproof.cli.options import (
     ConstraintOptions,
     Html,
     Json,
-    Limits,
     RateOptions,
     Robot,
     SceneOptions,
@@ -86,7 +86,6 @@ def plan(
     ] = "rrt_connect",
     html: Html = None,
     seed: Seed = 0,
-    limits: Limits = None,
     jerk: Annotated[
         str | None,
         typer.Option(
@@ -112,16 +111,17 @@ def plan(
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
-    check_output_files([output, html], [robot, scene_options.scene, chain.srdf, limits, *tool.files])
+    check_output_files([output, html], [robot, scene_options.scene, chain.srdf, chain.limits, *tool.files])
     search = pp.planning.make_planner(planner)
-    arm = chain.arm(robot, limits, tool)
+    arm = chain.arm(robot, tool)
     rate_limits = rates.limits(arm)
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
     kept = constraint_options.constraints(arm, ends[0])
     with progress_status("planning"):
-        result = search.plan(checker, *ends, constraints=kept, rng=seed)
+        heavy = rates.torque_limits(arm)
+        result = search.plan(checker, *ends, constraints=kept, torque_limits=heavy, rng=seed)
         if result.path is None:
             if as_json:
                 print_json({"ok": False, "status": result.status.name, "message": result.message})
@@ -130,25 +130,36 @@ def plan(
             raise typer.Exit(1)
         checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(
-            result.path, checker, rng=seed, blend=blend, constraints=kept, certificate=result.certificate
+            result.path,
+            checker,
+            rng=seed,
+            blend=blend,
+            constraints=kept,
+            torque_limits=heavy,
+            certificate=result.certificate,
         )
         path = simplified.path
-        # The moves of the optimisation do not keep constraints of the tcp.
-        budget = 0 if kept else optimise
         shortest = pp.optimise(
-            path, checker, limits=arm.limits, jerk=_jerk(jerk), rate_limits=rate_limits, rng=seed, budget=budget
+            path,
+            checker,
+            limits=arm.limits,
+            jerk=_jerk(jerk),
+            rate_limits=rate_limits,
+            constraints=kept,
+            rng=seed,
+            budget=optimise,
         )
-        trajectory = shortest.trajectory
-        certificate = pp.certify(trajectory, checker, constraints=kept) if kept else shortest.certificate
+        trajectory, certificate = shortest.trajectory, shortest.certificate
     torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
     written = []
     if output is not None:
         trajectory.save(output, certificate=certificate)
         written.append(output)
     if html is not None:
-        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
+        drawn = pp.viewer.PlotLimits(arm.limits, _plotted_jerk(arm, jerk), rate_limits)
+        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, plot=drawn)
         written.append(html)
-    _show(simplified, shortest, certificate, torques, torque_notes, written, optimised=budget > 0, as_json=as_json)
+    _show(simplified, shortest, certificate, torques, torque_notes, written, optimised=optimise > 0, as_json=as_json)
     if not certificate.free:
         raise typer.Exit(1)
 
@@ -190,6 +201,11 @@ def _show(
         print_line(f"note: {note}")
     if written:
         print_line(f"wrote {' and '.join(map(str, written))}")
+
+
+def _plotted_jerk(arm: pp.Arm, text: str | None) -> npt.ArrayLike | None:
+    jerk = _jerk(text)
+    return arm.limits.jerk if jerk == "limits" else jerk
 
 
 def _jerk(text: str | None) -> float | Literal["limits"] | None:

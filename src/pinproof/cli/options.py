@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import numpy as np
 import typer
@@ -205,13 +205,13 @@ class ChainOptions(RobotFileOptions):
         typer.Option(help="A joint group of the SRDF, which defines base and tcp.", autocompletion=group_names),
     ] = None
 
-    def arm(self, robot: str, limits: Path | None = None, tool: ToolOptions | None = None) -> pp.Arm:
+    limits: Limits = None
+
+    def arm(self, robot: str, tool: ToolOptions | None = None) -> pp.Arm:
         """Load the arm of a robot by catalogue name or file.
 
         Parameters
         ----------
-        limits
-            A file of joint limits.
         tool
             States the joints that are held and, if no tcp or group is selected, the tcp.
 
@@ -220,7 +220,7 @@ class ChainOptions(RobotFileOptions):
         InputError
             If the picks file of ``--tool-of`` states another tcp than the command.
         """
-        joint_limits = None if limits is None else pp.JointLimits.load(limits)
+        joint_limits = None if self.limits is None else pp.JointLimits.load(self.limits)
         loaded = self.load(robot)
         # Without files of a tool, the packages that read them are not imported.
         tcp, tool_tcp = self.tcp, None if tool is None or tool.tool_of is None else tool.picks.tcp
@@ -405,6 +405,10 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
         else:
             options.append((name, parameter.annotation, parameter.default))
     options.append(("verbose", Verbose, False))
+    for _, hint, _ in options:
+        if get_args(hint)[:1] == (bool,):
+            for setting in hint.__metadata__:
+                setting.metavar = setting.metavar or ""  # else the help shows <bool>, as if the option took a value
 
     @functools.wraps(command)
     def call(*, verbose: bool, **given: Any) -> None:

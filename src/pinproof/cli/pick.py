@@ -8,7 +8,7 @@ much faster.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,6 +35,7 @@ from pinproof.common.files import file_stems
 from pinproof.errors import CampaignError, InputError, UnknownNameError
 
 if TYPE_CHECKING:
+    from pinproof.motion.dialects import Dialect
     from pinproof.picks import PickSource
 
 __all__ = ["CellOptions", "judge_file", "pick"]
@@ -113,6 +114,21 @@ class OutputOptions:
         float, typer.Option(help="Seconds that the arm rests in programs while the gripper opens.", min=0.0)
     ] = 0.0
 
+    export: Annotated[
+        str | None,
+        typer.Option(
+            "--export",
+            help="Also write a robot program of each good pick to the folder of -o: urscript, rapid, krl or fanuc.",
+        ),
+    ] = None
+    gripper_output: Annotated[
+        str | None,
+        typer.Option(
+            help="For --export: the digital output that closes the gripper. Default: 1; 0 for urscript, do_gripper for "
+            "rapid."
+        ),
+    ] = None
+
     @property
     def is_folder(self) -> bool:
         """Whether the reports are written to a folder."""
@@ -122,11 +138,15 @@ class OutputOptions:
     @property
     def for_folder(self) -> bool:
         """Whether an option is used that only applies to a folder."""
-        return bool(self.pages or self.grip_dwell or self.release_dwell)
+        return bool(self.pages or self.grip_dwell or self.release_dwell or self.export or self.gripper_output)
 
     def check(self, suffix: str | None = None) -> None:
         """Refuse an output that cannot be written, before the picks are checked; ``suffix``: only this file type."""
         path = self.output
+        if self.export is not None and not _dialect(self.export).outputs:
+            raise InputError(f"--export {self.export}: picks need digital outputs; use urscript, rapid, krl or fanuc")
+        if self.gripper_output is not None and self.export is None:
+            raise InputError("--gripper-output needs --export")
         if path is None:
             return
         if suffix is not None and path.suffix.lower() != suffix:
@@ -155,12 +175,43 @@ class OutputOptions:
             found.save_motion(output / f"{stem}.json")
             if self.pages and report.setup is not None:
                 write_pages(found, report.setup.checker.arm, output / f"{stem}.html")
+        programs = self._export(report, stems)
         names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
         if not stems:
             return names
         more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if self.pages else "")
         picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
-        return f"{names}; for {picks} its motion and program, such as {more}"
+        return f"{names}; for {picks} its motion and program, such as {more}{programs}"
+
+    def _export(self, report: pp.PickReport, stems: Sequence[str]) -> str:
+        """Write a robot program of each good pick; those that are not proven are noted. Return what was written."""
+        if self.export is None or self.output is None or report.setup is None:
+            return ""
+        dialect = _dialect(self.export)
+        dwell = {"grip_dwell": self.grip_dwell, "release_dwell": self.release_dwell}
+        made = zip(report.good, report.programs(**dwell), stems, strict=True)
+        count = 0
+        for judged, program, stem in made:
+            found = pp.picks.export_picks(
+                report.setup,
+                [(judged.pick, program)],
+                self.export,
+                output=self.gripper_output or dialect.outputs,
+                name=stem,
+            )
+            if found.free:
+                found.program.save(self.output / f"{stem}{dialect.endings[0]}")
+                count += 1
+            else:
+                failed = next(each for each in found.certificates[0] if not each.free)
+                print_note(f"note: the {self.export} program of {stem} is not written: {failed.message}")
+        return f"; {count} programs in {self.export}"
+
+
+def _dialect(name: str) -> Dialect:
+    from pinproof.motion.dialects import find_dialect
+
+    return find_dialect(name)
 
 
 @dataclass(frozen=True)
@@ -230,7 +281,8 @@ def pick(
     optimise: Annotated[
         int | None,
         typer.Option(
-            help="Evaluations to shorten each transit and each transfer; 0: follow the planned paths. Default: 100.",
+            help="Evaluations to shorten each transit and each transfer; 0: follow the planned paths. Default: "
+            "optimise in the picks file, otherwise 100.",
             min=0,
         ),
     ] = None,
@@ -248,7 +300,10 @@ def pick(
     if out.for_folder and (not out.is_folder or screen or campaign is not None):
         raise InputError("--pages, --grip-dwell and --release-dwell belong to -o with a folder; add -o FOLDER")
     if optimise is not None and (program is not None or screen or campaign is not None):
-        raise InputError("--optimise cannot be combined with --program, --screen or --campaign; remove it")
+        raise InputError(
+            "--optimise cannot be combined with --program, --screen or --campaign; remove it, or state optimise in "
+            "the picks file"
+        )
     if program is not None:
         if screen or campaign is not None or out.output is not None or pool.stated:
             raise InputError("--program checks no pick; remove --screen, --campaign, -o, --workers and --dask")
@@ -262,7 +317,7 @@ def pick(
         ok = _run_campaign(file, cell, campaign, pool, seed, out.output, as_json=as_json)
     else:
         out.check()
-        budget = pp.picks.PickBudget() if optimise is None else pp.picks.PickBudget(motion=optimise)
+        budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
         ok = _judge(file, cell, pool, seed, out, budget, as_json=as_json)
     if not ok:
         raise typer.Exit(1)
@@ -274,7 +329,7 @@ def _judge(
     pool: WorkerOptions,
     seed: int,
     out: OutputOptions,
-    budget: pp.picks.PickBudget,
+    budget: pp.picks.PickBudget | None,
     *,
     as_json: bool,
 ) -> bool:

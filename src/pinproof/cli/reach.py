@@ -34,6 +34,7 @@ class Orientations(str, Enum):
     DOWN = "down"
     CONE = "cone"
     ALL = "all"
+    HOME = "home"
 
 
 @dataclass(frozen=True)
@@ -43,16 +44,18 @@ class OrientationOptions:
     orientations: Annotated[
         Orientations,
         typer.Option(
-            help="Directions of the tool's z axis: straight down, in a cone around it, or all directions; straight "
-            "down is always one of them."
+            help="Directions of the tool's z axis: straight down, in a cone around it, all directions (straight down "
+            "is one of them), or the direction at home, for planar arms."
         ),
     ] = Orientations.DOWN
     angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0
     directions: Annotated[int, typer.Option(help="Number of directions for cone and all.", min=1)] = 12
     spins: Annotated[int, typer.Option(help="Number of rotations about each direction.", min=1)] = 8
 
-    def frames(self) -> Array:
-        """Rotations (k, 3, 3) of the tool."""
+    def frames(self, axis: Array) -> Array:
+        """Rotations (k, 3, 3) of the tool; ``axis`` (3,) is the z axis of the tool at home."""
+        if self.orientations is Orientations.HOME:
+            return pp.picks.tool_orientations(axis[None], self.spins)
         half_angles = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(self.angle), Orientations.ALL: math.pi}
         half = half_angles[self.orientations]
         directions = pp.picks.approach_directions(half_angle=half, count=self.directions)
@@ -109,13 +112,13 @@ def reach(
     """
     outputs = output or []
     _check_suffixes(outputs)
-    check_output_files(outputs, [robot, scene_options.scene, chain.srdf, against, *tool.files])
+    check_output_files(outputs, [robot, scene_options.scene, chain.srdf, chain.limits, against, *tool.files])
     before = None if against is None else pp.ReachMap.load(against)
     grid, world_from_root = _region(region, step), placement(place)
     arm = chain.arm(robot, tool=tool)
     checker = _checker(arm, scene_options, tool, world_from_root)
-    frames = orientation_options.frames()
     tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
+    frames = orientation_options.frames(_axis_at_home(arm, tcp_from_tip, world_from_root))
     with progress_bar("reach map", len(grid) * len(frames)) as progress:
         found = pp.reach_map(
             checker, grid, frames, tip=tcp_from_tip, world_from_root=world_from_root, rng=seed, threads=threads,
@@ -155,17 +158,21 @@ def _checker(arm: pp.Arm, options: SceneOptions, tool: ToolOptions, world_from_r
     return checker
 
 
+def _axis_at_home(arm: pp.Arm, tip: SE3, world_from_root: SE3) -> Array:
+    """The z axis (3,) of the tool at home, in the world."""
+    home = world_from_root * arm.root_from_base * arm.forward_kinematics(arm.home) * tip
+    return np.array(home.rotation[:, 2])
+
+
 def _never(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:
     """Why no point can be reached if the arm takes none of the orientations at any position; else ''."""
     if pp.picks.attainable_orientations(arm, frames, tip=tip, world_from_root=world_from_root, rng=seed).any():
         return ""
-    axis = (world_from_root * arm.root_from_base * arm.forward_kinematics(arm.home) * tip).rotation[:, 2]
-    points = " ".join(f"{value + 0.0:.2g}" for value in axis.round(3))
-    other = (
-        "use more --directions, another --tcp or a --tip"
-        if asked is Orientations.ALL
-        else "use --orientations all, another --tcp or a --tip"
-    )
+    points = " ".join(f"{value + 0.0:.2g}" for value in _axis_at_home(arm, tip, world_from_root).round(3))
+    other = {
+        Orientations.ALL: "use --orientations home, more --directions, another --tcp or a --tip",
+        Orientations.HOME: "use more --spins, another --tcp or a --tip",
+    }.get(asked, "use --orientations all or home, another --tcp or a --tip")
     return (
         f"the arm takes none of the {len(frames)} orientations at any position that was tried, also outside the "
         f"region; at home the z axis of its tool points along [{points}]; {other}"

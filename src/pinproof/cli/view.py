@@ -102,7 +102,9 @@ def view(
 
     Example: pinproof view ur5 --html ur5.html
     """
-    check_output_files([html, png_options.png], [robot, motion, scene_options.scene, chain.srdf, *tool.files])
+    check_output_files(
+        [html, png_options.png], [robot, motion, scene_options.scene, chain.srdf, chain.limits, *tool.files]
+    )
     size = png_options.pixels()
     if motion is not None and (q is not None or branches):
         option = "--branches" if q is None else "--q"

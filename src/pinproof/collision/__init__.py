@@ -23,6 +23,7 @@ from pinproof.collision.path_constraints import (
     Upright,
     Within,
 )
+from pinproof.collision.program_proof import ProgramCertificate, ProgramPart, certify_program, export_program
 from pinproof.collision.proof_file import verify_proof
 from pinproof.collision.scene import Attachments, Scene
 from pinproof.collision.shapes import (
@@ -71,6 +72,8 @@ __all__ = [
     "Parting",
     "PathConstraint",
     "PointCloud",
+    "ProgramCertificate",
+    "ProgramPart",
     "Scene",
     "Shape",
     "Sphere",
@@ -81,6 +84,8 @@ __all__ = [
     "Within",
     "audit",
     "certify",
+    "certify_program",
+    "export_program",
     "is_proven_free",
     "sample_overlaps",
     "verify_proof",

@@ -404,7 +404,7 @@ def _made_of_own_shape(shape: Mesh, _changed: tuple[int, int] | None) -> tuple[t
     if not solid.watertight:
         remark = f"{what} is not watertight, so it is replaced by its convex hull, which fills its openings"
         return (_made_of_mesh(replace(shape, hull=True)),), remark
-    cover = convex_pieces(solid.corners, solid.contains, most=MOST_PIECES, tolerance=DEEP)
+    cover = convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
     if cover is None or cover.excess > MOST_EXCESS:
         remark = (
             f"{what} is represented by its exact triangles, because {MOST_PIECES} convex pieces do not fit it within "

@@ -14,6 +14,7 @@ from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -477,13 +478,26 @@ def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = ())
     return digest.hexdigest()
 
 
+_setups: WeakKeyDictionary[CollisionChecker, tuple[tuple[FileStamp | None, ...], str]] = WeakKeyDictionary()
+"""The hash of the setup of each checker, with the mesh files for which it holds: one motion may need many proofs."""
+
+
 def checked_hash(checker: CollisionChecker) -> str:
     """Return :func:`setup_hash` of the setup of a checker.
 
     If a mesh file was changed after the checker read it, the hash matches no setup.
     """
-    digest = setup_hash(checker.group, checker.scene, checker.attached)
-    changed = changed_files(checker)
+    meshes: list[str | Path | None] = [
+        geometry.mesh.path for geometry in checker.group.robot.urdf.collisions if geometry.mesh is not None
+    ]
+    meshes += [
+        each.shape.path for each in (*checker.attached, *checker.scene.obstacles) if isinstance(each.shape, Mesh)
+    ]
+    files = tuple(None if path is None else FileStamp.of(path) for path in meshes)
+    known = _setups.get(checker)
+    if known is None or known[0] != files:
+        known = _setups[checker] = files, setup_hash(checker.group, checker.scene, checker.attached)
+    digest, changed = known[1], changed_files(checker)
     return hashlib.sha256(repr((digest, changed)).encode()).hexdigest() if changed else digest
 
 
@@ -548,6 +562,19 @@ def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
 
     Excluded pairs are listed in :attr:`CollisionChecker.excluded`, each with its reason.
     """
+    before, after = _unchanging_notes(checker)
+    changed = [Path(file.path).name for file in changed_files(checker)]
+    about_files = [f"{_some(changed)}: changed after the checker read it; create a new checker"] if changed else []
+    return tuple(dict.fromkeys((*before, *about_files, *after)))
+
+
+_notes: WeakKeyDictionary[CollisionChecker, tuple[list[str], list[str]]] = WeakKeyDictionary()
+
+
+def _unchanging_notes(checker: CollisionChecker) -> tuple[list[str], list[str]]:
+    """The notes before and after those about changed files."""
+    if checker in _notes:
+        return _notes[checker]
     arm, notes = checker.group, list(checker.scene.notes)
     by_remark: dict[str, dict[str, None]] = {}
     for body in checker.bodies:
@@ -565,11 +592,9 @@ def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
         notes.append(GENERATED_BODIES)
     elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
         notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
-    if changed := [Path(file.path).name for file in changed_files(checker)]:
-        notes.append(f"{_some(changed)}: changed after the checker read it; create a new checker")
-    if arm.held:
-        notes.append(f"joints outside the arm are held fixed: {_some([f'{n} = {v:g}' for n, v in arm.held.items()])}")
-    return tuple(dict.fromkeys(notes))
+    held = [f"{name} = {value:g}" for name, value in arm.held.items()]
+    _notes[checker] = notes, [f"joints outside the arm are held fixed: {_some(held)}"] if held else []
+    return _notes[checker]
 
 
 def _some(names: Sequence[str]) -> str:

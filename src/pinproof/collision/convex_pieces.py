@@ -23,17 +23,17 @@ axes only and serves the links of robots, which are round.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 
 import coal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.hulls import bvh
+from pinproof.collision.hulls import Solid, bvh, inside
 
 __all__ = ["SAMPLES", "ConvexPieces", "convex_pieces", "split_cell", "split_edges", "split_triangles"]
 
@@ -157,6 +157,9 @@ AT = (
 Samples = tuple[Array, Array]
 """Points (N, 3) of a surface and the outward unit normals (N, 3) there."""
 
+PRODUCTS = 2**20
+"""Products of a sample and a plane that are computed at once: 8 MB."""
+
 SAMPLES = 4000
 """Points on the surface of the cover at which its excess is measured."""
 
@@ -177,31 +180,34 @@ class ConvexPieces:
     excess: float
 
 
-def convex_pieces(
-    corners: Array, contains: Callable[[Array], bool], *, most: int, tolerance: float
-) -> ConvexPieces | None:
+def convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPieces | None:
     """Cover a watertight mesh by at most ``most`` convex pieces.
 
-    None for a mesh with more faces at reflex edges than 1.5 times that: a bowl, say, would need many more pieces.
+    Bodies that overlap are covered one by one, because their common surface has no edges to cut at. None for a mesh
+    with more faces at reflex edges than 1.5 times ``most``: a bowl, say, would need many more pieces.
 
     Parameters
     ----------
-    corners
-        (F, 3, 3) the triangles, solid parts turned outwards.
-    contains
-        Whether any of the points (N, 3) lies inside.
+    solid
+        The mesh.
     most
         Pieces at most.
     tolerance
         Metres. A cell is not cut any more where no more space than this is between the surface and the hull.
     """
+    corners = solid.corners
     size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
-    space = _Space(contains, SNAP * size, NUDGE * size, size)
-    mesh_cell = _Cell(space, corners, _box(corners), *_reflex_edges(corners, SNAP * size))
-    if len(mesh_cell.reflex_planes()) > 1.5 * most and mesh_cell.deepest > tolerance:
+    cells = []
+    for part in solid.solids if len(solid.solids) <= most else (corners,):
+        space = _Space(partial(inside, corners=part), SNAP * size, NUDGE * size, size)
+        cells.append(_Cell(space, part, _box(part), *_reflex_edges(part, SNAP * size)))
+    # The space of a hull takes seconds for a mesh of 100,000 triangles, so the planes are counted first.
+    if sum(len(cell.reflex_planes()) for cell in cells) > 1.5 * most and (
+        sum(len(each.reflex_planes()) for each in cells if each.hull.has_space(*each.samples, tolerance)) > 1.5 * most
+    ):
         return None
-    hulls = _joined(_cells(mesh_cell, most, tolerance), tolerance)
-    return ConvexPieces(tuple(hull.points for hull in hulls), _excess(hulls, corners, contains))
+    hulls = _joined(_cells(cells, most, tolerance), tolerance)
+    return ConvexPieces(tuple(hull.points for hull in hulls), _excess(hulls, corners, solid.contains))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,17 +234,33 @@ class _Hull:
 
     def space(self, points: Array, normals: Array) -> Array:
         """How far (m) it is from points (N, 3) in it along unit normals (N, 3) to its surface."""
-        if len(self.planes) == 0 or len(points) == 0:
-            return np.zeros(len(points))
+        space = np.zeros(len(points))
+        for rows in self._blocks(points):
+            space[rows] = self._block_space(points[rows], normals[rows])
+        return space
+
+    def has_space(self, points: Array, normals: Array, tolerance: float) -> bool:
+        """Whether it is farther than ``tolerance`` (m) from any of the points to its surface; stops at the first."""
+        return any((self._block_space(points[r], normals[r]) > tolerance).any() for r in self._blocks(points))
+
+    def _blocks(self, points: Array) -> list[slice]:
+        """Rows of points by blocks: a CAD mesh has 500,000 samples and 3,000 planes, and their product is 12 GB."""
+        if len(self.planes) == 0:
+            return []
+        rows = max(1, PRODUCTS // len(self.planes))
+        return [slice(i, i + rows) for i in range(0, len(points), rows)]
+
+    def _block_space(self, points: Array, normals: Array) -> Array:
         height = np.maximum(-(points @ self.planes[:, :3].T + self.planes[:, 3]), 0.0)
         slope = normals @ self.planes[:, :3].T
         return np.asarray(np.where(slope > 1e-9, height / np.maximum(slope, 1e-9), np.inf).min(axis=1))
 
 
-def _cells(mesh_cell: _Cell, most: int, tolerance: float) -> list[tuple[_Hull, Samples]]:
+def _cells(given: Sequence[_Cell], most: int, tolerance: float) -> list[tuple[_Hull, Samples]]:
     """The hulls of the cells, each with samples of the surface in it, the worst cell cut first."""
-    number = 0
-    queue = [(-mesh_cell.cost, number, mesh_cell)]
+    number = len(given)
+    queue = [(-cell.cost, k, cell) for k, cell in enumerate(given)]
+    heapq.heapify(queue)
     done: list[_Cell] = []
     while queue:
         cell = heapq.heappop(queue)[2]
@@ -402,24 +424,23 @@ def _reflex_edges(corners: Array, snap: float) -> tuple[Array, Array]:
     twice = np.linalg.norm(across, axis=1)
     corners, normals = corners[twice > 0], across[twice > 0] / twice[twice > 0, None]
     planes = np.column_stack([normals, -np.einsum("fi,fi->f", normals, corners[:, 0])])
-    _, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    index = index.reshape(-1, 3)
-    there = {
-        (a, b): (f, k)
-        for f, row in enumerate(index.tolist())
-        for k, (a, b) in enumerate(zip(row, row[1:] + row[:1], strict=True))
-    }
-    edges, sides = [], []
-    for (a, b), (f, k) in there.items():
-        if a < b and (back := there.get((b, a))) is not None:
-            g, m = back
-            far = corners[g, (m + 2) % 3]
-            base = np.linalg.norm(corners[f, (k + 1) % 3] - corners[f, k])
-            sine = float(normals[g] @ np.cross(normals[f], corners[f, (k + 1) % 3] - corners[f, k])) / base
-            if sine > REFLEX and float(planes[f] @ np.append(far, 1.0)) > snap:
-                edges.append([corners[f, k], corners[f, (k + 1) % 3]])
-                sides.append([planes[f], planes[g]])
-    return np.array(edges).reshape(-1, 2, 3), np.array(sides).reshape(-1, 2, 4)
+    places, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    # Half-edge 3 f + k starts at corner k of triangle f; its twin runs the other way in the neighbouring triangle.
+    start = index.reshape(-1, 3)
+    end = np.roll(start, -1, axis=1)
+    key, twin = (start * len(places) + end).ravel(), (end * len(places) + start).ravel()
+    keys, last = np.unique(key[::-1], return_index=True)
+    half = len(key) - 1 - last  # where triangles overlap, the last of them counts
+    place = np.minimum(np.searchsorted(keys, twin[half]), len(keys) - 1)
+    half, back = np.compress((keys[place] == twin[half]) & (key[half] < twin[half]), [half, half[place]], axis=1)
+    order = np.argsort(half)
+    (f, k), (g, m) = np.divmod(half[order], 3), np.divmod(back[order], 3)
+    ends = np.stack([corners[f, k], corners[f, (k + 1) % 3]], axis=1)
+    along = ends[:, 1] - ends[:, 0]
+    sine = np.einsum("ei,ei->e", normals[g], np.cross(normals[f], along)) / np.linalg.norm(along, axis=1)
+    height = np.einsum("ei,ei->e", planes[f, :3], corners[g, (m + 2) % 3]) + planes[f, 3]
+    reflex = (sine > REFLEX) & (height > snap)
+    return ends[reflex], np.stack([planes[f], planes[g]], axis=1)[reflex]
 
 
 def _excess(hulls: list[_Hull], corners: Array, contains: Callable[[Array], bool]) -> float:
@@ -439,7 +460,7 @@ def _excess(hulls: list[_Hull], corners: Array, contains: Callable[[Array], bool
     for i, at in enumerate(points):
         result.clear()
         distances[i] = coal.distance(point, coal.Transform3s(np.eye(3), at), surface, here, request, result)
-    for i in np.argsort(-distances):
+    for i in np.argsort(-distances).tolist():
         if distances[i] <= 1e-6 or not contains(points[i][None]):
             return max(float(distances[i]), 0.0)
     return 0.0

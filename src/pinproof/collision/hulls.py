@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = ["Inside", "Solid", "bvh", "convex_hull", "hull_of_any", "refuse_flat", "winding_number"]
+__all__ = ["Inside", "Solid", "bvh", "convex_hull", "hull_of_any", "inside", "refuse_flat", "winding_number"]
 
 Array = npt.NDArray[np.float64]
 
@@ -124,9 +124,10 @@ class Inside(Protocol):
 class Solid:
     """A triangle mesh as a solid.
 
-    A closed part is solid, independently of the orientation of its triangles. A part with the opposite orientation of
-    the whole mesh is a cavity if it is inside a solid part and does not touch any other part. Otherwise it is a solid
-    part with inverted triangles; without this rule, the overlap of two such parts would count as outside.
+    A part is what is connected over edges between two triangles. A closed part is solid, independently of the
+    orientation of its triangles. A part with the opposite orientation of the whole mesh is a cavity if it is inside a
+    solid part and does not touch any other part. Otherwise it is a solid part with inverted triangles; without this
+    rule, the overlap of two such parts would count as outside.
 
     Parameters
     ----------
@@ -135,11 +136,14 @@ class Solid:
     hollow
         Treat it as a surface without an inside, watertight or not.
     watertight
-        Whether every edge joins exactly two triangles, once in each direction; if not, there is no inside.
+        Whether every edge of a part joins exactly two of its triangles, once in each direction; if not, there is no
+        inside.
     witnesses
-        (K, 3) one vertex of each connected part.
+        (K, 3) one vertex of each part.
     corners
         (F, 3, 3) the triangles that have three different corners; of a watertight mesh, solid parts turned outwards.
+    solids
+        The triangles of bodies whose union is the volume: of each part; of all if the mesh has cavities or no inside.
     """
 
     vertices: Array
@@ -148,31 +152,39 @@ class Solid:
     watertight: bool = field(init=False)
     witnesses: Array = field(init=False)
     corners: Array = field(init=False, repr=False)
+    solids: tuple[Array, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         # Files such as STL repeat each corner for every triangle; equal corners are one vertex.
         points, index = np.unique(self.vertices, axis=0, return_inverse=True)
         faces = index.reshape(-1)[self.triangles]
         faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-        parts = _parts(faces, len(points))
-        closed = not self.hollow and _closed(faces, len(points))
+        edges = _Edges.of(faces, len(points))
+        parts = edges.parts(len(faces))
+        closed = not self.hollow and edges.closed(parts)
         object.__setattr__(self, "watertight", closed)
         object.__setattr__(self, "witnesses", points[[faces[part[0], 0] for part in parts]])
-        object.__setattr__(self, "corners", _oriented(points, faces, parts) if closed else points[faces])
+        corners, separate = _oriented(points, faces, parts) if closed else (points[faces], False)
+        object.__setattr__(self, "corners", corners)
         for array in (self.witnesses, self.corners):
             array.setflags(write=False)
+        solids = [self.corners[part] for part in parts] if separate and len(parts) > 1 else [self.corners]
+        object.__setattr__(self, "solids", tuple(solids))
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3), in the mesh's frame, lies inside; never if the mesh is not watertight."""
-        if not self.watertight:
-            return False
-        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
-        near = points[np.all((points >= low) & (points <= high), axis=1)]
-        return any(abs(winding_number(point, self.corners)) > 0.5 for point in near)
+        return self.watertight and inside(points, self.corners)
 
     def content(self) -> bytes:
         """Return its defining numbers, for a hash."""
         return self.vertices.tobytes() + self.triangles.tobytes() + bytes([self.hollow])
+
+
+def inside(points: Array, corners: Array) -> bool:
+    """Whether any of the points (N, 3) lies inside the closed surface of triangles (F, 3, 3)."""
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    near = points[np.all((points >= low) & (points <= high), axis=1)]
+    return any(abs(winding_number(point, corners)) > 0.5 for point in near)
 
 
 def winding_number(point: Array, corners: Array) -> float:
@@ -189,33 +201,59 @@ def winding_number(point: Array, corners: Array) -> float:
     return float(solid_angles.sum() / (4.0 * np.pi))
 
 
-def _closed(faces: Triangles, count: int) -> bool:
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    there = edges[:, 0] * count + edges[:, 1]
-    back = edges[:, 1] * count + edges[:, 0]
-    return len(there) > 0 and len(np.unique(there)) == len(there) and bool(np.isin(there, back).all())
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """The three edges of each triangle (3 F,): the triangle, the number of the edge, and +-1 for the direction."""
+
+    face: Triangles
+    number: Triangles
+    direction: Triangles
+
+    @classmethod
+    def of(cls, faces: Triangles, count: int) -> _Edges:
+        ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        number = np.unique(ends.min(axis=1) * count + ends.max(axis=1), return_inverse=True)[1].reshape(-1)
+        return cls(np.tile(np.arange(len(faces)), 3), number, np.where(ends[:, 0] < ends[:, 1], 1, -1))
+
+    def parts(self, count: int) -> list[Triangles]:
+        """The triangles of each part, as indices of the ``count`` triangles.
+
+        Bodies that touch, or share vertices or edges, are separate parts: an edge of more than two triangles, or of two
+        in one direction, connects none.
+        """
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import connected_components
+
+        order = np.argsort(self.number, kind="stable")
+        begins = np.flatnonzero(np.diff(self.number[order], prepend=-1))
+        two = begins[np.diff(begins, append=len(order)) == 2]
+        one, other = order[two], order[two + 1]
+        joined = self.direction[one] != self.direction[other]
+        rows, columns = self.face[one[joined]], self.face[other[joined]]
+        graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+        labels = connected_components(graph, directed=False)[1]
+        order = np.argsort(labels, kind="stable")
+        return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if count else []
+
+    def closed(self, parts: list[Triangles]) -> bool:
+        """Whether every edge of a part joins exactly two of its triangles, once in each direction."""
+        label = np.empty(len(self.face) // 3, dtype=np.int64)
+        for k, part in enumerate(parts):
+            label[part] = k
+        key = label[self.face] * (self.number.max(initial=0) + 1) + self.number
+        edge = np.unique(key, return_inverse=True)[1].reshape(-1)
+        return len(parts) > 0 and bool((np.bincount(edge) == 2).all()) and not np.bincount(edge, self.direction).any()
 
 
-def _parts(faces: Triangles, count: int) -> list[npt.NDArray[np.int64]]:
-    """The faces of each connected part, as indices."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    rows, columns = np.concatenate([faces[:, 0], faces[:, 1]]), np.concatenate([faces[:, 1], faces[:, 2]])
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    labels = connected_components(graph, directed=False)[1][faces[:, 0]]
-    order = np.argsort(labels, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(order) else []
-
-
-def _oriented(points: Array, faces: Triangles, parts: list[npt.NDArray[np.int64]]) -> Array:
-    """The triangles (F, 3, 3), solid parts turned outwards and cavities inwards."""
+def _oriented(points: Array, faces: Triangles, parts: list[Triangles]) -> tuple[Array, bool]:
+    """The triangles (F, 3, 3), solid parts turned outwards and cavities inwards, and whether there are no cavities."""
     corners = points[faces]
     corners = corners - corners.mean(axis=(0, 1))  # avoids cancellation far from the origin
     volume = np.array([np.linalg.det(corners[part]).sum() / 6 for part in parts])
     corners = points[faces]
     if volume.sum() < 0:
         corners, volume = corners[:, ::-1], -volume
+    cavities = False
     for k in sorted(
         np.flatnonzero(volume < 0), key=lambda k: float(volume[k])
     ):  # large parts first: they contain small ones
@@ -223,7 +261,9 @@ def _oriented(points: Array, faces: Triangles, parts: list[npt.NDArray[np.int64]
         within = winding_number(corners[parts[k][0], 0], corners[others]) > 0.5
         if not within or _touch(corners[parts[k]], corners[others]):
             corners[parts[k]] = corners[parts[k], ::-1]
-    return corners
+        else:
+            cavities = True
+    return corners, not cavities
 
 
 def _touch(a: Array, b: Array) -> bool:

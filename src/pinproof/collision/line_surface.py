@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from pinproof.collision.bodies import Body, Support, shape_body, triangles_of
 from pinproof.collision.coal_checks import MeasureConvex
+from pinproof.collision.hulls import Solid
 from pinproof.collision.shapes import HeightMap, Mesh, Obstacle, PointCloud, Sphere
 from pinproof.collision.surfaces import cell_faces, ground_surface
 from pinproof.errors import InputError
@@ -101,6 +102,8 @@ class LineSurface:
         shape = thing.shape
         if isinstance(shape, Mesh):
             mesh = triangles_of(shape)
+            if shape.hull is None:  # the rule of collision checks, but one body in place of convex pieces
+                shape = replace(shape, hull=not Solid(mesh.vertices, mesh.triangles).watertight)
             body = shape_body(thing.name, thing.name, None, shape, thing.pose)
             bare = replace(shape, hull=False, hollow=True)
             surface = shape_body(thing.name, thing.name, None, bare, thing.pose) if shape.hull else None
@@ -310,7 +313,7 @@ def _union(parts: Sequence[Span], origins: Array, direction: Array) -> tuple[Arr
     depths = np.array([each[0] for each in found])
     first, rows = depths.argmin(axis=0), np.arange(depths.shape[1])
     normals = np.array([each[2] for each in found])[first, rows]
-    return depths[first, rows], np.max([each[1] for each in found], axis=0), normals
+    return depths[first, rows], np.max(np.stack([each[1] for each in found]), axis=0), normals
 
 
 def _unit(vectors: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,9 @@ from pinproof.model import JointGroup
 __all__ = ["pack_geometry", "pack_world"]
 
 Array = npt.NDArray[np.float64]
+
+ARMS_KEPT = 8
+"""Number of arms whose joints are kept; several checkers are often made for one arm."""
 
 ROOT = -1
 """In place of a joint: the body does not move."""
@@ -31,7 +35,7 @@ def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> G
         Allowance (m) for floating-point errors.
     """
     model = arm.model
-    tree, aligned = _joints(model, arm)
+    tree, aligned = _joints(arm)
     joints, placements = [], np.zeros((len(bodies), 4, 4))
     frames: dict[str, tuple[int, pin.SE3]] = {}
     for i, body in enumerate(bodies):
@@ -54,8 +58,10 @@ def pack_world(geometry: Geometry, pairs: Sequence[tuple[int, int]]) -> World:
     return World(geometry, np.array(pairs, dtype=np.int64).reshape(-1, 2), np.zeros(len(pairs)))
 
 
-def _joints(model: pin.Model, arm: JointGroup) -> tuple[JointTree, list[pin.SE3]]:
+@lru_cache(maxsize=ARMS_KEPT)
+def _joints(arm: JointGroup) -> tuple[JointTree, list[pin.SE3]]:
     """Return the joints, and for each the rotation that takes z to its axis."""
+    model = arm.model
     data = model.createData()
     columns = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, -1)
     count = model.njoints - 1

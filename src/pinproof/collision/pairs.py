@@ -454,6 +454,7 @@ class _Neighbours:
         self._solid = {body.link for body in bodies if body.link is not None and body.owner == body.link}
         self._up = {joint.child: joint for joint in self._robot.urdf.joints.values()}
         self._own = {*arm.joint_names, *arm.followers}
+        self._above: dict[str, list[str]] = {}
         self._disabled = {
             frozenset(pair.links): pair.reason
             for pair in self._robot.srdf.disabled
@@ -532,11 +533,11 @@ class _Neighbours:
     def _links_between(self, a: str, b: str) -> tuple[list[str], str, list[str]]:
         """Return the links from a up to the common ancestor, the ancestor, and the links from b up to it."""
         above_a, above_b = self._to_root(a), self._to_root(b)
-        common = next(link for link in above_a if link in set(above_b))
+        common = next(link for link in above_a if link in above_b)
         return above_a[: above_a.index(common)], common, above_b[: above_b.index(common)]
 
     def _to_root(self, link: str) -> list[str]:
-        chain = [link]
-        while chain[-1] in self._up:
-            chain.append(self._up[chain[-1]].parent)
-        return chain
+        if link not in self._above:
+            joint = self._up.get(link)
+            self._above[link] = [link] if joint is None else [link, *self._to_root(joint.parent)]
+        return self._above[link]

@@ -1,7 +1,8 @@
 """Certificates of motions that begin in contact: an object leaves its support and never approaches it again.
 
-Up to some point of the curve the object is proven not to approach its support (:mod:`.separation`), whatever their
-distance; after it the ordinary proof applies, with the margin. All other pairs are proven as usual on the whole curve.
+Up to some point of the curve the object is proven not to approach its support, whatever their distance
+(``src/core/certificate/departure.h``); after it the ordinary proof applies, with the margin. All other pairs are proven
+as usual on the whole curve.
 Sliding along the support is therefore not sufficient: the object must separate from it by more than the margin.
 """
 
@@ -15,6 +16,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import Departure, DepartureProof
 from pinproof.collision.bodies import Body
 from pinproof.collision.certificate import (
     Certificate,
@@ -31,8 +33,6 @@ from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.separation import (
     BodySupport,
-    DepartureDirection,
-    DepartureProof,
     FacetGroup,
     MovingBody,
     distinct,
@@ -121,11 +121,7 @@ def _free(
     obstacle_tolerance: float,
 ) -> Certificate:
     """Return the certificate of a curve whose parts are all proven."""
-    touching = [
-        separating
-        for separating in separating_pairs
-        if separating.until > float(curve.bezier()[0][0]) or not separating.of_facets
-    ]
+    touching = _that_touch(separating_pairs, float(curve.bezier()[0][0]))
     partings = tuple(
         Parting(
             separating.bodies,
@@ -142,7 +138,7 @@ def _free(
     slack += [DEEPEST + separating.gap - obstacle_tolerance for separating in separating_pairs] + [
         separating.slack for separating in separating_pairs
     ]
-    tube = MotionTube(read_only(np.zeros(checker.arm.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
+    tube = MotionTube(read_only(np.zeros(checker.group.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
     complete = _on_complete_curve(curve, checker, proven[:-1], proven[-1])
     intervals = complete.intervals + sum(separating.proof.intervals for separating in separating_pairs)
     return replace(
@@ -154,6 +150,20 @@ def _free(
         tube=tube,
         partings=partings,
     )
+
+
+def _that_touch(separating_pairs: Sequence[_SeparatingPair], start: float) -> list[_SeparatingPair]:
+    """Return the pairs within their margin after the start; for owners without any, the pair with the smallest gap."""
+    touching = [separating for separating in separating_pairs if separating.until > start]
+    named = {separating.bodies for separating in touching}
+    others: dict[tuple[str, str], _SeparatingPair] = {}
+    for separating in separating_pairs:
+        if separating.bodies in named or separating.of_facets:
+            continue
+        known = others.setdefault(separating.bodies, separating)
+        if separating.gap < known.gap:
+            others[separating.bodies] = separating
+    return [*touching, *others.values()]
 
 
 class _Motion(NamedTuple):
@@ -171,11 +181,11 @@ class _Motion(NamedTuple):
         point: Array = self.control[0, 0]
         return point
 
-    def follow(self, departure: DepartureDirection, enough: float) -> DepartureProof:
+    def follow(self, departure: Departure, enough: float) -> DepartureProof:
         """Follow the curve while the body is proven not to approach."""
         return departure.follow(self.knots, self.control, enough, self.tolerance, self.max_intervals)
 
-    def gap(self, departure: DepartureDirection, t: float) -> float:
+    def gap(self, departure: Departure, t: float) -> float:
         """Return the gap (m) at a parameter."""
         return departure.gap(bezier.evaluate(self.knots, self.control, t))
 
@@ -186,7 +196,7 @@ class _SeparatingPair:
 
     pair: int
     bodies: tuple[str, str]
-    departure: DepartureDirection
+    departure: Departure
     proof: DepartureProof
     gap: float
     slack: float
@@ -231,7 +241,7 @@ def _departures(
     checker: CollisionChecker, pairs: Sequence[int], motion: _Motion
 ) -> tuple[list[_SeparatingPair], _WithFacets, _StartContact | None]:
     """Return how each pair separates, and a checker that also has the facets close to the start."""
-    convex: list[tuple[int, DepartureDirection, DepartureProof, float]] = []
+    convex: list[tuple[int, Departure, DepartureProof, float]] = []
     splits: list[_Split] = []
     for pair in pairs:
         a, b = checker.pairs[pair]
@@ -278,7 +288,7 @@ def _departures(
 def _separating_pair(
     checker: CollisionChecker,
     pair: int,
-    departure: DepartureDirection,
+    departure: Departure,
     proof: DepartureProof,
     gap: float,
     motion: _Motion,
@@ -292,7 +302,7 @@ def _separating_pair(
 
 def _best(
     moving: MovingBody, tried: Array, levels: Array, gaps: Array, enough: float, motion: _Motion
-) -> tuple[DepartureDirection, DepartureProof, float]:
+) -> tuple[Departure, DepartureProof, float]:
     """Return the direction along which a body leaves a convex obstacle: first those with the largest gap are tried.
 
     Directions along which the two overlap more than at the start are not tried. If no direction separates them, the one
@@ -301,9 +311,9 @@ def _best(
     first = int(np.flatnonzero(gaps >= gaps.max() - moving.rounding)[0])
     least = min(float(gaps.max()), 0.0) - moving.rounding
     others = [k for k in np.argsort(-gaps, kind="stable").tolist() if k != first and gaps[k] >= least]
-    best: tuple[DepartureDirection, DepartureProof, float] | None = None
+    best: tuple[Departure, DepartureProof, float] | None = None
     for k in (first, *others):
-        departure = DepartureDirection(moving, tried[k], float(levels[k]))
+        departure = moving.departure(tried[k], float(levels[k]))
         proof = motion.follow(departure, enough)
         if proof.until < np.inf:
             return departure, proof, float(gaps[k])

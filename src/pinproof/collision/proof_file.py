@@ -85,6 +85,7 @@ def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any
     """
     checker = proven.checker
     pair, spans, u = _leaves(proven, (proof.curve.low, proof.curve.high))
+    bodies = np.array(checker.pairs, dtype=np.int64).reshape(-1, 2)
     need = np.array([proof.required(i, j) for i, j in checker.pairs])
     moved = np.array([proof.tolerance_of(j) for _, j in checker.pairs])
     need = np.maximum(need, proven.clearance - CONFIRMED + moved)
@@ -99,7 +100,8 @@ def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any
         unknown = ~u.any(axis=1)
         u[unknown] = _directions(checker, pair[unknown], bounds_of_table.q[at[unknown]])
         fresh |= unknown
-        good = _bounds(checker, bounds_of_table, pair, at, u) > need[pair]
+        unit = u / np.linalg.norm(u, axis=1, keepdims=True)
+        good = bounds_of_table.distance(bodies[pair, 0], bodies[pair, 1], at, unit) > need[pair]
         done.append((pair[good], spans[good], u[good]))
         pair, spans, u, fresh = pair[~good], spans[~good], u[~good], fresh[~good]
         # An interval that fails with its own direction is bisected; the others first get their own direction.
@@ -138,16 +140,6 @@ def _directions(checker: CollisionChecker, pairs: Indices, q: Array) -> Array:
     for row, (pair, configuration) in enumerate(zip(pairs.tolist(), q, strict=True)):
         found[row] = checker.placed(configuration).measure(pair).normal
     return np.round(found, DIGITS)
-
-
-def _bounds(checker: CollisionChecker, bounds_of_table: IntervalBounds, pairs: Indices, at: Indices, u: Array) -> Array:
-    found = np.empty(len(pairs))
-    unit = u / np.linalg.norm(u, axis=1, keepdims=True)
-    order = np.argsort(pairs, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(pairs[order])) + 1):
-        i, j = checker.pairs[int(pairs[rows[0]])]
-        found[rows] = bounds_of_table.distance(i, j, at[rows], unit[rows])
-    return found
 
 
 def _document_rows(checker: CollisionChecker, done: list[tuple[Indices, Array, Array]]) -> tuple[list[Any], list[Any]]:

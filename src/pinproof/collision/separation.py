@@ -1,34 +1,7 @@
-r"""Proofs that a body moving away from an obstacle never approaches it along one direction.
+"""Bodies that leave what they touch: the directions along which they leave it, and the facets of meshes.
 
-Let n be a unit vector that is fixed with the obstacle, and
-
-.. math:: g(t) = \min_{y \in \text{body}} n \cdot y(t) - \max_{x \in \text{obstacle}} n \cdot x .
-
-If g is positive, the two are at least g apart; if it is negative, they overlap by -g along n. If no point of the body
-moves against n, g never decreases. The speed of a point y along n is :math:`\sum_i s_i f_i`, with the rates s_i of the
-joints that carry it and :math:`f_i = n \cdot (w_i \times (y - p_i))`, or :math:`n \cdot w_i` for a prismatic joint.
-
-On an interval every joint j stays within delta_j of its value in the middle. Move there joint by joint, starting with
-the one closest to the root. Joints up to i rotate :math:`w_i \times (y - p_i)` as a whole, and joints beyond i move y
-by their chords, at radii that are those of the middle (``src/core/certificate/motion_bounds.h``). So f_i stays within
-
-.. math:: \varepsilon_i = \rho_i \sum_{j \le i} 2 \sin(\delta_j / 2) + \sum_{j > i} 2 \rho_j \sin(\delta_j / 2)
-
-of its value in the middle (prismatic joints do not rotate, and translate by delta_j). On a polynomial piece the rates
-are :math:`s_i(u) = \sum_r B_r(u) s_{ri}`, with coefficients that are differences of control points, and nonnegative
-B_r. So g does not decrease if for every r
-
-.. math:: L_r = \min_y \sum_i s_{ri} f_i(y) - \sum_i |s_{ri}| \varepsilon_i \ge 0 ,
-
-with f_i at the middle, where the sum is linear in y and its minimum is a value of the support function. If some L_r are
-negative, g decreases by at most the sum of their magnitudes. Coefficients are compared instead of values because at
-rest both sides are 0.
-
-For an exact mesh, the facets close to the body at the start are grouped by the directions along which the body leaves
-them.
-
-Source: R. T. Farouki (2012), "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric
-Design 29, section 3 (differences, hull); the rest is derived here.
+That a body never approaches an obstacle along one direction is proven in ``src/core/certificate/departure.h``. For an
+exact mesh, the facets close to the body at the start are grouped by the directions along which the body leaves them.
 """
 
 from __future__ import annotations
@@ -40,12 +13,12 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import Workspace
+from pinproof._core import Departure, DepartureProof, Workspace
+from pinproof._core import Shape as CoreShape
 from pinproof.collision.bodies import Body
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.coal_checks import MeasureConvex
 from pinproof.collision.hulls import Solid, bvh
-from pinproof.motion import bezier
 from pinproof.spatial import matrix
 
 if TYPE_CHECKING:
@@ -53,8 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BodySupport",
-    "DepartureDirection",
-    "DepartureProof",
     "FacetGroup",
     "MovingBody",
     "directions_to_facets",
@@ -66,23 +37,6 @@ __all__ = [
 ]
 
 Array = npt.NDArray[np.float64]
-
-
-HALVINGS = 12
-"""Number of bisections of the interval in which a body separates: its end is found to 1/4000 of the interval."""
-
-
-class DepartureProof(NamedTuple):
-    """The span of a curve on which a body is proven not to approach."""
-
-    end: float
-    """The parameter up to which it is proven."""
-    until: float
-    """The parameter after which its distance is also larger than required; infinity if this is not reached."""
-    stopped: float
-    """The end of the first interval in which the proof failed; ``end`` if it did not fail."""
-    intervals: int
-    """Number of intervals."""
 
 
 class MovingBody:
@@ -97,114 +51,24 @@ class MovingBody:
     """
 
     def __init__(self, checker: CollisionChecker, body: int) -> None:
-        self._space, self._index = Workspace(checker.world), body
+        self._world, self._index = checker.world, body
+        self._space = Workspace(checker.world)
         self.rounding = checker.rounding
         self.shape = BodySupport.of(checker.bodies[body])
-        self._chain = self._space.joints_of_body(body)
-        joints = [self._space.joint(k) for k in self._chain]
-        self.leader = np.array([joint.index for joint in joints], dtype=np.int64)
-        self.multiplier = np.array([joint.multiplier for joint in joints])
-        self.prismatic = np.array([joint.prismatic for joint in joints], dtype=bool)
-        core_shape = checker.bodies[body].core_shape
-        self.ball, self._centre = core_shape.ball, core_shape.centre
         self.move(np.zeros(checker.group.dof))
 
     def move(self, q: Array) -> None:
         """Place it at q (n,)."""
         self._space.place(np.ascontiguousarray(q))
         self.at = self._space.root_from_body(self._index)
-        self.axes = self._space.root_from_joints[self._chain]
-        self.middle = self.at[:3, :3] @ self._centre + self.at[:3, 3]
+
+    def departure(self, normal: Array, level: float) -> Departure:
+        """Its motion along ``normal`` (3,), away from something with the extent ``level`` (m) along it."""
+        return Departure(self._world, self._index, self.shape.hull, normal, level)
 
     def reach(self, directions: Array) -> Array:
         """Return (d,) the largest ``direction . y`` over its points y, for directions (d, 3) in the root frame."""
         return self.shape.reach(self.at, directions)
-
-
-class DepartureDirection:
-    """The motion of a body of the robot along one direction, away from something that does not move.
-
-    Parameters
-    ----------
-    moving
-        The body.
-    normal
-        (3,) the direction, of length 1, in the root frame.
-    level
-        Extent (m) of the obstacle along the direction.
-    """
-
-    def __init__(self, moving: MovingBody, normal: Array, level: float) -> None:
-        self._mover, self.normal, self.level = moving, normal, level
-
-    def gap(self, q: Array) -> float:
-        """Return the gap (m) along :attr:`normal` at q (n,): a lower bound of the distance, negative in overlap."""
-        self._mover.move(q)
-        return -float(self._mover.reach(-self.normal[None])[0]) - self.level
-
-    def follow(self, knots: Array, control: Array, enough: float, tolerance: float, most: int) -> DepartureProof:
-        """Follow a curve as long as the body is proven not to approach.
-
-        Parameters
-        ----------
-        knots, control
-            The curve, see :mod:`pinproof.motion.bezier`.
-        enough
-            The gap (m) beyond which the body has separated.
-        tolerance
-            Metres: an interval in which it moves by less is not bisected further.
-        most
-            Maximum number of intervals.
-        """
-        end, until, lost, count = float(knots[0]), np.inf, 0.0, 0
-        if self.gap(control[0, 0]) > enough:
-            until = end
-        for i, piece in enumerate(control):
-            stack = [(float(knots[i]), float(knots[i + 1]), piece)]
-            while stack:
-                start, stop, part = stack.pop()
-                count += 1
-                falls, motion = self._falls(part)
-                if lost + falls <= self._mover.rounding:
-                    lost, end = lost + falls, stop
-                    if until == np.inf and self.gap(part[-1]) > enough:
-                        until = self._crossing(start, stop, part, enough)
-                    continue
-                if motion < tolerance or count >= most:
-                    return DepartureProof(end, until, stop, count)
-                middle, (left, right) = 0.5 * (start + stop), bezier.split(part)
-                stack += [(middle, stop, right), (start, middle, left)]
-        return DepartureProof(end, until, end, count)
-
-    def _crossing(self, start: float, stop: float, part: Array, enough: float) -> float:
-        """Return an upper bound of the parameter at which a gap that does not decrease exceeds ``enough``."""
-        for _ in range(HALVINGS):
-            middle, (left, right) = 0.5 * (start + stop), bezier.split(part)
-            if self.gap(left[-1]) > enough:
-                stop, part = middle, left
-            else:
-                start, part = middle, right
-        return stop
-
-    def _falls(self, part: Array) -> tuple[float, float]:
-        """Return upper bounds of the decrease (m) of the gap over a piece (degree + 1, n), and of the motion (m)."""
-        moving, middle = self._mover, bezier.split(part)[0][-1]
-        moving.move(middle)
-        leader, share, slides = moving.leader, moving.multiplier, moving.prismatic
-        rates = share * np.diff(part, axis=0)[:, leader]  # (degree, k)
-        delta = np.abs(share * np.abs(part - middle).max(axis=0)[leader])
-        directions, points = moving.axes[:, :3, 2], moving.axes[:, :3, 3]
-        arms = _cross(directions, moving.middle - points)
-        rho = np.where(slides, 1.0, np.sqrt((arms * arms).sum(axis=1)) + moving.ball)
-        turns = np.where(slides, 0.0, 2.0 * np.sin(0.5 * np.minimum(delta, np.pi)))
-        shifts = np.where(slides, delta, rho * turns)
-        inner, outer = np.cumsum(turns), shifts.sum() - np.cumsum(shifts)
-        spread = rho * inner + np.where(slides, 0.0, outer)
-        turned = np.where(slides[:, None], 0.0, _cross(self.normal[None], directions))  # f_i = turned_i . (y - p_i)
-        along = np.where(slides, directions @ self.normal, -(turned * points).sum(axis=1))
-        slowest = rates @ along - moving.reach(-(rates @ turned))
-        falls = np.maximum(np.abs(rates) @ spread - slowest, 0.0).sum()
-        return float(falls), float(shifts.sum())
 
 
 class BodySupport(NamedTuple):
@@ -220,6 +84,14 @@ class BodySupport(NamedTuple):
         exact = body.support is None and not isinstance(body.geometry, coal.Halfspace)
         return cls(np.array(body.geometry.vertices()) if exact else None, body)
 
+    @property
+    def hull(self) -> CoreShape:
+        """The hull as a convex shape of the compiled core."""
+        if self.points is None:
+            return self.body.core_shape
+        discs, semi_axes = np.zeros(len(self.points)), np.zeros(3)
+        return CoreShape.convex(np.ascontiguousarray(self.points), discs, 0.0, semi_axes, self.body.box)
+
     def reach(self, at: Array, directions: Array) -> Array:
         """Return (d,) the largest ``direction . x`` over the body at ``at`` (4, 4), for directions (d, 3)."""
         origin = directions @ at[:3, 3]
@@ -231,14 +103,8 @@ class BodySupport(NamedTuple):
         return np.asarray(origin + (local @ np.asarray(self.points).T).max(axis=1))
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Return (k, 3) the cross products of rows; ten times as fast as numpy.cross for few rows."""
-    x, y, z = b.T
-    return np.stack([a[:, 1] * z - a[:, 2] * y, a[:, 2] * x - a[:, 0] * z, a[:, 0] * y - a[:, 1] * x], axis=1)
-
-
 Indices = npt.NDArray[np.int64]
-Follow = Callable[[DepartureDirection], DepartureProof]
+Follow = Callable[[Departure], DepartureProof]
 
 FAILURES = 24
 """Number of failed directions after which no more are tried for one pair."""
@@ -264,7 +130,7 @@ class FacetGroup(NamedTuple):
 
     facets: Indices
     """Their indices in the mesh."""
-    departure: DepartureDirection
+    departure: Departure
     proof: DepartureProof
     gap: float
     """Gap (m) at the start along the direction; negative if they overlap."""
@@ -345,7 +211,7 @@ def leave_facets(
     depth = max(-float(best[due].min()), 0.0)  # the penetration never exceeds that at the start
     serves = (gaps >= -depth - moving.rounding) & due
     found: list[FacetGroup] = []
-    failed: dict[int, tuple[DepartureDirection, DepartureProof]] = {}
+    failed: dict[int, tuple[Departure, DepartureProof]] = {}
     while due.any() and len(failed) < FAILURES:
         counts = (serves & due).sum(axis=1)
         counts[list(failed)] = 0
@@ -353,7 +219,7 @@ def leave_facets(
         if counts[chosen] == 0:
             break
         group = serves[chosen] & due
-        departure = DepartureDirection(moving, tried[chosen], float(tops[chosen, group].max()))
+        departure = moving.departure(tried[chosen], float(tops[chosen, group].max()))
         proof = follow(departure)
         if proof.until == np.inf:
             failed[chosen] = departure, proof
@@ -363,7 +229,7 @@ def leave_facets(
     for chosen, (_, proof) in sorted(failed.items(), key=lambda each: -each[1][1].end):
         group = serves[chosen] & due
         if group.any():
-            departure = DepartureDirection(moving, tried[chosen], float(tops[chosen, group].max()))
+            departure = moving.departure(tried[chosen], float(tops[chosen, group].max()))
             found.append(FacetGroup(near[group], departure, proof, float(gaps[chosen, group].min())))
             due &= ~group
     return _extended(found, corners), float(best.min())
@@ -425,7 +291,7 @@ def _near(moving: MovingBody, corners: Array, directions: Array, reach: float) -
 
 def _gaps(moving: MovingBody, corners: Array, directions: Array) -> tuple[Array, Array]:
     """Return (d, F) the extents of triangles along directions, and the gaps to the body."""
-    tops = np.max([directions @ corners[:, corner].T for corner in range(3)], axis=0)
+    tops = np.max(np.stack([directions @ corners[:, corner].T for corner in range(3)]), axis=0)
     return tops, -moving.reach(-directions)[:, None] - tops
 
 

@@ -127,7 +127,8 @@ def refuse_unknown(
     for key in stated:
         if key not in valid:
             comma = "; use a decimal point, not a comma" if isinstance(key, int) else ""
-            raise error(path, f"{UnknownNameError(kind, key, valid)}{comma}", where)
+            place = where or (stated.place(key) if isinstance(stated, LinedMapping) else "")
+            raise error(path, f"{UnknownNameError(kind, key, valid)}{comma}", place)
 
 
 def _indent(text: str, line: int) -> str:
@@ -263,6 +264,8 @@ def parse_number(value: object) -> float:
     match = re.fullmatch(_WITH_PI, text)
     if match is None or (match[3] is not None and float(match[3]) == 0.0):
         comma = ": use a decimal point, not a comma" if _WITH_COMMA.fullmatch(text) else ""
-        raise ValueError(f"{value!r} is not a number{comma}; write a decimal number or [-][k*]pi[/m]")
+        raise ValueError(
+            f"{value!r} is not a number{comma}; write a decimal number, or a multiple of pi such as -pi/2 or 3*pi/4"
+        )
     size = float(match[2] or 1) * math.pi / float(match[3] or 1)
     return -size if match[1] == "-" else size

@@ -283,7 +283,7 @@ def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, al
     elif not limited:
         raise ConversionError(
             f"prismatic joint {arm.joint_names[i]!r} has no finite limits, which a Denavit-Hartenberg row must state; "
-            f"pass limits= to robot.arm(...)"
+            "state them in the URDF, or in a file of joint limits (--limits, in Python limits=)"
         )
     return DhRow(
         arm.joint_names[i],

@@ -137,7 +137,7 @@ def row_problem(values: dict[str, Any]) -> tuple[str, str] | None:
         unlimited = joint_type == "continuous" and value == {"lower": -math.inf, "upper": math.inf}.get(column)
         if not math.isfinite(value) and not unlimited:
             return column, f"{value} is not a finite number"
-        if abs(value) > LARGEST and not unlimited:
+        if abs(float(value)) > LARGEST and not unlimited:
             return column, f"{value} is larger than {LARGEST:g} m, rad, m/s or rad/s"
     if values["effort"] is not None and values["effort"] <= 0:
         return "effort", f"must be greater than 0, not {values['effort']:.17g}"

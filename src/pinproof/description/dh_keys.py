@@ -74,7 +74,7 @@ ROW = KeyTable(
         FileKey(
             "effort",
             any_of({**VALUE, "exclusiveMinimum": 0}, {"type": "null"}),
-            "largest torque or force; no result depends on it",
+            "largest torque or force, used where torques are limited; the default is not that of a real robot",
             "N m or N",
             DEFAULT_EFFORT,
         ),

@@ -17,10 +17,12 @@ from pinproof.description.packages import MeshFile
 from pinproof.description.xml_reader import refuse_doctype
 from pinproof.errors import MeshError
 
-__all__ = ["MESH_SUFFIXES", "TriangleMesh", "collada_unit", "read_mesh", "resolved", "z_up"]
+__all__ = ["COLOURED_SUFFIXES", "MESH_SUFFIXES", "TriangleMesh", "collada_unit", "read_mesh", "resolved", "z_up"]
 
 MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf")
 
+COLOURED_SUFFIXES = MESH_SUFFIXES[1:]
+"""The formats that can state colours: all but STL."""
 
 LARGEST_MESH = 256 * 2**20
 """Bytes (256 MiB): five million triangles as binary STL, about a hundred times as many as a link needs."""
@@ -87,7 +89,11 @@ def resolved(mesh: MeshFile, link: str) -> Path:
     """
     if mesh.path is None:
         places = "\n  ".join(str(place) for place in mesh.searched)
-        raise MeshError(mesh.uri, f"the mesh of link {link!r} was not found; tried:\n  {places}")
+        remedy = ""
+        if mesh.uri.startswith("package://"):
+            package = mesh.uri.removeprefix("package://").partition("/")[0]
+            remedy = f"; state the folder that contains {package!r} (--package-dir or package_dirs)"
+        raise MeshError(mesh.uri, f"the mesh of link {link!r} was not found{remedy}; tried:\n  {places}")
     return mesh.path
 
 

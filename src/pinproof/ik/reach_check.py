@@ -11,6 +11,9 @@ whose rotation is treated exactly: between balls with radii r_a and r_b at the d
 axis and the difference :math:`\Delta z` in height,
 
 .. math:: d^2 = \Delta z^2 + \rho_a^2 + \rho_b^2 - 2 \rho_a \rho_b \cos(\varphi - q) ,\quad |D - d| \le r_a + r_b .
+
+The same balls enclose the centre of a ball inside a body, in the frame of another link. If its signed distance from a
+box inside another body, plus the radius of the enclosure, is less than its own radius, both bodies overlap.
 """
 
 from __future__ import annotations
@@ -22,7 +25,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["CUT_LOWER", "CUT_UPPER", "EXCLUDED", "SPLIT", "Loop", "Steps", "check_exclusion", "excluded_boxes"]
+__all__ = [
+    "CUT_LOWER",
+    "CUT_UPPER",
+    "EXCLUDED",
+    "SPLIT",
+    "Loop",
+    "Overlap",
+    "Steps",
+    "check_exclusion",
+    "excluded_boxes",
+]
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -72,6 +85,34 @@ class Steps:
 
     def __len__(self) -> int:
         return len(self.kinds)
+
+
+@dataclass(frozen=True, eq=False)
+class Overlap:
+    """A ball inside a body, and a box with rounded edges inside a body on another link.
+
+    Configurations at which both share a point are in collision. Link 0 is the base of the arm, and link k is moved by
+    the joints up to the k-th.
+
+    Parameters
+    ----------
+    names
+        The names of both bodies, that with the ball first.
+    ball_link, centre, radius
+        The link of the ball, its centre (3,) on it, and its radius (m).
+    box_link, link_from_box, half, box_radius
+        The link of the box, its pose (4, 4), its half sides (3,), and the radius (m) of a ball that is added to it.
+        With half sides of zero, it is a ball.
+    """
+
+    names: tuple[str, str]
+    ball_link: int
+    centre: Array
+    radius: float
+    box_link: int
+    link_from_box: Array
+    half: Array
+    box_radius: float
 
 
 class _Arc(NamedTuple):
@@ -180,7 +221,8 @@ def excluded_boxes(steps: Steps, lower: Array, upper: Array) -> tuple[Array, Int
         if steps.evaluations[i] != evaluation or evaluation < 0:
             base, evaluation = box.copy(), int(steps.evaluations[i])
         excluded = base.copy()
-        excluded[:, joint] = box[:, joint]
+        if joint >= 0:  # the bounds of a whole box are those before the cuts of its evaluation
+            excluded[:, joint] = box[:, joint]
         if kind == CUT_LOWER:
             excluded[1, joint] = box[0, joint] = value
         elif kind == CUT_UPPER:
@@ -199,9 +241,19 @@ def excluded_boxes(steps: Steps, lower: Array, upper: Array) -> tuple[Array, Int
 
 
 def check_exclusion(
-    loop: Loop, steps: Steps, lower: Array, upper: Array, target: Array, position: float, orientation: float
+    loop: Loop,
+    steps: Steps,
+    lower: Array,
+    upper: Array,
+    target: Array,
+    position: float,
+    orientation: float,
+    overlaps: Sequence[Overlap] = (),
 ) -> bool:
-    """Whether the steps prove that no configuration in the ranges (n,) reaches the target within the tolerances."""
+    """Whether the steps prove that no configuration in the ranges (n,) reaches the target within the tolerances.
+
+    With overlaps: whether none does without one of them.
+    """
     if not len(steps):
         return False
     try:
@@ -209,9 +261,22 @@ def check_exclusion(
     except ValueError:
         return False
     for number in np.unique(constraints).tolist():
-        inner, outer, error = loop.arcs(number)
         own = boxes[constraints == number]
         middle, width = own.mean(axis=1), (own[:, 1] - own[:, 0]) / 2
+        if number >= len(loop.pairs):
+            if number - len(loop.pairs) >= len(overlaps):
+                return False
+            overlap = overlaps[number - len(loop.pairs)]
+            excess = np.minimum(
+                *(
+                    _gap(loop, overlap, through, middle, width, target, position, orientation)
+                    for through in (False, True)
+                )
+            )
+            if not (excess < -ROUNDING * loop.size).all():
+                return False
+            continue
+        inner, outer, error = loop.arcs(number)
         ends = [_distance(loop, arc, middle, width, target, position, orientation, error) for arc in (inner, outer)]
         (low, high), (other_low, other_high) = ends
         if not ((low > other_high) | (other_low > high)).all():
@@ -262,6 +327,55 @@ def _distance(
         low = np.maximum(low, np.sqrt(np.maximum(least - square, 0.0)) - off)
         high = np.minimum(high, np.sqrt(np.maximum(most, 0.0) + square) + off)
     return low, high
+
+
+def _gap(
+    loop: Loop,
+    overlap: Overlap,
+    through: bool,
+    middle: Array,
+    width: Array,
+    target: Array,
+    position: float,
+    orientation: float,
+) -> Array:
+    """(k,) upper bounds of the signed distance of ball and box over k boxes: below 0, they overlap everywhere.
+
+    The ball is carried to the link of the box along the joints between the links, or ``through`` the target.
+    """
+    n, start, end = len(loop.before), overlap.ball_link, overlap.box_link
+    centre, radius = np.tile(overlap.centre, (len(middle), 1)), np.zeros(len(middle))
+    base_from_last = target @ np.linalg.inv(loop.tool)
+
+    def tie(matrix: Array, tcp: Array) -> tuple[Array, Array]:
+        away = np.linalg.norm(centre - tcp, axis=1) + radius
+        return centre @ matrix[:3, :3].T + matrix[:3, 3], radius + position + orientation * away
+
+    ascending = (start <= end) != through
+    route: list[int | None] = [*range(start, end)] if ascending else [*range(start - 1, end - 1, -1)]
+    if through and ascending:
+        route = [*range(start, n), None, *range(end)]
+    elif through:
+        route = [*range(start - 1, -1, -1), None, *range(n - 1, end - 1, -1)]
+    for joint in route:
+        if joint is None:
+            centre, radius = (
+                tie(base_from_last, loop.tool[:3, 3])
+                if ascending
+                else tie(np.linalg.inv(base_from_last), target[:3, 3])
+            )
+            continue
+        if ascending:
+            back = np.linalg.inv(loop.before[joint])
+            centre = centre @ back[:3, :3].T + back[:3, 3]
+            centre, radius = _turned(loop, joint, centre, radius, -middle[:, joint], width[:, joint])
+        else:
+            centre, radius = _turned(loop, joint, centre, radius, middle[:, joint], width[:, joint])
+            centre = centre @ loop.before[joint][:3, :3].T + loop.before[joint][:3, 3]
+    box_from_link = np.linalg.inv(overlap.link_from_box)
+    beyond = np.abs(centre @ box_from_link[:3, :3].T + box_from_link[:3, 3]) - overlap.half
+    inside, outside = beyond.max(axis=1), np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    return np.asarray(np.where(inside > 0, outside, inside) + radius - overlap.radius - overlap.box_radius)
 
 
 def _turned(loop: Loop, joint: int, centre: Array, radius: Array, by: Array, width: Array) -> tuple[Array, Array]:

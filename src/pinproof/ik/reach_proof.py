@@ -7,6 +7,7 @@ The compiled core (``src/core/reach``) divides the joint ranges into boxes and e
 from __future__ import annotations
 
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -19,7 +20,7 @@ from pinproof.common.display import outline
 from pinproof.common.validation import Rng, require_integer, require_positive
 from pinproof.errors import IkFailed, InputError
 from pinproof.ik.jacobian_methods import Clik
-from pinproof.ik.reach_check import Loop, Steps, check_exclusion, excluded_boxes
+from pinproof.ik.reach_check import Loop, Overlap, Steps, check_exclusion, excluded_boxes
 from pinproof.ik.result import judge
 from pinproof.ik.task import make_task
 from pinproof.model import Arm
@@ -27,7 +28,7 @@ from pinproof.model.limits import AT_LIMIT
 from pinproof.spatial import SE3, rigid
 from pinproof.units import far_hint
 
-__all__ = ["ReachProof", "ReachStatus", "is_provable", "prove_unreachable"]
+__all__ = ["Overlap", "ReachProof", "ReachStatus", "is_provable", "prove_unreachable"]
 
 Array = npt.NDArray[np.float64]
 
@@ -44,7 +45,8 @@ class ReachStatus(Enum):
     FOUND = "found"
     """A configuration within the limits reaches the target."""
     IMPOSSIBLE = "impossible"
-    """It is proven that no configuration within the limits reaches the target within the tolerances."""
+    """It is proven that no configuration within the limits reaches the target within the tolerances, or none without
+    one of the given overlaps."""
     UNDECIDED = "undecided"
     """The budget was used without a solution or a proof."""
 
@@ -67,6 +69,8 @@ class ReachProof:
         Number of boxes of joint values that were examined.
     q
         (n,) a solution if the status is FOUND; if it is UNDECIDED, the middle of the box that could not be excluded.
+    overlaps
+        The overlaps that exclude configurations.
     """
 
     status: ReachStatus
@@ -76,10 +80,11 @@ class ReachProof:
     orientation_tolerance: float
     examined: int
     q: Array | None
+    overlaps: tuple[Overlap, ...] = ()
 
     @property
     def proven(self) -> bool:
-        """Whether the target is proven to be out of reach."""
+        """Whether the target is proven to be out of reach, or reached only with one of the overlaps."""
         return self.status is ReachStatus.IMPOSSIBLE
 
     @cached_property
@@ -88,7 +93,7 @@ class ReachProof:
         if not self.proven:
             return Steps.of([], [], [], [], [])
         tolerances = self.position_tolerance, self.orientation_tolerance
-        proof = _prover(self.arm).prove(self.target, *tolerances, self.examined + 1, True)
+        proof = _prover(self.arm).prove(self.target, *tolerances, self.examined + 1, True, _packed(self.overlaps))
         return Steps.of(proof.kinds, proof.joints, proof.constraints, proof.evaluations, proof.values)
 
     @property
@@ -116,7 +121,17 @@ class ReachProof:
         if self.q is not None:
             task = make_task("pose", *tolerances)
             return judge(self.arm, self.target, task, self.q, self.q).fulfils
-        return check_exclusion(self._loop, self.steps, *_ranges(self.arm), self.target, *tolerances)
+        ranges = _ranges(self.arm)
+        return check_exclusion(self._loop, self.steps, *ranges, self.target, *tolerances, self.overlaps)
+
+    @cached_property
+    def bodies(self) -> tuple[tuple[str, str], ...]:
+        """The names of the bodies whose overlaps exclude a box of joint values, each pair once."""
+        if not self.proven or not self.overlaps:
+            return ()
+        tolerances = self.position_tolerance, self.orientation_tolerance
+        proof = _prover(self.arm).prove(self.target, *tolerances, self.examined + 1, False, _packed(self.overlaps))
+        return tuple(dict.fromkeys(each.names for each, used in zip(self.overlaps, proof.used, strict=True) if used))
 
     @property
     def _loop(self) -> Loop:
@@ -132,8 +147,10 @@ class ReachProof:
         if self.status is ReachStatus.UNDECIDED:
             return f"undecided: {self.examined} boxes of joint values were examined; raise budget to examine more"
         boxes = "1 box" if self.examined == 1 else f"{self.examined} boxes"
+        pairs = " or ".join(f"{first} with {second}" for first, second in self.bodies)
+        without = f" without a collision of {pairs}" if pairs else ""
         return (
-            f"proven impossible: no configuration within the limits reaches the target to within {size} "
+            f"proven impossible: no configuration within the limits reaches the target to within {size}{without} "
             f"({boxes} of joint values excluded){self._hint()}"
         )
 
@@ -171,11 +188,14 @@ def prove_unreachable(
     budget: int = BUDGET,
     search: bool = True,
     rng: Rng = 0,
+    overlaps: Sequence[Overlap] = (),
 ) -> ReachProof:
     """Prove that no configuration within the joint limits reaches a pose, or find one that does.
 
     The proof holds for arms with any number of joints, redundant or not. It encloses distances in intervals over boxes
-    of joint values, and divides boxes that it cannot exclude.
+    of joint values, and divides boxes that it cannot exclude. With ``overlaps``, it excludes boxes also in which one of
+    them exists at every configuration that reaches the pose: the proof then states that every such configuration is in
+    collision.
 
     Parameters
     ----------
@@ -191,6 +211,8 @@ def prove_unreachable(
         Whether to search for a solution numerically (:class:`pinproof.Clik`) if the first boxes are not excluded.
     rng
         Seed of that search.
+    overlaps
+        Shapes inside bodies on different links. They need ``search=False``, because the search does not check them.
 
     Raises
     ------
@@ -213,8 +235,11 @@ def prove_unreachable(
     matrix.setflags(write=False)
     tolerances = position_tolerance, orientation_tolerance
     prover = _prover(arm)
+    if overlaps and search:
+        raise InputError("overlaps require search=False, because the search does not check collisions")
+    packed = _packed(overlaps)
     first = min(FIRST_BOXES, budget) if search else budget
-    proof = prover.prove(matrix, *tolerances, first, False)
+    proof = prover.prove(matrix, *tolerances, first, False, packed)
     if not proof.excluded and search:
         found = Clik(position_tolerance=position_tolerance, orientation_tolerance=orientation_tolerance).solve(
             arm, matrix, rng=rng
@@ -224,8 +249,20 @@ def prove_unreachable(
         if first < budget:
             proof = prover.prove(matrix, *tolerances, budget, False)
     if proof.excluded:
-        return ReachProof(ReachStatus.IMPOSSIBLE, arm, matrix, *tolerances, proof.boxes, None)
-    return ReachProof(ReachStatus.UNDECIDED, arm, matrix, *tolerances, proof.boxes, np.array(proof.remaining))
+        return ReachProof(ReachStatus.IMPOSSIBLE, arm, matrix, *tolerances, proof.boxes, None, tuple(overlaps))
+    left = np.array(proof.remaining)
+    return ReachProof(ReachStatus.UNDECIDED, arm, matrix, *tolerances, proof.boxes, left, tuple(overlaps))
+
+
+def _packed(overlaps: Sequence[Overlap]) -> _core.Overlaps | None:
+    if not overlaps:
+        return None
+    return _core.Overlaps(
+        np.array([(each.ball_link, each.box_link) for each in overlaps], dtype=np.int64),
+        np.array([[*each.centre, each.radius] for each in overlaps], dtype=float),
+        np.array([each.link_from_box for each in overlaps], dtype=float),
+        np.array([[*each.half, each.box_radius] for each in overlaps], dtype=float),
+    )
 
 
 _PROVERS: weakref.WeakKeyDictionary[Arm, _core.Reach] = weakref.WeakKeyDictionary()

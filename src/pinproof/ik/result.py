@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,7 @@ from pinproof.units import far_hint
 __all__ = [
     "Candidate",
     "IkBatch",
+    "IkOutcome",
     "IkResult",
     "IkSolutions",
     "IkStatus",
@@ -43,6 +45,34 @@ AT_LIMIT = 1e-6
 SMALL_RESIDUAL = (1e-2, 1e-1)
 """Residuals (m, rad) below which a failed search may have ended close to a solution; farther away, the target is
 probably out of reach."""
+
+
+class _Answer(Protocol):
+    """A result that states whether it is or contains a solution, and a message."""
+
+    @property
+    def ok(self) -> bool: ...
+    @property
+    def message(self) -> str: ...
+
+
+Answer = TypeVar("Answer", bound=_Answer)
+
+
+class IkOutcome:
+    """The part that the results of inverse kinematics share."""
+
+    def or_raise(self: Answer) -> Answer:
+        """The result itself if it is or contains a solution (``.ok``).
+
+        Raises
+        ------
+        IkFailed
+            Otherwise, with the message; ``.result`` of the error is this value.
+        """
+        if not self.ok:
+            raise IkFailed(self.message, self)
+        return self
 
 
 def found(errors: Errors, iterations: int, attempt: int) -> str:
@@ -157,7 +187,7 @@ class IkStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class IkResult:
+class IkResult(IkOutcome):
     """The result of inverse kinematics for one target.
 
     Parameters
@@ -214,18 +244,6 @@ class IkResult:
     def ok(self) -> bool:
         """Whether ``q`` is a solution."""
         return self.status is IkStatus.FOUND
-
-    def or_raise(self) -> IkResult:
-        """The result itself if it is a solution.
-
-        Raises
-        ------
-        IkFailed
-            If it is not a solution, with the message; ``.result`` of the error is this value.
-        """
-        if not self.ok:
-            raise IkFailed(self.message, self)
-        return self
 
 
 STATUSES = tuple(IkStatus)
@@ -334,7 +352,7 @@ class IkBatch:
 
 
 @dataclass(frozen=True, eq=False)
-class IkSolutions:
+class IkSolutions(IkOutcome):
     """Several distinct solutions for one target: a sample, which is not known to be complete.
 
     Parameters
@@ -369,15 +387,3 @@ class IkSolutions:
 
     def __len__(self) -> int:
         return len(self.q)
-
-    def or_raise(self) -> IkSolutions:
-        """The result itself if it contains a solution.
-
-        Raises
-        ------
-        IkFailed
-            If it contains no solution; ``.result`` of the error is this value.
-        """
-        if not self.ok:
-            raise IkFailed(self.message, self)
-        return self

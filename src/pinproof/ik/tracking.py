@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from pinproof._core import Tracker as CompiledTracker
 from pinproof.common.validation import freeze_arrays, require_positive
-from pinproof.errors import IkFailed, InputError
-from pinproof.ik.result import AT_LIMIT
+from pinproof.errors import InputError
+from pinproof.ik.result import AT_LIMIT, IkOutcome
 from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.motion import JointPath
@@ -33,7 +33,7 @@ NAMED = 3
 
 
 @dataclass(frozen=True, eq=False)
-class TrackResult:
+class TrackResult(IkOutcome):
     """The result of :func:`pinproof.track` for N poses.
 
     Parameters
@@ -132,18 +132,6 @@ class TrackResult:
     def to_path(self) -> JointPath:
         """The samples as waypoints of a path without timing; q0 is not included."""
         return JointPath(self.q, self.arm.joint_names)
-
-    def or_raise(self) -> TrackResult:
-        """The result itself if every sample is within the tolerances.
-
-        Raises
-        ------
-        IkFailed
-            If a sample is not, with the message; ``.result`` of the error is this value.
-        """
-        if not self.ok:
-            raise IkFailed(self.message, self)
-        return self
 
     def __len__(self) -> int:
         return len(self.q)

@@ -332,7 +332,9 @@ def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
     if len(group.chains) == 1:
         base, tip = group.chains[0]
     elif group.chains:
-        raise InputError(f"group {name!r} has the chains {list(group.chains)}; select one with base= and tcp=")
+        raise InputError(
+            f"group {name!r} has the chains {list(group.chains)}; select one with base and tcp (--base, --tcp)"
+        )
     else:
         base, tip = _ends_of_joints(urdf, name, _joints(urdf, group.joints, group.links))
     return base, declared[0] if declared else tip
@@ -346,14 +348,14 @@ def _joints(urdf: Urdf, joints: Sequence[str], links: Sequence[str]) -> list[str
 def _ends_of_joints(urdf: Urdf, name: str, joints: Sequence[str]) -> tuple[str, str]:
     """Return the parent link of the first joint and the child link of the last joint."""
     if not joints:
-        raise InputError(f"group {name!r} has no chain, no joints and no moving links; pass tcp= instead")
+        raise InputError(f"group {name!r} has no chain, no joints and no moving links; name the tcp instead (--tcp)")
     above = {joint: _joints_above(urdf, joint) for joint in joints}
     outermost = max(joints, key=lambda joint: len(above[joint]))
     aside = [joint for joint in joints if joint not in above[outermost]]
     if aside:
         raise InputError(
             f"group {name!r} is not a chain: joint {aside[0]!r} is not on the path to {outermost!r}; "
-            "pass base= and tcp= instead"
+            "name base and tcp instead (--base, --tcp)"
         )
     innermost = min(joints, key=lambda joint: len(above[joint]))
     return urdf.joints[innermost].parent, urdf.joints[outermost].child

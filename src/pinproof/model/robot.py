@@ -854,7 +854,7 @@ class Robot:
             if joint is not None and joint.type == "fixed":
                 return leaves[0]
         raise InputError(
-            f"robot {self.name!r} declares no single tcp; name one with tcp=. "
+            f"robot {self.name!r} declares no single tcp; name one (--tcp, in Python tcp=). "
             f"Candidates: {', '.join(declared or leaves)}"
         )
 
@@ -885,7 +885,9 @@ def _chosen_limits(
         joint = urdf.joints[name]
         if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
             raise InputError(
-                f"{joint.type} joint {name!r} states no lower and upper limit; pass limits={{{name!r}: (lower, upper)}}"
+                f"{joint.type} joint {name!r} states no lower and upper limit; "
+                f"state both in the URDF, or in a file of joint limits (--limits); "
+                f"in Python also limits={{{name!r}: (lower, upper)}}"
             )
     return chosen
 

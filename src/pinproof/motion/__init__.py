@@ -7,16 +7,20 @@ from pinproof.motion.group_motion import separate, synchronise
 from pinproof.motion.joint_path import JointPath
 from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramSegment
 from pinproof.motion.motion_record import MotionRecord
+from pinproof.motion.program_steps import Blend
 from pinproof.motion.rate_constraints import RateConstraint
+from pinproof.motion.robot_program import JointMap, RobotProgram
 from pinproof.motion.timing import MotionLimits, time_parametrise
 from pinproof.motion.tool_limits import ToolLimits
 from pinproof.motion.torque_limits import TorqueLimits, TorquePeak
 from pinproof.motion.trajectory import Trajectory
 
 __all__ = [
+    "Blend",
     "BlendedPath",
     "CubicPath",
     "Curve",
+    "JointMap",
     "JointPath",
     "MotionLimits",
     "MotionProgram",
@@ -24,6 +28,7 @@ __all__ = [
     "ProgramEvent",
     "ProgramSegment",
     "RateConstraint",
+    "RobotProgram",
     "ToolLimits",
     "TorqueLimits",
     "TorquePeak",

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import spline_slopes
 from pinproof.errors import InputError
 from pinproof.motion import bezier
 from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, read_only
@@ -79,10 +80,8 @@ class CubicPath(BezierCurve):
 
         Notes
         -----
-        C. de Boor, "A Practical Guide to Splines" (2001), chapter IV, as implemented by SciPy's ``CubicSpline``.
+        C. de Boor, "A Practical Guide to Splines" (2001), chapter IV.
         """
-        from scipy.interpolate import CubicSpline
-
         names = checked_joint_names(joint_names)
         points = finite("q", q, (None, len(names)))
         if knots is None:
@@ -96,7 +95,7 @@ class CubicPath(BezierCurve):
         parameter = _increasing(parameter)
         if len(points) < 2:
             return cls(points, np.zeros_like(points), parameter[: len(points)], names)
-        return cls(points, CubicSpline(parameter, points)(parameter, 1), parameter, names)
+        return cls(points, spline_slopes(parameter, points), parameter, names)
 
     def bezier(self) -> tuple[Array, Array]:
         """Knots (k+1,) and control points (k, 4, n), one piece between consecutive points."""

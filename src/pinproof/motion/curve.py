@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.motion import bezier
 
-__all__ = ["MEET_TOLERANCE", "BezierCurve", "Curve", "checked_joint_names", "ends_meet", "read_only"]
+__all__ = ["MEET_TOLERANCE", "BezierCurve", "Curve", "TimedCurve", "checked_joint_names", "ends_meet", "read_only"]
 
 Array = npt.NDArray[np.float64]
 
@@ -51,6 +51,18 @@ class Curve(Protocol):
 
     def __call__(self, t: npt.ArrayLike) -> Array:
         """The configuration (n,) at a scalar parameter, or (N, n) at (N,) parameters."""
+
+
+@runtime_checkable
+class TimedCurve(Curve, Protocol):
+    """A curve whose parameter is the time in seconds."""
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end."""
+
+    def velocity(self, t: npt.ArrayLike) -> Array:
+        """(n,) or (N, n) velocities in rad/s or m/s."""
 
 
 class BezierCurve:

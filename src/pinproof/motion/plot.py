@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,7 +13,7 @@ from pinproof.errors import InputError
 from pinproof.motion import bezier
 from pinproof.spatial import finite
 
-__all__ = ["DrawnConstraint", "DrawnLimits", "plot_trajectory"]
+__all__ = ["DrawnConstraint", "DrawnLimits", "Panel", "panels_of", "plot_trajectory"]
 
 Array = npt.NDArray[np.float64]
 
@@ -22,7 +23,12 @@ SAMPLES = 12
 PANEL_SIZE = (9.0, 2.1)
 """Width and height of a panel in inches."""
 
-TITLES = ("position\nrad or m", "velocity\nrad/s or m/s", "acceleration\nrad/s² or m/s²", "jerk\nrad/s³ or m/s³")
+QUANTITIES = (
+    ("position", "rad or m"),
+    ("velocity", "rad/s or m/s"),
+    ("acceleration", "rad/s² or m/s²"),
+    ("jerk", "rad/s³ or m/s³"),
+)
 
 LEGEND_ROWS = 14
 """Largest number of joints that the legend names."""
@@ -51,6 +57,30 @@ class DrawnConstraint(Protocol):
         """(N, m) alpha, beta, gamma and the bound."""
 
 
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A quantity of a motion over time, with its limits.
+
+    Parameters
+    ----------
+    name, unit
+        The quantity and its unit; the unit is empty for a constraint.
+    labels
+        The m joints or components.
+    values
+        (N, m) values at the times of the plot.
+    lower, upper
+        (m,) the limits, infinite where there is none.
+    """
+
+    name: str
+    unit: str
+    labels: tuple[str, ...]
+    values: Array
+    lower: Array
+    upper: Array
+
+
 class _Motion(Protocol):
     @property
     def joint_names(self) -> tuple[str, ...]: ...
@@ -68,44 +98,61 @@ def plot_trajectory(
     """Draw a trajectory as a :class:`matplotlib.figure.Figure`; see :meth:`Trajectory.plot`."""
     from matplotlib.figure import Figure
 
-    names = trajectory.joint_names
-    lines = _lines(limits, jerk, len(names))
-    times, values = _sampled(trajectory)
-    panels = [*zip(TITLES, values, lines, strict=True)]
-    for constraint in rate_limits:
-        _, beta, gamma, bound = constraint.coefficients(values[0], values[1], values[2])
-        panels.append((constraint.name, beta + gamma, (-bound.min(axis=0), bound.min(axis=0))))
+    times, panels = panels_of(trajectory, limits, jerk=jerk, rate_limits=rate_limits)
     width, height = PANEL_SIZE
     figure = Figure(figsize=(width, 0.6 + height * len(panels)), layout="constrained")
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, (title, columns, (lower, upper)) in zip(axes, panels, strict=True):
-        for k, column in enumerate(columns.T):
-            label = names[k] if columns.shape[1] == len(names) else f"component {k + 1}"
-            (line,) = panel.plot(times, column, linewidth=1.4, label=label)
-            for limit in (lower[k], upper[k]):
+    for axis, panel in zip(axes, panels, strict=True):
+        for label, column, *both in zip(panel.labels, panel.values.T, panel.lower, panel.upper, strict=True):
+            (line,) = axis.plot(times, column, linewidth=1.4, label=label)
+            for limit in both:
                 if np.isfinite(limit):
-                    panel.axhline(limit, color=line.get_color(), linestyle="--", linewidth=0.9, alpha=0.6)
-        panel.set_ylabel(title)
-        panel.grid(alpha=0.3)
-        panel.margins(x=0.0)
+                    axis.axhline(limit, color=line.get_color(), linestyle="--", linewidth=0.9, alpha=0.6)
+        axis.set_ylabel(f"{panel.name}\n{panel.unit}".rstrip())
+        axis.grid(alpha=0.3)
+        axis.margins(x=0.0)
     axes[-1].set_xlabel("time, s")
-    if len(names) <= LEGEND_ROWS:
+    if len(trajectory.joint_names) <= LEGEND_ROWS:
         axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     return figure
 
 
-def _sampled(trajectory: _Motion) -> tuple[Array, list[Array]]:
+def panels_of(
+    trajectory: _Motion,
+    limits: DrawnLimits | None = None,
+    *,
+    jerk: npt.ArrayLike | None = None,
+    rate_limits: Sequence[DrawnConstraint] = (),
+    samples: int = SAMPLES,
+) -> tuple[Array, list[Panel]]:
+    """(N,) times and the panels of a plot, with this number of samples of each piece; see :meth:`Trajectory.plot`."""
+    names = trajectory.joint_names
+    lines = _lines(limits, jerk, len(names))
+    times, values = _sampled(trajectory, samples)
+    panels = [
+        Panel(*quantity, names, columns, *both)
+        for quantity, columns, both in zip(QUANTITIES, values, lines, strict=True)
+    ]
+    for constraint in rate_limits:
+        _, beta, gamma, bound = constraint.coefficients(values[0], values[1], values[2])
+        count, least = beta.shape[1], bound.min(axis=0)
+        labels = names if count == len(names) else tuple(f"component {k + 1}" for k in range(count))
+        panels.append(Panel(constraint.name, "", labels, beta + gamma, -least, least))
+    return times, panels
+
+
+def _sampled(trajectory: _Motion, samples: int) -> tuple[Array, list[Array]]:
     """(N,) times, and (N, n) positions and derivatives up to the jerk, with both values where one jumps."""
     knots, control = trajectory.bezier()
     pieces = len(control)
-    piece, u = np.repeat(np.arange(pieces), SAMPLES), np.tile(np.linspace(0.0, 1.0, SAMPLES), pieces)
+    piece, u = np.repeat(np.arange(pieces), samples), np.tile(np.linspace(0.0, 1.0, samples), pieces)
     times = knots[piece] + u * np.diff(knots)[piece]
     return times, [bezier.on_pieces(trajectory.bezier(order)[1], piece, u) for order in range(4)]
 
 
 def _lines(limits: DrawnLimits | None, jerk: npt.ArrayLike | None, n: int) -> list[tuple[Array, Array]]:
     """The lower and the upper limit (n,) of each panel; infinite where no limit is given."""
-    none = np.full(n, np.inf)
+    none: Array = np.full(n, np.inf)
     lower, upper = getattr(limits, "lower", None), getattr(limits, "upper", None)
     rates = [
         none if limits is None else _rates(each, getattr(limits, each), n) for each in ("velocity", "acceleration")
@@ -116,7 +163,10 @@ def _lines(limits: DrawnLimits | None, jerk: npt.ArrayLike | None, n: int) -> li
 
 
 def _rates(name: str, value: npt.ArrayLike, n: int) -> Array:
-    rates = finite(name, value, (n,))
+    """The limits (n,) of a rate, infinite where there is none."""
+    given = np.asarray(value, dtype=float)
+    unlimited = np.isposinf(given)
+    rates = finite(name, np.where(unlimited, 1.0, given), (n,))
     if (rates <= 0.0).any():
         raise InputError(f"{name} must be above 0; it is {rates}")
-    return rates
+    return np.where(unlimited, np.inf, rates)

@@ -158,15 +158,35 @@ class Steering:
         for key, limit in self._limits.items():
             setattr(self._input, key, limit.tolist())
 
-    def straight(self, first: Sequence[float], last: Sequence[float]) -> Move | None:
-        """The fastest move from rest to rest on the straight line between two different configurations."""
+    def straight(self, first: Sequence[float], last: Sequence[float], share: float = 1.0) -> Move | None:
+        """The fastest move from rest to rest on the straight line between two different configurations.
+
+        ``share`` is the share of the acceleration limits that it uses.
+        """
         distance = np.abs(np.subtract(last, first))
         moving = distance > 0.0
         for key, limit in self._limits.items():  # in proportion to the distances, every joint has the same profile
-            along = limit.copy()
-            along[moving] = distance[moving] * (limit[moving] / distance[moving]).min()
+            along = limit * (share if key == "max_acceleration" else 1.0)
+            along[moving] = distance[moving] * (along[moving] / distance[moving]).min()
             setattr(self._input, key, along.tolist())
         move = self.move(rest(first), rest(last))
+        self._set_limits()
+        return move
+
+    def gentler(self, first: State, last: State, velocity: Array, above: Array, below: Array) -> Move | None:
+        """The fastest move with at most these velocities, and these accelerations (n,) in either direction.
+
+        The rates of the states themselves are permitted.
+        """
+        given, most = self._input, self._limits
+        needed = np.array([first[1:], last[1:]])
+        speed = np.abs(needed[:, 0]).max(axis=0)
+        given.max_velocity = np.minimum(np.maximum(velocity, speed), most["max_velocity"]).tolist()
+        hardest = most["max_acceleration"]
+        given.max_acceleration = np.minimum(np.maximum(above, needed[:, 1].max(axis=0)), hardest).tolist()
+        given.min_acceleration = (-np.minimum(np.maximum(below, -needed[:, 1].min(axis=0)), hardest)).tolist()
+        move = self.move(first, last)
+        given.min_acceleration = None
         self._set_limits()
         return move
 

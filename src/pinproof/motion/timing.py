@@ -115,21 +115,12 @@ def time_parametrise(
         trajectory = trajectory_of(*points)
         return np.max([np.asarray(each.excess(trajectory), dtype=float) for each in further], axis=0)
 
-    status, *points, deviation, over = time_path(
-        knots,
-        control,
-        stops,
-        bounds.velocity,
-        bounds.acceleration,
-        bounds.jerk,
-        start,
-        end,
-        IMAGE_TOLERANCE,
-        RATE_TOLERANCE,
-        LONGEST,
-        rows if further else None,
-        excess if further else None,
-    )
+    rates = bounds.velocity, bounds.acceleration, bounds.jerk, start, end
+    tolerances = IMAGE_TOLERANCE, RATE_TOLERANCE, LONGEST
+    status, *points, deviation, over = time_path(knots, control, stops, *rates, *tolerances, None, None)
+    # Without the constraints, straight segments have a closed form; often its motion satisfies the constraints too.
+    if further and (status != "timed" or float(excess(*points).max()) > 1.0 + RATE_TOLERANCE):
+        status, *points, deviation, over = time_path(knots, control, stops, *rates, *tolerances, rows, excess)
     if status != "timed":
         raise TimingError(
             _FAILURES[status].format(longest=LONGEST, deviation=deviation, points=len(points[0]), over=over)

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import DynamicTree
 from pinproof.common.display import outline
+from pinproof.description.dh_keys import DEFAULT_EFFORT
 from pinproof.description.dh_urdf import GENERATED_MASSES
 from pinproof.errors import InputError, TimingError
 from pinproof.model import JointGroup, Payload
@@ -161,6 +163,17 @@ class TorqueLimits:
             for j, name in enumerate(self.arm.joint_names)
         )
 
+    @property
+    def tree(self) -> DynamicTree:
+        """The arm and its payloads in the compiled core."""
+        return self._tree
+
+    def standstill_share(self, q: npt.ArrayLike) -> float:
+        """The largest share of a limit that holding the arm at rest at configurations (N, n) needs."""
+        rows = np.ascontiguousarray(finite("q", np.atleast_2d(q), (None, self.arm.dof)))
+        still = np.zeros_like(rows)
+        return float((np.abs(self._tree.torques(rows, still, still)[1]) / self.limits).max(initial=0.0))
+
     def standstill(self, q: npt.ArrayLike) -> str:
         """A sentence about the joint that cannot hold the arm at rest at q (n,), or an empty text if all can."""
         still = np.zeros((1, self.arm.dof))
@@ -179,11 +192,16 @@ class TorqueLimits:
             needed = f"joint {self.arm.joint_names[j]!r} needs {abs(gravity[i, j]):.4g} {unit} to hold the arm at rest"
             raise TimingError(
                 f"{needed} at q = {np.round(q[i], 4).tolist()}; its torque limit is {self.limits[j]:.4g} {unit}"
-                f"{self._loaded()}"
+                f"{self._guessed(int(j))}{self._loaded()}"
             )
 
     def _unit(self, joint: int) -> str:
         return "N m" if self.arm.angular[joint] else "N"
+
+    def _guessed(self, joint: int) -> str:
+        if self.limits[joint] != DEFAULT_EFFORT or not self.arm.robot.has_generated_bodies:
+            return ""
+        return ", the default of a DH table: state effort there, or max_effort in a file of joint limits"
 
     def _loaded(self) -> str:
         return f" (payload {sum(each.mass for each in self.payloads):.4g} kg)" if self.payloads else ""
@@ -202,10 +220,12 @@ def _rebuilt(arm: JointGroup, payloads: tuple[Payload, ...], limits: Array, grav
 
 def _checked_limits(arm: JointGroup, value: npt.ArrayLike | None) -> Array:
     joints = ", ".join(arm.joint_names)
+    unknown = (
+        f"no torque limit of the joints {joints} is known; state max_effort in a file of joint limits (--limits), or "
+        "in Python limits="
+    )
     if value is None:
-        raise InputError(
-            f"no torque limit of the joints {joints} is known; state limits=, or max_effort in a file of joint limits"
-        )
+        raise InputError(unknown)
     try:
         limits = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
@@ -219,5 +239,5 @@ def _checked_limits(arm: JointGroup, value: npt.ArrayLike | None) -> Array:
             raise InputError(f"the torque limit of joint {name!r} must be above 0, not {limit:g}")
     limits[np.isnan(limits)] = np.inf
     if np.isinf(limits).all():
-        raise InputError(f"no torque limit of the joints {joints} is known; state limits=")
+        raise InputError(unknown)
     return limits

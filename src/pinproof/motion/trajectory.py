@@ -17,8 +17,11 @@ from pinproof.common.display import PLOT_POINTS, html_block, html_list, html_plo
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, Array, checked_joint_names, ends_meet, read_only
+from pinproof.motion.dialects import find_dialect
 from pinproof.motion.motion_record import Certified, MotionRecord, records_of
 from pinproof.motion.plot import DrawnConstraint, DrawnLimits, plot_trajectory
+from pinproof.motion.program_steps import Blend, StreamedTrajectory
+from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
 from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
 from pinproof.spatial import finite
 from pinproof.verifier import curve_digest
@@ -279,17 +282,76 @@ class Trajectory:
             If the certificate is for another motion.
         """
         certified = self.certified if certificate is None else records_of(certificate, self.digest(), self.duration)
-        trajectory_files.write(
-            path,
-            trajectory_files.Record(
-                self.joint_names,
-                whole_nanoseconds(self.times),
-                self.q,
-                self.velocities,
-                self.accelerations,
-                self.limits_note,
-                certified,
-            ),
+        trajectory_files.write(path, self.record(certified))
+
+    def record(self, certified: tuple[MotionRecord, ...] = ()) -> trajectory_files.Record:
+        """The points as they are written to a file."""
+        return trajectory_files.Record(
+            self.joint_names,
+            whole_nanoseconds(self.times),
+            self.q,
+            self.velocities,
+            self.accelerations,
+            self.limits_note,
+            certified,
+        )
+
+    @classmethod
+    def of_record(cls, record: trajectory_files.Record) -> Trajectory:
+        """The trajectory of the points of a file."""
+        return cls._of(record, record.joint_names, list(range(len(record.joint_names))))
+
+    def to_program(
+        self,
+        dialect: str,
+        *,
+        name: str = "motion",
+        tolerance: float = 0.002,
+        blend: Blend | None = None,
+        deviation: float = 0.0,
+        certificate: str = "",
+        joint_map: JointMap | None = None,
+    ) -> RobotProgram:
+        """A program of a robot controller that follows this motion; it is not certified.
+
+        :func:`pinproof.collision.export_program` also certifies what the controller will execute, and chooses the
+        blends.
+
+        Parameters
+        ----------
+        dialect
+            ``"urscript"``, ``"rapid"``, ``"krl"``, ``"fanuc"`` or ``"ros2"``. A goal of ROS 2 is exactly this
+            trajectory; the others are moves on straight lines in joint space.
+        name
+            The name of the program.
+        tolerance
+            rad: largest deviation of the lines from this motion, at samples of the motion.
+        blend
+            The blend at inner points; None for stops.
+        deviation
+            rad: the deviation of the controller from the lines that the text states.
+        certificate
+            The hash of the certificate that the text states; empty for none.
+        joint_map
+            The joint values of the controller from those of the model, if they differ.
+
+        Raises
+        ------
+        UnknownNameError
+            If the dialect is unknown.
+        InputError
+            If the language cannot express the motion, such as another number of joints than 6.
+        """
+        exact = find_dialect(dialect).exact
+        steps = [StreamedTrajectory(self.record())] if exact else moves_along(self, tolerance=tolerance, blend=blend)
+        return make_program(
+            steps,
+            self.joint_names,
+            dialect=dialect,
+            name=name,
+            deviation=deviation,
+            certificate=certificate,
+            joint_map=joint_map,
         )
 
     def digest(self) -> str:

@@ -30,6 +30,7 @@ from pinproof.picks.judging.changes import apply_suggestion
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
+from pinproof.picks.report.program_export import PicksProgram, export_picks
 from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport
 
 __all__ = [
@@ -59,6 +60,7 @@ __all__ = [
     "PickWeights",
     "Picks",
     "PicksInterrupted",
+    "PicksProgram",
     "PlaceTarget",
     "ReachComparison",
     "ReachMap",
@@ -72,6 +74,7 @@ __all__ = [
     "apply_suggestion",
     "approach_directions",
     "attainable_orientations",
+    "export_picks",
     "open_picks",
     "reach_map",
     "read_picks",

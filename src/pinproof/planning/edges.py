@@ -9,6 +9,7 @@ from pinproof._core import EdgeChecker
 from pinproof.collision import CollisionChecker
 from pinproof.collision.placed_bodies import CoalJudge
 from pinproof.errors import InputError
+from pinproof.motion import TorqueLimits
 
 __all__ = ["Edges"]
 
@@ -19,6 +20,13 @@ PAD = 5e-4
 
 MAX_REFINEMENT = 16
 """Largest factor by which the resolution is refined. Denser samples would cost more than the proofs that they save."""
+
+
+STANDSTILL_SHARE = 0.95
+"""Share of the torque limits that holding the arm at rest may need; the rest is for the motion and between samples."""
+
+AT_ENDS = 1e-9
+"""Relative rounding error of the torques at the ends."""
 
 
 class Edges:
@@ -36,6 +44,9 @@ class Edges:
     pad
         Distance (m) in addition to the margin that samples must keep. A path that barely keeps the margin is difficult
         to prove.
+    torque_limits
+        Only samples at which the joints can hold the arm at rest are free, with a reserve for the motion unless an end
+        has none. Proofs do not cover torques.
 
     Attributes
     ----------
@@ -45,11 +56,22 @@ class Edges:
         The edge checker of the compiled core.
     """
 
-    def __init__(self, checker: CollisionChecker, resolution: float, ends: Array, *, pad: float = PAD) -> None:
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        resolution: float,
+        ends: Array,
+        *,
+        pad: float = PAD,
+        torque_limits: TorqueLimits | None = None,
+    ) -> None:
         if not resolution > 0:
             raise InputError(f"resolution = {resolution}; it must be a distance above 0 m")
         self._checker, self._resolution, self._finest = checker, resolution, resolution / MAX_REFINEMENT
         self.core = EdgeChecker(checker.world, CoalJudge(checker.workspace), resolution)
+        if torque_limits is not None:
+            share = float(np.clip(torque_limits.standstill_share(ends) * (1.0 + AT_ENDS), STANDSTILL_SHARE, 1.0))
+            self.core.set_torque_limits(torque_limits.tree, torque_limits.limits * share)
         spare = min((checker.clearance(q) for q in ends), default=np.inf) - checker.margin
         self._steer(min(pad, max(spare, 0.0) / 2))
 

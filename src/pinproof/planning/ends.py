@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
 from pinproof.model.limits import AT_LIMIT
+from pinproof.motion import TorqueLimits
 from pinproof.planning.constrained import manifold_of, violations_at
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.spatial import finite
@@ -47,6 +48,8 @@ class Ends:
         For each goal, the index of the given goal that it equals up to multiples of 2 pi.
     turns
         Whether shifted goals were requested.
+    torque_limits
+        The torques that hold the arm at rest at the start and the goals are within these limits; None for no limits.
     """
 
     checker: CollisionChecker
@@ -54,6 +57,7 @@ class Ends:
     goals: Array
     indices: tuple[int, ...]
     turns: bool
+    torque_limits: TorqueLimits | None = None
 
 
 def _read_goals(arm: JointGroup, goals: npt.ArrayLike) -> Array:
@@ -86,27 +90,27 @@ def with_turns(arm: JointGroup, start: Array, goals: Array) -> tuple[Array, list
     (k, n) the given goals, followed by the shifted ones sorted by the largest joint step from the start; and for each
     the index of the given goal that it equals.
     """
-    shifted: list[tuple[float, int, Array]] = []
+    limits, shifted, index_of = arm.limits, [goals[:0]], list[int]()
     for index, goal in enumerate(goals):
-        for turns in product(*(_turns(arm, joint, start[joint], goal[joint]) for joint in range(arm.dof))):
-            if any(turns):
-                shift = TURN * np.array(turns)
-                # Clipping removes rounding only: a shift may end one bit beyond a limit that is a multiple of 2 pi.
-                q = np.where(shift != 0, np.clip(goal + shift, arm.limits.lower, arm.limits.upper), goal)
-                shifted.append((float(np.abs(q - start).max()), index, q))
-    shifted.sort(key=lambda entry: entry[:2])
-    shifted = shifted[: max(MAX_GOALS - len(goals), 0)]
-    return np.vstack([goals, *(q for _, _, q in shifted)]), [*range(len(goals)), *(index for _, index, _ in shifted)]
+        turns = [_turns(arm, joint, start[joint], goal[joint]) for joint in range(arm.dof)]
+        shift = TURN * np.array(np.meshgrid(*turns, indexing="ij"), dtype=float).reshape(arm.dof, -1).T
+        shift = shift[shift.any(axis=1)]
+        # Clipping removes rounding only: a shift may end one bit beyond a limit that is a multiple of 2 pi.
+        shifted.append(np.where(shift != 0, np.clip(goal + shift, limits.lower, limits.upper), goal))
+        index_of += [index] * len(shift)
+    every = np.concatenate(shifted)
+    order = np.argsort(np.abs(every - start).max(axis=1), kind="stable")[: max(MAX_GOALS - len(goals), 0)]
+    return np.vstack([goals, every[order]]), [*range(len(goals)), *(index_of[k] for k in order.tolist())]
 
 
 def _turns(arm: JointGroup, joint: int, start: float, goal: float) -> list[int]:
     """The multiples of 2 pi by which a joint may be shifted, including 0."""
     if not arm.periodic[joint]:
         return [0]
-    below = int(np.floor((start - goal) / TURN))
-    low, high = arm.limits.lower[joint], arm.limits.upper[joint]
-    fewest = below if np.isinf(low) else int(np.ceil((low - AT_LIMIT - goal) / TURN))
-    most = below + 1 if np.isinf(high) else int(np.floor((high + AT_LIMIT - goal) / TURN))
+    below = math.floor((start - goal) / TURN)
+    low, high = float(arm.limits.lower[joint]), float(arm.limits.upper[joint])
+    fewest = below if math.isinf(low) else math.ceil((low - AT_LIMIT - goal) / TURN)
+    most = below + 1 if math.isinf(high) else math.floor((high + AT_LIMIT - goal) / TURN)
     return sorted({0, *range(fewest, most + 1)})
 
 
@@ -117,6 +121,7 @@ def read_ends(
     *,
     turns: bool,
     constraints: Sequence[PathConstraint] = (),
+    torque_limits: TorqueLimits | None = None,
 ) -> Ends | PlanResult:
     """Validate ``start`` (n,) and ``goals`` (n,) or (g, n); a failed result if the start or all goals are invalid.
 
@@ -135,6 +140,12 @@ def read_ends(
     if constraints:
         tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(checker.arm, constraints)
         inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
+    if torque_limits is not None:
+        require_arm(torque_limits, group)
+        inside = [ok and torque_limits.standstill_share(q) <= 1.0 for ok, q in zip(inside, many, strict=True)]
+        if heavy := torque_limits.standstill(first):
+            message = f"the start is invalid: {heavy}"
+            return PlanResult(PlanStatus.START_INVALID, None, None, None, message, checker=checker)
     if violated := violations_at(checker, first, constraints):
         message = f"the start is invalid: {'; '.join(violated)}"
         return PlanResult(PlanStatus.START_INVALID, None, None, None, message, checker=checker)
@@ -154,13 +165,27 @@ def read_ends(
             checker = checker.finer_at(goal)
         rows = valid()
     if not rows:
-        return _invalid_goals(checker, given, constraints)
-    return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns)
+        return _invalid_goals(checker, given, constraints, torque_limits)
+    return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns, torque_limits)
 
 
-def _reason(checker: CollisionChecker, q: Array, constraints: Sequence[PathConstraint] = ()) -> str:
-    """Why q (n,) is invalid: the joints outside their limits, the violated constraints, or the contacts."""
+def require_arm(torque_limits: TorqueLimits, arm: JointGroup) -> None:
+    """Raise InputError unless torque limits are for the joints of an arm."""
+    if torque_limits.arm.joint_names != arm.joint_names:
+        names = torque_limits.arm.joint_names
+        raise InputError(f"torque_limits are for the joints {names}; the joints of the arm are {arm.joint_names}")
+
+
+def _reason(
+    checker: CollisionChecker,
+    q: Array,
+    constraints: Sequence[PathConstraint] = (),
+    torque_limits: TorqueLimits | None = None,
+) -> str:
+    """Why q (n,) is invalid: joints outside their limits, violated constraints, torques, or the contacts."""
     outside = checker.group.limits.violations(q, checker.group.joint_names) + violations_at(checker, q, constraints)
+    if torque_limits is not None and (heavy := torque_limits.standstill(q)):
+        outside.append(heavy)
     return "; ".join(outside) if outside else str(checker.check(q))
 
 
@@ -172,9 +197,14 @@ def _invalid_start(checker: CollisionChecker, start: Array) -> PlanResult:
     return PlanResult(PlanStatus.START_INVALID, None, None, None, message, contacts=found.contacts, checker=checker)
 
 
-def _invalid_goals(checker: CollisionChecker, goals: Array, constraints: Sequence[PathConstraint]) -> PlanResult:
+def _invalid_goals(
+    checker: CollisionChecker,
+    goals: Array,
+    constraints: Sequence[PathConstraint],
+    torque_limits: TorqueLimits | None,
+) -> PlanResult:
     reasons = "; ".join(
-        f"goal {i}: {_reason(checker, goal, constraints)}" for i, goal in enumerate(goals[:MAX_REPORTED])
+        f"goal {i}: {_reason(checker, goal, constraints, torque_limits)}" for i, goal in enumerate(goals[:MAX_REPORTED])
     )
     more = f"; and {len(goals) - MAX_REPORTED} more" if len(goals) > MAX_REPORTED else ""
     contacts = tuple(contact for goal in goals for contact in checker.check(goal).contacts)

@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PathConstraint, certify
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.motion import JointPath
+from pinproof.motion import JointPath, TorqueLimits
+from pinproof.planning.barriers import find_barriers, no_path_message
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanResult, PlanStatus
@@ -110,6 +111,7 @@ class OmplPlanner:
         *,
         turns: bool = False,
         constraints: Sequence[PathConstraint] = (),
+        torque_limits: TorqueLimits | None = None,
         rng: int | np.random.Generator = 0,
     ) -> PlanResult:
         """Plan from ``start`` (n,) to one goal (n,) or to any of several (g, n), as :meth:`RrtConnect.plan` does.
@@ -128,7 +130,7 @@ class OmplPlanner:
         """
         if constraints:
             raise InputError("OmplPlanner does not support constraints of the tcp; use RrtConnect (rrt_connect)")
-        ends = read_ends(checker, start, goals, turns=turns)
+        ends = read_ends(checker, start, goals, turns=turns, torque_limits=torque_limits)
         if isinstance(ends, PlanResult):
             return ends
         seed = int(np.random.default_rng(rng).integers(1, 2**31))
@@ -146,6 +148,8 @@ class OmplPlanner:
                 status, message=message, nodes=nodes, samples=edges, seconds=seconds, checker=ends.checker, **given
             )
 
+        if q is None and (barriers := find_barriers(ends.checker, ends.start, ends.goals)):
+            return result(PlanStatus.IMPOSSIBLE, no_path_message(barriers))
         if q is None:
             near = f"it came within {gap:.3g} (rad or m) of a goal. " if np.isfinite(gap) else ""
             budget, value = ("max_edges", f"{self.max_edges}")
@@ -177,7 +181,8 @@ class _Validity:
 
     def __init__(self, settings: OmplPlanner, ends: Ends) -> None:
         both = np.vstack([ends.start, ends.goals])
-        self._edges, self._checker = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD), ends.checker
+        self._checker = ends.checker
+        self._edges = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD, torque_limits=ends.torque_limits)
         self._max_edges, self._dof = settings.max_edges, len(ends.start)
         self.until: Any = None
         self.edges = 0

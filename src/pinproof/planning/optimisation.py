@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from operator import mul
 from typing import Literal
@@ -21,16 +21,19 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import RrtSearch
-from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof._core import Manifold, RrtSearch
+from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
 from pinproof.collision.certify import is_proven_free
+from pinproof.collision.path_constraints import check_constraints
 from pinproof.common.display import outline
 from pinproof.errors import InputError, TimingError
-from pinproof.motion import Curve, JointPath, MotionLimits, Trajectory, time_parametrise
+from pinproof.motion import Curve, JointPath, MotionLimits, TorqueLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds
 from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
 from pinproof.motion.steering import Move, MoveSequence, State, Steering, rate_excess, rest, rest_to_rest_times
+from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
+from pinproof.planning.gentle_moves import GentleMoves
 from pinproof.planning.rrt_connect import sampling_box
 from pinproof.spatial import finite
 
@@ -72,19 +75,17 @@ SHORTCUTS = 0.85
 INSIDE = 0.9999
 """Share of the limits of velocity and acceleration within which a modified state remains."""
 
-SLOWER = (1.0, 0.8, 0.6)
-"""With constraints such as torques, shares of the accelerations at which a joint alone satisfies them, for the moves
-that are tried after those at full acceleration."""
+FREE_SEARCH = 0.3
+"""With rate constraints such as torques, share of the budget for a motion without them, which is then slowed down."""
 
-SLOWEST = 0.1
-"""Smallest share of the acceleration limit of a joint that is used with constraints."""
+MAX_SLOWDOWN = 1.1
+"""Largest factor by which the given motion is slowed down for the search."""
 
-CONSTRAINT_SHARE = 0.98
-"""Share of the bound of a constraint that samples may use, because the constraint holds between samples too."""
+TOLERANCE_SHARE = 0.99
+"""Share of the tolerance of a constraint of the tcp that samples may use, because it holds between samples too."""
 
-CONSTRAINT_TIME = 0.015
-"""Seconds between two samples of a move at which constraints are checked: within this time, a usual jerk limit permits
-only a part of the change of acceleration."""
+BACKTRACKS = 4
+"""Number of earlier motions of a phase that are tried if its result is not proven."""
 
 CONNECT, DETOUR = 0.45, 0.25
 """Shares of the budget for shortening the first motions, and for detours from the direct motion to a goal; the rest is
@@ -147,6 +148,7 @@ def optimise(
     jerk: npt.ArrayLike | Literal["limits"] | None = None,
     goals: npt.ArrayLike | None = None,
     rate_limits: Sequence[RateConstraint] = (),
+    constraints: Sequence[PathConstraint] = (),
     rng: int | np.random.Generator = 0,
     budget: int = BUDGET,
 ) -> OptimiseResult:
@@ -169,6 +171,9 @@ def optimise(
         By default, the end of the path, which is always a goal. Goals that are not free are ignored.
     rate_limits
         Further limits on the motion, such as torques, as for :func:`~pinproof.time_parametrise`.
+    constraints
+        Constraints of the tcp, such as :class:`~pinproof.collision.Upright`, that the path satisfies. The certificate
+        covers them. Goals that violate them are ignored.
     rng
         Seed or Generator of the random replacements.
     budget
@@ -189,21 +194,24 @@ def optimise(
         raise InputError(f"budget = {budget!r}; it must be a number of evaluations, 0 or more")
     further = checked_constraints(rate_limits)
     bounds = Bounds.of(arm.limits if limits is None else limits, arm.joint_names, jerk)
-    ends = _goals(goals, path.end, bounds, checker)
+    kept = check_constraints(constraints)
+    manifold, tolerances = manifold_of(checker.arm, kept) if kept else None, np.array([each.tolerance for each in kept])
+    ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
-    search = _Search(checker, bounds, further, path, before, ends, np.random.default_rng(rng), int(budget))
+    task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
+    search = _Search(task, np.random.default_rng(rng), int(budget))
     if budget > 0 and search.worthwhile:
         search.run()
     for motion, reached in reversed(search.proven):
         trajectory = _timed(search.trajectory(motion, reached), bounds, further)
         if trajectory is None or trajectory.duration >= before.duration:
             continue
-        certificate = certify(trajectory, checker)
+        certificate = certify(trajectory, checker, constraints=kept)
         if certificate.free:
             break
     else:
-        trajectory, certificate = before, certify(before, checker)
+        trajectory, certificate = before, certify(before, checker, constraints=kept)
     given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
     index = next(iter(np.flatnonzero((given == trajectory.end).all(axis=1)).tolist()), None)
     message = (
@@ -233,7 +241,8 @@ def with_moving_ends(
     """
     bounds = Bounds.of(limits, trajectory.joint_names)
     goal, rng = trajectory.end[None], np.random.default_rng(0)
-    search = _Search(checker, bounds, rate_limits, trajectory, trajectory, goal, rng, 0, share=MOVING_SHARE)
+    task = _Task(checker, bounds, trajectory, trajectory, goal, tuple(rate_limits))
+    search = _Search(task, rng, 0, share=MOVING_SHARE)
     start, end = (
         (q.tolist(), velocity.tolist(), [0.0] * len(q))
         for q, velocity in ((trajectory.start, start_velocity), (trajectory.end, end_velocity))
@@ -259,14 +268,23 @@ def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateCo
     return 1.0 if excess <= 1.0 + RATE_TOLERANCE / 3.0 else excess
 
 
-def _goals(goals: npt.ArrayLike | None, end: Array, bounds: Bounds, checker: CollisionChecker) -> Array:
-    """(g, n) the free goals inside the limits, or the end of the path."""
+def _goals(
+    goals: npt.ArrayLike | None,
+    end: Array,
+    bounds: Bounds,
+    checker: CollisionChecker,
+    manifold: Manifold | None,
+    tolerances: Array,
+) -> Array:
+    """(g, n) the free goals inside the limits that satisfy the constraints, or the end of the path."""
     if goals is None:
         return end[None]
     rows = finite("goals", np.atleast_2d(np.asarray(goals, dtype=float)), (None, len(end)))
     inside = ((rows >= bounds.lower) & (rows <= bounds.upper)).all(axis=1)
     free = rows[inside]
     free = free[checker.is_free_batch(free)] if len(free) else free
+    if manifold is not None:
+        free = free[[bool((manifold.errors(q) <= tolerances).all()) for q in free]]
     return free if len(free) and np.abs(free - end).max(axis=1).min() == 0.0 else np.vstack([end, free])
 
 
@@ -292,22 +310,29 @@ def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateCon
     return trajectory if inside.all() else None
 
 
-def _shares_alone(q: Array, bounds: Bounds, constraints: Sequence[RateConstraint]) -> Array:
-    """(n,) shares of the acceleration limits at which each joint, accelerated alone at q (N, n), keeps constraints."""
-    shares = np.ones(q.shape[1])
-    zeros = np.zeros_like(q)
-    for joint in range(q.shape[1]):
-        slope = zeros.copy()
-        slope[:, joint] = bounds.acceleration[joint]
-        for constraint in constraints:
-            try:
-                alpha, _, gamma, bound = constraint.coefficients(q, slope, zeros)
-            except TimingError:  # violated even at rest, here
-                continue
-            needed = np.abs(alpha) > 0.0
-            spare = np.divide(bound - np.abs(gamma), np.abs(alpha), out=np.full_like(alpha, np.inf), where=needed)
-            shares[joint] = min(shares[joint], float(spare.min(initial=np.inf)))
-    return shares.clip(SLOWEST, 1.0)
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is searched for: the shortest motion from the start of ``path`` to one of ``goals`` (g, n).
+
+    ``before`` is the path with time-optimal timing; ``manifold`` are the ``constraints`` in the compiled core.
+    """
+
+    checker: CollisionChecker
+    bounds: Bounds
+    path: Curve
+    before: Trajectory
+    goals: Array
+    rate_limits: tuple[RateConstraint, ...] = ()
+    constraints: tuple[PathConstraint, ...] = ()
+    manifold: Manifold | None = None
+    tolerances: Array = field(default_factory=lambda: np.zeros(0))
+
+    def satisfied(self, points: npt.ArrayLike) -> bool:
+        """Whether samples (m, n) satisfy the constraints of the tcp, with a reserve except near the two ends."""
+        if self.manifold is None:
+            return True
+        errors = np.array([self.manifold.errors(q) for q in np.array(points)])
+        return bool((errors <= np.maximum(TOLERANCE_SHARE * self.tolerances, errors[[0, -1]].max(axis=0))).all())
 
 
 class _Search:
@@ -321,33 +346,21 @@ class _Search:
         Number of moves that were computed.
     """
 
-    def __init__(
-        self,
-        checker: CollisionChecker,
-        bounds: Bounds,
-        constraints: Sequence[RateConstraint],
-        path: Curve,
-        before: Trajectory,
-        goals: Array,
-        rng: np.random.Generator,
-        budget: int,
-        *,
-        share: float = 1.0,
-    ) -> None:
-        self._checker, self._bounds, self._path, self._rng = checker, bounds, path, rng
-        self._goals, self._start, self._before = goals, np.asarray(path.start), before
-        self._edges = Edges(checker, RESOLUTION, np.array([path.start, path.end]))
-        self._constraints = constraints
-        self._levels = [Steering(bounds, share)]
-        if constraints:
-            alone = _shares_alone(np.vstack([path.start, goals]), bounds, constraints)
-            self._levels += [Steering(bounds, share * each * alone) for each in SLOWER]
+    def __init__(self, task: _Task, rng: np.random.Generator, budget: int, *, share: float = 1.0) -> None:
+        self._task, self._checker, self._bounds, self._path = task, task.checker, task.bounds, task.path
+        self._rng, self._goals, self._start = rng, task.goals, np.asarray(task.path.start)
+        torques = next((each for each in task.rate_limits if isinstance(each, TorqueLimits)), None)
+        ends = np.array([task.path.start, task.path.end])
+        self._edges = Edges(task.checker, RESOLUTION, ends, torque_limits=torques)
+        self._steering = Steering(task.bounds, share)
+        self._gentle = GentleMoves(self._steering, task.bounds, task.rate_limits)
         self._left, self.evaluations = budget, 0
         self._best, self._goal = self._given()
+        self._found: list[tuple[MoveSequence, int]] = []
         self.proven: list[tuple[MoveSequence, int]] = []
-        self._bound_of = rest_to_rest_times(goals - path.start, bounds).max(axis=1)
+        self._bound_of = rest_to_rest_times(task.goals - task.path.start, task.bounds).max(axis=1)
         self._enough = float(self._bound_of.min()) * (1.0 + CLOSE_ENOUGH)
-        self._per_velocity = (1.0 / bounds.velocity).tolist()
+        self._per_velocity = (1.0 / task.bounds.velocity).tolist()
         self._step = SAMPLE_TIME
 
     @property
@@ -358,15 +371,17 @@ class _Search:
     def run(self) -> None:
         """Search until the budget is used up or the motion is as short as its lower bound."""
         budget = self._left
+        if self._task.rate_limits:
+            self._try_without_rate_limits(int(FREE_SEARCH * budget))
         self._try_direct_moves()
         if self._best.duration > self._enough:
             self._shorten_first_motions(int(CONNECT * budget))
             self._prove()
             self._try_detours(int(DETOUR * budget))
             self._prove()
-        self._best = self._improve(self._best, self._left // 2)
+        self._best = self._improve(self._best, self._goal, self._left // 2)
         self._prove()
-        self._best = self._improve(self._best, self._left)
+        self._best = self._improve(self._best, self._goal, self._left)
         self._prove()
 
     def with_ends(self, start: State, end: State, longest: float) -> MoveSequence | None:
@@ -395,6 +410,23 @@ class _Search:
 
     # -- phases ---------------------------------------------------------------------------------------------------
 
+    def _try_without_rate_limits(self, budget: int) -> None:
+        """Search without rate constraints, and slow the result down until it satisfies them at samples."""
+        search = _Search(replace(self._task, rate_limits=()), self._rng, budget)
+        search.run()
+        self._spend(search.evaluations)
+        if not search.proven:
+            return
+        motion, goal = search.proven[-1]
+        trajectory = search.trajectory(motion, goal)
+        slowdown = self._gentle.slowdown(trajectory)
+        if slowdown == 1.0 and motion.duration < self._best.duration:
+            self._best, self._goal = motion, goal
+            self.proven.append((motion, goal))
+        if math.isfinite(slowdown):
+            slower = trajectory.slowed(slowdown) if slowdown > 1.0 else trajectory
+            self._found.append((MoveSequence.of(slower, self._bounds), goal))
+
     def _try_direct_moves(self) -> None:
         """The fastest move to a goal, without obstacles the optimum; the goals in the order of their bounds."""
         for goal in self._promising(GOALS):
@@ -409,11 +441,11 @@ class _Search:
         given = self._given()
         if isinstance(self._path, JointPath) and (stopping := self._stopping(self._path.q)) is not None:
             given = stopping, given[1]
-        found = [given, *self._plans(min(PLANS, budget // PER_PLAN))]
+        found = [given, *self._found[-1:], *self._plans(min(PLANS, budget // PER_PLAN))]
         rounds = max(math.ceil(math.log2(len(found))), 1)
         for _ in range(rounds):  # the better half continues
             share = budget // (rounds * len(found))
-            found = [(self._improve(motion, share), goal) for motion, goal in found]
+            found = [(self._improve(motion, goal, share), goal) for motion, goal in found]
             found = sorted(found, key=lambda each: each[0].duration)[: (len(found) + 1) // 2]
         self._best, self._goal = min([*found, (self._best, self._goal)], key=lambda each: each[0].duration)
 
@@ -442,6 +474,7 @@ class _Search:
             step=PLAN_STEP,
             max_nodes=PLAN_SAMPLES,
             max_samples=PLAN_SAMPLES,
+            manifold=self._task.manifold,
         )
         event = search.grow(PLAN_CHECKS + self._edges.samples)
         while event is RrtSearch.Event.NEEDS_DRAWS:
@@ -454,9 +487,7 @@ class _Search:
         kept, first = [0], 0
         while first < len(q) - 1:  # connect each kept waypoint to the farthest one that a free edge reaches
             first = next(
-                last
-                for last in range(len(q) - 1, first, -1)
-                if last == first + 1 or self._edges.samples_free(q[first], q[last])
+                last for last in range(len(q) - 1, first, -1) if last == first + 1 or self._edge_free(q[first], q[last])
             )
             kept.append(first)
         return q[kept], goals[backward[-1]]
@@ -472,7 +503,7 @@ class _Search:
                 goals.remove(goal)
                 continue
             if goal not in directs:
-                move = self._levels[0].move(rest(self._start), rest(self._goals[goal]))
+                move = self._steering.move(rest(self._start), rest(self._goals[goal]))
                 directs[goal] = None if move is None else MoveSequence([move])
             direct = directs[goal]
             if direct is None:
@@ -484,7 +515,7 @@ class _Search:
             if moves is not None:
                 self._best, self._goal = MoveSequence(moves), goal
 
-    def _improve(self, motion: MoveSequence, budget: int) -> MoveSequence:
+    def _improve(self, motion: MoveSequence, goal: int, budget: int) -> MoveSequence:
         """Replace random parts of a motion by shortcuts and by moves through modified states."""
         until = self._left - budget
         while self._left > until and motion.duration > self._enough:
@@ -500,6 +531,7 @@ class _Search:
             moves = self._connect(states, end - start)
             if moves is not None:
                 motion = motion.replaced(start, end, moves)
+                self._found.append((motion, goal))
         return motion
 
     def _window(self, motion: MoveSequence) -> tuple[float, float]:
@@ -534,8 +566,7 @@ class _Search:
         moves = []
         for first, last in pairwise(path.tolist()):
             if first != last:
-                tried = (steering.straight(first, last) for steering in self._levels)
-                move = next((move for move in tried if move is not None and self._allowed([move])), None)
+                move = self._gentle.straight(first, last)
                 if move is None:
                     return None
                 moves.append(move)
@@ -543,36 +574,40 @@ class _Search:
 
     def _connect(self, states: Sequence[State], duration: float) -> list[Move] | None:
         """The fastest moves from state to state, if they are shorter than a duration, allowed, and free at samples."""
-        for steering in self._levels:
-            moves, left = [], self._limit(duration)
-            for first, last in pairwise(states):
-                self._left, self.evaluations = self._left - 1, self.evaluations + 1
-                move = steering.move(first, last)
-                if move is None or move.duration >= left:
-                    return None
-                moves.append(move)
-                left -= move.duration
-            if all(steering.inside(move) for move in moves) and self._allowed(moves):
-                points = [states[0][0]]
-                for move in moves:
-                    points += [state[0] for state in move.states(self._step)]
-                return moves if self._edges.core.points_free(np.array(points)) else None
-        return None
+        connected: list[Move] = []
+        longest = left = self._limit(duration)
+        for first, last in pairwise(states):
+            self._spend(1)
+            move = self._steering.move(first, last)
+            if move is None or move.duration >= left:
+                return None
+            connected.append(move)
+            left -= move.duration
+        if not self._acceptable(states[0], connected):
+            return None
+        computed = self._gentle.computed
+        moves = self._gentle.connect(states, connected, longest)
+        self._spend(self._gentle.computed - computed)
+        if moves is None or moves is connected:
+            return moves
+        return moves if self._acceptable(states[0], moves) else None
 
-    def _allowed(self, moves: Sequence[Move]) -> bool:
-        """Whether samples of the moves satisfy the constraints."""
-        if not self._constraints:
-            return True
-        states = [state for move in moves for state in move.states(CONSTRAINT_TIME)]
-        q, velocity, acceleration = np.array(states).swapaxes(0, 1)
-        for constraint in self._constraints:  # with the time as the path parameter, s' = 1 and s'' = 0
-            try:
-                _, beta, gamma, bound = constraint.coefficients(q, velocity, acceleration)
-            except TimingError:  # violated even at rest
-                return False
-            if (np.abs(beta + gamma) > CONSTRAINT_SHARE * bound).any():
-                return False
-        return True
+    def _spend(self, evaluations: int) -> None:
+        self._left, self.evaluations = self._left - evaluations, self.evaluations + evaluations
+
+    def _acceptable(self, first: State, moves: Sequence[Move]) -> bool:
+        """Whether moves are inside the position limits, and samples are free and satisfy the constraints of the tcp."""
+        if not all(self._steering.inside(move) for move in moves):
+            return False
+        points = [first[0]]
+        for move in moves:
+            points += [state[0] for state in move.states(self._step)]
+        return self._task.satisfied(points) and bool(self._edges.core.points_free(np.array(points)))
+
+    def _edge_free(self, first: Array, last: Array) -> bool:
+        """Whether a straight edge is free at samples, and proven to satisfy the constraints of the tcp."""
+        manifold = self._task.manifold
+        return (manifold is None or bool(manifold.edge_proven(first, last))) and self._edges.samples_free(first, last)
 
     @staticmethod
     def _limit(duration: float) -> float:
@@ -591,16 +626,43 @@ class _Search:
         return chosen
 
     def _prove(self) -> None:
-        """Prove the best motion, or return to the last proven one and take samples closer to each other."""
-        if self.proven and self.proven[-1][0] is self._best:
-            return
-        if is_proven_free(self.trajectory(self._best, self._goal), self._checker):
-            self.proven.append((self._best, self._goal))
-            return
-        self._step /= 2.0
-        self._edges.refine()
+        """Prove the best motion, or return to an earlier one that is proven, and take samples closer to each other."""
+        found = sorted(self._found, key=lambda each: each[0].duration)
+        self._found = []
+        tried = (self._best, self._goal)
+        for _ in range(BACKTRACKS):
+            if self.proven and tried[0].duration >= self.proven[-1][0].duration:
+                break
+            if self._is_proven(self.trajectory(*tried)):
+                self.proven.append(tried)
+                break
+            self._step /= 2.0
+            self._edges.refine()
+            longest = tried[0].duration
+            following = (each for each in found if each[0].duration > longest and self._free_at_samples(each[0]))
+            if (next_tried := next(following, None)) is None:
+                break
+            tried = next_tried
         self._best, self._goal = self.proven[-1] if self.proven else self._given()
 
+    def _is_proven(self, trajectory: Trajectory) -> bool:
+        constraints = self._task.constraints
+        if not constraints:
+            return is_proven_free(trajectory, self._checker)
+        return certify(trajectory, self._checker, constraints=constraints).free
+
+    def _free_at_samples(self, motion: MoveSequence) -> bool:
+        count = max(math.ceil(motion.duration / self._step), 2)
+        points = [motion.state(float(time))[0] for time in np.linspace(0.0, motion.duration, count)]
+        return self._task.satisfied(points) and bool(self._edges.core.points_free(np.array(points)))
+
     def _given(self) -> tuple[MoveSequence, int]:
-        """The given path with its time-optimal timing, and the index of its end."""
-        return MoveSequence.of(self._before, self._bounds), _nearest(self._goals, np.asarray(self._path.end))
+        """The given path with its time-optimal timing, and the index of its end.
+
+        It is slowed down somewhat if it uses all of the torque, because moves between its states would not be allowed.
+        """
+        before = self._task.before
+        slowdown = self._gentle.slowdown(before)
+        if 1.0 < slowdown < MAX_SLOWDOWN:
+            before = before.slowed(slowdown)
+        return MoveSequence.of(before, self._bounds), _nearest(self._goals, np.asarray(self._path.end))

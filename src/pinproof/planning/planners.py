@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.errors import UnknownNameError
+from pinproof.motion import TorqueLimits
 from pinproof.planning.ompl_adapter import OmplPlanner
 from pinproof.planning.result import PlanResult
 from pinproof.planning.rrt_connect import RrtConnect
@@ -28,6 +29,7 @@ class Planner(Protocol):
         *,
         turns: bool = False,
         constraints: Sequence[PathConstraint] = (),
+        torque_limits: TorqueLimits | None = None,
         rng: int | np.random.Generator = 0,
     ) -> PlanResult:
         """Plan from ``start`` (n,) to any of ``goals`` (g, n), as :meth:`RrtConnect.plan` does.

@@ -34,6 +34,7 @@ class PlanStatus(Enum):
     FOUND = "a certified path was found"
     START_INVALID = "the start is in contact, outside the joint limits or violates a constraint"
     GOAL_INVALID = "every goal is in contact, outside the joint limits or violates a constraint"
+    IMPOSSIBLE = "no path exists: a joint cannot pass a value between the start and every goal"
     OUT_OF_BUDGET = "no path was found within the budget; one may exist"
     CANCELLED = "the progress callback requested to stop"
 

@@ -14,12 +14,14 @@ rounding of a corner, a decreases from the reach d to 0 and b increases from 0 t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.motion import bezier, corner
+from pinproof._core import Route as CompiledRoute
+from pinproof.motion import corner
 from pinproof.spatial import SE3, log6, matrix
 
 __all__ = ["Route", "Segment", "routes_through"]
@@ -63,6 +65,11 @@ class Segment:
         return int(np.ceil(max(distance / translation_step, angle / rotation_step)))
 
     @property
+    def vectors(self) -> Array:
+        """(2, 3) the translation and the rotation per metre."""
+        return np.stack([self.translation, self.rotation])
+
+    @property
     def direction(self) -> Array:
         """(6,) the direction as a unit vector, with the rotation weighted by :data:`LEVER`."""
         return np.concatenate([self.translation, LEVER * self.rotation])
@@ -78,15 +85,6 @@ class _Piece:
     a: Array
     b: Array
     width: float
-
-    def poses(self, u: Array) -> Array:
-        """(N, 4, 4) the poses at the local parameters (N,)."""
-        both = bezier.evaluate(np.array([0.0, 1.0]), np.stack([self.a, self.b], axis=1)[None], u)
-        a, b = both[:, 0], both[:, 1]
-        out = np.tile(np.eye(4), (len(u), 1, 1))
-        out[:, :3, :3] = self.pose[:3, :3] @ (_rotations(self.into.rotation, -a) @ _rotations(self.out.rotation, b))
-        out[:, :3, 3] = self.pose[:3, 3] - a[:, None] * self.into.translation + b[:, None] * self.out.translation
-        return out
 
     def derivatives(self) -> tuple[float, float, float]:
         """Bounds of |p''|, |w| and |w'|, for the position p and the angular velocity w by the local parameter."""
@@ -122,18 +120,33 @@ class Route:
         segment = Segment.between(first, last)
         return cls([_straight_piece(segment, 0.0, segment.length)])
 
+    @cached_property
+    def compiled(self) -> CompiledRoute:
+        """The route as the compiled core uses it."""
+        pieces = self._pieces
+        return CompiledRoute(
+            np.array([piece.pose for piece in pieces]),
+            np.array([[each.into.vectors, each.out.vectors] for each in pieces]).reshape(-1, 4, 3),
+            np.array([[piece.a, piece.b] for piece in pieces]),
+            self.borders,
+            self._derivatives,
+        )
+
     def poses(self, s: Array) -> Array:
-        """(N, 4, 4) ``base_from_tcp`` at non-decreasing parameters (N,)."""
-        piece = self._piece_at(s)
-        local = np.clip((s - self.borders[piece]) / np.diff(self.borders)[piece], 0.0, 1.0)
-        parts = [self._pieces[k].poses(local[piece == k]) for k in range(len(self._pieces)) if (piece == k).any()]
-        return np.concatenate(parts) if parts else np.empty((0, 4, 4))
+        """(N, 4, 4) ``base_from_tcp`` at parameters (N,)."""
+        return np.asarray(self.compiled.poses(s))
+
+    @cached_property
+    def _derivatives(self) -> Array:
+        """(k, 3) bounds of |p''|, |w| and |w'| on each piece."""
+        width = np.diff(self.borders)
+        return np.array([piece.derivatives() for piece in self._pieces]) / np.stack([width**2, width, width**2], 1)
 
     def derivatives(self, knots: Array) -> Array:
         """(k, 3) bounds of |p''|, |w| and |w'| between knots (k+1,), which must include all borders."""
-        width = np.diff(self.borders)
-        bounds = np.array([piece.derivatives() for piece in self._pieces]) / np.stack([width**2, width, width**2], 1)
-        result: Array = bounds[self._piece_at(0.5 * (knots[1:] + knots[:-1]))]
+        middle = 0.5 * (knots[1:] + knots[:-1])
+        piece = np.clip(np.searchsorted(self.borders, middle, side="right") - 1, 0, len(self._pieces) - 1)
+        result: Array = self._derivatives[piece]
         return result
 
     def knots(self, translation_step: float, rotation_step: float, min_pieces: int) -> Array:
@@ -145,9 +158,6 @@ class Route:
             count = max(count, min_pieces / len(self._pieces), 1)
             parts.append(np.linspace(low, high, int(np.ceil(count)), endpoint=False))
         return np.concatenate([*parts, [1.0]])
-
-    def _piece_at(self, s: Array) -> npt.NDArray[np.int_]:
-        return np.clip(np.searchsorted(self.borders, s, side="right") - 1, 0, len(self._pieces) - 1)
 
 
 def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) -> list[Route]:
@@ -196,13 +206,3 @@ def _rounding(into: Segment, out: Segment, reach: float) -> _Piece:
     h = reach * float(corner.spacing(into.direction, out.direction))
     increasing = np.array([0.0, 0.0, 0.0, reach - 2 * h, reach - h, reach])
     return _Piece(out.start, into, out, increasing[::-1], increasing, 5.0 * h)
-
-
-def _rotations(vector: Array, shares: Array) -> Array:
-    """(N, 3, 3) rotations by ``shares`` (N,) of a rotation vector (3,), by Rodrigues' formula."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector / angle if angle > 0.0 else vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    by = (angle * shares)[:, None, None]
-    result: Array = np.eye(3) + np.sin(by) * cross + (1.0 - np.cos(by)) * (cross @ cross)
-    return result

@@ -27,7 +27,8 @@ from pinproof.collision import Certificate, CollisionChecker, PathConstraint, ce
 from pinproof.collision.path_constraints import check_constraints
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
-from pinproof.motion import JointPath
+from pinproof.motion import JointPath, TorqueLimits
+from pinproof.planning.barriers import find_barriers, no_path_message
 from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends, with_turns
@@ -58,6 +59,8 @@ the calls."""
 SEPARATION = 0.05
 """A joint is named in the message if the values (rad or m) in one tree differ by at least this from all values in the
 other tree."""
+
+OTHER_TURNS = "a goal shifted by 2 pi may be reachable: plan with turns=True"
 
 PROGRESS_INTERVAL = 0.1
 """Seconds between two calls of the progress callback while the searches run in an executor."""
@@ -112,6 +115,7 @@ class RrtConnect:
         *,
         turns: bool = False,
         constraints: Sequence[PathConstraint] = (),
+        torque_limits: TorqueLimits | None = None,
         rng: int | np.random.Generator = 0,
         progress: Progress | None = None,
         portfolio: int = 1,
@@ -120,7 +124,8 @@ class RrtConnect:
         """Plan from ``start`` (n,) to one goal (n,) or to any of several (g, n).
 
         The same ``rng`` gives the same path. A failure is reported in the result: the contacts of the start or the
-        goals, or the exhausted budget and the smallest distance between the trees.
+        goals, the value that a joint cannot pass if this proves that no path exists, or the exhausted budget and the
+        smallest distance between the trees.
 
         Parameters
         ----------
@@ -137,6 +142,9 @@ class RrtConnect:
             Conditions of the tcp that hold on the whole path: :class:`~pinproof.Upright`, :class:`~pinproof.Within`,
             :class:`~pinproof.LookAt`. The start and the goals must satisfy them. The path has many waypoints;
             :func:`simplify`, with the same constraints, makes it short and smooth.
+        torque_limits
+            The path avoids configurations at which the joints cannot hold the arm at rest; checked at samples, since
+            the timing of the path proves it.
         rng
             Seed or Generator of the samples.
         progress
@@ -155,7 +163,7 @@ class RrtConnect:
         if portfolio < 1:
             raise InputError(f"portfolio = {portfolio}; it must be 1 or more")
         constraints = check_constraints(constraints)
-        ends = read_ends(checker, start, goals, turns=turns, constraints=constraints)
+        ends = read_ends(checker, start, goals, turns=turns, constraints=constraints, torque_limits=torque_limits)
         if isinstance(ends, PlanResult):
             return ends
         generator = np.random.default_rng(rng)
@@ -194,7 +202,7 @@ class Search:
         self._settings, self._given, self._checker, self._rng = settings, ends, ends.checker, rng
         self._progress = progress
         both = np.vstack([ends.start, ends.goals])
-        self._edges = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD)
+        self._edges = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD, torque_limits=ends.torque_limits)
         self._core = RrtSearch(
             self._edges.core,
             np.ascontiguousarray(ends.start),
@@ -206,6 +214,7 @@ class Search:
             manifold=self._manifold,
         )
         self._cut, self._last_cut, self._reduce_pad_at = 0, "", REDUCE_PAD_AFTER
+        self._barriers_tried = False
         self._began = time.monotonic()
 
     def run(self) -> PlanResult:
@@ -217,6 +226,8 @@ class Search:
             return result
         while True:
             if self._edges.samples >= self._reduce_pad_at:
+                if (result := self._blocked()) is not None:
+                    return result
                 self._edges.reduce_pad()
                 self._reduce_pad_at *= 4
                 if (result := self._try_direct_edges()) is not None:
@@ -290,7 +301,23 @@ class Search:
         self._edges.refine()
         return None, _failed_edge(certificate, len(q) - 1)
 
+    def _blocked(self) -> PlanResult | None:
+        """The result if it is proven that no path exists; None otherwise, and after the first call."""
+        if self._barriers_tried:
+            return None
+        self._barriers_tried = True
+        barriers = find_barriers(self._checker, self._given.start, self._given.goals)
+        if not barriers:
+            return None
+        gap = self._core.distance_of_trees()
+        periodic = {self._checker.group.joint_names[k] for k in np.flatnonzero(self._checker.group.periodic)}
+        shifted = not self._given.turns and self._has_other_turns()
+        hint = f"; {OTHER_TURNS}" if shifted and periodic.intersection(each.joint for each in barriers) else ""
+        return self._result(PlanStatus.IMPOSSIBLE, no_path_message(barriers) + hint, gap=gap)
+
     def _out_of_budget(self, budget: str) -> PlanResult:
+        if (result := self._blocked()) is not None:
+            return result
         unit = " s" if budget == "time_limit" else ""
         spent = f"no path within {budget} = {getattr(self._settings, budget):g}{unit}"
         advice = f"Try a larger {budget}, another rng or other goals"
@@ -303,10 +330,12 @@ class Search:
     def _without_path(self, status: PlanStatus, why: str, advice: str) -> PlanResult:
         failed = f", {self._cut} edges failed the proof, the last one: {self._last_cut}" if self._cut else ""
         trees = (self._core.nodes(0), self._core.nodes(1))
-        gap = _gap_between(*trees)
+        gap = self._core.distance_of_trees()
         separation = _describe_gap(
             self._checker.group, *trees, gap, turns=self._given.turns or not self._has_other_turns()
         )
+        if self._given.torque_limits is not None:
+            advice = f"{advice}. Configurations at which the torque limits do not permit a standstill were avoided"
         work = f"{self._nodes} nodes, {self._core.samples} samples{failed}"
         return self._result(status, f"{why} ({work}); {separation}. {advice}", gap=gap)
 
@@ -355,13 +384,6 @@ def sampling_box(arm: JointGroup, ends: Array) -> Array:
     return np.array([low, high])
 
 
-def _gap_between(from_start: Array, from_goal: Array) -> float:
-    """The smallest distance (Euclidean, in rad or m) between two trees (a, n) and (b, n)."""
-    from scipy.spatial import cKDTree
-
-    return float(cKDTree(from_start).query(from_goal)[0].min())
-
-
 def _describe_gap(arm: JointGroup, from_start: Array, from_goal: Array, gap: float, *, turns: bool) -> str:
     """A text with the ``gap`` between two trees (a, n) and (b, n) and the joints whose ranges do not overlap.
 
@@ -370,8 +392,7 @@ def _describe_gap(arm: JointGroup, from_start: Array, from_goal: Array, gap: flo
     """
     text = f"the trees came within {gap:.3g} (rad or m) of each other in joint space"
     separated = {joint: each for joint in range(arm.dof) if (each := _separation(arm, joint, from_start, from_goal))}
-    hint = "a goal shifted by 2 pi may be reachable: plan with turns=True"
-    hints = [hint] if not turns and any(arm.periodic[joint] for joint in separated) else []
+    hints = [OTHER_TURNS] if not turns and any(arm.periodic[joint] for joint in separated) else []
     return "; ".join([text, *separated.values(), *hints])
 
 
@@ -407,7 +428,7 @@ def _run_portfolio(
         results = []
         for stream in streams:
             results.append(Search(settings, ends, constraints, stream, progress).run())
-            if results[-1].status is PlanStatus.CANCELLED:
+            if results[-1].status in (PlanStatus.CANCELLED, PlanStatus.IMPOSSIBLE):
                 break
     else:
         futures = [executor.submit(_search, settings, ends, constraints, stream) for stream in streams]
@@ -453,6 +474,9 @@ def _best(results: list[PlanResult]) -> PlanResult:
         return min(found, key=lambda result: result.path.length if result.path is not None else np.inf)
     if results[-1].status is PlanStatus.CANCELLED:
         return results[-1]
+    for result in results:
+        if result.status is PlanStatus.IMPOSSIBLE:
+            return result
     nearest = min(results, key=lambda result: result.gap)
     return replace(
         nearest,

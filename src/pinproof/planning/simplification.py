@@ -19,7 +19,7 @@ from pinproof._core import shortcut as shorten
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
 from pinproof.collision.path_constraints import check_constraints
 from pinproof.errors import InputError
-from pinproof.motion import BlendedPath, JointPath
+from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier
 from pinproof.planning.blending import blend as round_corners
 from pinproof.planning.constrained import manifold_of, shortened, smooth_curves
 from pinproof.planning.edges import Edges
@@ -109,6 +109,7 @@ def simplify(
     deviation: float = 0.1,
     attempts: int = 60,
     constraints: Sequence[PathConstraint] = (),
+    torque_limits: TorqueLimits | None = None,
     certificate: Certificate | None = None,
 ) -> SimplifyResult:
     """Shorten a path (:func:`shortcut`), round its corners (:func:`blend`), and certify the resulting curve.
@@ -130,6 +131,8 @@ def simplify(
     constraints
         Constraints of the tcp that ``path`` satisfies, such as those of :meth:`RrtConnect.plan`; the result satisfies
         them.
+    torque_limits
+        As for :meth:`RrtConnect.plan`.
     certificate
         The certificate of ``path``, such as :attr:`PlanResult.certificate`. If it is not given, it is computed.
 
@@ -139,12 +142,12 @@ def simplify(
         If the joints of the path are not those of the arm, or a setting is out of its range.
     """
     constraints = check_constraints(constraints)
-    short = shortcut(path, checker, rng=rng, attempts=attempts, constraints=constraints)
+    short = shortcut(path, checker, rng=rng, attempts=attempts, constraints=constraints, torque_limits=torque_limits)
     before = certificate
     if before is None or not _is_for(before, path, checker, constraints):
         before = certify(path, checker, constraints=constraints)
     rejected = ""
-    for curve in _candidates(short, checker, constraints, blend, deviation):
+    for curve in _candidates(short, checker, constraints, torque_limits, blend, deviation):
         proof = certify(curve, checker, constraints=constraints)
         if proof.free:
             return _result(curve, proof, path, before, rejected)
@@ -157,13 +160,17 @@ def _candidates(
     short: JointPath,
     checker: CollisionChecker,
     constraints: tuple[PathConstraint, ...],
+    torque_limits: TorqueLimits | None,
     blend: bool,
     deviation: float,
 ) -> Iterator[JointPath | BlendedPath]:
     """The curves that may replace a shortened path, in the order of preference."""
     if blend and constraints:
-        edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD)
-        yield from smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names)
+        edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD, torque_limits=torque_limits)
+        for curve in smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names):
+            low, high = bezier.extremes(curve.control)  # a spline may leave the joint limits between its points
+            if checker.group.limits.inside(np.array([low.min(axis=0), high.max(axis=0)])).all():
+                yield curve
     if blend:
         yield round_corners(short, checker, deviation=deviation)
     yield short
@@ -200,6 +207,7 @@ def shortcut(
     attempts: int = 60,
     resolution: float = RESOLUTION,
     constraints: Sequence[PathConstraint] = (),
+    torque_limits: TorqueLimits | None = None,
 ) -> JointPath:
     """Shorten a path; its ends are kept and every new edge is proven free.
 
@@ -220,6 +228,8 @@ def shortcut(
         Distance (m) by which bodies move between two samples that are checked before the proof of an edge.
     constraints
         Constraints of the tcp that ``path`` satisfies; new edges satisfy them too.
+    torque_limits
+        As for :meth:`RrtConnect.plan`.
 
     Raises
     ------
@@ -230,7 +240,7 @@ def shortcut(
         raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.group.joint_names}")
     if attempts < 0:
         raise InputError(f"attempts = {attempts}; it must be 0 or more")
-    edges = Edges(checker, resolution, path.q[[0, -1]])
+    edges = Edges(checker, resolution, path.q[[0, -1]], torque_limits=torque_limits)
     generator = np.random.default_rng(rng)
     if constraints := check_constraints(constraints):
         manifold = manifold_of(checker.arm, constraints)

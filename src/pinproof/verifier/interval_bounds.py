@@ -27,13 +27,22 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .parts import Body, Curve, Joint
+from .parts import Body, Curve, Joint, support
 from .reading import Refused
 
 __all__ = ["IntervalBounds"]
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+
+AT_ONCE = 1 << 12
+"""Bounds that are computed at once, which share the cost of the calls."""
+
+PRODUCTS = 1 << 20
+"""Products of directions and points that are computed at once: 8 MB."""
+
+FEW = 16
+"""Rows of one body from which on they are computed by themselves, with one product of matrices."""
 
 MOST_NUMBERS = 1 << 27
 """Of control points of all intervals, 1 GB: a proof has intervals of one piece, and few of many."""
@@ -71,8 +80,8 @@ class IntervalBounds:
         self._half_width = (high - low) / 2 + np.finfo(float).eps * np.abs(self.q)
         self._theta = control - self.q[:, None]
         """(T, K, n) control points relative to q, valid where the interval lies in a single piece of the curve."""
+        self._bodies = _BodyTable(proof.bodies)
         self._place_joints()
-        self._placed: dict[int, tuple[Array, Array, Array]] = {}
 
     @property
     def half_width(self) -> Array:
@@ -119,32 +128,30 @@ class IntervalBounds:
         count = len(self.q)
         return np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
 
-    def _body(self, i: int) -> tuple[Array, Array, Array]:
-        """Rotation (T, 3, 3), translation (T, 3) and centre (T, 3) of a body, in root."""
-        if i not in self._placed:
-            body = self._proof.bodies[i]
-            rotation, translation = self._root(body.joint)
-            translation = rotation @ body.translation + translation
-            rotation = rotation @ body.rotation
-            self._placed[i] = rotation, translation, rotation @ body.centre + translation
-        return self._placed[i]
+    def distance(self, i: Indices, j: Indices, rows: Indices, u: Array) -> Array:
+        """(R,) lower bounds (m) of the distances of bodies ``i`` and ``j`` (R,), each valid in all of its interval.
 
-    def _reach(self, i: int, rows: Indices, directions: Array) -> Array:
-        """(R, K) the supports of a body in directions (R, K, 3) in root."""
-        rotation, translation, _ = self._body(i)
-        local = directions @ rotation[rows]
-        return self._proof.bodies[i].reach(local) + np.einsum("rkc,rc->rk", directions, translation[rows])
-
-    def distance(self, i: int, j: int, rows: Indices, u: Array) -> Array:
-        """(R,) lower bounds (m) of the distance of two bodies, valid everywhere in each of the intervals ``rows`` (R,).
-
-        ``u`` (R, 3) are unit vectors in root, from body i to body j; for a half-space its own normal is taken.
+        ``rows`` (R,) are the intervals. ``u`` (R, 3) are unit vectors in root, from body i to body j; for a half-space
+        its own normal is taken. Pairs of bodies that move with the same two joints are bounded together.
         """
-        proof, bodies = self._proof, self._proof.bodies
-        path, up = proof.joints_between(i, j)
-        if bodies[j].half_space:
-            u = -self._body(j)[0][rows][:, :, 2]
-        gap = -self._reach(j, rows, -u[:, None])[:, 0] - self._reach(i, rows, u[:, None])[:, 0]
+        table, found = self._bodies, np.empty(len(rows))
+        kinds = np.stack([table.joint[i], table.joint[j], table.half_space[j], table.obstacle[j]], axis=1)
+        _, kind = np.unique(kinds, axis=0, return_inverse=True)
+        order = np.argsort(kind.reshape(-1), kind="stable")
+        for group in np.split(order, np.flatnonzero(np.diff(kind.reshape(-1)[order])) + 1):
+            for begin in range(0, len(group), AT_ONCE):
+                some = group[begin : begin + AT_ONCE]
+                found[some] = self._distance(i[some], j[some], rows[some], u[some])
+        return found
+
+    def _distance(self, i: Indices, j: Indices, rows: Indices, u: Array) -> Array:
+        """The bounds of pairs of bodies with the same joints; obstacles or not, and half-spaces or not."""
+        proof, first = self._proof, self._proof.bodies[j[0]]
+        path, up = proof.joints_between(int(i[0]), int(j[0]))
+        one, other = _Placed(self, i, rows), _Placed(self, j, rows)
+        if first.half_space:
+            u = -other.rotation[:, :, 2]
+        gap = -other.reach(-u[:, None])[:, 0] - one.reach(u[:, None])[:, 0]
         if not path:
             return np.asarray(gap - proof.rounding)
         joints = [proof.joints[k] for k in path]
@@ -156,17 +163,17 @@ class IntervalBounds:
         bend = np.where(revolute, np.hypot(delta - np.sin(delta), 1.0 - np.cos(np.minimum(delta, pi))), 0.0)
         w = np.array([self._axes[k][rows] for k in path])
         p = np.array([self._at[k][1][rows] for k in path])
-        radius = [np.where(revolute, self._radius(body, rows, w, p), 1.0) for body in (i, j)]
+        radius = [np.where(revolute, body.radius(w, p), 1.0) for body in (one, other)]
 
         # Which joints move i, seen from L: the first ``split`` of the path; the others move j.
         zero = np.zeros((1, len(rows)))
-        if bodies[j].kind == "obstacle":
+        if first.kind == "obstacle":
             rough, split = (radius[0] * chord).sum(axis=0), np.full(len(rows), len(path))
         else:
-            first = np.concatenate([zero, np.cumsum(radius[0] * chord, axis=0)])
-            second = np.concatenate([np.cumsum((radius[1] * chord)[::-1], axis=0)[::-1], zero])
-            split = np.asarray((first + second).argmin(axis=0))
-            rough = (first + second).min(axis=0)
+            of_one = np.concatenate([zero, np.cumsum(radius[0] * chord, axis=0)])
+            of_other = np.concatenate([np.cumsum((radius[1] * chord)[::-1], axis=0)[::-1], zero])
+            split = np.asarray((of_one + of_other).argmin(axis=0))
+            rough = (of_one + of_other).min(axis=0)
         of_i = np.arange(len(path))[:, None] < split
         before = np.concatenate([zero, np.cumsum(chord * revolute, axis=0)])  # the chords of the joints before each
         at_split = before[split, np.arange(len(rows))]
@@ -182,24 +189,16 @@ class IntervalBounds:
         slope_j = np.einsum("crk,crx->rkx", theta * ~of_i[..., None], g)
         # The minimum over x in i of (slope - u) . x, and over y in j of (slope + u) . y.
         linear = (
-            np.einsum("crk,cr->rk", theta, along)
-            - self._reach(i, rows, u[:, None] - slope_i)
-            - self._reach(j, rows, -u[:, None] - slope_j)
+            np.einsum("crk,cr->rk", theta, along) - one.reach(u[:, None] - slope_i) - other.reach(-u[:, None] - slope_j)
         )
-        close = linear.min(axis=1) - rest - self._deviation(i, j, rows, g, along, of_i, revolute, share, leaders)
+        close = linear.min(axis=1) - rest - self._deviation(one, other, g, along, of_i, revolute, share, leaders)
         close = np.where(self._single[rows], close, -np.inf)
         return np.asarray(np.maximum(gap - rough, close) - proof.rounding)
 
-    def _radius(self, i: int, rows: Indices, w: Array, p: Array) -> Array:
-        """(c, R) upper bounds of the distance of the body's points from the axes along w through p, both (c, R, 3)."""
-        out = np.cross(w, self._body(i)[2][rows] - p)
-        return np.asarray(np.linalg.norm(out, axis=-1) + self._proof.bodies[i].ball)
-
     def _deviation(
         self,
-        i: int,
-        j: int,
-        rows: Indices,
+        one: _Placed,
+        other: _Placed,
         g: Array,
         along: Array,
         of_i: npt.NDArray[np.bool_],
@@ -208,20 +207,95 @@ class IntervalBounds:
         leaders: list[int],
     ) -> Array:
         """(R,) metres by which the joint tolerances reduce the distance, to first order."""
-        total = np.zeros(len(rows))
+        total = np.zeros(g.shape[1])
         for c, leader in enumerate(leaders):
             tolerance = share[c, 0] * self._proof.tolerance[leader]
             if tolerance == 0.0:
                 continue
             speed = np.abs(along[c])
             if revolute[c, 0]:
-                speed = np.zeros(len(rows))
-                for body, mine in ((i, of_i[c]), (j, ~of_i[c])):
-                    at, d = rows[mine], g[c, mine][:, None]
-                    forth, back = self._reach(body, at, d)[:, 0], self._reach(body, at, -d)[:, 0]
-                    speed[mine] = np.maximum(forth + along[c, mine], back - along[c, mine])
+                d = g[c][:, None]
+                forth, back = (
+                    np.where(of_i[c], one.reach(sign * d)[:, 0], other.reach(sign * d)[:, 0]) for sign in (1, -1)
+                )
+                speed = np.maximum(forth + along[c], back - along[c])
             total += tolerance * speed
         return total
+
+
+class _BodyTable:
+    """The bodies of a proof as arrays, in its order."""
+
+    def __init__(self, bodies: list[Body]) -> None:
+        self._bodies = bodies
+        self.joint = np.array([body.joint for body in bodies], dtype=np.int64)
+        self.half_space = np.array([body.half_space for body in bodies], dtype=bool)
+        self.obstacle = np.array([body.kind == "obstacle" for body in bodies], dtype=bool)
+        self.rotation = np.array([body.rotation for body in bodies]).reshape(-1, 3, 3)
+        self.translation = np.array([body.translation for body in bodies]).reshape(-1, 3)
+        self.centre = np.array([body.centre for body in bodies]).reshape(-1, 3)
+        self.ball = np.array([body.ball for body in bodies])
+        self._points = np.array([len(body.points) if body.convex else 0 for body in bodies], dtype=np.int64)
+
+    def reach(self, which: Indices, directions: Array) -> Array:
+        """(R, K) the supports of bodies ``which`` (R,) in directions (R, K, 3) in their own frames."""
+        found = np.empty(directions.shape[:2])
+        order = np.argsort(which, kind="stable")
+        few = []
+        for rows in np.split(order, np.flatnonzero(np.diff(which[order])) + 1):
+            body = self._bodies[which[rows[0]]]
+            if len(rows) < FEW and not body.half_space:
+                few.append(rows)
+                continue
+            for some in _parts(rows, directions.shape[1] * int(self._points[which[rows[0]]])):
+                found[some] = body.reach(directions[some])
+        if few:
+            rows = np.concatenate(few)
+            rows = rows[np.argsort(self._points[which[rows]], kind="stable")]
+            for same in np.split(rows, np.flatnonzero(np.diff(self._points[which[rows]])) + 1):
+                for some in _parts(same, directions.shape[1] * int(self._points[which[same[0]]])):
+                    found[some] = self._support(which[some], directions[some])
+        return found
+
+    def _support(self, which: Indices, directions: Array) -> Array:
+        """The supports of bodies that have the same number of points."""
+        bodies = [self._bodies[k] for k in which.tolist()]
+        return support(
+            directions,
+            np.array([body.points for body in bodies]),
+            np.array([body.discs for body in bodies])[:, None],
+            np.array([[body.radius] for body in bodies]),
+            np.array([body.semi for body in bodies])[:, None],
+        )
+
+
+def _parts(rows: Indices, products: int) -> list[Indices]:
+    """Rows that need so many products each, in parts of :data:`PRODUCTS` or a single row."""
+    step = max(1, PRODUCTS // max(1, products))
+    return [rows[begin : begin + step] for begin in range(0, len(rows), step)]
+
+
+class _Placed:
+    """Bodies (R,) of one joint at the middle of intervals ``rows`` (R,), in root."""
+
+    def __init__(self, bounds: IntervalBounds, which: Indices, rows: Indices) -> None:
+        self._which, self._table = which, bounds._bodies
+        joint = int(self._table.joint[which[0]])
+        rotation, translation = bounds.placed(joint)
+        turned, origin = rotation[rows], translation[rows]
+        self.rotation = turned @ self._table.rotation[which]
+        self._translation = origin + (turned @ self._table.translation[which, :, None])[..., 0]
+        self._centre = self._translation + (self.rotation @ self._table.centre[which, :, None])[..., 0]
+
+    def reach(self, directions: Array) -> Array:
+        """(R, K) the supports in directions (R, K, 3) in root."""
+        local = self._table.reach(self._which, directions @ self.rotation)
+        return np.asarray(local + np.einsum("rkc,rc->rk", directions, self._translation))
+
+    def radius(self, w: Array, p: Array) -> Array:
+        """(c, R) upper bounds of the distance of the bodies' points from the axes along w through p, both (c, R, 3)."""
+        out = np.cross(w, self._centre - p)
+        return np.asarray(np.linalg.norm(out, axis=-1) + self._table.ball[self._which])
 
 
 def _rotation(axis: Array, angle: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .reading import Refused, check_fields, index, is_text, items, member, number, numbers, shown, text
 
-__all__ = ["LARGEST_PARAMETER", "Body", "Curve", "Joint", "body_digest", "curve_digest", "placement"]
+__all__ = ["LARGEST_PARAMETER", "Body", "Curve", "Joint", "body_digest", "curve_digest", "placement", "support"]
 
 Array = npt.NDArray[np.float64]
 
@@ -124,11 +124,21 @@ class Body:
         """
         if self.half_space:
             return np.where(_straight_up(directions), 0.0, np.inf)
-        most = directions @ self.points.T
-        if self.discs.any():
-            most = most + np.hypot(directions[..., 0], directions[..., 1])[..., None] * self.discs
-        grown = self.radius * np.linalg.norm(directions, axis=-1) + np.linalg.norm(self.semi * directions, axis=-1)
-        return np.asarray(most.max(axis=-1) + grown)
+        return support(directions, self.points, self.discs, self.radius, self.semi)
+
+
+def support(directions: Array, points: Array, discs: Array, radius: float | Array, semi: Array) -> Array:
+    """The support function of one convex body, or of many: then all but ``directions`` (R, K, 3) have R as first side.
+
+    Those are points (R, V, 3), disc radii (R, 1, V), radius (R, 1) and semi-axes (R, 1, 3).
+    """
+    most = directions @ np.swapaxes(points, -1, -2)
+    if discs.any():
+        most = most + np.hypot(directions[..., 0], directions[..., 1])[..., None] * discs
+    grown = radius * np.linalg.norm(directions, axis=-1)
+    if semi.any():
+        grown = grown + np.linalg.norm(semi * directions, axis=-1)
+    return np.asarray(most.max(axis=-1) + grown)
 
 
 def _straight_up(directions: Array) -> npt.NDArray[np.bool_]:

@@ -28,6 +28,7 @@ from .reading import (
 __all__ = ["FORMAT", "VERSION", "Proof", "ProofVerdict", "verify"]
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 FORMAT, VERSION = "pinproof proof", 2
 
@@ -280,27 +281,13 @@ class Proof:
 
     def check_pairs(self) -> tuple[float, int]:
         """The smallest proven distance (m) and the number of intervals; refuses a pair that is not proven."""
+        covers: set[bytes] = set()
         least, count = np.inf, 0
-        bounds: IntervalBounds | None = None
-        for k, pair in enumerate(self.pairs):
-            i, j = self.members(k)
-            where = f"pairs[{k}] ({self.bodies[i].name} and {self.bodies[j].name})"
-            check_fields(pair, where, ("bodies", "intervals", "directions"))
-            stated, end = items(pair, where, "intervals"), len(self.intervals)
-            rows = np.array([index(row, 0, end, f"{where}.intervals") for row in stated], dtype=np.int64)
-            self._check_cover(self.intervals[rows], where)
-            u = numbers(pair, where, "directions", (len(rows), 3))
-            length = np.linalg.norm(u, axis=1)
-            if not (np.abs(length - 1.0) <= UNIT).all():
-                raise Refused(f"{where}.directions: must be unit vectors")
-            bounds = bounds or IntervalBounds(self, self.intervals)
-            bound, required = bounds.distance(i, j, rows, u / length[:, None]), self.required(i, j)
-            short = np.flatnonzero(~(bound > required))  # written so that NaN is short
-            if len(short):
-                interval = "[{:.9g}, {:.9g}]".format(*self.intervals[rows[short[0]]])
-                found = f"on {interval} a distance of {bound[short[0]]:.9g} m is proven"
-                raise Refused(f"{where}: {found}; it must be larger than {required:.9g} m")
-            least, count = min(least, float(bound.min()) - self.tolerance_of(j)), count + len(rows)
+        if self.pairs:
+            read = [self._read_pair(k, covers) for k in range(len(self.pairs))]
+            rows, u = (np.concatenate(parts) for parts in zip(*read, strict=True))
+            k = np.repeat(np.arange(len(read)), [len(mine) for mine, _ in read])
+            least, count = self._check_distances(k, rows, u), len(rows)
         claim = member(self.document, "", "claim")
         check_fields(claim, "claim", ("status", "clearance"))
         if member(claim, "claim", "status") != "FREE":
@@ -310,6 +297,42 @@ class Proof:
         if not claimed <= least:
             raise Refused(f"claim.clearance: {claimed:.17g} m is claimed, {least:.17g} m is proven")
         return least, count
+
+    def _read_pair(self, k: int, covers: set[bytes]) -> tuple[Indices, Array]:
+        """The intervals (R,) of a pair and its directions (R, 3).
+
+        ``covers`` are the lists of intervals known to cover the curve: many pairs have the same.
+        """
+        pair, where = self.pairs[k], self._name_of(k)
+        check_fields(pair, where, ("bodies", "intervals", "directions"))
+        stated, end = items(pair, where, "intervals"), len(self.intervals)
+        rows = np.array([index(row, 0, end, f"{where}.intervals") for row in stated], dtype=np.int64)
+        if rows.tobytes() not in covers:
+            self._check_cover(self.intervals[rows], where)
+            covers.add(rows.tobytes())
+        return rows, numbers(pair, where, "directions", (len(rows), 3))
+
+    def _check_distances(self, k: Indices, rows: Indices, u: Array) -> float:
+        """The smallest proven distance (m) of pairs ``k`` (R,) on intervals (R,); refuses one that is too small."""
+        length = np.linalg.norm(u, axis=1)
+        bad = k[~(np.abs(length - 1.0) <= UNIT)]
+        if len(bad):
+            raise Refused(f"{self._name_of(bad[0])}.directions: must be unit vectors")
+        bodies = [self.members(pair) for pair in range(len(self.pairs))]
+        i, j = np.array(bodies)[k].T
+        bound = IntervalBounds(self, self.intervals).distance(i, j, rows, u / length[:, None])
+        required = np.array([self.required(*pair) for pair in bodies])[k]
+        short = np.flatnonzero(~(bound > required))  # written so that NaN is short
+        if len(short):
+            row = short[0]
+            interval = "[{:.9g}, {:.9g}]".format(*self.intervals[rows[row]])
+            found = f"on {interval} a distance of {bound[row]:.9g} m is proven"
+            raise Refused(f"{self._name_of(k[row])}: {found}; it must be larger than {required[row]:.9g} m")
+        return float((bound - np.array([self.tolerance_of(b) for _, b in bodies])[k]).min())
+
+    def _name_of(self, k: int) -> str:
+        i, j = self.members(k)
+        return f"pairs[{k}] ({self.bodies[i].name} and {self.bodies[j].name})"
 
     def errors_of(self, constraint: Constraint, intervals: Array) -> Array:
         """(T,) upper bounds (rad or m) of the error of a constraint on intervals (T, 2)."""

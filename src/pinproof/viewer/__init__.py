@@ -3,6 +3,7 @@
 from pinproof.viewer.live import LiveView, show
 from pinproof.viewer.overlays import ColouredPoints
 from pinproof.viewer.page import write_html
+from pinproof.viewer.plots import PlotLimits
 from pinproof.viewer.png import write_png
 
-__all__ = ["ColouredPoints", "LiveView", "show", "write_html", "write_png"]
+__all__ = ["ColouredPoints", "LiveView", "PlotLimits", "show", "write_html", "write_png"]

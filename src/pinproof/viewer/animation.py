@@ -11,13 +11,25 @@ import numpy.typing as npt
 
 from pinproof.collision import Obstacle
 from pinproof.errors import InputError
+from pinproof.ik import SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import matrix
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = ["Film", "Phase", "animate", "checked_motion", "film", "quaternions", "still", "tracks"]
+__all__ = [
+    "Film",
+    "Phase",
+    "animate",
+    "checked_motion",
+    "film",
+    "film_of_elbow",
+    "pose_tracks",
+    "quaternions",
+    "still",
+    "tracks",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -127,6 +139,23 @@ def film(
     return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :, :3, 3], riders, named)
 
 
+ELBOW_STEP = 0.03
+"""Largest motion (rad or m) of a joint between key frames of a self-motion; the viewer interpolates in between."""
+
+
+def film_of_elbow(stage: Stage, curve: SelfMotionCurve, frames: Sequence[str] = ()) -> Film:
+    """Key frames along a curve of IK solutions; the times are the values of its parameter minus the smallest one."""
+    values = [curve.values[:1]]
+    for low, high, before, after in zip(curve.values, curve.values[1:], curve.q, curve.q[1:], strict=False):
+        parts = int(np.ceil(np.abs(after - before).max() / ELBOW_STEP))
+        values.append(np.linspace(low, high, max(parts, 1) + 1)[1:])
+    at = np.concatenate(values)
+    many = [curve.at(value) for value in at.tolist()]
+    named = dict(zip(frames, np.stack([stage.frame_poses(q, frames) for q in many]).swapaxes(0, 1), strict=True))
+    poses = np.stack([stage.link_poses(q) for q in many])
+    return Film(at - curve.lower, poses, np.stack([stage.tcp_poses(q)[:, :3, 3] for q in many]), frames=named)
+
+
 def _object_poses(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Array:
     """(F, 4, 4) ``root_from_object`` of an object that is attached in some frames only."""
     held = [k for k, pose in enumerate(tcp_from_object) if pose is not None]
@@ -174,11 +203,11 @@ def tracks(
     moving = [(node_path("robot", link.name), shown.poses[:, k]) for k, link in enumerate(stage.links)]
     moving += [(node_path("frames", name), poses) for name, poses in shown.frames.items()]
     moving += [(path, shown.riders[name]) for name, path in (places or {}).items() if name in shown.riders]
-    found = ((path, _tracks(commands, stamps, np.concatenate([poses, poses[-1:]]))) for path, poses in moving)
+    found = ((path, pose_tracks(commands, stamps, np.concatenate([poses, poses[-1:]]))) for path, poses in moving)
     return [{"path": path, "clip": {"fps": 1, "name": "motion", "tracks": each}} for path, each in found if each]
 
 
-def _tracks(commands: Commands, stamps: dict[str, Any], poses: Array) -> list[dict[str, Any]]:
+def pose_tracks(commands: Commands, stamps: dict[str, Any], poses: Array) -> list[dict[str, Any]]:
     """The tracks of position and orientation of one node with poses (F, 4, 4), each only if it changes."""
     found = []
     if np.ptp(poses[:, :3, 3], axis=0).max() > MOVING_TOLERANCE:

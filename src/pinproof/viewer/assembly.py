@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pinproof.errors import ViewerError
-from pinproof.viewer.camera import FIELD_OF_VIEW, View
+from pinproof.viewer.camera import FIELD_OF_VIEW, LEAST_DISTANCE, View
 from pinproof.viewer.wire import Commands
 
 __all__ = ["assemble", "fill", "part", "view_settings"]
@@ -83,6 +83,7 @@ def view_settings(view: View) -> dict[str, Any]:
         "direction": [round(float(v), 6) for v in view.direction],
         "points": [[round(float(v), 4) for v in point] for point in view.points],
         "fieldOfView": FIELD_OF_VIEW,
+        "leastDistance": LEAST_DISTANCE,
         "margin": view.margin,
     }
 

@@ -4,7 +4,8 @@ The page computes the distance of the camera, because it depends on the aspect r
 page use the same closed form. With the axes of the camera fixed, each point p = (x, y, z) (right, up, towards the
 camera) must satisfy |x - c_x| <= (c_z - z) t, where t is the tangent of half the angle of view. Hence c_x is between
 max(x + z t) - c_z t and min(x - z t) + c_z t. The interval is not empty if c_z >= (max(x + z t) - min(x - z t)) / 2t.
-The same holds for y, and the larger c_z satisfies both.
+The same holds for y, and the larger c_z satisfies both. So does every larger one: the camera also keeps
+:data:`LEAST_DISTANCE` from the points, because a long arm that points towards it would hide itself behind its own tool.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from pinproof.viewer.surfaces import Surface
 
 __all__ = [
     "FIELD_OF_VIEW",
+    "LEAST_DISTANCE",
     "MARGIN",
     "View",
     "choose_view",
@@ -64,6 +66,10 @@ ENOUGH_SHARE = 0.20
 
 SIMILAR_MERIT = 0.985
 """The first direction in order of preference whose merit is at least this fraction of the best is used."""
+
+LEAST_DISTANCE = 1.25
+"""Least distance of the camera from the nearest point, relative to the depth of the points: the nearest link appears at
+most 1.8 times as large as the farthest."""
 
 MARGIN = 0.05
 """Fraction of half the canvas that is left free at its border."""
@@ -186,7 +192,7 @@ def fit(points: Array, direction: Array, aspect: float, margin: float = MARGIN) 
     x = points @ axes.T
     reach = tangent * (1 - margin)
     high, low = (x[:, :2] + x[:, 2:] * reach).max(axis=0), (x[:, :2] - x[:, 2:] * reach).min(axis=0)
-    depth = ((high - low) / (2 * reach)).max()
+    depth = max(((high - low) / (2 * reach)).max(), x[:, 2].max() + LEAST_DISTANCE * np.ptp(x[:, 2]))
     return axes, tangent, np.array([*((high + low) / 2), depth])
 
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.errors import ViewerError
+from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
@@ -63,6 +64,7 @@ def show(
     check: CheckResult | None = None,
     frames: Mapping[str, SE3] = NO_FRAMES,
     layers: Collection[str] = (),
+    elbow: SelfMotion | SelfMotionCurve | None = None,
     port: int = 0,
     open_browser: bool = False,
 ) -> LiveView:
@@ -74,7 +76,7 @@ def show(
 
     Parameters
     ----------
-    arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
+    arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers, elbow
         As in :func:`pinproof.write_html`.
     port
         The port on 127.0.0.1; 0 selects a free port.
@@ -87,7 +89,7 @@ def show(
         Has the address of the page as ``url``, and ends with ``close()`` or with the program.
     """
     picture = Picture(
-        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
+        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers, elbow
     )  # fmt: skip
     view = LiveView(picture, port=port)
     if open_browser:
@@ -126,7 +128,9 @@ class LiveView:
         """Show the arm at the configuration q (n,). A motion or a collision check shown before is removed."""
         configuration = self._picture.arm.configuration(q)
         if self._page.moving or self._picture.check is not None:
-            self._show(replace(self._picture, trajectory=None, certificate=None, check=None, q=configuration))
+            self._show(
+                replace(self._picture, trajectory=None, certificate=None, check=None, q=configuration, elbow=None)
+            )
             return
         stage, frames = self._page.stage, self._page.frames
         names = [node_path("robot", link.name) for link in stage.links]
@@ -146,9 +150,10 @@ class LiveView:
         q: npt.ArrayLike | None = None,
         ghosts: npt.ArrayLike | None = None,
         check: CheckResult | None = None,
+        elbow: SelfMotion | SelfMotionCurve | None = None,
     ) -> None:
-        """Show another scene or motion of the same arm; open pages reload automatically."""
-        picture = replace(self._picture, scene=scene, trajectory=trajectory, certificate=certificate)
+        """Show another scene, motion or self-motion of the same arm; open pages reload automatically."""
+        picture = replace(self._picture, scene=scene, trajectory=trajectory, certificate=certificate, elbow=elbow)
         self._show(replace(picture, q=q, ghosts=ghosts, check=check))
 
     def snapshot(self) -> PageSnapshot:

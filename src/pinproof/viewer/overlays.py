@@ -368,7 +368,11 @@ class ColouredPoints:
         colormap = colormaps[colours]
         share = (finite("values", values, (None,)) - low) / (high - low)
         steps = np.linspace(0.0, 1.0, LEGEND_STEPS)
-        legend = [(f"{label} {low + (high - low) * step:.3g}", tuple(colormap(step)[:3])) for step in steps]
+        colours_at = [colormap(step) for step in steps]
+        legend = [
+            (f"{label} {low + (high - low) * step:.3g}", (red, green, blue))
+            for step, (red, green, blue, _) in zip(steps, colours_at, strict=True)
+        ]
         return cls(np.asarray(xyz, dtype=float), colormap(share.clip(0.0, 1.0))[:, :3], size, tuple(legend))
 
     def draw(self, commands: Commands) -> None:

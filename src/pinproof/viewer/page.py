@@ -13,12 +13,14 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, ViewerError
+from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
 from pinproof.viewer.assembly import assemble, fill, part
 from pinproof.viewer.overlays import ColouredPoints
 from pinproof.viewer.picture import Picture
+from pinproof.viewer.plots import PlotLimits, plots_html
 from pinproof.viewer.stage import Stage
 
 __all__ = ["NO_FRAMES", "Page", "render_page", "write_html"]
@@ -63,9 +65,11 @@ def write_html(
     title: str | None = None,
     points: ColouredPoints | None = None,
     ghosts: npt.ArrayLike | None = None,
+    elbow: SelfMotion | SelfMotionCurve | None = None,
     check: CheckResult | None = None,
     frames: Mapping[str, SE3] = NO_FRAMES,
     layers: Collection[str] = (),
+    plot: PlotLimits | None = None,
 ) -> None:
     """Write an HTML page that shows an arm, its scene and a motion, and opens without a network connection.
 
@@ -93,6 +97,9 @@ def write_html(
         Coloured points to draw, with their legend.
     ghosts
         (k, n) configurations at which transparent copies of the arm are drawn, for example all IK solutions of a pose.
+    elbow
+        A self-motion (:meth:`pinproof.AnalyticIk.self_motion`) or one of its curves. The page has a slider that moves
+        the redundant joint along the curve, of a self-motion the longest one, and opens at the solution closest to q.
     check
         The result of a collision check of ``q``. Contacts are marked with their normals, and the bodies are red.
     frames
@@ -101,26 +108,31 @@ def write_html(
         Layers that are visible when the page opens, in addition to the default ones: ``collision`` (the collision
         geometry, with meshes as convex hulls), ``frames`` (of base, links and tcp), ``sweep`` (the tool at several
         steps of the motion). The page has a switch for each layer.
+    plot
+        The limits in the plots of position, velocity, acceleration, jerk and torque over time, which the page shows
+        below the motion. Default: the limits of position and velocity of the arm, and those of acceleration and jerk
+        if they are known.
 
     Raises
     ------
     InputError
-        If the trajectory has other joints than the arm or no timing, or is combined with ``q`` or ``check``.
+        If the trajectory has other joints than the arm or no timing, or is combined with ``q`` or ``check``; if
+        ``elbow`` is for another arm, or combined with ``trajectory`` or ``check``.
     UnknownNameError
         If a layer does not exist.
     ViewerError
         If the page cannot be written, a shape cannot be drawn, or meshcat is not installed.
     """
     picture = Picture(
-        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
+        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers, elbow
     )  # fmt: skip
     try:
-        write_text_whole(path, render_page(picture).text)
+        write_text_whole(path, render_page(picture, plot=plot).text)
     except FileError as error:
         raise ViewerError(str(error)) from error
 
 
-def render_page(picture: Picture, *, live: str | None = None) -> Page:
+def render_page(picture: Picture, *, live: str | None = None, plot: PlotLimits | None = None) -> Page:
     """Create the page; ``live`` is the identifier of a page that receives events from the server of the live view."""
     rendered = picture.render()
     title = picture.title or picture.arm.robot.name
@@ -133,8 +145,16 @@ def render_page(picture: Picture, *, live: str | None = None) -> Page:
             "caption": rendered.caption.html(rendered.stage.notes),
             "tone": rendered.caption.tone,
             "summary": escape(summary),
+            "plots": _plots(picture, plot),
         },
     )
     style, script = part("common.css") + part("page.css"), part("layers.js") + part("page.js")
     text = assemble(title, style, body, script, settings, rendered.commands, live=live is not None)
     return Page(text, rendered.stage, rendered.moving, rendered.frames, rendered.settings["start"] or 0.0)
+
+
+def _plots(picture: Picture, plot: PlotLimits | None) -> str:
+    """The plots of the motion of a picture; empty without a motion."""
+    if picture.trajectory is None:
+        return ""
+    return plots_html(picture.trajectory, plot or PlotLimits.of(picture.arm))

@@ -51,8 +51,9 @@ function frame() {
     centre.push((high + low) / 2);
     depths.push((high - low) / (2 * reach));
   }
-  const distance = Math.max(...depths);
-  const middle = points.reduce((sum, p) => sum + p.dot(toCamera), 0) / points.length;
+  const nearness = points.map((p) => p.dot(toCamera)), nearest = Math.max(...nearness);
+  const distance = Math.max(...depths, nearest + settings.leastDistance * (nearest - Math.min(...nearness)));
+  const middle = nearness.reduce((sum, depth) => sum + depth, 0) / points.length;
   const place = (depth) => new MeshCat.THREE.Vector3()
     .addScaledVector(right, centre[0]).addScaledVector(up, centre[1]).addScaledVector(toCamera, depth);
   camera.fov = settings.fieldOfView;

@@ -17,10 +17,11 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CertificateStatus, CheckResult, FirstContact, Obstacle, Scene, UndecidedSpan
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.errors import InputError, UnknownNameError, ViewerError
+from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3, finite, matrix, rigid
-from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, still
+from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, film_of_elbow, still
 from pinproof.viewer.assembly import view_settings
 from pinproof.viewer.camera import View, choose_view, tool_points
 from pinproof.viewer.overlays import (
@@ -155,6 +156,15 @@ def _configuration_caption(check: CheckResult | None, figures: Sequence[tuple[st
     return Caption("IN CONTACT", reason, "colliding", (*figures, ("Contacts", str(len(check.contacts)))))
 
 
+def _elbow_caption(caption: Caption, curve: SelfMotionCurve) -> Caption:
+    reason = (
+        f"The slider moves {curve.parameter} along a curve of IK solutions of one pose of the tcp. Nothing is proven "
+        "about collisions."
+    )
+    span = (curve.parameter, f"{curve.lower:.3f} to {curve.upper:.3f}")
+    return replace(caption, reason=reason, figures=(*caption.figures, span))
+
+
 def _unproven(reason: str, figures: Sequence[tuple[str, str]]) -> Caption:
     return Caption(UNPROVEN, reason, "open", tuple(figures))
 
@@ -278,6 +288,7 @@ class Picture:
     check: CheckResult | None = None
     frames: Mapping[str, SE3] = field(default_factory=dict)
     layers: Collection[str] = ()
+    elbow: SelfMotion | SelfMotionCurve | None = None
 
     def render(self) -> RenderedPicture:
         """Create the drawing commands, the settings and the caption.
@@ -292,13 +303,16 @@ class Picture:
         if self.trajectory is not None and (self.q is not None or self.check is not None):
             given = "q" if self.q is not None else "check"
             raise InputError(f"trajectory and {given} cannot be combined; remove one of them")
+        curve = self._curve()
         wanted, ghosts = checked_layers(self.layers), self._ghosts()
         stage = simplified(set_stage(self.arm, self.scene, self.attached, bodies=True))
         if not any(link.surfaces for link in stage.links):
             why = "; ".join(stage.notes) or "no link has geometry"
             raise ViewerError(f"robot {self.arm.robot.name!r} cannot be drawn: {why}")
-        shown = self._key_frames(stage)
+        shown = self._key_frames(stage, curve)
         caption = caption_of(self.arm, self.scene, self.trajectory, self.certificate, self.attached, self.check)
+        if curve is not None:
+            caption = _elbow_caption(caption, curve)
         marks = marks_of(self.check if caption.contact is None else caption.contact)
         ghost_poses = ghosts_at(stage, ghosts)
         extra = [mark.points for mark in marks] + ([] if self.points is None else [self.points.xyz])
@@ -313,7 +327,7 @@ class Picture:
             caption = replace(caption, legend=self.points.legend)
         for number, mark in enumerate(marks):
             mark.draw(commands, number, mark_radius(radius))
-        steps = swept(stage, shown, radius)
+        steps = swept(stage, shown, radius) if curve is None else swept(stage, still(stage, curve.q[0]), radius)
         frames = {name: poses[0] for name, poses in shown.frames.items()}
         frames |= {name: matrix(rigid(f"frames[{name!r}]", pose)) for name, pose in self.frames.items()}
         layers = self._layers(stage, shown, wanted, marks=len(marks), steps=len(steps), ghosts=len(ghost_poses))
@@ -322,6 +336,7 @@ class Picture:
             **view_settings(view),
             "duration": float(shown.times[-1]),
             "start": caption.contact.time if caption.contact is not None else None,
+            "parameter": None if curve is None else self._parameter(curve),
             "frames": add_frames(commands, frames, radius),
             "copies": [
                 *copies(commands, stage, ghost_poses, "ghosts", opacity=GHOST_OPACITY, hues=GHOST_HUES, own=own),
@@ -330,10 +345,35 @@ class Picture:
             "touching": body_nodes(stage, marks),
             "layers": [each.settings() for each in layers],
         }
-        return RenderedPicture(stage, commands, settings, caption, self.trajectory is not None, tuple(shown.frames))
+        moving = self.trajectory is not None or curve is not None
+        return RenderedPicture(stage, commands, settings, caption, moving, tuple(shown.frames))
 
-    def _key_frames(self, stage: Stage) -> Film:
+    def _curve(self) -> SelfMotionCurve | None:
+        """The curve of the slider: the longest one of a self-motion."""
+        if self.elbow is None:
+            return None
+        given = [name for name in ("trajectory", "check") if getattr(self, name) is not None]
+        if given:
+            raise InputError(f"elbow and {given[0]} cannot be combined; remove one of them")
+        curve = self.elbow.or_raise().curves[0] if isinstance(self.elbow, SelfMotion) else self.elbow
+        if curve.parameter not in self.arm.joint_names or curve.q.shape[1] != self.arm.dof:
+            raise InputError(
+                f"elbow is a self-motion of another arm: it has {curve.q.shape[1]} joints with {curve.parameter!r}"
+            )
+        return curve
+
+    def _parameter(self, curve: SelfMotionCurve) -> dict[str, Any]:
+        """The settings of a slider for the redundant joint; ``shown`` is the value that is closest to q."""
+        nearest = curve.nearest(self.arm.home if self.q is None else self.arm.configuration(self.q))
+        joint = self.arm.joint_names.index(curve.parameter)
+        angular = bool(self.arm.angular[joint])
+        shown = float(np.clip(nearest[joint], curve.lower, curve.upper))
+        return {"name": curve.parameter, "unit": "rad" if angular else "m", "first": curve.lower, "shown": shown}
+
+    def _key_frames(self, stage: Stage, curve: SelfMotionCurve | None) -> Film:
         names = [name for name in frame_names(stage) if name not in self.frames]
+        if curve is not None:
+            return film_of_elbow(stage, curve, names)
         if self.trajectory is not None:
             return film(stage, [Phase(checked_motion(self.arm, self.trajectory))], frames=names)
         return still(stage, self.arm.home if self.q is None else self.arm.configuration(self.q), frames=names)
@@ -355,7 +395,7 @@ class Picture:
             ("robot", visual, True, ""),
             ("collision", collision, False, ""),
             ("scene", (("scene",),) if stage.obstacles else (), True, ""),
-            ("path", (("tcp path",),) if len(shown.times) > 1 else (), True, ""),
+            ("path", (("tcp path",),) if np.ptp(shown.tcps, axis=0).any() else (), True, ""),
             ("sweep", (("sweep",),) if steps else (), False, f"{steps} steps"),
             (
                 "ghosts",

@@ -2,6 +2,7 @@
 const animator = viewer.animator;
 const play = byId("play"), scrub = byId("scrub"), clock = byId("clock"), speed = byId("speed");
 let duration = 0;
+let parameter = null;  // of a self-motion: the slider shows its value instead of a time
 
 function seek(t) {
   if (animator.actions.length === 0) return;
@@ -25,21 +26,31 @@ function show() {
     play.setAttribute("aria-pressed", String(animator.playing));
   }
   if (document.activeElement !== scrub || animator.playing) scrub.value = t;
-  const text = t.toFixed(2) + " / " + duration.toFixed(2) + " s";
+  const text = parameter ? parameter.name + " = " + (parameter.first + t).toFixed(3) + " " + parameter.unit
+    : t.toFixed(2) + " / " + duration.toFixed(2) + " s";
   if (clock.textContent !== text) clock.textContent = text;
   requestAnimationFrame(show);
 }
 
 // Show the player for a motion of the given duration, if there is one. The motion starts unless it shall be paused at a
-// time (start, or t in the URL), or the user prefers reduced motion.
-function offer(seconds, start = null) {
+// time (start, or t in the URL), or the user prefers reduced motion. The slider of a joint (varied) is paused at its value.
+function offer(seconds, start = null, varied = null) {
   duration = seconds;
+  parameter = varied;
   const moving = animator.actions.length > 0;
   byId("player").hidden = !moving;
   if (!moving) return;
   scrub.max = duration;
   const calm = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+  if (parameter) {
+    scrub.setAttribute("aria-label", parameter.name + " in " + parameter.unit);
+    scrub.title = parameter.name;
+  }
   if (fromAddress()) return;
+  if (parameter) {
+    seek(parameter.shown - parameter.first);
+    return;
+  }
   if (start !== null) seek(start);
   else if (!calm) animator.play();
 }

@@ -38,7 +38,7 @@ from pinproof.collision.bodies import triangles_of
 from pinproof.collision.surfaces import cell_faces, ground_surface
 from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description import LinkGeometry, meshes
-from pinproof.description.meshes import TriangleMesh, collada_unit, read_mesh, resolved, z_up
+from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, collada_unit, read_mesh, resolved, z_up
 from pinproof.errors import InputError, MeshError, ViewerError
 
 __all__ = [
@@ -236,7 +236,6 @@ NOT_IN_NAMES = re.compile(rb"[\x00-\x1f<>\"'|*?]")
 LONGEST_NAME = 200
 """Characters that separate the name of a file from other text, and the largest number of bytes of a name."""
 
-COLOURED_SUFFIXES = (".dae", ".obj", ".ply", ".glb", ".gltf")
 SIDES = 96
 """Segments of a circle; the end of a capsule then meets its cylinder without visible gaps."""
 

@@ -153,6 +153,20 @@ def test_general_axes_with_two_prismatic_joints_have_no_closed_form():
         pp.AnalyticIk().solve_all(arm, pp.pose((0.1, 0.2, 0.3)))
 
 
+def test_an_arm_without_a_closed_form_is_searched_only_once(monkeypatch):
+    """The search takes up to a second, and the stages of a pick ask hundreds of times."""
+    from pinproof.ik.analytic import plan
+
+    arm = arm_of([Axis(unit(np.random.default_rng(2)), np.zeros(3)) for _ in range(8)])
+    searched = []
+    best = plan._best
+    monkeypatch.setattr(plan, "_best", lambda each: searched.append(each) or best(each))
+    for _ in range(3):
+        with pytest.raises(NoClosedForm, match="8 joints"):
+            pp.AnalyticIk().solve_all(arm, pp.pose())
+    assert searched == [arm]
+
+
 def test_mimic_and_eight_joints_have_no_closed_form():
     rng = np.random.default_rng(0)
     arm = arm_of(others(rng, "RRRR", square=False), mimic='<mimic joint="j2" multiplier="0.5"/>')

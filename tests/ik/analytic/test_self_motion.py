@@ -84,6 +84,20 @@ def test_best_and_nearest_choose_among_all_samples(arm) -> None:
         motion.best(lambda many: np.zeros(1))
 
 
+def test_spread_covers_every_curve_with_distinct_solutions(arm) -> None:
+    _, target = example(arm, 4)
+    motion = pp.AnalyticIk(redundant_steps=48).self_motion(arm, target)
+    goals = motion.spread(0.3)
+    for curve in motion:
+        for q in curve.q:
+            assert np.abs(goals - q).max(axis=1).min() < 0.3
+    assert len(goals) < sum(len(curve) for curve in motion)
+    for q in goals:
+        assert max(twist_size(target, arm.forward_kinematics(q))) < 1e-8
+    with pytest.raises(InputError, match="apart"):
+        motion.spread(0.0)
+
+
 def test_targets_without_a_solution_and_arms_without_redundancy_are_reported(arm, ur5) -> None:
     motion = pp.AnalyticIk().self_motion(arm, pp.pose((3.0, 0.0, 0.0)))
     assert not motion.ok

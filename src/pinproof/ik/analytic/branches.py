@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from pinproof import _core
 from pinproof.common.display import html_block, html_table
-from pinproof.errors import IkFailed
 from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
+from pinproof.ik.result import IkOutcome
 from pinproof.ik.windings import TURN, nearest_winding
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
@@ -108,7 +108,7 @@ def _intervals(
     return tuple(one for one in found if one.branches)
 
 
-class IkBranches:
+class IkBranches(IkOutcome):
     """All IK solutions of an arm for one target, within its limits.
 
     ``branches`` (b, n) are distinct modulo 2 pi: all combinations of shoulder, elbow and wrist, each shifted by
@@ -270,18 +270,6 @@ class IkBranches:
         taken = [i for i, branch in enumerate(self.branches) if accept(branch.copy())]
         found = self._found.select(taken)
         return IkBranches(self.arm, self._plan, self.target, self.reference, found, self.grid, self.intervals)
-
-    def or_raise(self) -> IkBranches:
-        """The result itself if it contains a solution.
-
-        Raises
-        ------
-        IkFailed
-            If it contains no solution; ``.result`` of the error is this value.
-        """
-        if not self.ok:
-            raise IkFailed(self.message, self)
-        return self
 
     def __len__(self) -> int:
         return len(self.q)

@@ -141,11 +141,12 @@ class _PlansOfArm:
     by_tolerances: dict[tuple[float, float], Plan] = field(default_factory=dict)
 
 
-_PLANS: weakref.WeakKeyDictionary[Arm, _PlansOfArm] = weakref.WeakKeyDictionary()
+_PLANS: weakref.WeakKeyDictionary[Arm, _PlansOfArm | str] = weakref.WeakKeyDictionary()
+"""The plans of each arm, or why it has none: the search for one takes up to a second."""
 
 
 def plan_for(arm: Arm, position_tolerance: float, orientation_tolerance: float) -> Plan:
-    """The plan of an arm for tolerances in m and rad; it is cached.
+    """The plan of an arm for tolerances in m and rad; it is cached, as is the reason why there is none.
 
     Raises
     ------
@@ -154,7 +155,13 @@ def plan_for(arm: Arm, position_tolerance: float, orientation_tolerance: float) 
     """
     plans = _PLANS.get(arm)
     if plans is None:
-        plans = _PLANS[arm] = _PlansOfArm(_best(arm))
+        try:
+            plans = _PlansOfArm(_best(arm))
+        except NoClosedForm as error:
+            plans = str(error)
+        _PLANS[arm] = plans
+    if isinstance(plans, str):
+        raise NoClosedForm(plans)
     tolerances = position_tolerance, orientation_tolerance
     plan = plans.by_tolerances.get(tolerances)
     if plan is None:

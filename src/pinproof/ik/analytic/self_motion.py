@@ -10,8 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.display import outline
+from pinproof.common.validation import require_positive
 from pinproof.errors import IkFailed, InputError
 from pinproof.ik.analytic.plan import Plan
+from pinproof.ik.result import IkOutcome
 from pinproof.ik.windings import difference, nearest_winding
 from pinproof.model import Arm
 
@@ -34,6 +36,10 @@ SAME = 1e-5
 
 AT_LIMIT = 1e-4
 """Rad or m: a curve whose joint is this close to a limit at its end is considered to end there."""
+
+
+APART = 0.15
+"""Rad or m: the default difference of :meth:`SelfMotion.spread`; motions to closer goals are similar."""
 
 
 class CurveEnd(Enum):
@@ -114,7 +120,7 @@ class SelfMotionCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class SelfMotion:
+class SelfMotion(IkOutcome):
     """All curves of IK solutions that were found for a target.
 
     Every solution at each of ``grid`` belongs to a curve; a curve shorter than the distance of two grid values may be
@@ -154,6 +160,23 @@ class SelfMotion:
         plural = "" if len(self.curves) == 1 else "s"
         return f"{len(self.curves)} curve{plural} of IK solutions over {self.parameter} in {spans}"
 
+    def spread(self, apart: float = APART) -> Array:
+        """(k, n) configurations along all curves, for example as goals of :func:`pinproof.optimise` or of a planner.
+
+        The ends of each curve and, between them, samples that differ by at least ``apart`` (rad or m) in some joint
+        from the one before.
+        """
+        require_positive("apart", apart)
+        chosen: list[Array] = []
+        for curve in self.curves:
+            chosen.append(curve.q[0])
+            for q in curve.q[1:]:
+                if np.abs(q - chosen[-1]).max() >= apart:
+                    chosen.append(q)
+            if len(curve) > 1 and chosen[-1] is not curve.q[-1]:
+                chosen.append(curve.q[-1])
+        return np.array(chosen).reshape(-1, self.arm.dof)
+
     def nearest(self, q: npt.ArrayLike) -> Array:
         """(n,) the sample of all curves with the smallest largest joint difference from q (n,), modulo 2 pi.
 
@@ -185,18 +208,6 @@ class SelfMotion:
         if not (scores > -np.inf).any():
             raise IkFailed(f"score rejected each of {len(samples)} samples of {self.message}", self)
         return np.array(samples[int(scores.argmax())])
-
-    def or_raise(self) -> SelfMotion:
-        """The result itself if it contains a solution.
-
-        Raises
-        ------
-        IkFailed
-            If it contains no solution; ``.result`` of the error is this value.
-        """
-        if not self.ok:
-            raise IkFailed(self.message, self)
-        return self
 
     def __len__(self) -> int:
         return len(self.curves)

@@ -608,6 +608,8 @@ class Picks:
         they move may touch the object, as ``gripper`` may.
     grip_limits
         The criteria for holding a part.
+    optimise
+        :attr:`PickBudget.motion`, unless a caller states a budget; None for its default.
     frames
         Named frames in which picks can be stated.
     margin
@@ -639,6 +641,7 @@ class Picks:
     held: Mapping[str, float] = field(default_factory=dict)
     grip: Mapping[str, float] = field(default_factory=dict)
     grip_limits: GripLimits = field(default_factory=GripLimits)
+    optimise: int | None = None
     frames: Mapping[str, NamedFrame] = field(default_factory=dict)
     margin: float = 0.0
     payload: tuple[Payload, ...] = ()

@@ -41,7 +41,7 @@ from pinproof.picks.input.picks_keys import (
     TOLERANCE,
 )
 from pinproof.spatial import SE3, finite
-from pinproof.units import ANGLE_UNITS, parse_angle, refuse_millimetres
+from pinproof.units import ANGLE_UNITS, parse_angle, refuse_degrees, refuse_millimetres
 
 __all__ = ["is_turned", "make_pick", "mapping_of", "payload_of", "picks_of_row"]
 
@@ -124,9 +124,15 @@ def _spin(stated: object) -> GraspSpin:
     if isinstance(stated, dict):
         settings = mapping_of("spin", stated, SPIN_RANGE)
         first, last = finite("spin.range", numbers_of("spin.range", settings["range"]), (2,)).tolist()
+        refuse_degrees("spin.range", (first, last))
         return GraspSpin.between(first, last, _count("spin.steps", settings.get("steps", STEPS)))
-    angles = numbers_of("spin", stated)
-    return GraspSpin(tuple(angles) if isinstance(angles, list) else (angles,))
+    try:
+        angles = numbers_of("spin", stated)
+    except InputError as error:
+        raise InputError(f"{error}; or write spin: free") from error
+    angles = angles if isinstance(angles, list) else [angles]
+    refuse_degrees("spin", angles)
+    return GraspSpin(tuple(angles))
 
 
 def _upright(stated: object) -> float:

@@ -15,7 +15,9 @@ from pinproof.collision import Mesh, Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.collision.scene_keys import POSE
 from pinproof.common.files import is_file
+from pinproof.common.validation import require_integer
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
+from pinproof.description.meshes import COLOURED_SUFFIXES
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.model import Payload
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
@@ -24,6 +26,7 @@ from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_
 from pinproof.picks.input.settings import GripLimits
 from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 from pinproof.spatial import SE3, finite
+from pinproof.units import MOST_REACH, refuse_millimetres
 
 __all__ = ["open_picks", "read_picks"]
 
@@ -75,7 +78,7 @@ def open_picks(path: str | Path) -> PickSource:
     defaults = _shared(path, content, "defaults", {}, lambda stated: _defaults(stated, path))
     shared = Picks(
         (),
-        tip=_shared(path, content, "tip", {}, _tip),
+        tip=_shared(path, content, "tip", {}, lambda stated: _tip(stated, MOST_TOOL)),
         tool=_bodies(path, content, "tool"),
         fingers=_fingers(path, content),
         cup=_shared(path, content, "cup", None, _cup),
@@ -83,6 +86,7 @@ def open_picks(path: str | Path) -> PickSource:
         held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
         grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
         grip_limits=_shared(path, content, "grip_limits", {}, _grip_limits),
+        optimise=_shared(path, content, "optimise", None, _evaluations),
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         payload=_shared(path, content, "payload", [], _payloads),
@@ -153,6 +157,8 @@ def _picks(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -
         raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK.names)}")
     refuse_unknown(PicksError, path, "key", row, PICK.names, "")
     name = row.get("name")
+    if name is None:
+        raise InputError("states no name; a pick needs a name")
     if not isinstance(name, str) or not name:
         raise InputError(f"has the name {name!r}; a pick needs a name (text, in quotes if it is a number)")
     made = picks_of_row(name, row, defaults, path)
@@ -208,9 +214,21 @@ def _grip_limits(stated: object) -> GripLimits:
     return GripLimits(**{key: _number(key, value) for key, value in settings.items()})
 
 
-def _tip(stated: object) -> SE3:
-    return pose_of(mapping_of("", stated, POSE))
+def _tip(stated: object, most: float = MOST_REACH) -> SE3:
+    tip = pose_of(mapping_of("", stated, POSE))
+    refuse_millimetres("xyz", tip.translation.tolist(), most=most)
+    return tip
 
+
+def _evaluations(stated: Any) -> int | None:
+    if stated is None:
+        return None
+    require_integer("optimise", stated, 0)
+    return int(stated)
+
+
+MOST_TOOL = 5.0
+"""Metres. A longer tool is stated in millimetres."""
 
 TOOL_GREY = (0.30, 0.32, 0.36, 1.0)
 """The colour of tools and fingers without ``rgba``, so that they differ from obstacles in pictures."""
@@ -225,7 +243,7 @@ def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle,
             body = read_obstacle(path, number, stated)
         except FileError as error:
             raise PicksError(path, error.reason, error.place) from error
-        own_colours = isinstance(body.shape, Mesh) and body.shape.path is not None
+        own_colours = isinstance(body.shape, Mesh) and str(body.shape.path).lower().endswith(COLOURED_SUFFIXES)
         bodies.append(body if body.rgba or own_colours else replace(body, rgba=TOOL_GREY))
         if any(bodies[-1].name == other.name for other in bodies[:-1]):
             raise PicksError(

@@ -30,7 +30,7 @@ from pinproof.picks.input.pick import (
     PlaceTarget,
     SuctionCup,
 )
-from pinproof.picks.input.settings import GripLimits
+from pinproof.picks.input.settings import GripLimits, PickBudget
 
 __all__ = [
     "COLUMNS",
@@ -441,6 +441,13 @@ PICKS = KeyTable(
             False,
         ),
         FileKey("grip_limits", GRIP_LIMITS, "the criteria for holding an object", "", {}),
+        FileKey(
+            "optimise",
+            {**INTEGER, "minimum": 0},
+            "number of evaluations to shorten each transit and each transfer; 0 to follow the planned paths",
+            "",
+            default_of(PickBudget, "motion"),
+        ),
         FileKey("frames", mapping_to(FRAME), "named frames for the poses of picks and places", "", {}),
         FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
         required(

@@ -15,9 +15,11 @@ A remark may follow after :data:`REMARK`; it changes nothing.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -38,13 +40,12 @@ __all__ = [
     "REMARK",
     "Candidate",
     "Shift",
-    "Words",
+    "Shifting",
     "apply_suggestion",
     "members",
     "move_place_words",
     "move_words",
     "place_shifts",
-    "shifted",
     "shifts_of",
     "shorten_words",
     "tilts",
@@ -143,11 +144,12 @@ def upwards_words() -> str:
 
 
 def _shift_words(by: Array) -> str:
-    by = np.round(np.asarray(by, dtype=float), 2) + 0.0
-    axes = np.flatnonzero(by)
+    stated = (np.round(np.asarray(by, dtype=float), 2) + 0.0).tolist()
+    axes = [k for k in range(3) if stated[k]]
     if len(axes) == 1:
-        return f"{_digits(abs(by[axes[0]]))} mm along {'+' if by[axes[0]] > 0 else '-'}{'xyz'[axes[0]]}"
-    return f"by ({', '.join(('+' if value > 0 else '') + _digits(value) for value in by)}) mm"
+        along = stated[axes[0]]
+        return f"{_digits(abs(along))} mm along {'+' if along > 0 else '-'}{'xyz'[axes[0]]}"
+    return f"by ({', '.join(('+' if value > 0 else '') + _digits(value) for value in stated)}) mm"
 
 
 def _digits(value: float) -> str:
@@ -188,9 +190,6 @@ def _apply_turn(
     return replace(pick, pose=pick.pose * turn, place=replace(pick.place, pose=pick.place.pose * turn))
 
 
-Words = Callable[[Array], str]
-"""Formats a shift by (3,) mm as text."""
-
 DISTANCES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
 """Millimetres by which a pick is moved."""
 
@@ -219,18 +218,33 @@ SWEPT, SEARCHED = 8, 40
 """The weight of a pose where a redundant joint is swept, and where a numerical method searches; 1 in closed form."""
 
 
+class Displacement(NamedTuple):
+    """The displacements (3,) of the tip in the root frame, in metres, at the grasp and at the release."""
+
+    grasp: Array
+    release: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A change as text, the changed pick, its size (mm, degrees, or metres of lost length), and its direction.
+    """A change of a pick as text, its size (mm, degrees, or metres of lost length), and its direction.
 
     ``early`` marks the few candidates that are judged first if the budget is less than the number of candidates.
+    ``displacement`` states how the poses change if only their positions do; most candidates are screened by it, without
+    the changed pick.
     """
 
     words: str
-    pick: Pick
+    stated: Pick
     size: float
     direction: tuple[int, ...] = ()
     early: bool = False
+    displacement: Displacement | None = None
+
+    @cached_property
+    def pick(self) -> Pick:
+        """The changed pick."""
+        return apply_suggestion(self.stated, self.words)
 
 
 class Shift(NamedTuple):
@@ -241,13 +255,22 @@ class Shift(NamedTuple):
     early: bool
 
 
-def shifted(pick: Pick, shifts: Iterable[Shift], words: Words) -> list[Candidate]:
-    """Candidates ordered by length, each vector once."""
-    made: dict[str, Candidate] = {}
-    for by, direction, early in shifts:
-        if (text := words(by)) not in made:
-            made[text] = Candidate(text, apply_suggestion(pick, text), float(np.linalg.norm(by)), direction, early)
-    return sorted(made.values(), key=lambda each: each.size)
+@dataclass(frozen=True, eq=False)
+class Shifting:
+    """How the vector of a shift, (3,) mm, becomes a change of a pick: its text, and how the poses of the tip change."""
+
+    pick: Pick
+    words: Callable[[Array], str]
+    displacement: Callable[[Array], Displacement | None] = lambda _: None
+
+    def candidates(self, shifts: Iterable[Shift]) -> list[Candidate]:
+        """Candidates ordered by length, each vector once."""
+        made: dict[str, Candidate] = {}
+        for by, direction, early in shifts:
+            if (text := self.words(by)) not in made:
+                size = math.sqrt(sum(x * x for x in by.tolist()))
+                made[text] = Candidate(text, self.pick, size, direction, early, self.displacement(by))
+        return sorted(made.values(), key=lambda each: each.size)
 
 
 def _keeps_place(task: Task, pick: Pick) -> bool:
@@ -280,34 +303,51 @@ def _turn_candidate(
     task: Task, pick: Pick, degrees: int, axis: Array, direction: tuple[int, ...], early: bool
 ) -> Candidate:
     words = turn_words(float(degrees), axis, with_place=_keeps_place(task, pick))
-    return Candidate(words, apply_suggestion(pick, words), float(abs(degrees)), direction, early)
+    return Candidate(words, pick, float(abs(degrees)), direction, early)
 
 
-def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], Words]:
-    """Shifts of the pick along the axes of its frame and between them, and the function that formats a shift as text.
+def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], Shifting]:
+    """Shifts of the pick along the axes of its frame and between them, and how they change it.
 
     If the pick is out of reach, also shifts towards the nearest pose that is reached.
     """
     shifts = list(_vectors(_detail(task, len(members(task)))))
+    rotation = task.root_from(pick.frame).rotation
     if stage is Stage.REACH:
-        rotation = _root_from_frame(task, pick).rotation
         shifts += _towards_reach(task, task.pick.pose, rotation)
+    place = pick.place
+    if place is None or not _keeps_place(task, pick):
+        stays = place is None or place.pose_of == TIP  # the tip follows the object if that is what the place states
+        return shifts, Shifting(
+            pick,
+            lambda by: move_words(pick, by),
+            lambda by: Displacement(rotation @ _printed(by), np.zeros(3)) if stays else None,
+        )
+    place_from_pick = place.pose.rotation @ pick.pose.rotation.T
+    of_place = task.root_from(place.frame).rotation
+    return shifts, Shifting(
+        pick,
+        lambda by: move_words(pick, by, place_from_pick @ by),
+        lambda by: Displacement(rotation @ _printed(by), of_place @ _printed(place_from_pick @ by)),
+    )
 
-    def words(by: Array) -> str:
-        if not _keeps_place(task, pick) or pick.place is None:
-            return move_words(pick, by)
-        return move_words(pick, by, pick.place.pose.rotation @ (pick.pose.rotation.T @ by))
 
-    return shifts, words
-
-
-def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], Words]:
+def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], Shifting]:
     """The result of :func:`shifts_of` for the place."""
     if task.place is None or pick.place is None:
         raise InputError(f"pick {pick.name!r} has no place")
     rotation = task.root_from(pick.place.frame).rotation
     shifts = [*_vectors(_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
-    return shifts, lambda by: move_place_words(pick, by)
+    return shifts, Shifting(
+        pick,
+        lambda by: move_place_words(pick, by),
+        lambda by: Displacement(np.zeros(3), rotation @ _printed(by)),
+    )
+
+
+def _printed(by: Array) -> Array:
+    """(3,) a shift in metres as it is printed, from millimetres."""
+    return np.round(by, 2) / 1e3
 
 
 def _vectors(detail: tuple[Sequence[int], int]) -> Iterable[Shift]:
@@ -355,7 +395,3 @@ def _approach_axis(task: Task) -> Array:
     """(3,) the approach direction in the tip's axes."""
     axis = np.array(task.pick.approach_direction)
     return axis if task.pick.approach_frame == TIP else np.asarray(task.pick.pose.rotation.T @ axis)
-
-
-def _root_from_frame(task: Task, pick: Pick) -> SE3:
-    return task.pick.pose * pick.pose.inverse()

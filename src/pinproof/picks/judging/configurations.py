@@ -15,6 +15,7 @@ from pinproof.model.limits import AT_LIMIT
 
 __all__ = [
     "TURN",
+    "along_families",
     "at_full_speed",
     "configurations",
     "has_closed_form",
@@ -29,6 +30,15 @@ Array = npt.NDArray[np.float64]
 
 SWEEP = AnalyticIk(redundant_steps=24)
 """The solver for arms of seven joints: 24 values of the redundant joint, 15 degrees apart for a full rotation."""
+
+REDUNDANT = 7
+"""Number of joints of an arm whose IK solutions for a pose are curves."""
+
+FAMILY = AnalyticIk(redundant_steps=64)
+"""The solver for curves of IK solutions of arms of seven joints."""
+
+MOST_FAMILIES = 6
+"""Largest number of targets whose curves are followed, which takes 3 to 10 ms each."""
 
 BEYOND = 2 * np.pi, 0.5
 """rad and m by which limits are widened to determine whether only the limits prevent a solution."""
@@ -47,7 +57,7 @@ def has_closed_form(arm: Arm, most: int = 6) -> bool:
     if arm.dof > most:
         return False
     try:
-        AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(arm.home[None]))
+        AnalyticIk().redundant_grid(arm)
     except NoClosedForm:
         return False
     return True
@@ -78,6 +88,22 @@ def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.N
     many = [Clik().solve_many(arm, T, q0, rng=rng, count=SAMPLES, attempts=STARTS).q for T in targets]
     row = np.repeat(np.arange(len(many)), [len(q) for q in many])
     return row, np.concatenate([*many, np.empty((0, arm.dof))])
+
+
+def along_families(arm: Arm, targets: Array, q0: Array) -> tuple[npt.NDArray[np.int64], Array]:
+    """As :func:`configurations`, along the curves of IK solutions of an arm of seven joints for the first targets.
+
+    The curves contain every solution at 64 values of the redundant joint, and are sampled more finely where joints move
+    fast and at their ends. Empty for arms whose solutions are not curves.
+    """
+    samples: list[Array] = []
+    if arm.dof == REDUNDANT and has_closed_form(arm, REDUNDANT):
+        samples = [
+            np.concatenate([np.empty((0, arm.dof)), *(curve.q for curve in FAMILY.self_motion(arm, target, q0))])
+            for target in targets[:MOST_FAMILIES]
+        ]
+    row = np.repeat(np.arange(len(samples)), [len(q) for q in samples])
+    return row, np.concatenate([np.empty((0, arm.dof)), *samples])
 
 
 def manipulability(arm: Arm, Q: Array) -> Array:

@@ -17,7 +17,15 @@ from pinproof.ik import AnalyticIk, Clik, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Member
 from pinproof.picks.input.settings import PickWeights
-from pinproof.picks.judging.configurations import STARTS, configurations, limit_margins, manipulability, turned_inside
+from pinproof.picks.judging.blocked import blocked_words
+from pinproof.picks.judging.configurations import (
+    STARTS,
+    along_families,
+    configurations,
+    limit_margins,
+    manipulability,
+    turned_inside,
+)
 from pinproof.picks.judging.motion_limits import at_rest
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
@@ -39,7 +47,9 @@ __all__ = [
     "proven_unreachable",
     "rank",
     "reach",
-    "refuted_by_fixed_bodies",
+    "reach_between",
+    "refuted_at_release",
+    "refuted_by_contacts",
     "refuted_by_name",
     "screen",
     "unreached",
@@ -79,6 +89,8 @@ def reach(task: Task, members: list[Member], seed: int) -> Reached:
     arm, home = task.arm, task.cell.home
     targets = [task.target(task.grasp(member)) for member in members]
     row, q = configurations(arm, task.targets([task.grasp(member) for member in members]), home, seed)
+    if not len(q) and not task.cell.closed_form:
+        row, q = along_families(arm, task.targets([task.grasp(member) for member in members]), home)
     if not len(q) and not task.cell.closed_form:  # the nearest configuration may still converge to the target
         nearest = Clik().solve(arm, targets[0], home, rng=seed)
         if nearest.ok:
@@ -98,6 +110,18 @@ def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDA
         StageResult(Stage.LIMITS, True, "within all limits", {"widest_margin": float(margins.max())}),
     )
     return Reached(q, row, stages)
+
+
+def reach_between(task: Task, members: list[Member]) -> Reached | None:
+    """The configurations along the curves of IK solutions at the first grasps; None if none of them is collision-free.
+
+    For an arm of seven joints, whose other configurations are those at some values of the redundant joint.
+    """
+    targets = [task.target(task.grasp(member)) for member in members]
+    row, q = along_families(task.arm, task.targets([task.grasp(member) for member in members]), task.cell.home)
+    if not task.at_grasp.is_free_batch(q).any():
+        return None
+    return _reached(task, members, targets, row, q)
 
 
 def every_branch_is_known(task: Task, targets: list[SE3], arm: Arm | None = None) -> bool:
@@ -417,8 +441,8 @@ NO_SOLUTION = "no IK solution within the limits reaches"
 def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, ...]:
     """Why each IK branch of each grasp is excluded, at the grasp or at the end of a line; empty if one is not.
 
-    A line that could not be planned proves nothing. A grasp is refuted if no branch reaches an end of its lines, or if
-    every branch is in contact there.
+    A line that could not be planned proves nothing. A grasp is refuted if no branch reaches an end of its lines or a
+    pose on them, or if every branch is in contact at an end.
     """
     reasons: list[str] = []
     for member in members:
@@ -430,10 +454,54 @@ def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, 
             found = _branches_refuted(
                 task, task.retreat_end(grasp), task.carrying(member), "the end of the retreat", seed
             )
+        if not found and (where := _unreachable_between(task, member)):
+            found = [f"{NO_SOLUTION} {where}"]
         if not found:
             return ()
         reasons += [_of(member) + words for words in found]
     return tuple(reasons)
+
+
+def refuted_at_release(task: Task, members: list[Member], seed: int) -> tuple[str, ...]:
+    """Why each IK branch at the release of each grasp is excluded; empty if one is not."""
+    reasons: list[str] = []
+    for member in members if task.place is not None else ():
+        found = _branches_refuted(task, task.release(member), task.letting_go(member), "the release", seed)
+        if not found:
+            return ()
+        reasons += [_of(member) + words for words in found]
+    return tuple(reasons)
+
+
+LINE_DEVIATION = 1e-3, 1e-2
+"""M and rad: the deviation of the tcp from the pose on a straight line that :func:`plan_linear` permits."""
+
+BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
+"""Shares of a line at which its poses are tested."""
+
+BETWEEN_BOXES = 100
+"""Largest number of boxes of each of these proofs, a few milliseconds."""
+
+
+def _unreachable_between(task: Task, member: Member) -> str:
+    """Which pose on the lines of a grasp is proven to be out of reach within the deviation of lines; else empty."""
+    grasp, position, orientation = task.grasp(member), *LINE_DEVIATION
+    if not is_provable(task.arm):
+        return ""
+    lines = (task.pick.approach, task.approach_to, "approach"), (task.pick.retreat, task.retreat_to, "retreat")
+    for length, pose_at, name in lines:
+        for share in BETWEEN if length else ():
+            proof = prove_unreachable(
+                task.arm,
+                task.target(pose_at(grasp, share * length)),
+                position_tolerance=position,
+                orientation_tolerance=orientation,
+                budget=BETWEEN_BOXES,
+                search=False,
+            )
+            if proof.proven:
+                return f"the {name} {share * length * 1e3:.0f} mm from the grasp"
+    return ""
 
 
 def _branches_refuted(task: Task, root_from_tip: SE3, checker: CollisionChecker, where: str, seed: int) -> list[str]:
@@ -441,9 +509,7 @@ def _branches_refuted(task: Task, root_from_tip: SE3, checker: CollisionChecker,
     if not every_branch_is_known(task, [task.target(root_from_tip)]):
         if proven_unreachable(task.arm, [task.target(root_from_tip)]):
             return [f"{NO_SOLUTION} {where}"]
-        _, some = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
-        words = _contacts_at_every_configuration(checker, some[0]) if len(some) else []
-        return [f"at {where}: {'; '.join(words)}"] if words else []
+        return [f"at {where}: {words}" for words in _contacts_of_all(task, root_from_tip, checker, seed)]
     _, many = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
     if checker.is_free_batch(many).any():
         return []
@@ -464,25 +530,36 @@ PROBES = 4
 """Number of random configurations at which the pose of a link relative to the tcp is compared."""
 
 
-def refuted_by_fixed_bodies(task: Task, members: list[Member], reached: Reached) -> tuple[str, ...]:
-    """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven.
-
-    Bodies that are rigidly connected to the tcp have the same pose for every IK solution, so their contacts with
-    obstacles exclude all of them.
-    """
+def refuted_by_contacts(task: Task, members: list[Member], reached: Reached, seed: int) -> tuple[str, ...]:
+    """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven."""
     reasons = []
     for i, member in enumerate(members):
-        rows = np.flatnonzero(reached.member == i)
-        if len(rows):
-            words = _contacts_at_every_configuration(task.at_grasp, reached.q[rows[0]])
-            if not words:
-                return ()
-            reasons.append(f"{_of(member)}{'; '.join(words)}, for every IK solution")
-        elif proven_unreachable(task.arm, [task.target(task.grasp(member))]):
+        known = reached.q[reached.member == i]
+        if not len(known) and proven_unreachable(task.arm, [task.target(task.grasp(member))]):
             reasons.append(unreached(member))
-        else:
+            continue
+        words = _contacts_of_all(task, task.grasp(member), task.at_grasp, seed, known)
+        if not words:
             return ()
+        reasons += [f"{_of(member)}{each}, for every IK solution" for each in words]
     return tuple(reasons)
+
+
+def _contacts_of_all(
+    task: Task, root_from_tip: SE3, checker: CollisionChecker, seed: int, known: Array | None = None
+) -> list[str]:
+    """The contacts, as one text, by which every configuration at a pose is excluded; empty if this is not proven.
+
+    Bodies that are rigidly connected to the tcp have the same pose for every IK solution, so their contacts with
+    obstacles exclude all of them. Otherwise the joint values are divided into boxes (:func:`blocked_words`).
+    """
+    targets = task.targets([root_from_tip])
+    some = configurations(task.arm, targets, task.cell.home, seed)[1] if known is None else known
+    if len(some) and (words := _contacts_at_every_configuration(checker, some[0])):
+        return ["; ".join(words)]
+    many = np.concatenate([some, along_families(task.arm, targets, task.cell.home)[1]])
+    pairs = blocked_words(checker, task.target(root_from_tip), many)
+    return [pairs] if pairs else []
 
 
 def _contacts_at_every_configuration(checker: CollisionChecker, q: Array) -> list[str]:

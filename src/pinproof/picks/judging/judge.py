@@ -19,7 +19,9 @@ from pinproof.picks.judging.grasp import (
     Reached,
     every_branch_is_known,
     reach,
-    refuted_by_fixed_bodies,
+    reach_between,
+    refuted_at_release,
+    refuted_by_contacts,
     refuted_by_name,
     screen,
     unreached,
@@ -69,7 +71,10 @@ def _judge(pick: Pick, cell: Cell, seeds: list[int]) -> PickVerdict:
         if verdict.ok:
             return replace(verdict, pick=pick, configurations=tried)
     verdict, attempt = _failed(task, judged, tried, members)
-    suggestions = suggest(task, pick, verdict.stages[-1], attempt, lambda other: _judge(other, cell.for_trials, seeds))
+    failed = verdict.stages[-1]
+    suggestions = suggest(
+        task, pick, failed, attempt, lambda other: _judge(other, cell.for_trials(failed.stage), seeds)
+    )
     return replace(verdict, pick=pick, suggestions=suggestions)
 
 
@@ -81,7 +86,7 @@ def _failed(task: Task, groups: list[_GroupVerdict], tried: int, members: int) -
     if task.sampled:
         status = PickStatus.NOT_FOUND
         stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {members} grasps were tried"))
-    if not task.cell.trial and (hint := task.frame_hint()):
+    if task.cell.trial is None and (hint := task.frame_hint()):
         stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {hint}"))
     refuted = farthest.refuted if status is PickStatus.IMPOSSIBLE else ()
     return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), attempt
@@ -96,25 +101,35 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
     if not len(reached.q):
         status = PickStatus.IMPOSSIBLE if reached.complete else PickStatus.NOT_FOUND
         return _GroupVerdict(PickVerdict(pick, status, stages, refuted=reached.refuted))
-    tried = len(reached.q)
     screened = screen(task, group, reached)
+    failed = not screened.candidates and not screened.not_held and not task.cell.trial
+    if failed and (between := reach_between(task, group)) is not None:
+        reached, screened = between, screen(task, group, between)
+        stages = (*start, *reached.stages)
+    tried = len(reached.q)
     stages = (*stages, *screened.stages)
     if not screened.candidates:
         if screened.not_held:
             return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=screened.refuted))
         if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
             return _judge_group(finer, group, seeds)
+        refuted: tuple[str, ...] = ()
         known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in group])
         if known:
             reachable = set(reached.member.tolist())
             refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(group) if i not in reachable))
             return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
-        if stages[-1].stage is Stage.GRASP and (refuted := refuted_by_fixed_bodies(task, group, reached)):
+        if stages[-1].stage in (Stage.SELF, Stage.GRASP) and not task.cell.trial:
+            refuted = refuted_by_contacts(task, group, reached, seeds[0])
+        if refuted:
             return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
         message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
         stages = (*stages[:-1], replace(stages[-1], message=message))
         return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
     search = BestFirst(task, screened.candidates, seeds[1:3])
+    if task.cell.trial is Stage.PLACE and not search.may_place():
+        unplaced = StageResult(Stage.PLACE, False, "no IK solution at the release is collision-free with its lines")
+        return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, unplaced), tried))
     while (motion := search.run() or search.with_full_budget()) is not None:
         result, timed = time_motion(task, motion.attempt, motion.path, motion.placing)
         if timed is not None:
@@ -123,11 +138,14 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
             )
         search.reject(motion, (*motion.stages, result))
     if search.failed:
-        return _GroupVerdict(
-            PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, *max(reversed(search.failed), key=len)), tried)
-        )
+        farthest = max(reversed(search.failed), key=len)
+        refuted = ()
+        if farthest[-1].stage is Stage.PLACE and not task.cell.trial:
+            refuted = refuted_at_release(task, group, seeds[0])
+        status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
+        return _GroupVerdict(PickVerdict(pick, status, (*stages, *farthest), tried, refuted=refuted))
     best = max(search.attempts, key=lambda attempt: (len(attempt.stages), attempt.fraction))
-    refuted = () if task.cell.trial else refuted_by_name(task, group, seeds[0])
+    refuted = () if task.cell.trial is not None else refuted_by_name(task, group, seeds[0])
     status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
     last = best.stages[-1]
     if not refuted:

@@ -12,8 +12,9 @@ from pinproof.collision import CollisionChecker, certify
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.motion import CubicPath, JointPath
+from pinproof.motion import CubicPath, JointPath, TorqueLimits
 from pinproof.picks.judging.grasp import Candidate
+from pinproof.picks.judging.motion_limits import torque_limits
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import LinearPlanResult, PlanResult, make_planner, plan_linear, shortcut
@@ -117,10 +118,15 @@ def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
 
 def along(task: Task, candidate: Candidate) -> Attempt:
     """The approach and the retreat of a configuration."""
-    into, shift = line_in(task, candidate), np.zeros(task.arm.dof)
+    shift = np.zeros(task.arm.dof)
+    # in a trial for a failed retreat, an approach is only needed if the retreat is possible
+    first = line_out(task, candidate) if task.cell.trial is Stage.RETREAT else None
+    if first is not None and not first[0].result.ok:
+        return Attempt(candidate, (first[0].result,), shift=shift, fraction=first[0].fraction)
+    into = line_in(task, candidate)
     if not into.result.ok:
         return Attempt(candidate, (into.result,), shift=shift, fraction=into.fraction)
-    out, parting = line_out(task, candidate)
+    out, parting = first or line_out(task, candidate)
     stages, clearance = (into.result, out.result), min(into.clearance, out.clearance)
     return Attempt(candidate, stages, into.path, out.path, parting, shift, out.fraction, clearance)
 
@@ -239,23 +245,26 @@ def transit(task: Task, attempts: list[Attempt], nodes: int, seeds: list[int]) -
     """A path from home to the entrance of one of the attempts."""
     planner = make_planner(task.cell.budget.planner).limited_to(nodes)
     goals = np.array([attempt.entrance for attempt in attempts])
-    plan = planner.plan(task.outside, task.cell.home, goals, rng=seeds[0])
+    torques = torque_limits(task, attempts[0].candidate.member, "transit", task.outside.arm)
+    plan = planner.plan(task.outside, task.cell.home, goals, torque_limits=torques, rng=seeds[0])
     if plan.path is None or plan.goal is None:
         figures = {"nodes": float(plan.nodes), "goals": float(len(attempts))}
         return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
-    path, clearance = shortened(plan, task.outside, seeds[1])
+    path, clearance = shortened(plan, task.outside, seeds[1], torques)
     message = f"{path.length:.2f} rad, {len(path)} waypoints"
     figures = {"length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes)}
     return Crossing(StageResult(Stage.TRANSIT, True, message, figures), attempts[plan.goal], path, clearance)
 
 
-def shortened(plan: PlanResult, checker: CollisionChecker, seed: int) -> tuple[JointPath, float]:
+def shortened(
+    plan: PlanResult, checker: CollisionChecker, seed: int, torques: TorqueLimits | None
+) -> tuple[JointPath, float]:
     """The shortened path of a successful plan, and its observed clearance (m)."""
     if plan.path is None or plan.certificate is None:
         raise InputError("a plan without a path cannot be shortened")
     if len(plan.path) <= STRAIGHT:
         return plan.path, plan.certificate.observed
-    path = shortcut(plan.path, checker, rng=seed)
+    path = shortcut(plan.path, checker, rng=seed, torque_limits=torques)
     return path, certify(path, checker).observed
 
 

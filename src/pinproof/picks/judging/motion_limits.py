@@ -14,7 +14,7 @@ from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
 from pinproof.picks.input.pick import Member, Pick, Picks
 from pinproof.picks.judging.task import Task
 
-__all__ = ["at_rest", "carries", "limits_torque", "peaks_of", "rate_limits", "torque_limits_of_tool"]
+__all__ = ["at_rest", "carries", "limits_torque", "peaks_of", "rate_limits", "torque_limits", "torque_limits_of_tool"]
 
 Array = npt.NDArray[np.float64]
 
@@ -49,11 +49,15 @@ def carries(task: Task, member: Member, part: str) -> tuple[Payload, ...]:
     return (*shared, payload.placed(task.holding(member).pose))
 
 
+def torque_limits(task: Task, member: Member, part: str, arm: Arm) -> TorqueLimits | None:
+    """The limits of torque during a part of the motion; None if torque is not limited."""
+    return TorqueLimits(arm, carries(task, member, part)) if limits_torque(task.cell.shared, task.pick) else None
+
+
 def rate_limits(task: Task, member: Member, part: str, checker: CollisionChecker) -> list[RateConstraint]:
     """The limits of torque and of the tool during a part of the motion, beside those of the joints."""
-    constraints: list[RateConstraint] = []
-    if limits_torque(task.cell.shared, task.pick):
-        constraints.append(TorqueLimits(checker.arm, carries(task, member, part)))
+    torques = torque_limits(task, member, part, checker.arm)
+    constraints: list[RateConstraint] = [] if torques is None else [torques]
     if (speed := task.pick.speed.get(part)) is not None:
         constraints.append(speed.limits(checker.arm))
     return constraints

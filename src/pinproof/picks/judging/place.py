@@ -14,12 +14,13 @@ from pinproof.picks.input.pick import Member, PlaceTarget, moved
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch
 from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
+from pinproof.picks.judging.motion_limits import torque_limits
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify
 from pinproof.planning.ends import with_turns
 
-__all__ = ["Placer", "Placing", "Release"]
+__all__ = ["Placer", "Placing", "Release", "release_lines"]
 
 Array = npt.NDArray[np.float64]
 
@@ -153,7 +154,7 @@ class Placer:
         for bound, _, down in sorted(candidates, key=lambda each: each[:2]):
             if best is not None and -bound <= best[0]:
                 break
-            result, placing = self._transfer(task.place, attempt, down, seeds)
+            result, placing = self.transfer(task.place, attempt, down, seeds)
             if placing is None:
                 failed.append(result)
             elif best is None or score(placing, 0.0) > best[0]:
@@ -165,6 +166,14 @@ class Placer:
             message = f"{farthest.message}; {len(tried)} of {len(many)} IK solutions at the release were tried"
             farthest = replace(farthest, message=message)
         return farthest, None
+
+    def may_place(self, member: Member) -> bool:
+        """Whether the lines from a release of a family member are possible."""
+        task, many = self._task, self.releases(member)
+        if task.place is None:
+            return True
+        free = np.flatnonzero(task.letting_go(member).is_free_batch(many)).tolist() if len(many) else []
+        return any(not self._down(task.place, member, index).why for index in free)
 
     def _out_of_reach(self, member: Member) -> StageResult:
         task = self._task
@@ -178,35 +187,43 @@ class Placer:
         """The lines of one of the releases."""
         key = member.words, index
         if key not in self._downs:
-            self._downs[key] = _down(self._task, asked, member, self.releases(member)[index])
+            self._downs[key] = release_lines(self._task, asked, member, self.releases(member)[index])
         return self._downs[key]
 
-    def _transfer(
-        self, asked: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int]
+    def transfer(
+        self, asked: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], *, turns: bool = True
     ) -> tuple[StageResult, Placing | None]:
-        """The transfer from the end of the retreat to the approach of the place, at any full rotations."""
+        """The transfer from the retreat to the approach of the place, with ``turns`` at any full rotations."""
         task, arm = self._task, self._task.arm
         carrying, limits = task.carrying(attempt.candidate.member), arm.limits
         low, high = span(down.q, down.lift, down.leave)
-        goals, _ = with_turns(arm, attempt.exit, down.entrance[None])
+        goals = with_turns(arm, attempt.exit, down.entrance[None])[0] if turns else down.entrance[None]
         shifts = [goal - down.entrance for goal in goals]
         inside = [shift for shift in shifts if limits.inside(np.array([low, high]) + shift).all()]
         shifts = inside or shifts[:1]
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
         goals, constraints = down.entrance + np.array(shifts), task.constraints(attempt.candidate.member)
-        plan = planner.plan(carrying, attempt.exit, goals, constraints=constraints, rng=seeds[0])
+        torques = torque_limits(task, attempt.candidate.member, "transfer", carrying.arm)
+        plan = planner.plan(carrying, attempt.exit, goals, constraints=constraints, torque_limits=torques, rng=seeds[0])
         if plan.path is None or plan.goal is None:
             return _failure(replace(down, why=f"transfer: {plan.message}")), None
         path: JointPath | BlendedPath
         if constraints:
-            simple = simplify(plan.path, carrying, rng=seeds[1], constraints=constraints, certificate=plan.certificate)
+            simple = simplify(
+                plan.path,
+                carrying,
+                rng=seeds[1],
+                constraints=constraints,
+                torque_limits=torques,
+                certificate=plan.certificate,
+            )
             path, clearance = simple.path, simple.observed_after
         else:
-            path, clearance = shortened(plan, carrying, seeds[1])
+            path, clearance = shortened(plan, carrying, seeds[1], torques)
         by = shifts[plan.goal]
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
-        kept = f" {constraints[0]}" if constraints else ""
-        message = f"transfer of {path.length:.2f} rad{kept}, {asked.approach * 1e3:.0f} mm approach{support}, "
+        upright = f" {constraints[0]}" if constraints else ""
+        message = f"transfer of {path.length:.2f} rad{upright}, {asked.approach * 1e3:.0f} mm approach{support}, "
         proven = np.nan if plan.certificate is None else plan.certificate.clearance
         figures = {"length": path.length, "clearance": min(down.proven, proven)}
         return (
@@ -221,7 +238,7 @@ def _failure(down: Release) -> StageResult:
     return StageResult(Stage.PLACE, False, down.why, {"passed": float(down.passed)})
 
 
-def _down(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
+def release_lines(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
     """The approach to a release q (n,), and the retreat from it with the empty hand."""
     release = task.release(member)
     carrying, free_hand = task.carrying(member), task.letting_go(member)

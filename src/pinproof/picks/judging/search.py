@@ -239,6 +239,11 @@ class BestFirst:
             self._step()
         return self.best
 
+    def may_place(self) -> bool:
+        """Whether a release of a grasp is possible, which does not depend on how the object is brought there."""
+        members = {candidate.member.words: candidate.member for candidate in self._candidates}
+        return any(self._placer.may_place(member) for member in members.values())
+
     def reject(self, motion: CompleteMotion, stages: tuple[StageResult, ...]) -> None:
         """Remove a motion that failed a later stage."""
         self.motions.remove(motion)

@@ -14,7 +14,7 @@ from pinproof.collision import Certificate, CollisionChecker, Scene
 from pinproof.collision.overlaps import overlap_hint
 from pinproof.common.content_hash import digest
 from pinproof.common.display import outline
-from pinproof.common.validation import Rng, seed_sequence
+from pinproof.common.validation import Rng, require_positive, seed_sequence
 from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
@@ -25,7 +25,7 @@ from pinproof.picks.judging.grasp import contact_words
 from pinproof.picks.judging.judge import judge
 from pinproof.picks.judging.motion_limits import torque_limits_of_tool
 from pinproof.picks.judging.task import Cell, Task
-from pinproof.picks.judging.timing import recertify
+from pinproof.picks.judging.timing import certify_displaced, recertify
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import xyz_rpy
 
@@ -89,6 +89,8 @@ class PickSetup:
         trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checked)]
         if trouble:
             trouble += filter(None, [overlap_hint(checker, start, checked)])
+            if home is None and not (picks.home or arm.robot.home):
+                trouble.append("the robot states no home, and this is the middle of its limits; state one in the picks")
             raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
         seeds = seed_sequence(rng)
         return cls(
@@ -98,7 +100,7 @@ class PickSetup:
             seeds,
             seeds.n_children_spawned,
             weights or PickWeights(),
-            budget or PickBudget(),
+            budget or (PickBudget() if picks.optimise is None else PickBudget(motion=picks.optimise)),
         )
 
     def __repr__(self) -> str:
@@ -145,6 +147,32 @@ class PickSetup:
             own = ", ".join(self.checker.arm.joint_names)
             raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
         return recertify(Task(pick, self.cell), program)
+
+    def certify_displaced(self, verdict: PickVerdict, by: float) -> tuple[Certificate, ...]:
+        """Certify the unchanged motions of a good pick for a part that is displaced by up to ``by`` metres.
+
+        Every motion is certified until one is not FREE. No point of the part is farther than ``by`` from where the pick
+        states it, in the scene and in the hand, and it still rests on its support; without an object every obstacle may
+        be displaced. Whether the hand holds the displaced part is not checked.
+
+        Raises
+        ------
+        InputError
+            If the pick is not good and therefore has no motion.
+        """
+        require_positive("by", by, zero=True)
+        task = Task(verdict.pick, self.cell)
+        member = next(
+            (each for group in task.groups() for each in group if each.words == verdict.member and verdict.ok), None
+        )
+        if member is None:
+            raise InputError(f"pick {verdict.pick.name!r} is {verdict.status.value}, so it has no motion")
+        found: list[Certificate] = []
+        for motion in verdict.motions:
+            found.append(certify_displaced(task, member, motion, by))
+            if not found[-1].free:
+                break
+        return tuple(found)
 
     def not_covered(self, with_object: Collection[bool]) -> tuple[str, ...]:
         """What the verdicts do not cover, one sentence each.
@@ -263,5 +291,5 @@ def _check_velocity_limits(arm: Arm) -> None:
     if unknown:
         raise InputError(
             f"motions cannot be timed: {', '.join(unknown)} has no velocity or acceleration limit; "
-            "state limits with robot.arm(limits=JointLimits(...))"
+            "state it in a file of joint limits (`limits` of the picks file, --limits, in Python limits=)"
         )

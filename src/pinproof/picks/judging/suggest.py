@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -26,11 +27,9 @@ from pinproof.picks.judging.changes import (
     REMARK,
     Candidate,
     Shift,
-    Words,
-    apply_suggestion,
+    Shifting,
     members,
     place_shifts,
-    shifted,
     shifts_of,
     shorten_words,
     tilts,
@@ -146,11 +145,11 @@ def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None
         found.append(_shorter(task, pick, stage, attempt, trials()))
         found.append(_upwards(pick, stage, trials()))
     if stage is Stage.PLACE and pick.place is not None:
-        found.append(_nearest_shift(pick, *place_shifts(task, pick), partial(_screened_places, task), trials()))
+        found.append(_nearest_shift(*place_shifts(task, pick), partial(_screened_places, task), trials()))
     if not task.pick.spin.sampled:
         found.append(_nearest(_screened(task, turns(task, pick)), trials()))
     found.append(_nearest(_screened(task, tilts(task, pick)), trials()))
-    found.append(_nearest_shift(pick, *shifts_of(task, pick, stage), partial(_screened, task), trials()))
+    found.append(_nearest_shift(*shifts_of(task, pick, stage), partial(_screened, task), trials()))
     return tuple(filter(None, found))
 
 
@@ -175,7 +174,7 @@ def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Tr
 
     def candidate(steps: int) -> Candidate:
         words = shorten_words(key, asked, steps * STEP)
-        return Candidate(words, apply_suggestion(pick, words), asked - steps * STEP)
+        return Candidate(words, pick, asked - steps * STEP)
 
     low, high = round(length / STEP), int(np.ceil(asked / STEP - 1e-9))
     if low <= 0 or not trials.good(candidate(low)):
@@ -191,7 +190,7 @@ def _upwards(pick: Pick, stage: Stage, trials: _Trials) -> str:
     if stage is not Stage.RETREAT or (pick.retreat_frame == ROOT and pick.retreat_direction == UP):
         return ""
     words = upwards_words()
-    trials.good(Candidate(words, apply_suggestion(pick, words), 0.0))
+    trials.good(Candidate(words, pick, 0.0))
     return trials.words()
 
 
@@ -200,32 +199,56 @@ def _upwards(pick: Pick, stage: Stage, trials: _Trials) -> str:
 
 def _screened(task: Task, candidates: list[Candidate]) -> list[Candidate]:
     """The candidates with a grasp that has a free configuration, also on its approach; the others are not good."""
-    tasks = [Task(each.pick, task.cell) for each in candidates]
-    grasps = [(i, t.grasp(m)) for i, t in enumerate(tasks) for m in members(t)]
-    free = _has_free(task, [pose for _, pose in grasps])
-    if task.cell.closed_form and task.pick.approach > 0:
-        at, pick = np.flatnonzero(free).tolist(), task.pick
-        for fraction in FRACTIONS:
-            poses = []
-            for k in at:
-                changed = tasks[grasps[k][0]].pick
-                poses.append(
-                    moved(grasps[k][1], -fraction * pick.approach, changed.approach_direction, pick.approach_frame)
-                )
-            at = np.array(at, dtype=np.int64)[_has_free(task, poses)].tolist()
-        free = np.isin(np.arange(len(grasps)), at)
-    passed = {grasps[k][0] for k in np.flatnonzero(free)}
-    left = [each for i, each in enumerate(candidates) if i in passed]
+    changed, pick = _ChangedPoses(task, candidates, "grasp"), task.pick
+    fractions = FRACTIONS if task.cell.closed_form and pick.approach > 0 else ()
+    at = np.arange(len(changed.owner))
+    for fraction in (0.0, *fractions):
+        at = at[_has_free(task, changed.targets(partial(_on_approach, fraction))[at])]
+    left = [candidates[i] for i in sorted(set(changed.owner[at].tolist()))]
     return left if task.place is None else _screened_places(task, left)
+
+
+def _on_approach(fraction: float, task: Task, root_from_tip: SE3) -> SE3:
+    """The pose of the tip at a fraction of the approach away from a grasp."""
+    pick = task.pick
+    return moved(root_from_tip, -fraction * pick.approach, pick.approach_direction, pick.approach_frame)
 
 
 def _screened_places(task: Task, candidates: list[Candidate]) -> list[Candidate]:
     """The candidates whose place is in reach."""
-    tasks = [Task(each.pick, task.cell) for each in candidates]
-    releases = [(i, t.release(m)) for i, t in enumerate(tasks) for m in members(t)]
-    row, _ = configurations(task.arm, task.targets([pose for _, pose in releases]), task.cell.home, 0)
-    passed = {releases[k][0] for k in set(row.tolist())}
-    return [each for i, each in enumerate(candidates) if i in passed]
+    changed = _ChangedPoses(task, candidates, "release")
+    row, _ = configurations(task.arm, changed.targets(), task.cell.home, 0)
+    return [candidates[i] for i in sorted(set(changed.owner[row].tolist()))]
+
+
+class _ChangedPoses:
+    """The poses of the tip at the grasps or releases of candidates; ``owner`` (N,) is the candidate of each.
+
+    The changed pick is only made where more than the position changes.
+    """
+
+    def __init__(self, task: Task, candidates: list[Candidate], which: Literal["grasp", "release"]) -> None:
+        self._task, self._which, self._candidates = task, which, candidates
+        self._changed = {i: Task(each.pick, task.cell) for i, each in enumerate(candidates) if not each.displacement}
+        counts = [len(members(self._changed.get(i, task))) for i in range(len(candidates))]
+        self.owner = np.repeat(np.arange(len(candidates)), counts)
+
+    def targets(self, pose_of: Callable[[Task, SE3], SE3] = lambda _, pose: pose) -> Array:
+        """(N, 4, 4) ``base_from_tcp`` at a pose of the tip that is derived from each of them."""
+        stated, found = self._of(self._task, pose_of), []
+        for i, each in enumerate(self._candidates):
+            if each.displacement is None:
+                found.append(self._of(self._changed[i], pose_of))
+                continue
+            by = getattr(each.displacement, self._which)
+            moved_by = stated.copy()
+            moved_by[:, :3, 3] += self._task.arm.root_from_base.rotation.T @ by
+            found.append(moved_by)
+        return np.concatenate([*found, np.empty((0, 4, 4))])
+
+    def _of(self, task: Task, pose_of: Callable[[Task, SE3], SE3]) -> Array:
+        at = task.grasp if self._which == "grasp" else task.release
+        return task.targets([pose_of(task, at(member)) for member in members(task)])
 
 
 def _retreat_ends_free(task: Task, pick: Pick) -> bool:
@@ -238,11 +261,11 @@ def _retreat_ends_free(task: Task, pick: Pick) -> bool:
     return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
 
 
-def _has_free(task: Task, poses: list[SE3]) -> npt.NDArray[np.bool_]:
-    """(N,) whether a configuration that is free at the grasp was found for each pose of the tip."""
-    found = np.zeros(len(poses), dtype=bool)
-    if poses:
-        row, q = configurations(task.arm, task.targets(poses), task.cell.home, 0)
+def _has_free(task: Task, targets: Array) -> npt.NDArray[np.bool_]:
+    """(N,) whether a configuration that is free at the grasp was found for each target (N, 4, 4)."""
+    found = np.zeros(len(targets), dtype=bool)
+    if len(targets):
+        row, q = configurations(task.arm, targets, task.cell.home, 0)
         found[row[task.at_grasp.is_free_batch(q)]] = True
     return found
 
@@ -272,14 +295,13 @@ def _nearest(candidates: list[Candidate], trials: _Trials) -> str:
 
 
 def _nearest_shift(
-    pick: Pick,
     shifts: list[Shift],
-    words: Words,
+    shifting: Shifting,
     screened: Callable[[list[Candidate]], list[Candidate]],
     trials: _Trials,
 ) -> str:
     """The result of :func:`_nearest` for shifts, bisected to whole millimetres along the direction of the best one."""
-    _nearest(screened(shifted(pick, shifts, words)), trials)
+    _nearest(screened(shifting.candidates(shifts)), trials)
     best = trials.best
     if best is not None and len(best.direction) == len(best.pick.pose.translation):
         along = np.array(best.direction, dtype=float)
@@ -288,7 +310,7 @@ def _nearest_shift(
         first = max((step for step in steps if step < last), default=0) + 1
         trials.left = max(trials.left, REFINEMENTS)
         between = [Shift(step * along, best.direction, early=False) for step in range(first, last)]
-        _bisect(shifted(pick, between, words), trials)
+        _bisect(shifting.candidates(between), trials)
     return trials.words()
 
 

@@ -31,10 +31,11 @@ from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip
 from pinproof.picks.judging.suction import grip_by_cup
+from pinproof.picks.judging.verdict import Stage
 from pinproof.planning.planners import CONSTRAINED_PLANNERS
 from pinproof.spatial import SE3, matrix
 
-__all__ = ["SUPPORT_GAP", "Cell", "Task"]
+__all__ = ["DOWN", "SUPPORT_GAP", "Cell", "Task"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,8 @@ class Cell:
     weights, budget
         The weights of the score and the search budget.
     trial
-        Whether changed picks are judged for suggestions: then only the failed stage is needed, without a proof.
+        The stage at which a pick failed, if changed picks are judged for suggestions: of these, only a good verdict or
+        a failure at a later stage counts, so that their stages need not be judged in order.
     """
 
     checker: CollisionChecker
@@ -60,7 +62,7 @@ class Cell:
     home: npt.NDArray[np.float64]
     weights: PickWeights = field(default_factory=PickWeights)
     budget: PickBudget = field(default_factory=PickBudget)
-    trial: bool = False
+    trial: Stage | None = None
 
     @property
     def arm(self) -> Arm:
@@ -68,9 +70,15 @@ class Cell:
         return self.checker.arm
 
     @cached_property
-    def for_trials(self) -> Cell:
+    def _trials(self) -> dict[Stage, Cell]:
+        return {}
+
+    def for_trials(self, failed: Stage) -> Cell:
         """The cell for judging changed picks: one complete motion is sufficient, and no suggestions are made."""
-        return replace(self, budget=replace(self.budget, compared=1, remedies=0, motion=0), trial=True)
+        if failed not in self._trials:
+            budget = replace(self.budget, compared=1, remedies=0, motion=0)
+            self._trials[failed] = replace(self, budget=budget, trial=failed)
+        return self._trials[failed]
 
     @cached_property
     def closed_hand(self) -> CollisionChecker:
@@ -224,13 +232,19 @@ class Task:
 
     def approach_end(self, root_from_tip: SE3) -> SE3:
         """``root_from_tip`` at the start of the approach to a grasp."""
-        pick = self.pick
-        return moved(root_from_tip, -pick.approach, pick.approach_direction, pick.approach_frame)
+        return self.approach_to(root_from_tip, self.pick.approach)
+
+    def approach_to(self, root_from_tip: SE3, distance: float) -> SE3:
+        """``root_from_tip`` on the approach to a grasp, at a distance (m) from it."""
+        return moved(root_from_tip, -distance, self.pick.approach_direction, self.pick.approach_frame)
 
     def retreat_end(self, root_from_tip: SE3) -> SE3:
         """``root_from_tip`` at the end of the retreat from a grasp."""
-        pick = self.pick
-        return moved(root_from_tip, pick.retreat, pick.retreat_direction, pick.retreat_frame)
+        return self.retreat_to(root_from_tip, self.pick.retreat)
+
+    def retreat_to(self, root_from_tip: SE3, distance: float) -> SE3:
+        """``root_from_tip`` on the retreat from a grasp, at a distance (m) from it."""
+        return moved(root_from_tip, distance, self.pick.retreat_direction, self.pick.retreat_frame)
 
     def constraints(self, member: Member) -> tuple[Upright, ...]:
         """The constraints of the tcp while the object is carried."""

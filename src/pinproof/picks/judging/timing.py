@@ -18,7 +18,7 @@ from pinproof.motion import (
     Trajectory,
     time_parametrise,
 )
-from pinproof.picks.input.pick import Member
+from pinproof.picks.input.pick import PARTS, Member
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
 from pinproof.picks.judging.motion_limits import peaks_of, rate_limits
 from pinproof.picks.judging.place import Placing
@@ -27,7 +27,16 @@ from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 from pinproof.planning import optimise
 from pinproof.planning.optimisation import with_moving_ends
 
-__all__ = ["Timed", "recertify", "time_motion"]
+__all__ = [
+    "MotionPart",
+    "Timed",
+    "certify_displaced",
+    "motion_parts",
+    "prove_part",
+    "recertify",
+    "time_motion",
+    "time_part",
+]
 
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
 
@@ -47,7 +56,9 @@ class Timed:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class MotionPart:
+    """A part of a pick's motion before it is timed: its curves, and the conditions under which it is certified."""
+
     name: str
     curves: tuple[JointPath | BlendedPath | CubicPath, ...]
     checker: CollisionChecker
@@ -70,29 +81,15 @@ def time_motion(
     motions: list[PickMotion] = []
     trajectories: list[Trajectory] = []
     grasp_time, release_time = 0.0, None
-    member, now = attempt.candidate.member, ""
+    now = ""
     try:
-        for part in _parts(task, attempt, path, placing):
+        for part in motion_parts(task, attempt, path, placing):
             now = part.name
-            rates = [rate_limits(task, member, name, part.checker) for name in part.stages]
-            shortest = [_timed(task, part, *each) for each in zip(part.curves, rates, strict=True)]
-            timed = [trajectory for trajectory, _ in shortest]
-            if part.name == "pick" and attempt.approach is not None:
-                timed[:2] = _without_stop(task, part, timed, rates) or timed[:2]
-            trajectory = Trajectory.join(*timed)
-            peaks = peaks_of(rates[0], trajectory)
-            certificate = (shortest[0][1] if len(shortest) == 1 else None) or _proof(part, trajectory)
-            if not certificate.free:
-                return StageResult(Stage.TIMING, False, f"{part.name}: {certificate.message}"), None
-            if part.passing is not None:
-                passed = certify(trajectory, passing_at(part.passing, attempt.q))
-                if not passed.free:
-                    message = f"{part.name}: the open fingers collide with the object: {passed.message}"
-                    return StageResult(Stage.TIMING, False, message), None
-            around = part.checker
-            motions.append(
-                PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held, peaks)
-            )
+            timed, motion, why = time_part(task, part, attempt)
+            if motion is None:
+                return StageResult(Stage.TIMING, False, f"{now}: {why}"), None
+            motions.append(motion)
+            trajectory = motion.trajectory
             trajectories.append(trajectory)
             # Joined instead of summed, because times are rounded to nanoseconds and the grasp must be an exact time.
             if part.name == "pick":
@@ -118,22 +115,42 @@ def time_motion(
     return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
 
 
-def _timed(
-    task: Task, part: _Part, curve: JointPath | BlendedPath | CubicPath, rates: list[RateConstraint]
-) -> tuple[Trajectory, Certificate | None]:
-    """The timed curve. A path of the planner may be replaced by a shorter motion, which has a certificate.
+def time_part(task: Task, part: MotionPart, attempt: Attempt) -> tuple[list[Trajectory], PickMotion | None, str]:
+    """Time and certify a part of a motion: its timed curves, the certified motion, or None and the reason.
 
-    A path with constraints of the tcp is kept, because the moves of the optimisation leave them.
+    Raises
+    ------
+    TimingError
+        If a curve cannot be timed within the limits.
     """
+    rates = [rate_limits(task, attempt.candidate.member, name, part.checker) for name in part.stages]
+    shortest = [_timed(task, part, *each) for each in zip(part.curves, rates, strict=True)]
+    timed = [trajectory for trajectory, _ in shortest]
+    if part.name == "pick" and attempt.approach is not None:
+        timed[:2] = _without_stop(task, part, timed, rates) or timed[:2]
+    trajectory = Trajectory.join(*timed)
+    certificate = (shortest[0][1] if len(shortest) == 1 else None) or prove_part(part, trajectory)
+    if not certificate.free:
+        return timed, None, certificate.message
+    around, peaks = part.checker, peaks_of(rates[0], trajectory)
+    motion = PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held, peaks)
+    return timed, motion, ""
+
+
+def _timed(
+    task: Task, part: MotionPart, curve: JointPath | BlendedPath | CubicPath, rates: list[RateConstraint]
+) -> tuple[Trajectory, Certificate | None]:
+    """The timed curve. A path of the planner, but not a line, may become a shorter motion with a certificate."""
     limits, budget = task.arm.limits, task.cell.budget.motion
-    if budget == 0 or part.constraints or not isinstance(curve, JointPath):
+    if budget == 0 or isinstance(curve, CubicPath):
         return time_parametrise(curve, limits, rate_limits=rates), None
-    result = optimise(curve, part.checker, limits=limits, rate_limits=rates, budget=budget)
+    kept = part.constraints
+    result = optimise(curve, part.checker, limits=limits, rate_limits=rates, constraints=kept, budget=budget)
     return result.trajectory, result.certificate
 
 
 def _without_stop(
-    task: Task, part: _Part, timed: list[Trajectory], rates: list[list[RateConstraint]]
+    task: Task, part: MotionPart, timed: list[Trajectory], rates: list[list[RateConstraint]]
 ) -> list[Trajectory] | None:
     """The transit and the approach without the stop between them; None if this is not shorter.
 
@@ -184,67 +201,106 @@ def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:
     for key, trajectory in program.motions.items():
         name = program.certificates[key].name
         part = _part_again(task, member, name, trajectory)
-        proof = _proof(part, trajectory)
-        if proof.free and part.passing is not None:
-            q = trajectory.end if name == "approach" else trajectory.start
-            passed = certify(trajectory, passing_at(part.passing, q))
-            proof = proof if passed.free else passed
-        found.append(proof)
+        found.append(prove_part(part, trajectory))
     return tuple(found)
 
 
-def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -> _Part:
+def certify_displaced(task: Task, member: Member, motion: PickMotion, by: float) -> Certificate:
+    """Certify a motion of a pick again, for a part that is displaced by up to ``by`` metres from its stated pose.
+
+    No point of the part is farther than ``by`` from where it is stated: in the scene before the grasp, and in the hand
+    after it. It is assumed to still rest on its support, whose margin is not changed where the two separate. A pick
+    without an object does not state which obstacle is its part; then every obstacle may be displaced.
+    """
+    part = _part_again(task, member, motion.name, motion.trajectory)
+    if task.name is None:
+        return certify(motion.trajectory, part.checker, obstacle_tolerance=by, constraints=part.constraints)
+    wider = _with_wider_margins(part.checker, task.name, by, part.parting)
+    passing = None if part.passing is None else part.passing.padded(by)
+    return prove_part(replace(part, checker=wider, passing=passing), motion.trajectory)
+
+
+def _with_wider_margins(checker: CollisionChecker, name: str, by: float, kept: Pairs) -> CollisionChecker:
+    """The checker with margins that are larger by ``by`` metres for all pairs of the named body, except those kept."""
+    margins = {}
+    for pair, (i, j) in enumerate(checker.pairs):
+        owners = checker.bodies[i].owner, checker.bodies[j].owner
+        wider = name in owners and not any(set(owners) == set(each) for each in kept)
+        margins[owners] = float(checker.margins[pair]) + (by if wider else 0.0)
+    return checker.with_margin(checker.margin, margins)
+
+
+def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
     """The part of a motion, with the checker and the conditions under which it is certified."""
     one = task.name is None
-    if name not in (("pick",) if one else ("transit", "approach", "retreat", "transfer", "place", "leave")):
+    parts = ("pick", "transit", "approach", "retreat") if one else PARTS
+    if name not in parts:
         what = "without an object" if one else f"with object {task.name!r}"
         raise InputError(f"the program has a motion {name!r}, which does not exist in a pick {what}")
-    if name in ("pick", "transit"):
-        return _Part(name, (), task.outside)
+    if one or name == "transit":
+        return MotionPart(name, (), task.outside)
     if name == "approach":
-        return _Part(name, (), task.at_grasp, passing=task.passing)
+        return MotionPart(name, (), task.at_grasp, passing=task.passing)
     if name == "leave":
-        return _Part(name, (), task.letting_go(member), passing=task.passing_off(member))
+        return MotionPart(name, (), task.letting_go(member), passing=task.passing_off(member))
     carrying, kept = task.carrying(member), task.constraints(member)
     if name == "retreat":
         parting = task.supports(carrying, trajectory.start, task.pick.support)
-        return _Part(name, (), carrying, parting, constraints=kept)
+        return MotionPart(name, (), carrying, parting, constraints=kept)
     if name == "place":
         stated = None if task.place is None else task.place.support
         parting = task.supports(carrying, trajectory.end, stated)
-        return _Part(name, (), carrying, parting, backwards=True, constraints=kept)
-    return _Part(name, (), carrying, constraints=kept)
+        return MotionPart(name, (), carrying, parting, backwards=True, constraints=kept)
+    return MotionPart(name, (), carrying, constraints=kept)
 
 
-def _parts(task: Task, attempt: Attempt, path: JointPath, placing: Placing | None) -> list[_Part]:
+def motion_parts(
+    task: Task, attempt: Attempt, path: JointPath, placing: Placing | None, *, separate: bool = False
+) -> list[MotionPart]:
+    """The parts of a complete motion.
+
+    If ``separate``, the transit, the approach and the retreat of a pick without an object are three parts, with rests
+    between them, instead of one.
+    """
     line_in, line_out = attempt.line_in(), attempt.line_out()
     into = () if line_in is None else (line_in.reversed(),)
     out = () if line_out is None else (line_out,)
+    if task.name is None and separate:
+        own = [("transit", (path,)), ("approach", into), ("retreat", out)]
+        return [MotionPart(name, curves, task.outside) for name, curves in own if curves]
     if task.name is None:  # without an object one proof covers the complete motion
         lines = ("transit", *("approach" for _ in into), *("retreat" for _ in out))
-        return [_Part("pick", (path, *into, *out), task.outside, lines=lines)]
+        return [MotionPart("pick", (path, *into, *out), task.outside, lines=lines)]
     member = attempt.candidate.member
     carrying, kept = task.carrying(member), task.constraints(member)
-    parts = [_Part("transit", (path,), task.outside)]
-    parts += [_Part("approach", into, task.at_grasp, passing=task.passing)] if into else []
-    parts += [_Part("retreat", out, carrying, attempt.parting, constraints=kept)] if out else []
+    parts = [MotionPart("transit", (path,), task.outside)]
+    parts += [MotionPart("approach", into, task.at_grasp, passing=task.passing)] if into else []
+    parts += [MotionPart("retreat", out, carrying, attempt.parting, constraints=kept)] if out else []
     if placing is None:
         return parts
-    parts.append(_Part("transfer", (placing.transfer,), carrying, constraints=kept))
+    parts.append(MotionPart("transfer", (placing.transfer,), carrying, constraints=kept))
     if placing.lift is not None:
         lowering = (placing.lift.reversed(),)
-        parts.append(_Part("place", lowering, carrying, placing.parting, backwards=True, constraints=kept))
+        parts.append(MotionPart("place", lowering, carrying, placing.parting, backwards=True, constraints=kept))
     if placing.leave is not None:
-        parts.append(_Part("leave", (placing.leave,), task.letting_go(member), passing=task.passing_off(member)))
+        parts.append(MotionPart("leave", (placing.leave,), task.letting_go(member), passing=task.passing_off(member)))
     return parts
 
 
-def _proof(part: _Part, trajectory: Trajectory) -> Certificate:
+def prove_part(part: MotionPart, trajectory: Trajectory) -> Certificate:
+    """The certificate of a timed part; of several conditions, that of the first that is not proven."""
     if not part.backwards or not part.parting:
-        return certify(trajectory, part.checker, parting=part.parting, constraints=part.constraints)
-    proof = certify(_backwards(trajectory), part.checker, parting=part.parting, constraints=part.constraints)
-    # both directions have the same configurations, so the proof applies to both
-    return replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
+        proof = certify(trajectory, part.checker, parting=part.parting, constraints=part.constraints)
+    else:
+        proof = certify(_backwards(trajectory), part.checker, parting=part.parting, constraints=part.constraints)
+        # both directions have the same configurations, so the proof applies to both
+        proof = replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
+    if proof.free and part.passing is not None:
+        q = trajectory.end if part.name == "approach" else trajectory.start
+        passed = certify(trajectory, passing_at(part.passing, q))
+        if not passed.free:
+            return replace(passed, message=f"the open fingers collide with the object: {passed.message}")
+    return proof
 
 
 def _backwards(trajectory: Trajectory) -> Trajectory:

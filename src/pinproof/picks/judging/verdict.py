@@ -48,8 +48,9 @@ class PickStatus(Enum):
     """The pick has certified, timed motions."""
     IMPOSSIBLE = "impossible"
     """Every configuration of every grasp is refuted: all were enumerated in closed form, or the grasp is proven to be
-    out of reach (also of redundant arms), or what is at the tcp penetrates an obstacle, or no grasp holds the part. The
-    last two do not depend on the configuration."""
+    out of reach or every configuration to be in collision (also of redundant arms), or what is at the tcp penetrates an
+    obstacle, or no grasp holds the part. The last two do not depend on the configuration. The same may hold for a pose
+    on a straight line or for the release."""
     NOT_FOUND = "not found"
     """No solution was found within the budget; one may exist."""
     UNREADABLE = "unreadable"

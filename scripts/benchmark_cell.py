@@ -1,0 +1,333 @@
+#!/usr/bin/env python3
+"""Benchmark of base placement: searches on cells of the package and random variants, and exhaustive grids.
+
+python scripts/benchmark_cell.py                          all cells; prints the table
+python scripts/benchmark_cell.py bolts --workers 2        one cell
+python scripts/benchmark_cell.py --exhaustive             also judges every placement of small grids; takes long
+python scripts/benchmark_cell.py --docs                   rewrites docs/benchmarks/cell.*
+python scripts/benchmark_cell.py --render                 rewrites the page from cell.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any, ClassVar
+
+import numpy as np
+
+import pinproof as pp
+from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
+from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base, without_parts
+from pinproof.cell.placed_robot import PlacedRobot
+from pinproof.cell.placement_result import total_time
+from pinproof.description import robots_folder
+from pinproof.picks import PickBudget, PickWeights
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
+
+QUANTILES = 7
+"""Number of feasible placements, at equal steps of the estimated cycle time, whose picks are judged for the median."""
+
+FASTEST = PickWeights(clearance=0.0, limit_margin=0.0, manipulability=0.0, duration=1.0)
+JUDGING = PickBudget(remedies=0)
+
+
+LARGE = PlacementBudget(grid=10_000, runs=6, evaluations=200, certified=4)
+
+
+@dataclass(frozen=True)
+class BenchmarkCell:
+    """A cell whose robot is placed."""
+
+    arm: pp.Arm
+    scene: pp.Scene
+    picks: pp.Picks
+    region: PlacementRegion
+    moves_with_base: tuple[str, ...] = ()
+    budget: PlacementBudget = LARGE
+
+
+def bolts(count: tuple[int, int] = (20, 10), seed: int | None = None) -> BenchmarkCell:
+    """Bolts in a bin on a table and a UR5 on a pedestal; with a seed, at random positions."""
+    shared = pp.read_picks(robots_folder() / "ur5" / "picks.yaml")
+    x, y = np.meshgrid(0.35 + 0.4 * np.arange(count[0]) / count[0], -0.135 + 0.3 * np.arange(count[1]) / count[1])
+    places = np.column_stack([x.ravel(), y.ravel()])
+    generator = np.random.default_rng(seed)
+    if seed is not None:
+        places = generator.uniform([0.33, -0.15], [0.77, 0.15], (len(places), 2))
+    picks = [pp.Pick(f"bolt_{k}", pp.pose(xyz=(*at, 0.035), rpy=(np.pi, 0, 0))) for k, at in enumerate(places.tolist())]
+    heads = [
+        pp.Obstacle(pick.name, pp.Cylinder(0.008, 0.04), pp.pose(xyz=(*pick.pose.translation[:2], 0.01)))
+        for pick in picks
+    ]
+    height = 0.12 if seed is None else float(generator.uniform(0.05, 0.2))
+    sides = {"near": (0.29, 0.0, 0.01, 0.42), "far": (0.81, 0.0, 0.01, 0.42), "right": (0.55, -0.21, 0.53, 0.01),
+             "left": (0.55, 0.21, 0.53, 0.01)}  # fmt: skip
+    walls = [
+        pp.Obstacle(name, pp.Box(dx, dy, height), pp.pose(xyz=(at, to, height / 2 - 0.009)))
+        for name, (at, to, dx, dy) in sides.items()
+    ]
+    table = pp.Obstacle("table", pp.Box(1.2, 1.0, 0.04), pp.pose(xyz=(0.55, 0, -0.03)))
+    pedestal = pp.Obstacle("pedestal", pp.Box(0.2, 0.2, 0.5), pp.pose(xyz=(0, 0, -0.26)))
+    return BenchmarkCell(
+        shared.load_arm(),
+        pp.Scene([table, *walls, *heads, pedestal]),
+        replace(shared, picks=tuple(picks)),
+        PlacementRegion(x=(-0.6, 1.7), y=(-1.1, 1.1), z=(-0.1, 0.5), yaw=(-np.pi, np.pi)),
+        ("pedestal",),
+    )
+
+
+def panda_bin() -> BenchmarkCell:
+    """The picks of the Panda bin that work at its present placement; the Panda has seven joints."""
+    folder = robots_folder() / "panda"
+    picks = pp.read_picks(folder / "bin_picks.yaml")
+    names = ("standing", "round", "leaning", "lying")
+    return BenchmarkCell(
+        picks.load_arm(),
+        pp.Scene.load(folder / "bin_scene.yaml"),
+        replace(picks, picks=tuple(pick for pick in picks if pick.name in names)),
+        PlacementRegion(x=(-0.3, 0.2), y=(-0.4, 0.4), yaw=(-1.0, 1.0)),
+        budget=PlacementBudget(grid=1000, runs=4, evaluations=60, certified=4, proofs=100),
+    )
+
+
+def pallets(every: int = 1) -> BenchmarkCell:
+    """The palletising cell: boxes from two supplies onto two pallets, each judged without the other boxes."""
+    picks = pp.read_picks(robots_folder() / "ur10" / "pallet_picks.yaml")
+    arm, scene = picks.load_arm(), pp.Scene.load(robots_folder() / "ur10" / "pallet_scene.yaml")
+    alone, picks = without_parts(arm, scene, replace(picks, picks=picks.picks[::every]))
+    boxes = [name for name in alone.names if "deck" not in name and name != "floor"]
+    return BenchmarkCell(
+        arm,
+        alone.remove(*boxes),
+        picks,
+        PlacementRegion(x=(-0.6, 0.8), y=(-0.6, 0.6), z=(0.0, 0.5), yaw=(-np.pi, np.pi)),
+        budget=PlacementBudget(grid=4000, runs=3, evaluations=80, certified=2),
+    )
+
+
+CELLS: Mapping[str, Callable[[], BenchmarkCell]] = {
+    "bolts": bolts,
+    "bolts, random 1": lambda: bolts(seed=1),
+    "bolts, random 2": lambda: bolts(seed=2),
+    "panda bin": panda_bin,
+    "pallets": pallets,
+    "pallets, every 4th": lambda: pallets(4),
+}
+
+SMALL = {"small bolts": lambda: bolts((5, 4)), "small bolts, random 1": lambda: bolts((5, 4), seed=1)}
+"""Cells for which every placement of a grid is judged."""
+
+SMALL_GRID = (15, 15, 4, 6)
+"""Numbers of cells of that grid along x, y, z and yaw."""
+
+
+@dataclass(frozen=True)
+class PlacementRow:
+    """A search: the work and the time (s), and the cycle times (s) of its result and of the median placement."""
+
+    cell: str
+    picks: int
+    screened: int
+    workers: int
+    seconds: float
+    cpu_seconds: float
+    good: int
+    best: float | None
+    median: float | None
+    covered: float
+
+
+@dataclass(frozen=True)
+class ExhaustiveRow:
+    """An exhaustive grid: its placements, those that were judged, those where all picks are good, and times (s)."""
+
+    cell: str
+    picks: int
+    grid: int
+    judged: int
+    feasible: int
+    cpu_seconds: float
+    grid_best: float
+    grid_median: float
+    search_best: float
+    search_cpu_seconds: float
+
+
+@dataclass(frozen=True)
+class CellTable(BenchmarkTable):
+    """The results of all searches."""
+
+    placements: tuple[PlacementRow, ...] = ()
+    exhaustive: tuple[ExhaustiveRow, ...] = ()
+
+    topic: ClassVar[str] = "cells"
+    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {"placements": PlacementRow, "exhaustive": ExhaustiveRow}
+
+
+def cpu_seconds() -> float:
+    """Processor time (s) of this process and its finished children."""
+    return sum(
+        usage.ru_utime + usage.ru_stime
+        for usage in (resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN))
+    )
+
+
+def search(cell: BenchmarkCell, workers: int | None) -> tuple[PlacementResult, float, float]:
+    """The result of a search, its duration and its processor time (s)."""
+    start, before = perf_counter(), cpu_seconds()
+    found = place_base(
+        cell.arm, cell.scene, cell.picks, cell.region, moves_with_base=cell.moves_with_base,
+        placement_budget=cell.budget, workers=workers,
+    )  # fmt: skip
+    return found, perf_counter() - start, cpu_seconds() - before
+
+
+def judged(cell: BenchmarkCell, placed: PlacedRobot, values: np.ndarray) -> float:
+    """The certified cycle time (s) at a placement; NaN unless every pick is good."""
+    report = pp.validate_picks(placed.arm_at(values), placed.scene, cell.picks, weights=FASTEST, budget=JUDGING)
+    return total_time(report) if report.ok else np.nan
+
+
+def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow:
+    """One search, with the certified median over feasible placements of its grid."""
+    found, seconds, cpu = search(cell, workers)
+    times: list[float] = []
+    if found.map is not None and found.best is not None:
+        rows = np.flatnonzero(found.map.feasible)
+        rows = rows[np.argsort(found.map.seconds[rows], kind="stable")]
+        chosen = rows[((np.arange(QUANTILES) + 0.5) / QUANTILES * len(rows)).astype(int)]
+        times = [judged(cell, found.best.placed, found.map.placements[k]) for k in chosen]
+    good = len(found.least_failing.report.good) if found.least_failing is not None else 0
+    return PlacementRow(
+        name,
+        len(cell.picks),
+        found.evaluations,
+        workers or 1,
+        seconds,
+        cpu,
+        good,
+        None if found.best is None else found.best.cycle_time,
+        float(np.nanmedian(times)) if np.isfinite(times).any() else None,
+        found.covered,
+    )
+
+
+def exhaustive(name: str, cell: BenchmarkCell) -> ExhaustiveRow:
+    """Judge every placement of a grid at which the base and all grasps are free, and search for the best placement."""
+    before = cpu_seconds()
+    placed = PlacedRobot.make(cell.arm, cell.scene, np.eye(4), cell.moves_with_base)
+    grid = np.stack(np.meshgrid(*cell.region.cells(SMALL_GRID), indexing="ij"), axis=-1).reshape(-1, 4)
+    free = placed.checker(cell.picks).is_free_batch(np.hstack([grid, np.tile(cell.arm.home, (len(grid), 1))]))
+    times = []
+    for values in grid[free]:
+        screened = pp.screen_picks(placed.arm_at(values), placed.scene, cell.picks)
+        if screened.free.all():  # with every configuration enumerated, a grasp that is not free excludes the placement
+            times.append(judged(cell, placed, values))
+    cpu = cpu_seconds() - before
+    found, _, search_cpu = search(cell, None)
+    return ExhaustiveRow(
+        name, len(cell.picks), len(grid), len(times), int(np.isfinite(times).sum()), cpu, float(np.nanmin(times)),
+        float(np.nanmedian(times)), np.nan if found.best is None else found.best.cycle_time, search_cpu,
+    )  # fmt: skip
+
+
+def markdown(table: CellTable) -> str:
+    """The page."""
+    lines = ["# Cell benchmark", "", *wrapped(provenance_text(table), "Times are in seconds."), ""]
+    lines += ["## Base placement", ""]
+    text = (
+        "Searches over x, y, z and yaw of the base. Screened: placements at which all picks are screened. Seconds: of "
+        "the complete search with its proofs, including the start of the workers, on a machine with the load stated "
+        "above; CPU: the processor time of all processes. Good: picks that are certified at the best placement. Best: "
+        "the certified cycle time there, and how far it is below the median, which is that of "
+        f"{QUANTILES} placements of the grid at which all picks work, at equal steps of their rank, with all picks "
+        "judged. Empty: share of the region that is proven to be out of reach."
+    )
+    cells = [
+        [
+            row.cell,
+            str(row.picks),
+            f"{row.screened:,}",
+            str(row.workers),
+            f"{row.seconds:.0f}",
+            f"{row.cpu_seconds:.0f}",
+            str(row.good),
+            _number(row.best),
+            _number(row.median),
+            "" if row.best is None or row.median is None else f"{1 - row.best / row.median:.0%}",
+            f"{row.covered:.0%}",
+        ]
+        for row in table.placements
+    ]
+    columns = ("cell", "picks", "screened", "workers", "seconds", "CPU", "good", "best", "median", "below", "empty")
+    if cells:
+        lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
+    if table.exhaustive:
+        text = (
+            "Exhaustive grids: every placement of the grid at which the base and all grasps are free is judged with "
+            "all picks. The search is that of the table above, on the same region and without knowledge of this grid."
+        )
+        cells = [
+            [
+                row.cell,
+                str(row.picks),
+                f"{row.grid:,}",
+                str(row.judged),
+                str(row.feasible),
+                f"{row.cpu_seconds:.0f}",
+                _number(row.grid_best),
+                _number(row.grid_median),
+                _number(row.search_best),
+                f"{row.search_best / row.grid_best - 1:+.1%}",
+                f"{row.search_cpu_seconds:.0f}",
+            ]
+            for row in table.exhaustive
+        ]
+        columns = (
+            "cell", "picks", "grid", "judged", "all good", "CPU", "grid best", "grid median", "search best",
+            "difference", "CPU of search",
+        )  # fmt: skip
+        lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("cells", nargs="*", metavar="CELL", help=f"any of: {', '.join((*CELLS, *SMALL))}")
+    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument("--exhaustive", action="store_true", help="also judge every placement of small grids")
+    parser.add_argument("--docs", action="store_true", help="rewrite docs/benchmarks/cell.json and cell.md")
+    parser.add_argument("--render", action="store_true", help="rewrite the page from cell.json")
+    stated = parser.parse_args(arguments)
+    if stated.render:
+        table = CellTable.load(FOLDER / "cell.json")
+        table.write(FOLDER, "cell", markdown(table))
+        return
+    if unknown := [name for name in stated.cells if name not in (*CELLS, *SMALL)]:
+        parser.error(f"unknown cell {unknown[0]!r}; valid: {', '.join((*CELLS, *SMALL))}")
+    chosen = stated.cells or [*CELLS, *(SMALL if stated.exhaustive else ())]
+    origin = provenance(0)
+    rows = [measure(name, CELLS[name](), stated.workers) for name in chosen if name in CELLS]
+    grids = [exhaustive(name, SMALL[name]()) for name in chosen if name in SMALL]
+    table = CellTable({"workers": stated.workers}, origin, tuple(rows), tuple(grids))
+    if stated.docs:
+        table.write(FOLDER, "cell", markdown(table))
+    sys.stdout.write(markdown(table))
+
+
+if __name__ == "__main__":
+    main()

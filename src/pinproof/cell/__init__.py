@@ -1,0 +1,63 @@
+"""Robot cells: where the robot is placed, in which order parts are picked, and how long the cycle takes.
+
+:func:`pinproof.place_base` searches for the placement of the base at which all picks work, with the shortest cycle
+time.
+:func:`pinproof.sequence` orders picks and places so that the certified motions take the shortest total time.
+"""
+
+from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
+from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
+from pinproof.cell.parts import without_parts
+from pinproof.cell.placement import PlacementBudget, PlacementInterrupted, place_base
+from pinproof.cell.placement_region import Placement, PlacementChoice, PlacementRegion
+from pinproof.cell.placement_result import (
+    CertifiedPlacement,
+    EmptyCell,
+    PlacementMap,
+    PlacementResult,
+    PlacementSensitivity,
+)
+from pinproof.cell.placement_tasks import OBJECTIVES
+from pinproof.cell.precedence import Precedence
+from pinproof.cell.sequence_page import write_sequence_page
+from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
+from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
+from pinproof.cell.sequencing import SequenceInterrupted, sequence
+from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
+
+__all__ = [
+    "OBJECTIVES",
+    "SEQUENCE_SUFFIXES",
+    "CellComparison",
+    "CertifiedPlacement",
+    "CycleTime",
+    "EmptyCell",
+    "LeftOut",
+    "Phase",
+    "PickChange",
+    "PickDifference",
+    "PickTime",
+    "PickTolerance",
+    "Placement",
+    "PlacementBudget",
+    "PlacementChoice",
+    "PlacementInterrupted",
+    "PlacementMap",
+    "PlacementRegion",
+    "PlacementResult",
+    "PlacementSensitivity",
+    "Precedence",
+    "SequenceInterrupted",
+    "SequenceResult",
+    "SequenceStep",
+    "ToleranceStudy",
+    "compare",
+    "cycle_time",
+    "place_base",
+    "save_sequence",
+    "sequence",
+    "sequence_dict",
+    "tolerance_study",
+    "without_parts",
+    "write_sequence_page",
+]

@@ -1,0 +1,252 @@
+"""Comparison of two set-ups of a cell pick by pick: won, lost, faster, slower."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from pinproof.cell.placement_keys import COMPARISON_SCHEMA
+from pinproof.cell.placement_result import total_time
+from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.files import unknown_suffix, write_text_whole
+from pinproof.common.validation import require_positive
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.picks.report.report import PickReport
+
+__all__ = ["CellComparison", "PickChange", "PickDifference", "compare"]
+
+SUFFIXES = (".json", ".csv", ".md")
+
+
+class PickChange(Enum):
+    """How the verdict on a pick changes."""
+
+    WON = "won"
+    """The pick is good only after the change."""
+    LOST = "lost"
+    """The pick is good only before the change."""
+    FASTER = "faster"
+    """The pick takes less time after the change."""
+    SLOWER = "slower"
+    """The pick takes more time after the change."""
+    SAME = "same"
+    """The pick takes the same time, up to the smallest difference that counts."""
+    FAILING = "failing"
+    """The pick is good neither before nor after the change."""
+
+
+@dataclass(frozen=True, eq=False)
+class PickDifference:
+    """The verdicts on one pick before and after a change."""
+
+    change: PickChange
+    before: PickVerdict
+    after: PickVerdict
+
+    @property
+    def name(self) -> str:
+        """The name of the pick."""
+        return self.before.pick.name
+
+    @property
+    def seconds(self) -> tuple[float | None, float | None]:
+        """The times (s) before and after; None where the pick is not good."""
+        return _seconds(self.before), _seconds(self.after)
+
+    @property
+    def gained(self) -> float | None:
+        """Seconds by which the pick is faster; None unless it is good before and after."""
+        before, after = self.seconds
+        return None if before is None or after is None else before - after
+
+    @property
+    def reason(self) -> str:
+        """Why the pick fails, if it does after the change, otherwise if it did before."""
+        return self.after.reason if not self.after.ok else "" if self.before.ok else self.before.reason
+
+
+def _seconds(verdict: PickVerdict) -> float | None:
+    return None if verdict.trajectory is None else verdict.trajectory.duration
+
+
+@dataclass(frozen=True, eq=False)
+class CellComparison:
+    """The differences between two reports on the same picks.
+
+    Parameters
+    ----------
+    before, after
+        The reports.
+    differences
+        One for each pick, in the order of the first report.
+    least
+        Seconds: the smallest difference that counts as faster or slower.
+    """
+
+    before: PickReport
+    after: PickReport
+    differences: tuple[PickDifference, ...]
+    least: float
+
+    def of(self, change: PickChange) -> tuple[PickDifference, ...]:
+        """The picks with one kind of change."""
+        return tuple(each for each in self.differences if each.change is change)
+
+    @property
+    def seconds(self) -> tuple[float, float]:
+        """The sums of the times (s) before and after, over the picks that are good in both."""
+        both = [each for each in self.differences if each.gained is not None]
+        return sum(each.seconds[0] or 0.0 for each in both), sum(each.seconds[1] or 0.0 for each in both)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no pick is lost."""
+        return not self.of(PickChange.LOST)
+
+    @property
+    def summary(self) -> str:
+        """The number of picks with each change, and the change of the time."""
+        counts = ", ".join(f"{len(found)} {change.value}" for change in PickChange if (found := self.of(change)))
+        before, after = self.seconds
+        share = f" ({(after - before) / before:+.1%})" if before else ""
+        both = sum(each.gained is not None for each in self.differences)
+        return f"{counts}; {both} good in both take {before:.3f} s before and {after:.3f} s after{share}"
+
+    def __repr__(self) -> str:
+        rows = (f"{each.name}: {each.change.value}" for each in self.differences)
+        return outline(f"CellComparison({self.summary})", rows, total=len(self.differences))
+
+    def _repr_html_(self) -> str:
+        return html_block(self.summary, html_table(_COLUMNS, self._rows(), total=len(self.differences)))
+
+    def _rows(self) -> list[tuple[object, ...]]:
+        return [
+            (each.name, each.change.value, *("" if s is None else f"{s:.3f}" for s in each.seconds), each.reason)
+            for each in self.differences
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The comparison as plain values for JSON."""
+        rows = [
+            {
+                "name": each.name,
+                "change": each.change.value,
+                "before": _verdict(each.before),
+                "after": _verdict(each.after),
+            }
+            for each in self.differences
+        ]
+        before, after = self.seconds
+        return {
+            "schema": COMPARISON_SCHEMA,
+            "ok": self.ok,
+            "summary": self.summary,
+            "counts": {change.value: len(self.of(change)) for change in PickChange},
+            "seconds_before": before,
+            "seconds_after": after,
+            "cycle_time_before": total_time(self.before),
+            "cycle_time_after": total_time(self.after),
+            "picks": rows,
+        }
+
+    def to_csv(self) -> str:
+        """One row for each pick."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(
+            ("name", "change", "seconds_before", "seconds_after", "verdict_before", "verdict_after", "reason")
+        )
+        for each in self.differences:
+            seconds = ("" if s is None else f"{s:.9g}" for s in each.seconds)
+            verdicts = each.before.status.value, each.after.status.value
+            writer.writerow((each.name, each.change.value, *seconds, *verdicts, each.reason))
+        return out.getvalue()
+
+    def to_markdown(self) -> str:
+        """The summary and a table of the picks."""
+        lines = [self.summary, "", f"| {' | '.join(_COLUMNS)} |", f"|{'---|' * len(_COLUMNS)}"]
+        lines += [f"| {' | '.join(str(cell).replace('|', ' ') for cell in row)} |" for row in self._rows()]
+        return "\n".join(lines) + "\n"
+
+    def save(self, path: str | Path) -> None:
+        """Write the comparison as ``.json``, ``.csv`` or ``.md``, completely or not at all.
+
+        Raises
+        ------
+        InputError
+            For another suffix.
+        FileError
+            If the file cannot be written.
+        """
+        kind = Path(path).suffix.lower()
+        if kind not in SUFFIXES:
+            raise InputError(f"{path}: {unknown_suffix(Path(path), SUFFIXES)}")
+        if kind == ".json":
+            write_text_whole(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        else:
+            write_text_whole(path, self.to_csv() if kind == ".csv" else self.to_markdown())
+
+
+_COLUMNS = ("pick", "change", "before [s]", "after [s]", "reason")
+
+
+def _verdict(verdict: PickVerdict) -> dict[str, Any]:
+    return {
+        "verdict": verdict.status.value,
+        "failed_at": None if verdict.failed is None else verdict.failed.value,
+        "duration": _seconds(verdict),
+        "reason": verdict.reason,
+    }
+
+
+def compare(before: PickReport, after: PickReport, *, least: float = 0.01) -> CellComparison:
+    """Compare the reports on the same picks in two set-ups, such as two placements, tools, scenes or robots.
+
+    Parameters
+    ----------
+    before, after
+        Reports of :func:`pinproof.validate_picks`, or of a placement (:attr:`CertifiedPlacement.report`).
+    least
+        Seconds: the smallest difference that counts as faster or slower.
+
+    Raises
+    ------
+    InputError
+        If a report is incomplete.
+    UnknownNameError
+        If one report has a pick that the other does not have.
+    """
+    require_positive("least", least, zero=True)
+    for when, report in (("before", before), ("after", after)):
+        if report.not_judged:
+            raise InputError(f"the report {when} was interrupted: {report.not_judged} picks have no verdict")
+    found = {verdict.pick.name: verdict for verdict in after.verdicts}
+    mine = {verdict.pick.name for verdict in before.verdicts}
+    for verdict in before.verdicts:
+        if verdict.pick.name not in found:
+            raise UnknownNameError("pick", verdict.pick.name, found, "the report after the change")
+    for name in found:
+        if name not in mine:
+            raise UnknownNameError("pick", name, mine, "the report before the change")
+    differences = tuple(
+        PickDifference(_change(verdict, found[verdict.pick.name], least), verdict, found[verdict.pick.name])
+        for verdict in before.verdicts
+    )
+    return CellComparison(before, after, differences, least)
+
+
+def _change(before: PickVerdict, after: PickVerdict, least: float) -> PickChange:
+    if before.trajectory is None or after.trajectory is None:
+        if before.ok is after.ok:
+            return PickChange.FAILING
+        return PickChange.WON if after.ok else PickChange.LOST
+    gained = before.trajectory.duration - after.trajectory.duration
+    if abs(gained) < least:
+        return PickChange.SAME
+    return PickChange.FASTER if gained > 0 else PickChange.SLOWER

@@ -1,0 +1,215 @@
+r"""Proofs that a cell of placements has no placement at which a pick is in reach.
+
+Let a cell of placements have the centre c with the yaw :math:`\psi`, the half diagonal r of its positions, and the half
+width w of its yaw. Moving the base from the centre to any placement of the cell moves the target of the tcp, seen from
+the base, by at most
+
+.. math:: r + 2 \sin(w / 2) \, \rho
+
+where :math:`\rho` is the distance of the target from the vertical axis through the centre, and rotates it by at most w.
+:func:`pinproof.prove_unreachable` with these tolerances therefore holds for the cell. If the axis of the first joint is
+the axis of the yaw, as for most arms on a floor, the yaw has the effect of that joint: the proof then uses limits that
+are wider by w instead.
+
+The grasps of a family are covered by their samples: a range of rotations by the rotations that are tried, each with
+half a step as tolerance, and a tolerance of the grasp by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell.placement_region import PlacementRegion
+from pinproof.cell.placement_result import EmptyCell
+from pinproof.cell.placement_screening import REACH, PlacementScreening
+from pinproof.ik.reach_proof import is_provable, prove_unreachable
+from pinproof.model import Arm, JointLimits
+from pinproof.picks.batch.proposals import Span
+from pinproof.picks.input.pick import TIP, GraspTolerance, Picks, family
+from pinproof.spatial import matrix, rigid
+
+__all__ = ["EMPTY_BUDGET", "EmptyTask", "empty_cells"]
+
+Array = npt.NDArray[np.float64]
+
+EMPTY_BUDGET = 400
+"""Boxes of joint values for each grasp; most cells that are out of reach need fewer than 64."""
+
+PICKS_TRIED = 4
+"""Number of picks that are tried for one cell: those that are out of reach at its centre, the farthest first."""
+
+SAME_AXIS = 1e-9
+"""Metres, and sine of an angle: two axes that differ by less are considered equal."""
+
+Item = tuple[int, Array, Array, tuple[int, ...]]
+"""The choice, the lower and upper ends (4,) of the cell, and the picks that are out of reach at its centre."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """``cell_from_tcp`` (4, 4) of one grasp, and by how much grasps between the samples differ from it (m, rad)."""
+
+    pose: Array
+    position: float
+    rotation: float
+
+
+@dataclass(frozen=True, eq=False)
+class EmptyTask:
+    """Tries to prove that cells are empty; a row is the pick that is out of reach, or None."""
+
+    screenings: tuple[PlacementScreening, ...]
+    region: PlacementRegion
+    budget: int
+
+    def items(self, axes: tuple[Array, Array, Array, Array], codes: Sequence[str]) -> list[Item]:
+        """The cells of a grid that may be empty: at their centres a pick is out of reach.
+
+        ``codes`` are the screening results of all choices, in the order of the grid. Cells that differ only in yaw are
+        one cell if the yaw has the effect of the first joint.
+        """
+        half = np.array(
+            [
+                (high - low) / (2 * len(a))
+                for low, high, a in zip(self.region.lower, self.region.upper, axes, strict=True)
+            ]
+        )
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
+        turns = len(axes[3])
+        items: list[Item] = []
+        for choice, screening in enumerate(self.screenings):
+            own = codes[choice * len(grid) : (choice + 1) * len(grid)]
+            away = np.array([[int(code) == REACH for code in text] for text in own]).reshape(len(grid), -1)
+            base = screening.base_free(grid)
+            if _yaw_is_first_joint(screening):
+                groups = [range(k, k + turns) for k in range(0, len(grid), turns)]
+            else:
+                groups = [range(k, k + 1) for k in range(len(grid))]
+            for group in groups:
+                rows = list(group)
+                usable = [k for k in rows if base[k]] or rows  # placements with a free base were screened
+                never = away[usable].all(axis=0)
+                if never.any():
+                    lower, upper = grid[rows].min(axis=0) - half, grid[rows].max(axis=0) + half
+                    items.append((choice, lower, upper, tuple(np.flatnonzero(never).tolist())))
+        return items
+
+    def __call__(self, start: int, part: Sequence[Item]) -> list[dict[str, Any]]:
+        """The rows of consecutive cells."""
+        del start
+        rows = []
+        for choice, lower, upper, picks in part:
+            pick, boxes = self._prove(self.screenings[choice], lower, upper, picks)
+            rows.append({"pick": pick, "boxes": boxes})
+        return rows
+
+    def _prove(
+        self, screening: PlacementScreening, lower: Array, upper: Array, picks: Sequence[int]
+    ) -> tuple[int | None, int]:
+        """The pick that is proven to be out of reach in the cell, and the number of boxes of the proof."""
+        centre = 0.5 * (lower + upper)
+        width = 0.5 * float(upper[3] - lower[3])
+        half_diagonal = 0.5 * float(np.linalg.norm(upper[:3] - lower[:3]))
+        base_from_cell = screening.placed.base_from_cell(centre[None])[0]
+        arm = screening.placed.original
+        turns = _yaw_is_first_joint(screening)
+        if turns and width > 0:
+            arm = _with_wider_first_joint(arm, width)
+        span = Span(screening.placed.original)
+        targets = {pick: _targets(screening, pick) for pick in picks}
+        far = sorted(picks, key=lambda pick: -float(np.linalg.norm(targets[pick][0].pose[:3, 3] - centre[:3])))
+        provable = is_provable(arm)
+        for pick in far[:PICKS_TRIED]:
+            boxes = 0
+            for target in targets[pick]:
+                radius = float(np.linalg.norm(target.pose[:2, 3] - centre[:2])) + target.position
+                position = target.position + half_diagonal
+                rotation = target.rotation
+                if not turns:
+                    position += 2.0 * np.sin(min(width, np.pi) / 2.0) * radius
+                    rotation += width
+                at = base_from_cell @ target.pose
+                if span.is_beyond(at, position, rotation):
+                    continue
+                if not provable:
+                    break
+                proof = prove_unreachable(
+                    arm,
+                    at,
+                    position_tolerance=max(position, 1e-6),
+                    orientation_tolerance=max(rotation, 1e-6),
+                    budget=self.budget,
+                    search=False,
+                )
+                if not proof.proven:
+                    break
+                boxes += proof.examined
+            else:
+                return pick, boxes
+        return None, 0
+
+
+def _targets(screening: PlacementScreening, number: int) -> list[_Target]:
+    """Targets that together cover every grasp of a pick."""
+    pick = screening.picks.picks[number]
+    tip = screening.picks.tip.inverse()
+    lever = float(np.linalg.norm(tip.translation))
+    axis = np.array(pick.approach_direction)
+    pose = rigid("pose of a pick", screening.table.nominal[number])
+    if pick.approach_frame != TIP:
+        axis = pose.rotation.T @ axis
+    members = next(family(pick.spin, GraspTolerance(), axis))
+    half_step = 0.0
+    if pick.spin.sampled and len(members) > 1:
+        angles = np.sort(pick.spin.angles)
+        step = float(np.diff(angles).max())
+        around = 2.0 * np.pi - float(
+            angles[-1] - angles[0]
+        )  # the step across a full rotation, if all angles are allowed
+        half_step = 0.5 * (max(step, around) if around < 1.5 * step else step)
+    rotation = half_step + np.sqrt(2.0) * pick.tolerance.tilt
+    position = float(np.linalg.norm(pick.tolerance.position)) + 2.0 * np.sin(min(rotation, np.pi) / 2.0) * lever
+    return [_Target(matrix(pose * each.nominal_from_tip * tip), position, rotation) for each in members]
+
+
+def _yaw_is_first_joint(screening: PlacementScreening) -> bool:
+    """Whether the axis of the first joint is the vertical axis through the origin of the placement."""
+    arm = screening.placed.original
+    if arm.chain.prismatic[0]:
+        return False
+    joint = screening.placed.mounting @ matrix(arm.root_from_base) @ arm.chain.before[0]
+    aligned = np.abs(joint[:2, 2]).max() < SAME_AXIS
+    return bool(aligned and np.abs(joint[:2, 3]).max() < SAME_AXIS)
+
+
+def _with_wider_first_joint(arm: Arm, by: float) -> Arm:
+    limits = arm.limits
+    change = np.zeros(arm.dof)
+    change[0] = by
+    return arm.with_limits(
+        JointLimits(limits.lower - change, limits.upper + change, limits.velocity, limits.acceleration)
+    )
+
+
+def empty_cells(
+    items: Sequence[Item],
+    rows: Sequence[dict[str, Any]],
+    choices: Sequence[str],
+    picks: Picks,
+    region: PlacementRegion,
+) -> tuple[tuple[EmptyCell, ...], float]:
+    """The cells that are proven to be empty, and the share of the region that they cover over all choices."""
+    cells = tuple(
+        EmptyCell(choices[choice], lower, upper, picks.picks[row["pick"]].name, row["boxes"])
+        for (choice, lower, upper, _), row in zip(items, rows, strict=True)
+        if row["pick"] is not None
+    )
+    sides = (region.upper - region.lower)[list(region.free_axes)]
+    whole = float(np.prod(sides)) * len(choices)
+    covered = sum(float(np.prod((cell.upper - cell.lower)[list(region.free_axes)])) for cell in cells)
+    return cells, min(covered / whole, 1.0) if whole > 0 else float(bool(cells))

@@ -1,0 +1,141 @@
+"""The report on a sequence as JSON, as a table for spreadsheets and as Markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pinproof.cell.cycle_time import cycle_time
+from pinproof.cell.sequence_keys import SCHEMA
+from pinproof.cell.sequence_page import write_sequence_page
+from pinproof.cell.sequence_result import PHASES, SequenceResult, SequenceStep
+from pinproof.common.files import unknown_suffix, write_text_whole
+from pinproof.errors import InputError
+
+__all__ = ["SEQUENCE_SUFFIXES", "save_sequence", "sequence_csv", "sequence_dict", "sequence_markdown"]
+
+COLUMNS = ("position", "pick", "start", "duration", *PHASES, "shortest", "clearance_proven", "limited_by")
+"""The columns of the table; times in seconds, the clearance in metres."""
+
+
+def save_sequence(result: SequenceResult, path: str | Path) -> None:
+    """Write a sequence as ``.json``, ``.csv``, ``.md`` or ``.html``.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown.
+    FileError
+        If the file cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".html":
+        write_sequence_page(result, path)
+        return
+    if suffix not in _TEXTS:
+        raise InputError(f"{path}: {unknown_suffix(Path(path), SEQUENCE_SUFFIXES)}")
+    write_text_whole(path, _TEXTS[suffix](result))
+
+
+def sequence_dict(result: SequenceResult) -> dict[str, Any]:
+    """The sequence as plain values for JSON; see the manual page of the format."""
+    times = cycle_time(result)
+    arm = result.setup.checker.arm
+    names = result.precedence.names
+    with_object = {step.pick.carried is not None for step in result.steps}
+    return {
+        "schema": SCHEMA,
+        "robot": arm.robot.name,
+        "summary": result.message,
+        "ok": result.ok,
+        "interrupted": result.interrupted,
+        "acceleration_source": arm.limits.acceleration_source,
+        "notes": list(result.setup.not_covered(with_object)),
+        "duration": result.duration,
+        "moving": result.moving,
+        "lower_bound": _number(result.lower_bound),
+        "gap": _number(result.gap),
+        "file_order": _number(result.file_order),
+        "nearest_neighbour": _number(result.nearest_neighbour),
+        "parts_per_minute": _number(result.parts_per_minute),
+        "clearance_proven": _number(result.clearance),
+        "by_phase": times.by_phase,
+        "closing": times.closing,
+        "steps": [
+            {
+                "name": step.pick.name,
+                "start": step.start,
+                "duration": step.duration,
+                "shortest": time.shortest,
+                "limited_by": time.limited_by,
+                "member": step.verdict.member,
+                "q_grasp": [] if step.verdict.q_grasp is None else step.verdict.q_grasp.tolist(),
+                "phases": _phases(step),
+            }
+            for step, time in zip(result.steps, times.picks, strict=True)
+        ],
+        "left_out": [{"name": each.name, "reason": each.reason} for each in result.left_out],
+        "precedence": [
+            {"before": names[a], "after": names[b], "reason": why} for (a, b), why in result.precedence.reasons.items()
+        ],
+    }
+
+
+def _phases(step: SequenceStep) -> list[dict[str, Any]]:
+    certificates = {motion.name: motion.certificate for motion in step.verdict.motions}
+    rows = []
+    for phase in step.phases:
+        proof = certificates.get(phase.name)
+        rows.append(
+            {
+                "name": phase.name,
+                "start": phase.start,
+                "duration": phase.duration,
+                "clearance_proven": None if proof is None else _number(proof.clearance),
+                "pairs_proven": None if proof is None else proof.pairs,
+            }
+        )
+    return rows
+
+
+def sequence_csv(result: SequenceResult) -> str:
+    """One row for each pick in order, with the columns :data:`COLUMNS`."""
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(COLUMNS)
+    for number, (step, time) in enumerate(zip(result.steps, cycle_time(result).picks, strict=True), start=1):
+        phases = (time.phases.get(name, "") for name in PHASES)
+        clearance = _number(step.verdict.clearance)
+        lines.writerow(
+            (number, time.name, time.start, time.duration, *phases, time.shortest, clearance, time.limited_by)
+        )
+    return text.getvalue()
+
+
+def sequence_markdown(result: SequenceResult) -> str:
+    """The sequence as a table in Markdown."""
+    lines = [f"# Sequence of {result.setup.checker.arm.robot.name}", "", result.message, ""]
+    lines += ["| | pick | start | duration | limited by |", "|--:|---|--:|--:|---|"]
+    for number, time in enumerate(cycle_time(result).picks, start=1):
+        lines.append(f"| {number} | {time.name} | {time.start:.2f} s | {time.duration:.2f} s | {time.limited_by} |")
+    lines += [f"\nleft out: {each.name}: {each.reason}" for each in result.left_out]
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _json(result: SequenceResult) -> str:
+    return json.dumps(sequence_dict(result), indent=2, allow_nan=False) + "\n"
+
+
+_TEXTS: dict[str, Callable[[SequenceResult], str]] = {".json": _json, ".csv": sequence_csv, ".md": sequence_markdown}
+
+SEQUENCE_SUFFIXES = (*_TEXTS, ".html")
+"""The file types of :func:`save_sequence`."""

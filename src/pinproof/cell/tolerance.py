@@ -1,0 +1,396 @@
+r"""How inaccurate the poses of parts may be.
+
+The pose of a part is uncertain: its origin may be off by up to p along each axis, and its rotation by up to an angle
+:math:`\theta`. No point of the part is then farther from where it is stated than
+
+.. math:: \sqrt{3} \, p + 2 \sin(\theta / 2) \, r
+
+where r is the largest distance of a point of the part from its origin. Two questions are answered for each pick.
+
+*The motions are not changed*, because the pose of the part is not measured. The motions are certified again for a part
+that is displaced by this distance, in the scene and later in the hand. This is a proof for all poses within the
+tolerance, and the largest tolerance for which it succeeds is found by bisection.
+
+*The motions are planned again*, because a camera measures the pose. Poses are sampled, and the grasp is screened at
+each. This is a sample, not a proof.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell.placement_keys import TOLERANCE_SCHEMA
+from pinproof.cell.placement_stages import Progress, StageRunner
+from pinproof.collision import Obstacle
+from pinproof.collision.line_surface import LineSurface, outer_points
+from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.files import unknown_suffix, write_text_whole
+from pinproof.common.validation import require_integer, require_positive
+from pinproof.errors import InputError
+from pinproof.picks.batch.screen_picks import screen_picks
+from pinproof.picks.batch.workers import IN_FLIGHT, Workers
+from pinproof.picks.input.pick import Pick
+from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.picks.report.report import PickReport
+from pinproof.spatial import SE3, pose
+
+__all__ = ["Distribution", "PickTolerance", "ToleranceStudy", "tolerance_study"]
+
+Array = npt.NDArray[np.float64]
+
+Distribution = Literal["uniform", "normal"]
+DISTRIBUTIONS = ("uniform", "normal")
+
+SUFFIXES = (".json", ".csv", ".md")
+
+ROUNDS = 7
+"""Bisections of the largest tolerance: to 1/128 of ``largest``."""
+
+WITHIN = 2.0
+"""The stated tolerance is this multiple of the standard deviation of a normal distribution: 95 % of the values."""
+
+
+@dataclass(frozen=True)
+class PickTolerance:
+    """How inaccurate the pose of the part of one pick may be.
+
+    Parameters
+    ----------
+    name
+        The pick.
+    good
+        Whether the pick is good at its stated pose; the other values are 0 if it is not.
+    proven
+        Whether the unchanged motions are certified for the whole tolerance.
+    factor
+        The largest multiple of the tolerance that is certified, up to ``largest``.
+    displacement
+        Metres: the displacement of any point of the part that the tolerance allows.
+    limited_by
+        The part of the motion that cannot be certified beyond ``factor``, and why; empty if nothing does.
+    share
+        Share of the sampled poses at which the grasp is free, if it is planned again.
+    """
+
+    name: str
+    good: bool
+    proven: bool
+    factor: float
+    displacement: float
+    limited_by: str
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class ToleranceStudy:
+    """The tolerances of all picks.
+
+    Parameters
+    ----------
+    position, rotation
+        The tolerance: m along each axis, and rad.
+    distribution, samples
+        How poses were sampled, and how many for each pick.
+    largest
+        The largest multiple of the tolerance that was tried.
+    picks
+        The result of each pick.
+    notes
+        What the study does not cover.
+    """
+
+    position: float
+    rotation: float
+    distribution: str
+    samples: int
+    largest: float
+    picks: tuple[PickTolerance, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def proven_share(self) -> float:
+        """Share of the picks whose unchanged motions are certified for the whole tolerance."""
+        return sum(each.proven for each in self.picks) / max(len(self.picks), 1)
+
+    @property
+    def sampled_share(self) -> float:
+        """Share of the picks whose grasp is free at every sampled pose, if it is planned again."""
+        return sum(each.share == 1.0 for each in self.picks) / max(len(self.picks), 1)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every pick is certified for the whole tolerance."""
+        return bool(self.picks) and all(each.proven for each in self.picks)
+
+    @property
+    def summary(self) -> str:
+        """The shares in one sentence."""
+        proven = sum(each.proven for each in self.picks)
+        sampled = sum(each.share == 1.0 for each in self.picks)
+        return (
+            f"+-{self.position * 1e3:g} mm, +-{np.degrees(self.rotation):g} deg: {proven} of {len(self.picks)} picks "
+            f"certified for the whole tolerance without a change of the motion; the grasps of {sampled} are free at "
+            f"all of {self.samples} sampled poses ({self.distribution}) if they are planned again"
+        )
+
+    def __repr__(self) -> str:
+        rows = (f"{each.name}: {each.factor:.3g} of the tolerance" for each in self.picks)
+        return outline(f"ToleranceStudy({self.summary})", rows, total=len(self.picks))
+
+    def _repr_html_(self) -> str:
+        return html_block(self.summary, html_table(_COLUMNS, self._rows(), total=len(self.picks)))
+
+    def _rows(self) -> list[tuple[object, ...]]:
+        return [
+            (
+                each.name,
+                "proven" if each.proven else "not proven" if each.good else "not good",
+                f"{each.factor * self.position * 1e3:.2f}",
+                f"{np.degrees(each.factor * self.rotation):.2f}",
+                f"{each.share:.0%}",
+                each.limited_by,
+            )
+            for each in self.picks
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The study as plain values for JSON."""
+        rows = [
+            {
+                **vars(each),
+                "share": None if np.isnan(each.share) else each.share,
+                "largest_position": each.factor * self.position,
+                "largest_rotation": each.factor * self.rotation,
+            }
+            for each in self.picks
+        ]
+        head = {name: getattr(self, name) for name in ("position", "rotation", "distribution", "samples", "largest")}
+        return {
+            "schema": TOLERANCE_SCHEMA,
+            "ok": self.ok,
+            "summary": self.summary,
+            **head,
+            "proven_share": self.proven_share,
+            "sampled_share": self.sampled_share,
+            "notes": list(self.notes),
+            "picks": rows,
+        }
+
+    def to_csv(self) -> str:
+        """One row for each pick."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(("name", "good", "proven", "largest_position", "largest_rotation", "share", "limited_by"))
+        for each in self.picks:
+            figures = (each.factor * self.position, each.factor * self.rotation, each.share)
+            cells = (f"{value:.9g}" for value in figures)
+            writer.writerow((each.name, int(each.good), int(each.proven), *cells, each.limited_by))
+        return out.getvalue()
+
+    def to_markdown(self) -> str:
+        """The summary, a table of the picks and the notes."""
+        lines = [self.summary, "", f"| {' | '.join(_COLUMNS)} |", f"|{'---|' * len(_COLUMNS)}"]
+        lines += [f"| {' | '.join(str(cell).replace('|', ' ') for cell in row)} |" for row in self._rows()]
+        return "\n".join([*lines, "", *(f"- not covered: {note}" for note in self.notes)]) + "\n"
+
+    def save(self, path: str | Path) -> None:
+        """Write the study as ``.json``, ``.csv`` or ``.md``, completely or not at all.
+
+        Raises
+        ------
+        InputError
+            For another suffix.
+        FileError
+            If the file cannot be written.
+        """
+        kind = Path(path).suffix.lower()
+        if kind not in SUFFIXES:
+            raise InputError(f"{path}: {unknown_suffix(Path(path), SUFFIXES)}")
+        if kind == ".json":
+            write_text_whole(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        else:
+            write_text_whole(path, self.to_csv() if kind == ".csv" else self.to_markdown())
+
+
+_COLUMNS = ("pick", "whole tolerance", "largest [mm]", "largest [deg]", "free if planned again", "limited by")
+
+
+def tolerance_study(
+    report: PickReport,
+    *,
+    position: float = 0.003,
+    rotation: float = np.radians(2.0),
+    distribution: Distribution = "uniform",
+    samples: int = 20,
+    largest: float = 4.0,
+    part_radius: float = 0.05,
+    rng: int = 0,
+    executor: Workers | None = None,
+    workers: int | None = None,
+    in_flight: int = IN_FLIGHT,
+    progress: Progress | None = None,
+) -> ToleranceStudy:
+    """Determine how inaccurate the poses of parts may be.
+
+    Parameters
+    ----------
+    report
+        The verdicts on the picks, from :func:`pinproof.validate_picks` or a placement.
+    position, rotation
+        The tolerance: m in both directions along each axis, and rad about any axis.
+    distribution
+        Of the sampled poses: ``"uniform"`` within the tolerance, or ``"normal"``, for which the tolerance is two
+        standard deviations.
+    samples
+        Number of sampled poses for each pick.
+    largest
+        The largest multiple of the tolerance that is tried.
+    part_radius
+        Metres: the largest distance of a point of the part from the grasp, for picks that state no object. Every
+        obstacle is then displaced.
+    rng
+        The seed of the samples.
+    executor, workers, in_flight
+        As for :func:`pinproof.validate_picks`.
+    progress
+        Called with the name of the stage, the number of finished picks, and the number of all picks.
+
+    Raises
+    ------
+    InputError
+        If a value is invalid, or the report has no setup.
+    """
+    for name, value in (("position", position), ("rotation", rotation), ("part_radius", part_radius)):
+        require_positive(name, value, zero=True)
+    if rotation > np.pi / 2:
+        raise InputError(f"rotation = {rotation:g} rad is more than pi/2; angles are in radians")
+    if position == rotation == 0.0:
+        raise InputError("position and rotation are both 0; state a tolerance")
+    require_positive("largest", largest)
+    require_integer("samples", samples, 0)
+    require_integer("rng", rng, 0)
+    if distribution not in DISTRIBUTIONS:
+        raise InputError(f"distribution = {distribution!r}; use {' or '.join(DISTRIBUTIONS)}")
+    if report.setup is None:
+        raise InputError("the report has no setup; make it with validate_picks or place_base")
+    task = _ToleranceTask(report.setup, position, rotation, distribution, samples, largest, part_radius, rng)
+    runner = StageRunner({}, executor, workers, in_flight, None, progress)
+    rows = runner.run("tolerance", task, report.verdicts, 4)
+    notes = ["whether the hand holds the displaced part"]
+    if any(verdict.pick.carried is not None for verdict in report.verdicts):
+        notes.append("displaced parts that do not rest on their supports")
+    if any(verdict.pick.carried is None for verdict in report.verdicts):
+        notes.append(
+            f"picks without an object: every obstacle is displaced, as a part with a radius of {part_radius * 1e3:g} mm"
+        )
+    notes.append("if the grasp is planned again, only the grasp is screened, not its approach, retreat and transit")
+    picks = tuple(PickTolerance(**row) for row in rows)
+    return ToleranceStudy(position, float(rotation), distribution, samples, largest, picks, tuple(notes))
+
+
+@dataclass(frozen=True, eq=False)
+class _ToleranceTask:
+    setup: PickSetup
+    position: float
+    rotation: float
+    distribution: str
+    samples: int
+    largest: float
+    part_radius: float
+    rng: int
+
+    def __call__(self, start: int, part: Sequence[PickVerdict]) -> list[dict[str, Any]]:
+        return [self._row(index, verdict) for index, verdict in enumerate(part, start)]
+
+    def _row(self, index: int, verdict: PickVerdict) -> dict[str, Any]:
+        name = verdict.pick.name
+        if not verdict.ok:
+            reason = f"the pick is {verdict.status.value}"
+            return {"name": name, "good": False, "proven": False, "factor": 0.0, "displacement": 0.0,
+                    "limited_by": reason, "share": 0.0}  # fmt: skip
+        radius = self._radius(verdict.pick)
+        proven, why = self._certified(verdict, radius, 1.0)
+        low, high, limited = (1.0, self.largest, "") if proven else (0.0, 1.0, why)
+        if proven and self.largest > 1.0:
+            beyond, why = self._certified(verdict, radius, self.largest)
+            low, limited = (self.largest, "") if beyond else (1.0, why)
+        if limited:
+            for _ in range(ROUNDS):
+                middle = 0.5 * (low + high)
+                found, why = self._certified(verdict, radius, middle)
+                low, high, limited = (middle, high, limited) if found else (low, middle, why)
+        return {
+            "name": name,
+            "good": True,
+            "proven": proven,
+            "factor": low,
+            "displacement": self._displacement(radius, 1.0),
+            "limited_by": limited,
+            "share": self._sampled(index, verdict.pick),
+        }
+
+    def _displacement(self, radius: float, factor: float) -> float:
+        """The largest displacement (m) of a point of the part for a multiple of the tolerance."""
+        angle = min(factor * self.rotation, np.pi)
+        return float(np.sqrt(3.0) * factor * self.position + 2.0 * np.sin(angle / 2.0) * radius)
+
+    def _certified(self, verdict: PickVerdict, radius: float, factor: float) -> tuple[bool, str]:
+        """Whether the unchanged motions are certified for a multiple of the tolerance, and otherwise why not."""
+        proofs = self.setup.certify_displaced(verdict, self._displacement(radius, factor))
+        last = proofs[-1]
+        return last.free, "" if last.free else f"{verdict.motions[len(proofs) - 1].name}: {last.message}"
+
+    def _radius(self, pick: Pick) -> float:
+        """The largest distance (m) of a point of the part from its origin."""
+        carried = pick.carried
+        if carried is None:
+            return self.part_radius
+        obstacle = self.setup.checker.scene[carried] if isinstance(carried, str) else carried
+        surface = LineSurface.of_obstacle(replace(obstacle, pose=None))
+        return float(np.linalg.norm(outer_points(surface), axis=1).max())
+
+    def _sampled(self, index: int, pick: Pick) -> float:
+        """Share of the sampled poses at which the grasp is free."""
+        if not self.samples:
+            return float("nan")
+        generator = np.random.default_rng([self.rng, index])
+        setup, free = self.setup, 0
+        task = Task(pick, setup.cell)
+        pivot = task.pick.pose
+        obstacle: Obstacle | None = None
+        if isinstance(pick.carried, str):
+            obstacle = setup.checker.scene[pick.carried]
+            pivot = obstacle.pose
+        for _ in range(self.samples):
+            moved = pivot * self._displaced(generator) * pivot.inverse()
+            scene = setup.checker.scene
+            if obstacle is not None:
+                scene = scene.move(obstacle.name, moved * obstacle.pose)
+            shown = replace(task.pick, pose=moved * task.pick.pose, place=None)
+            picks = replace(setup.shared, picks=(shown,))
+            free += bool(screen_picks(setup.checker.arm, scene, picks, home=setup.home).free[0])
+        return free / self.samples
+
+    def _displaced(self, generator: np.random.Generator) -> SE3:
+        """A displacement about the origin of the part, in its own axes."""
+        if self.distribution == "uniform":
+            shift = generator.uniform(-self.position, self.position, 3)
+            angle = generator.uniform(-self.rotation, self.rotation)
+        else:
+            shift = generator.normal(0.0, self.position / WITHIN, 3)
+            angle = generator.normal(0.0, self.rotation / WITHIN)
+        axis = generator.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        half = angle / 2.0
+        return pose(xyz=shift.tolist(), quat_xyzw=(*(np.sin(half) * axis), np.cos(half)))

@@ -1,0 +1,225 @@
+"""The certified motions of a sequence, each in the scene of its moment.
+
+The transit to a pick starts where the pick before ended, not at home. A trajectory that was found before is certified
+again in the present scene, and planned anew only if it is not proven free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell.options import Job, PickOption
+from pinproof.collision import Certificate, Scene
+from pinproof.errors import TimingError
+from pinproof.motion import JointPath, Trajectory, time_parametrise
+from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, StageResult
+from pinproof.picks.judging.lines import Attempt, shortened, transit
+from pinproof.picks.judging.motion_limits import torque_limits_of_tool
+from pinproof.picks.judging.place import Placer, Placing, Release
+from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
+from pinproof.picks.judging.verdict import Stage
+from pinproof.planning import make_planner, optimise
+
+__all__ = ["CertifiedMotions", "MotionFailure"]
+
+Array = npt.NDArray[np.float64]
+
+Key = tuple[int, ...]
+"""The option before and the option of a transit, or the option alone of the other parts; -1 is the start or the end."""
+
+START = -1
+
+
+@dataclass(frozen=True, eq=False)
+class MotionFailure:
+    """Why a pick cannot be executed at its position in the sequence.
+
+    Parameters
+    ----------
+    part
+        The part of the motion that failed.
+    reason
+        The message of the planner or of the certificate.
+    bodies
+        The names of the bodies of the first contact, if one was found.
+    """
+
+    part: str
+    reason: str
+    bodies: tuple[str, ...] = ()
+
+
+@dataclass(eq=False)
+class CertifiedMotions:
+    """Plans, times and certifies the motions of a sequence, and keeps the trajectories for other orders.
+
+    Parameters
+    ----------
+    setup
+        The cell before the sequence.
+    """
+
+    setup: PickSetup
+    _known: dict[tuple[Key, str], Trajectory] = field(default_factory=dict)
+
+    def scene_after(self, scene: Scene, job: Job) -> Scene:
+        """The scene after a pick: its part is at its place."""
+        if job.before is not None:
+            scene = scene.remove(job.before.name)
+        return scene if job.after is None else scene.add(job.after)
+
+    def pick(
+        self, scene: Scene, q: Array, job: Job, option: PickOption, previous: int, number: int, index: int
+    ) -> PickVerdict | MotionFailure:
+        """The certified motions of a pick from configuration q (n,) in a scene, or the reason of the failure.
+
+        Parameters
+        ----------
+        scene
+            The scene of the moment.
+        q
+            The end of the motion before.
+        job, option
+            The pick, and the choice for it.
+        previous, number
+            The numbers of the option before and of this one, under which trajectories are kept.
+        index
+            The index of the pick, for its random stream.
+        """
+        setup = self.setup
+        checker = setup.checker.with_scene(scene)
+        cell = Cell(checker, setup.shared, q, setup.weights, setup.budget)
+        task = Task(job.pick, cell)
+        seeds = setup.rng(index).integers(2**31, size=4).tolist()
+        member = option.attempt.candidate.member
+        carrying = task.carrying(member)
+        attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, job.pick.support))
+        release = option.release
+        if release is not None and task.place is not None:
+            release = replace(release, parting=task.supports(carrying, release.q, task.place.support))
+        try:
+            return self._parts(task, attempt, release, seeds, previous, number)
+        except TimingError as error:
+            return MotionFailure("timing", str(error))
+
+    def _parts(
+        self, task: Task, attempt: Attempt, release: Release | None, seeds: list[int], previous: int, number: int
+    ) -> PickVerdict | MotionFailure:
+        arrive = self._again(_transit_part(task), (previous, number))
+        path = None
+        if arrive is None:
+            crossing = transit(task, [attempt], task.cell.budget.nodes, seeds[:2])
+            if crossing.path is None:
+                return MotionFailure("transit", crossing.result.message)
+            path = crossing.path
+        placing, across = None, None
+        if release is not None and task.place is not None:
+            carry = MotionPart(
+                "transfer",
+                (),
+                task.carrying(attempt.candidate.member),
+                constraints=task.constraints(attempt.candidate.member),
+            )
+            across = self._again(carry, (number,))
+            transfer = None
+            if across is None:
+                result, made = Placer(task, seeds[0]).transfer(task.place, attempt, release, seeds[2:], turns=False)
+                if made is None:
+                    return MotionFailure("transfer", result.message)
+                transfer = made.transfer
+            stay = release.entrance
+
+            still = JointPath(np.array([stay]), task.arm.joint_names) if transfer is None else transfer
+            placing = Placing(still, release.lift, release.leave, release.parting, release.clearance)
+
+        way = JointPath(np.array([attempt.entrance]), task.arm.joint_names) if path is None else path
+        motions: list[PickMotion] = []
+        for part in motion_parts(task, attempt, way, placing, separate=True):
+            key = (previous, number) if part.name == "transit" else (number,)
+            known = {"transit": arrive, "transfer": across}.get(part.name) or self._again(part, key)
+            if known is None:
+                _, known, why = time_part(task, part, attempt)
+                if known is None:
+                    return MotionFailure(part.name, why, _first_bodies(prove_part(part, self._timed(part))))
+                self._known[key, part.name] = known.trajectory
+            motions.append(known)
+        return _verdict(task, attempt, motions)
+
+    def _timed(self, part: MotionPart) -> Trajectory:
+
+        return Trajectory.join(*(time_parametrise(curve, part.checker.arm.limits) for curve in part.curves))
+
+    def _again(self, part: MotionPart, key: Key) -> PickMotion | None:
+        """A known trajectory of a part, certified again; None if there is none or it is not proven free."""
+        trajectory = self._known.get((key, part.name))
+        if trajectory is None:
+            return None
+        certificate = prove_part(part, trajectory)
+        if not certificate.free:
+            return None
+        around = part.checker
+        return PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
+
+    def to_end(self, scene: Scene, q: Array, end: Array, previous: int) -> PickMotion | MotionFailure:
+        """The certified transit from q (n,) to the end (n,) of the sequence."""
+        setup = self.setup
+        checker = setup.checker.with_scene(scene)
+        part = MotionPart("transit", (), checker)
+        known = self._again(part, (previous, START))
+        if known is not None:
+            return known
+        torques = torque_limits_of_tool(checker.arm, setup.shared)
+        planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
+        plan = planner.plan(checker, q, end[None], torque_limits=torques, rng=0)
+        if plan.path is None:
+            return MotionFailure("transit", f"to the end: {plan.message}")
+        path, _ = shortened(plan, checker, 0, torques)
+        rates = [] if torques is None else [torques]
+        found = optimise(path, checker, rate_limits=rates, budget=setup.budget.motion)
+        if not found.certificate.free:
+            return MotionFailure("transit", f"to the end: {found.certificate.message}")
+        self._known[(previous, START), "transit"] = found.trajectory
+        return PickMotion(
+            "transit", found.trajectory, found.certificate, checker.attached, checker.scene, checker.arm.held
+        )
+
+
+def _transit_part(task: Task) -> MotionPart:
+    return MotionPart("transit", (), task.outside)
+
+
+def _first_bodies(certificate: Certificate) -> tuple[str, ...]:
+    return () if certificate.first_contact is None else certificate.first_contact.bodies
+
+
+def _verdict(task: Task, attempt: Attempt, motions: list[PickMotion]) -> PickVerdict:
+    """The verdict on a pick with these motions."""
+    until = {"transit": 1, "approach": 1}
+    grasp = [motion.trajectory for motion in motions if motion.name in until]
+    upto = [motion.trajectory for motion in motions if motion.name != "leave"]
+    joined = Trajectory.join(*(motion.trajectory for motion in motions))
+    clearance = min(motion.certificate.clearance for motion in motions)
+    result = StageResult(
+        Stage.TIMING,
+        True,
+        f"collision-free in {len(motions)} motions",
+        {"duration": joined.duration, "clearance": clearance},
+    )
+    return PickVerdict(
+        task.pick,
+        PickStatus.GOOD,
+        (result,),
+        1,
+        attempt.q,
+        joined,
+        Trajectory.join(*grasp).duration,
+        None,
+        tuple(motions),
+        None if task.place is None else Trajectory.join(*upto).duration,
+        member=attempt.candidate.member.words,
+        grip=None if task.name is None else task.grip(attempt.candidate.member),
+    )

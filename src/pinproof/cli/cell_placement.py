@@ -1,0 +1,299 @@
+"""``pinproof cell place``, ``compare`` and ``tolerance``: the placement of the base, and what changes of a cell do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+import pinproof as pp
+from pinproof.cli.console import Interrupted, check_output_files, make_folder, print_json, print_line, progress_status
+from pinproof.cli.options import Json, Seed, numbers
+from pinproof.cli.pick import CellOptions, WorkerOptions, judge_file
+from pinproof.errors import InputError
+from pinproof.units import refuse_degrees, warn_of_millimetres
+
+if TYPE_CHECKING:
+    from pinproof.cell import PlacementBudget, PlacementChoice, PlacementRegion, PlacementResult
+
+__all__ = ["cell_compare", "cell_place", "cell_tolerance"]
+
+SUFFIXES = (".json", ".csv", ".png", ".md")
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """What is searched."""
+
+    region: Annotated[
+        str,
+        typer.Option(
+            help='Placements of the base in metres and radians: "x0 x1 y0 y1", and optionally "z0 z1" and the range of '
+            'the rotation about z, as in "-1 1 -1 1 0 0 -pi pi".'
+        ),
+    ]
+    forbidden: Annotated[
+        Path | None,
+        typer.Option(help="A scene file (YAML) with the zones that the base and what moves with it must not touch."),
+    ] = None
+    moves_with_base: Annotated[
+        list[str] | None,
+        typer.Option(help="An obstacle that moves with the base, such as its pedestal; can be given several times."),
+    ] = None
+    mounting: Annotated[
+        list[str] | None,
+        typer.Option(help="floor, wall or ceiling; several are compared. Default: floor."),
+    ] = None
+    or_robot: Annotated[
+        list[str] | None,
+        typer.Option(help="Another robot to compare, at its default tcp; can be given several times."),
+    ] = None
+    objective: Annotated[
+        str, typer.Option(help="cycle_time, clearance or manipulability; first of all, all picks must work.")
+    ] = "cycle_time"
+
+    def found_region(self) -> PlacementRegion:
+        """The region with its forbidden zones."""
+        ends = numbers(self.region, "--region")
+        if len(ends) not in (4, 6, 8):
+            raise InputError(f'--region needs 4, 6 or 8 numbers, "x0 x1 y0 y1 z0 z1 yaw0 yaw1", not {len(ends)}')
+        warn_of_millimetres("--region", ends[:6])
+        refuse_degrees("--region", ends[6:])
+        ends += [0.0] * (8 - len(ends))
+        x, y, z, yaw = ((ends[k], ends[k + 1]) for k in range(0, 8, 2))
+        zones = () if self.forbidden is None else pp.Scene.load(self.forbidden).obstacles
+        return pp.cell.PlacementRegion(x, y, z, yaw, zones)
+
+    def choices(self, arm: pp.Arm) -> list[PlacementChoice]:
+        """The discrete alternatives; empty if there is only one."""
+        robots: list[tuple[str, pp.Arm | None]] = [(arm.robot.name, None)]
+        robots += [(name, pp.load_robot(name).arm()) for name in self.or_robot or ()]
+        mountings = self.mounting or ["floor"]
+        if len(robots) == 1 and mountings == ["floor"]:
+            return []
+        return [
+            pp.cell.PlacementChoice(", ".join(filter(None, (name, mounting))), arm=other, mounting=mounting)
+            for name, other in robots
+            for mounting in mountings
+        ]
+
+
+@dataclass(frozen=True)
+class EffortOptions:
+    """How much is searched."""
+
+    grid: Annotated[int, typer.Option(help="Number of placements of the grid.", min=1)] = 2000
+    runs: Annotated[int, typer.Option(help="Number of placements that are refined.", min=0)] = 4
+    evaluations: Annotated[int, typer.Option(help="Placements screened in each refinement.", min=0)] = 160
+    certified: Annotated[int, typer.Option(help="Number of placements whose picks are all judged.", min=1)] = 3
+    no_proofs: Annotated[bool, typer.Option("--no-proofs", help="Do not prove that parts of the region are empty.")] = (
+        False
+    )
+
+    def budget(self) -> PlacementBudget:
+        """The options as a budget."""
+        numbers_of = {name: getattr(self, name) for name in ("grid", "runs", "evaluations", "certified")}
+        return pp.cell.PlacementBudget(**numbers_of, **({"proofs": 0} if self.no_proofs else {}))
+
+
+def cell_place(
+    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    *,
+    search: SearchOptions,
+    effort: EffortOptions,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="The result (.json, .md), its heat map (.csv, .png), or a folder for all of them and the report on "
+            "the picks at the best placement.",
+        ),
+    ] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Keep the work in this folder; an interrupted search is resumed.")
+    ] = None,
+    pool: WorkerOptions,
+    seed: Seed = 0,
+    cell: CellOptions,
+    as_json: Json = False,
+) -> None:
+    """Search for the placement of the robot's base at which all picks work, with the shortest cycle time.
+
+    Exit code 1 if no placement is found at which every pick is good.
+
+    Example: pinproof cell place robots/ur5/plate_picks.yaml --region "-0.3 0.1 -0.3 0.3" --grid 200 -o place.json
+    """
+    if search.objective not in pp.cell.OBJECTIVES:
+        raise pp.UnknownNameError("objective", search.objective, pp.cell.OBJECTIVES, "--objective")
+    _check_output(output)
+    region = search.found_region()
+    arm, scene, source = cell.open(file)
+    try:
+        with progress_status(f"placing {arm.robot.name}") as status, pool.settings() as settings:
+
+            def progress(stage: str, done: int, total: int) -> None:
+                status(f"{stage.partition('_')[0]}: {done:,} of {total:,}")
+
+            found = pp.place_base(
+                arm,
+                scene,
+                source.load(),
+                region,
+                moves_with_base=search.moves_with_base or (),
+                choices=search.choices(arm),
+                objective=search.objective,
+                rng=seed,
+                placement_budget=effort.budget(),
+                folder=campaign,
+                progress=progress,
+                **settings,
+            )
+    except pp.cell.PlacementInterrupted as error:
+        found = error.result
+        if found.map is None:
+            kept = "" if campaign is None else f"; the same command resumes the search from {campaign}"
+            raise Interrupted(f"{error}{kept}") from None
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        print_line(found.to_markdown().rstrip())
+    written = _write(found, output)
+    if written and not as_json:
+        print_line(f"wrote {written}")
+    if found.interrupted:
+        kept = "add --campaign FOLDER to resume" if campaign is None else "the same command resumes the search"
+        raise Interrupted(f"interrupted; {kept}", result_printed=True)
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+TABLES = (".json", ".csv", ".md")
+
+
+def cell_compare(
+    file: Annotated[Path, typer.Argument(help="The picks file of the first set-up.", metavar="PICKS")],
+    against: Annotated[
+        Path | None,
+        typer.Argument(help="The picks file of the second set-up. Default: the same file.", metavar="OTHER"),
+    ] = None,
+    *,
+    least: Annotated[float, typer.Option(help="The smallest difference in seconds that counts.", min=0.0)] = 0.01,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The comparison (.json, .csv, .md).", metavar="FILE")
+    ] = None,
+    pool: WorkerOptions,
+    seed: Seed = 0,
+    cell: CellOptions,
+    as_json: Json = False,
+) -> None:
+    """Compare two set-ups pick by pick: won, lost, faster, slower. The options of the cell apply to the second one.
+
+    Exit code 1 if a pick is lost.
+
+    Example: pinproof cell compare robots/ur5/picks.yaml --place "0.05 0.05 0"
+    """
+    _check_table(output, file, against)
+    with pool.settings() as settings:
+        reports = []
+        for number, (path, options) in enumerate(((file, CellOptions()), (against or file, cell)), start=1):
+            with progress_status(f"set-up {number} of 2: {path}"):
+                reports.append(judge_file(path, options, seed, **settings)[-1])
+    found = pp.cell.compare(*reports, least=least)
+    if output is not None:
+        found.save(output)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        print_line(found.to_markdown().rstrip())
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+def cell_tolerance(
+    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    *,
+    position: Annotated[
+        float, typer.Option(help="Largest error of the position of a part along each axis (m).", min=0.0)
+    ] = 0.003,
+    rotation: Annotated[str, typer.Option(help="Largest error of its rotation about any axis (rad).")] = "pi/90",
+    normal: Annotated[
+        bool,
+        typer.Option("--normal", help="Sample a normal distribution with half of the errors as standard deviation."),
+    ] = False,
+    samples: Annotated[int, typer.Option(help="Number of sampled poses for each pick.", min=0)] = 20,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The study (.json, .csv, .md).", metavar="FILE")
+    ] = None,
+    pool: WorkerOptions,
+    seed: Seed = 0,
+    cell: CellOptions,
+    as_json: Json = False,
+) -> None:
+    """Prove how inaccurate the pose of each part may be, with unchanged motions and if the grasp is planned again.
+
+    Exit code 1 unless the motions of all picks are certified for the whole tolerance.
+
+    Example: pinproof cell tolerance robots/ur5/plate_picks.yaml --position 0.002 --samples 5
+    """
+    _check_table(output, file)
+    angles = numbers(rotation, "--rotation")
+    if len(angles) != 1:
+        raise InputError(f"--rotation needs one angle in rad, not {len(angles)}")
+    refuse_degrees("--rotation", angles)
+    with progress_status(f"checking {file}") as status, pool.settings() as settings:
+        report = judge_file(file, cell, seed, **settings)[-1]
+        found = pp.cell.tolerance_study(
+            report,
+            position=position,
+            rotation=angles[0],
+            distribution="normal" if normal else "uniform",
+            samples=samples,
+            rng=seed,
+            progress=lambda _, done, total: status(f"tolerances: {done:,} of {total:,} picks"),
+            **settings,
+        )
+    if output is not None:
+        found.save(output)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        print_line(found.to_markdown().rstrip())
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+def _check_table(output: Path | None, *inputs: Path | None) -> None:
+    if output is not None and output.suffix.lower() not in TABLES:
+        raise InputError(f"{output}: unknown file type; use {', '.join(TABLES)}")
+    check_output_files([output], inputs)
+
+
+def _check_output(output: Path | None) -> None:
+    if output is None:
+        return
+    if output.suffix and output.suffix.lower() not in SUFFIXES and not output.is_dir():
+        raise InputError(f"{output}: unknown file type; use {', '.join(SUFFIXES)}, or the name of a folder")
+    if not output.suffix or output.is_dir():
+        make_folder(output)
+    elif not output.parent.is_dir():
+        raise InputError(f"{output}: the folder {output.parent} does not exist")
+
+
+def _write(found: PlacementResult, output: Path | None) -> str:
+    if output is None:
+        return ""
+    if not output.is_dir():
+        found.save(output)
+        return str(output)
+    kinds = SUFFIXES if found.map is not None else (".json", ".md")
+    for kind in kinds:
+        found.save(output / f"placement{kind}")
+    names = [str(output / f"placement{kind}") for kind in kinds]
+    if found.least_failing is not None:
+        for kind in pp.picks.REPORT_SUFFIXES:
+            found.least_failing.report.save(output / f"report{kind}")
+            names.append(str(output / f"report{kind}"))
+    return ", ".join(names)

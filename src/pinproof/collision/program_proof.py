@@ -1,0 +1,384 @@
+"""The certificate of a robot program: what the controller will execute, according to the text of the program.
+
+A joint move is a straight line in joint space. At a point with a blend the controller leaves the two lines; where its
+curve is not published, every configuration is covered that differs in each joint by at most the extent of the blend
+from the two lines within the blend. All lines are covered with the stated deviation of the controller.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+
+from pinproof.collision.certificate import Certificate, CertificateStatus
+from pinproof.collision.certify import certify
+from pinproof.collision.checker import CollisionChecker
+from pinproof.common.display import outline
+from pinproof.errors import InputError, NotProvenFree
+from pinproof.model import Arm
+from pinproof.motion.curve import Array, Curve
+from pinproof.motion.dialects import find_dialect
+from pinproof.motion.joint_path import JointPath
+from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Step, StreamedPoint, StreamedTrajectory, Wait
+from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
+from pinproof.motion.timing import time_parametrise
+from pinproof.motion.trajectory import Trajectory
+
+StepKind = TypeVar("StepKind", bound=Step)
+
+__all__ = ["ProgramCertificate", "ProgramPart", "certify_program", "export_program", "feasible"]
+
+SPACING = 1.0 / 256.0
+"""Share of a move between two samples of the distance to a blend's point; the bound between them is added."""
+
+TRACKING = 0.01
+"""rad: the assumed deviation from set points that are sent at a fixed period, whose interpolation is not published."""
+
+SMALLEST_RADIUS = 0.0005
+"""m: a blend with a smaller radius hardly differs from a stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramPart:
+    """A part of a program and its certificate.
+
+    Parameters
+    ----------
+    name
+        What it is, such as ``"blend at line 14"``.
+    line
+        The line of the program at which it ends.
+    blend
+        Whether it is the blend at a point.
+    certificate
+        The certificate of the configurations that the controller may pass.
+    """
+
+    name: str
+    line: int
+    blend: bool
+    certificate: Certificate
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramCertificate:
+    """The certificates of all parts of a program; collision-free only if every part is.
+
+    Parameters
+    ----------
+    parts
+        The parts in the order of execution.
+    notes
+        What the certificate assumes about the controller, and what it does not cover.
+    overlaps
+        Lines of blends that may overlap with the blend before. A controller may then skip a point, so the program is
+        UNDECIDED.
+    outside_limits
+        The points of the program that violate the position limits of the arm.
+    """
+
+    parts: tuple[ProgramPart, ...]
+    notes: tuple[str, ...]
+    overlaps: tuple[int, ...] = ()
+    outside_limits: tuple[str, ...] = ()
+
+    @property
+    def free(self) -> bool:
+        """Whether every part is proven collision-free."""
+        return self.status is CertificateStatus.FREE
+
+    @property
+    def status(self) -> CertificateStatus:
+        """COLLIDING if a part is, otherwise UNDECIDED if a part is, otherwise FREE."""
+        found = {part.certificate.status for part in self.parts}
+        if self.overlaps:
+            found.add(CertificateStatus.UNDECIDED)
+        return found.pop() if len(found) == 1 else max(found - {CertificateStatus.FREE}, key=_severity)
+
+    @property
+    def clearance(self) -> float:
+        """The least proven clearance (m) of all parts; NaN unless all are FREE."""
+        return min(part.certificate.clearance for part in self.parts) if self.free else float("nan")
+
+    @property
+    def hash(self) -> str:
+        """The hash of curves, tolerances, setups and results of all parts, which the text of the program names."""
+        rows = [
+            [part.blend, each.curve, each.setup, each.status.name, str(each.tube)]
+            for part in self.parts
+            for each in [part.certificate]
+        ]
+        return hashlib.sha256(json.dumps(rows).encode("utf-8")).hexdigest()
+
+    @property
+    def message(self) -> str:
+        """The result in one sentence; it names the first part that is not free."""
+        if self.free:
+            blends = sum(part.blend for part in self.parts)
+            parts = [(len(self.parts) - blends, "motion"), (blends, "blend")]
+            words = " and ".join(f"{count} {what}{'' if count == 1 else 's'}" for count, what in parts if count)
+            return f"FREE: {words} of the program proven, clearance {self.clearance * 1e3:.1f} mm"
+        part = next((each for each in self.parts if not each.certificate.free), None)
+        if part is None:
+            return (
+                f"UNDECIDED: the blend at line {self.overlaps[0]} may overlap with the one before it, and a controller "
+                "may then skip a point; reduce the radius"
+            )
+        return f"{self.status.name}: {part.name}: {part.certificate.message}"
+
+    def or_raise(self) -> ProgramCertificate:
+        """The certificate itself; NotProvenFree if it is not FREE."""
+        if not self.free:
+            raise NotProvenFree(self.message)
+        return self
+
+    def __str__(self) -> str:
+        return self.message
+
+    def __repr__(self) -> str:
+        return outline(f"ProgramCertificate({self.message})", (f"{p.name}: {p.certificate}" for p in self.parts))
+
+
+def _severity(status: CertificateStatus) -> int:
+    return [CertificateStatus.UNDECIDED, CertificateStatus.VIOLATED, CertificateStatus.COLLIDING].index(status)
+
+
+def certify_program(program: RobotProgram, checker: CollisionChecker) -> ProgramCertificate:
+    """Certify what a controller executes according to the text of a program.
+
+    Parameters
+    ----------
+    program
+        The program, as read from its text.
+    checker
+        The arm with its tool in its scene. Attached bodies are assumed over the whole program.
+
+    Raises
+    ------
+    InputError
+        If the program is for other joints.
+    """
+    if program.joint_names != checker.arm.joint_names:
+        own = ", ".join(checker.arm.joint_names)
+        raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
+    parts = []
+    for name, line, blend, curve, tolerance in _executed(program, checker.arm):
+        certificate = certify(curve, checker, joint_tolerance=tolerance)
+        parts.append(ProgramPart(name, line, blend, certificate))
+    notes = dict.fromkeys([*_notes(program), *(note for part in parts for note in part.certificate.notes)])
+    overlaps = tuple(_overlaps(program, checker.arm))
+    return ProgramCertificate(tuple(parts), tuple(notes), overlaps, tuple(_outside(program, checker.arm)))
+
+
+def export_program(
+    curve: Curve,
+    checker: CollisionChecker,
+    dialect: str,
+    *,
+    name: str = "motion",
+    tolerance: float = 0.002,
+    blend: Blend | None = None,
+    deviation: float | None = None,
+    period: float | None = None,
+    joint_map: JointMap | None = None,
+) -> tuple[RobotProgram, ProgramCertificate]:
+    """Write a program that follows a curve, and certify what the controller will execute.
+
+    The inner points are blended where that is proven collision-free, with a smaller radius where the language has one;
+    at the others the arm stops.
+
+    Parameters
+    ----------
+    curve
+        A trajectory, or a path (not for ``"ros2"``, which needs times).
+    checker
+        The arm with its tool in its scene.
+    dialect
+        ``"urscript"``, ``"rapid"``, ``"krl"``, ``"fanuc"`` or ``"ros2"``.
+    name
+        The name of the program.
+    tolerance
+        rad: largest deviation of the lines from the curve, at samples of it.
+    blend
+        The blend at inner points; by default that of the language.
+    deviation
+        rad: the deviation of the controller from the lines; by default that of the language.
+    period
+        Seconds between set points, to stream the trajectory (``servoj`` of URScript) instead of moves.
+    joint_map
+        The joint values of the controller from those of the model, if they differ.
+
+    Returns
+    -------
+    tuple[RobotProgram, ProgramCertificate]
+        The program, whose comments name the hash of the certificate, and the certificate. Check ``certificate.free``.
+
+    Raises
+    ------
+    InputError
+        If the language cannot express the motion, or the curve is for other joints.
+    """
+    language = find_dialect(dialect)
+    if tuple(curve.joint_names) != checker.arm.joint_names:
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
+    if language.joints is not None and not checker.arm.angular.all():
+        raise InputError(f"programs in {dialect} are for revolute joints only")
+    steps = _steps(curve, dialect, tolerance, blend or language.blend, period)
+    default = TRACKING if period is not None else language.deviation
+    write = partial(
+        make_program,
+        joint_names=curve.joint_names,
+        dialect=dialect,
+        name=name,
+        deviation=default if deviation is None else deviation,
+        joint_map=joint_map,
+    )
+    while True:
+        steps = feasible(steps, checker.arm)
+        program = write(steps)
+        certificate = certify_program(program, checker)
+        failed = {part.line for part in certificate.parts if part.blend and not part.certificate.free}
+        failed.update(certificate.overlaps)
+        if not failed:
+            break
+        steps = [
+            replace(step, blend=_smaller(step.blend)) if isinstance(step, JointMove) and read.line in failed else step
+            for step, read in zip(steps, program.steps, strict=True)
+        ]
+    if not certificate.free:
+        return program, certificate
+    named = write(steps, certificate=certificate.hash)
+    return named, certify_program(named, checker)
+
+
+def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
+    """The steps with longer durations of the moves that begin or end at a stop, as the limits of the arm require."""
+    longer = list(steps)
+    at: int | None = None
+    for k, step in enumerate(steps):
+        if not isinstance(step, JointMove):
+            continue
+        before = steps[at] if at is not None else None
+        at = k
+        if not isinstance(before, JointMove) or step.duration is None or (before.blend and step.blend):
+            continue
+        if np.abs(step.q - before.q).max() > 0:
+            line = JointPath(np.stack([before.q, step.q]), arm.joint_names)
+            longer[k] = replace(step, duration=max(step.duration, time_parametrise(line, arm.limits).duration))
+    return longer
+
+
+def _smaller(blend: Blend | None) -> Blend | None:
+    """The next smaller blend; None, a stop, if there is none that is worthwhile."""
+    if blend is None or blend.radius is None or blend.radius / 2 < SMALLEST_RADIUS:
+        return None
+    return Blend(blend.radius / 2)
+
+
+def _steps(
+    curve: Curve, dialect: str, tolerance: float, blend: Blend | None, period: float | None
+) -> list[JointMove | StreamedPoint | StreamedTrajectory]:
+    language = find_dialect(dialect)
+    if (language.exact or period is not None) and not isinstance(curve, Trajectory):
+        raise InputError("this program needs a trajectory with times; use pp.time_parametrise first")
+    if language.exact and isinstance(curve, Trajectory):
+        return [StreamedTrajectory(curve.record())]
+    if period is None:
+        return list(moves_along(curve, tolerance=tolerance, blend=blend))
+    if not language.streams or not isinstance(curve, Trajectory):
+        raise InputError(f"programs in {dialect} cannot stream set points; remove period")
+    if not 0 < period < np.inf:
+        raise InputError(f"period = {period} must be above 0 s, and finite")
+    times = np.append(np.arange(period, curve.duration, period), curve.duration)
+    return [JointMove(curve.start), *(StreamedPoint(q, period) for q in curve(times))]
+
+
+def _executed(program: RobotProgram, arm: Arm) -> Iterator[tuple[str, int, bool, Curve, Array]]:
+    """The parts of a program: name, line, whether a blend, curve and tolerance (n,) of each joint."""
+    even = np.full(arm.dof, program.deviation)
+    names = program.joint_names
+    moves = program.moves
+    for step in moves:
+        if isinstance(step, StreamedTrajectory):
+            yield f"trajectory at line {step.line}", step.line, False, Trajectory.of_record(step.record), even
+    points = [step for step in moves if not isinstance(step, StreamedTrajectory)]
+    if len(points) == 1:
+        yield f"point at line {points[0].line}", points[0].line, False, JointPath(points[0].q[None], names), even
+    for before, after in pairwise(points):
+        name = f"move at line {after.line}"
+        yield name, after.line, False, JointPath(np.stack([before.q, after.q]), names), even
+    for before, at, after in zip(points, points[1:], points[2:], strict=False):
+        if not isinstance(at, JointMove) or at.blend is None:
+            continue
+        shares = [_share(at.blend, arm, at.q, other.q) for other in (before, after)]
+        into, out = shares[0] * (before.q - at.q), shares[1] * (after.q - at.q)
+        extent = np.maximum(np.abs(into), np.abs(out))
+        curve = JointPath(np.stack([at.q + into, at.q, at.q + out]), names)
+        yield f"blend at line {at.line}", at.line, True, curve, extent + even
+
+
+def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
+    """The lines of blends that, by their upper bounds, use the same part of a move as the blend before."""
+    points = [step for step in program.moves if isinstance(step, JointMove)]
+    for before, at in pairwise(points):
+        if before.blend is not None and at.blend is not None:
+            used = _share(before.blend, arm, before.q, at.q) + _share(at.blend, arm, at.q, before.q)
+            if used > 1.0:
+                yield at.line
+
+
+def _outside(program: RobotProgram, arm: Arm) -> Iterator[str]:
+    """The violations of the position limits; a straight line between two points within the limits is within them."""
+    for step in program.moves:
+        ends = Trajectory.of_record(step.record).range() if isinstance(step, StreamedTrajectory) else (step.q,)
+        for q in ends:
+            for sentence in arm.limits.violations(arm.limits.snap(q), arm.joint_names):
+                yield f"line {step.line}: {sentence}"
+
+
+def _share(blend: Blend, arm: Arm, at: Array, other: Array) -> float:
+    """An upper bound of the share of the move between two points that a blend at the first may use.
+
+    For a blend with a radius it is the part of the move on which the tcp may be within the radius of its position at
+    the point. The tcp moves by at most ``lever . |dq|`` between two samples.
+    """
+    if blend.radius is None:
+        return blend.share
+    shares = np.arange(0.0, 1.0 + SPACING, SPACING)
+    tcp = arm.forward_kinematics_batch(at + shares[:, None] * (other - at))[:, :3, 3]
+    slack = float(_levers(arm) @ np.abs(other - at)) * SPACING
+    inside = np.linalg.norm(tcp - tcp[0], axis=1) <= blend.radius + slack
+    return float(min(shares[inside].max() + SPACING, 1.0))
+
+
+def _levers(arm: Arm) -> Array:
+    """(n,) largest distance of the tcp from each joint axis (m), for any configuration of revolute joints."""
+    model, tcp = arm.model, arm.model.frames[arm.tcp_id]
+    joints = [joint for joint in model.supports[tcp.parentJoint] if joint != 0]
+    offsets = [np.linalg.norm(model.jointPlacements[joint].translation) for joint in joints[1:]]
+    offsets.append(np.linalg.norm(tcp.placement.translation))
+    each = {joint: sum(offsets[k:]) for k, joint in enumerate(joints)}
+    return np.abs(arm.scale).T @ [each.get(row + 1, 0.0) for row in range(len(arm.scale))]
+
+
+def _notes(program: RobotProgram) -> Iterator[str]:
+    yield "the move to the first point of the program is not covered"
+    if program.dialect != "ros2":
+        yield (
+            f"each joint is assumed to stay within {program.deviation:g} rad of the straight lines between the points "
+            "of the program"
+        )
+    if any(isinstance(step, SetOutput) for step in program.steps):
+        yield "the attached bodies are the same before and after outputs are switched"
+    blends = [step.blend for step in program.moves if isinstance(step, JointMove) and step.blend is not None]
+    if any(blend.radius is not None for blend in blends):
+        yield "the radius of blends is measured at the tcp of the arm; set the same tcp at the controller"
+    if any(isinstance(step, Wait) for step in program.steps):
+        yield "nothing in the scene is assumed to move during waiting times"

@@ -1,0 +1,63 @@
+"""The goal of a FollowJointTrajectory action of ROS 2, as YAML for ``ros2 action send_goal``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from pinproof.errors import InputError, TrajectoryError
+from pinproof.motion.dialects.dialect import Body, Dialect
+from pinproof.motion.program_steps import Step, StreamedTrajectory
+from pinproof.motion.trajectory_files import NANO, Reader, Record, from_json
+
+__all__ = ["Ros2"]
+
+
+class Ros2(Dialect):
+    """The joint_trajectory_controller interpolates between the points exactly as :class:`~pinproof.Trajectory`."""
+
+    name = "ros2"
+    endings = (".goal.yaml", ".goal.yml")
+    joints = None
+    comment_mark = "# pinproof:"
+    exact = True
+
+    def comment(self, words: str) -> str:
+        """See :meth:`Dialect.comment`."""
+        return f"{self.comment_mark} {words}"
+
+    def write(
+        self,
+        name: str,  # noqa: ARG002
+        steps: Sequence[Step],
+    ) -> tuple[list[str], list[str], list[str]]:
+        """See :meth:`Dialect.write`."""
+        if len(steps) != 1 or not isinstance(steps[0], StreamedTrajectory):
+            raise InputError("a goal of ros2 contains exactly one trajectory, and no outputs or waiting times")
+        return [], _goal_lines(steps[0].record), []
+
+    def read(self, source: str, body: Body, joints: int) -> list[Step]:
+        """See :meth:`Dialect.read`."""
+        reader = Reader(Path(source))
+        data = reader.json("\n".join(line for _, line in body))
+        if not isinstance(data, dict) or set(data) != {"trajectory"}:
+            raise TrajectoryError(source, "must contain the key trajectory and no other")
+        record = from_json(reader, json.dumps(data["trajectory"]))
+        if len(record.joint_names) != joints:
+            raise TrajectoryError(source, f"has {len(record.joint_names)} joints; its comments state {joints}")
+        return [StreamedTrajectory(record, body[0][0])]
+
+
+def _goal_lines(record: Record) -> list[str]:
+    """The goal as JSON, which is YAML too, with one point per line."""
+    points = []
+    for k, clock in enumerate(record.nanoseconds.tolist()):
+        point = {"positions": record.q[k].tolist(), "velocities": record.velocities[k].tolist()}
+        if record.accelerations is not None:
+            point["accelerations"] = record.accelerations[k].tolist()
+        time = {"sec": clock // NANO, "nanosec": clock % NANO}
+        points.append(json.dumps({**point, "time_from_start": time}, allow_nan=False))
+    names = json.dumps(list(record.joint_names))
+    lines = [f"    {point}{',' if k < len(points) - 1 else ''}" for k, point in enumerate(points)]
+    return ['{"trajectory": {', f'  "joint_names": {names},', '  "points": [', *lines, "  ]}}"]

@@ -1,0 +1,441 @@
+"""Robot programs: joint moves, gripper outputs and waiting times in the language of a robot controller.
+
+The text is the definition of a program: it is parsed back after it is written, and :func:`pinproof.collision.
+certify_program` certifies what the controller will execute according to the text, not what the writer intended. The
+comments at its top state the joints, the assumed deviation of the controller, the hash of the certificate, and a hash
+of every other line, so that an edited line is found when the program is read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.common.files import read_text, write_text_whole
+from pinproof.errors import InputError, TrajectoryError
+from pinproof.motion.curve import Array, Curve, TimedCurve, checked_joint_names, read_only
+from pinproof.motion.dialects import Dialect, dialect_of_file, find_dialect
+from pinproof.motion.joint_path import JointPath
+from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Step, StreamedPoint, StreamedTrajectory, Wait
+from pinproof.spatial import finite
+
+__all__ = [
+    "JointMap",
+    "RobotProgram",
+    "make_program",
+    "moves_along",
+]
+
+FORMAT = "pinproof program 1"
+"""The first words of the comments, with the version of the format."""
+
+HASH_DIGITS = 8
+"""Hexadecimal digits of the hash of a line. It detects edits; it does not protect from forgery."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointMap:
+    """The joint values that a controller uses, from those of the robot model: signs, offsets, and a coupling.
+
+    controller = sign * q + offset, and then joint 3 is increased by ``coupling`` times joint 2 of the controller. A
+    straight line in the joint space of one is a straight line in that of the other, because the map is affine.
+
+    Parameters
+    ----------
+    signs
+        (n,) of +1 and -1.
+    offsets
+        (n,) rad.
+    coupling
+        -1 for FANUC arms, whose joint 3 is measured from the horizontal, with a URDF whose joint 3 is measured from
+        joint 2; 0 otherwise.
+    """
+
+    signs: Array
+    offsets: Array
+    coupling: float = 0.0
+
+    def __post_init__(self) -> None:
+        signs, offsets = finite("signs", self.signs, (None,)), finite("offsets", self.offsets, (None,))
+        if len(signs) != len(offsets) or (np.abs(signs) != 1.0).any():
+            raise InputError(f"signs = {self.signs} must be +1 or -1, one per offset ({len(offsets)})")
+        if self.coupling and len(signs) < 3:
+            raise InputError("coupling needs at least three joints")
+        if not np.isfinite(self.coupling):
+            raise InputError(f"coupling = {self.coupling} must be finite")
+        object.__setattr__(self, "signs", read_only(signs))
+        object.__setattr__(self, "offsets", read_only(offsets))
+
+    @classmethod
+    def identity(cls, joints: int) -> JointMap:
+        """The map of a controller that uses the joint values of the model."""
+        return cls(np.ones(joints), np.zeros(joints))
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether the controller uses the joint values of the model."""
+        return bool((self.signs == 1).all() and not self.offsets.any() and self.coupling == 0)
+
+    def to_controller(self, q: npt.ArrayLike) -> Array:
+        """The values (n,) of the controller, in rad."""
+        values = self.signs * finite("q", q, self.signs.shape) + self.offsets
+        if self.coupling:
+            values[2] += self.coupling * values[1]
+        return values
+
+    def from_controller(self, values: npt.ArrayLike) -> Array:
+        """The values (n,) of the model, in rad."""
+        q = np.array(values, dtype=float)
+        if self.coupling:
+            q[2] -= self.coupling * q[1]
+        return self.signs * (q - self.offsets)
+
+    def __str__(self) -> str:
+        signs, offsets = (" ".join(f"{value:.17g}" for value in each) for each in (self.signs, self.offsets))
+        return f"signs {signs}, offsets {offsets}, coupling {self.coupling:.17g}"
+
+    @classmethod
+    def from_text(cls, text: str) -> JointMap:
+        """The map whose text is given; ValueError if it is another text."""
+        found = re.fullmatch(r"signs (.*), offsets (.*), coupling (\S+)", text)
+        if found is None:
+            raise ValueError(text)
+        signs, offsets = (np.array([float(word) for word in found[i].split()]) for i in (1, 2))
+        return cls(signs, offsets, float(found[3]))
+
+
+@dataclass(frozen=True, eq=False)
+class RobotProgram:
+    """A program of a controller, as parsed from its text; see :meth:`load` and :meth:`Trajectory.to_program`.
+
+    Parameters
+    ----------
+    name
+        The name of the program in the text.
+    dialect
+        The language: ``urscript``, ``rapid``, ``krl``, ``fanuc`` or ``ros2``.
+    joint_names
+        The n joints of the robot model, in the order of the values.
+    steps
+        What the controller executes, in order.
+    deviation
+        rad: by how much each joint may deviate from the straight lines of the moves, as assumed for the certificate.
+    certificate
+        The hash of the certificate of the program; empty if it was not certified.
+    text
+        The complete text.
+    """
+
+    name: str
+    dialect: str
+    joint_names: tuple[str, ...]
+    steps: tuple[Step, ...]
+    deviation: float
+    certificate: str
+    text: str
+
+    @property
+    def moves(self) -> tuple[JointMove | StreamedPoint | StreamedTrajectory, ...]:
+        """The steps that move the arm."""
+        return tuple(each for each in self.steps if not isinstance(each, SetOutput | Wait))
+
+    @classmethod
+    def parse(cls, text: str, *, source: str = "program", dialect: str, allow_changes: bool = False) -> RobotProgram:
+        """The program of a text.
+
+        Parameters
+        ----------
+        text
+            The text, with the comments that pinproof writes at its top.
+        source
+            The name of the file, for messages.
+        dialect
+            The language.
+        allow_changes
+            Whether to accept lines that were edited after the program was written. :attr:`certificate` is then empty.
+
+        Raises
+        ------
+        TrajectoryError
+            If the comments are missing, a line was edited, or an instruction is not supported; the message states the
+            line and its text.
+        UnknownNameError
+            If the dialect is unknown.
+        """
+        language = find_dialect(dialect)
+        lines = text.splitlines()
+        header, body = _split(language, lines)
+        stated = _read_header(source, header, dialect)
+        changed = _changed_line(stated.hashes, body)
+        if changed is not None and not allow_changes:
+            number = min(changed, len(body) - 1)
+            line, words = body[number] if body else (1, "")
+            raise TrajectoryError(
+                source,
+                f"{words.strip()!r} was edited after the program was written; certify the edited program again with "
+                "--allow-changes, or allow_changes=True",
+                f"line {line}",
+            )
+        steps = [_mapped(s, stated.map.from_controller) for s in language.read(source, body, len(stated.joint_names))]
+        if all(isinstance(each, SetOutput | Wait) for each in steps):
+            raise TrajectoryError(source, "the program has no move")
+        certificate = "" if changed is not None else stated.certificate
+        return cls(stated.name, dialect, stated.joint_names, tuple(steps), stated.deviation, certificate, text)
+
+    @classmethod
+    def load(cls, path: str | Path, *, allow_changes: bool = False) -> RobotProgram:
+        """Read a program; the language follows from the ending of the file name. See :meth:`parse` for the errors."""
+        source = Path(path)
+        dialect = dialect_of_file(source)
+        text = read_text(source, TrajectoryError)
+        return cls.parse(text, source=str(source), dialect=dialect, allow_changes=allow_changes)
+
+    def save(self, path: str | Path) -> None:
+        """Write the text.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written.
+        InputError
+            If the ending of the file name is that of another language.
+        """
+        if dialect_of_file(Path(path)) != self.dialect:
+            raise InputError(f"{path}: the ending is not that of a program in {self.dialect}")
+        write_text_whole(Path(path), self.text)
+
+    def __repr__(self) -> str:
+        return f"RobotProgram({self.name!r}, {self.dialect}, {len(self.moves)} moves)"
+
+
+def make_program(
+    steps: Sequence[Step],
+    joint_names: Sequence[str],
+    *,
+    dialect: str,
+    name: str = "motion",
+    deviation: float = 0.0,
+    certificate: str = "",
+    joint_map: JointMap | None = None,
+) -> RobotProgram:
+    """Write a program and parse it back; the result is what the text says, with the numbers as rounded in it.
+
+    Raises
+    ------
+    InputError
+        If the language cannot express a step or the number of joints.
+    """
+    language = find_dialect(dialect)
+    names = checked_joint_names(joint_names)
+    if language.joints is not None and len(names) != language.joints:
+        raise InputError(f"a program in {dialect} needs {language.joints} joints; the arm has {len(names)}")
+    if not 0 <= deviation < np.inf:
+        raise InputError(f"deviation = {deviation} must be 0 rad or more, and finite")
+    mapping = joint_map or JointMap.identity(len(names))
+    if len(mapping.signs) != len(names):
+        raise InputError(f"the joint map has {len(mapping.signs)} joints; the arm has {len(names)}")
+    if not mapping.is_identity and any(isinstance(each, StreamedTrajectory) for each in steps):
+        raise InputError(f"a program in {dialect} uses the joint values of the model; remove the joint map")
+    name = re.sub(r"\W", "_", name) or "motion"
+    before, body, after = language.write(name, [_mapped(step, mapping.to_controller) for step in steps])
+    # Remarks are numbered in some languages, so the comments are written before the hashes of the lines are known.
+    hashes = [_hash(words) for words in (*before, *body, *after)]
+    entries = {
+        "": FORMAT,
+        "dialect": dialect,
+        "name": name,
+        "joints": " ".join(names),
+        "deviation": f"{deviation:.17g} rad",
+        "certificate": certificate or "none",
+        "start": "the move to the first point is not certified",
+    }
+    if not mapping.is_identity:
+        entries["map"] = str(mapping)
+    entries["lines"] = " ".join([_hash_of_entries(entries), *hashes])
+    comments = [language.comment(each) for each in _fold(entries, language.comment_width)]
+    text = "\n".join([*before, *comments, *body, *after]) + "\n"
+    return RobotProgram.parse(language.numbered(text), source=name, dialect=dialect)
+
+
+def moves_along(
+    curve: Curve, *, tolerance: float = 0.002, blend: Blend | None = None, speed: float | None = None
+) -> list[JointMove]:
+    """Moves on straight lines in joint space that follow a curve.
+
+    Parameters
+    ----------
+    curve
+        A path, whose waypoints are kept if it is a :class:`~pinproof.JointPath`, or a trajectory, whose times give the
+        durations.
+    tolerance
+        rad: largest deviation of the lines from the curve, at samples of the curve.
+    blend
+        The blend at inner points at which the curve does not rest; None for stops.
+    speed
+        Not used for a trajectory; for a path, the speed (rad/s) of the joint that moves most.
+
+    Raises
+    ------
+    InputError
+        If tolerance or speed is not above 0.
+    """
+    if not 0 < tolerance < np.inf:
+        raise InputError(f"tolerance = {tolerance} must be above 0 rad, and finite")
+    if speed is not None and not 0 < speed < np.inf:
+        raise InputError(f"speed = {speed} must be above 0 rad/s, and finite")
+    times, points, rests = _samples(curve)
+    kept = _chords(points, rests, tolerance)
+    moves = [JointMove(read_only(points[0].copy()))]
+    for i, k in pairwise(kept):
+        if isinstance(curve, TimedCurve):
+            duration = float(times[k] - times[i])
+        else:
+            duration = float(np.abs(points[k] - points[i]).max()) / (speed or 0.5)
+        ends = k == kept[-1] or bool(rests[k])
+        moves.append(JointMove(read_only(points[k].copy()), duration, None if ends else blend))
+    return moves
+
+
+def _mapped(step: Step, convert: Callable[[Array], Array]) -> Step:
+    """The step with other joint values."""
+    if isinstance(step, JointMove | StreamedPoint):
+        return replace(step, q=read_only(convert(step.q)))
+    return step
+
+
+SAMPLES_PER_PIECE = 16
+"""Samples of each polynomial piece of a curve, of which some become points of a program."""
+
+
+def _samples(curve: Curve) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Parameters (k,) and points (k, n) along a curve, and whether it must stop there."""
+    if isinstance(curve, JointPath):
+        distinct = np.concatenate([[True], np.abs(np.diff(curve.q, axis=0)).max(axis=1) > 0])
+        return np.arange(len(curve.q), dtype=float)[distinct], curve.q[distinct], np.zeros(distinct.sum(), dtype=bool)
+    knots, _ = curve.bezier()
+    knots = np.unique(knots)
+    steps = [np.linspace(a, b, SAMPLES_PER_PIECE, endpoint=False) for a, b in pairwise(knots)]
+    times = np.concatenate([*steps, knots[-1:]])
+    rests = np.zeros(len(times), dtype=bool)
+    if isinstance(curve, TimedCurve):
+        rests = ~np.abs(curve.velocity(times)).max(axis=1).astype(bool)
+    return times, np.asarray(curve(times)), rests
+
+
+def _chords(points: Array, rests: npt.NDArray[np.bool_], tolerance: float) -> list[int]:
+    """The indices of points whose chords deviate from the points between them by at most the tolerance."""
+    kept, last = [0], len(points) - 1
+    while kept[-1] < last:
+        start = kept[-1]
+        limit = next((k for k in range(start + 1, last) if rests[k]), last)
+        end = start + 1
+        while end < limit and _deviation(points[start : end + 2]) <= tolerance:
+            end += 1
+        if np.abs(points[end] - points[start]).max() > 0 or end == last:
+            kept.append(end)
+        else:
+            kept[-1] = end
+    return kept
+
+
+def _deviation(points: Array) -> float:
+    """Largest difference (rad) of a joint between points (k, n) and their chord."""
+    chord = points[-1] - points[0]
+    square = float(chord @ chord)
+    along = (points - points[0]) @ chord / square if square > 0 else np.zeros(len(points))
+    return float(np.abs(points - points[0] - along.clip(0, 1)[:, None] * chord).max())
+
+
+@dataclass(frozen=True)
+class _Header:
+    name: str
+    joint_names: tuple[str, ...]
+    deviation: float
+    certificate: str
+    hashes: tuple[str, ...]
+    map: JointMap
+
+
+def _hash(line: str) -> str:
+    # Numbers of lines are not part of it, because controllers renumber.
+    return hashlib.sha256(re.sub(r"^\s*\d*\s*:", "", line).strip().encode()).hexdigest()[:HASH_DIGITS]
+
+
+def _fold(entries: dict[str, str], width: int) -> Iterable[str]:
+    """Comments of at most ``width`` characters; one that continues the previous one begins with ``+``."""
+    for key, value in entries.items():
+        rest, mark = (f"{key}: {value}" if key else value), ""
+        while rest:
+            end = width - len(mark)
+            if len(rest) > end:
+                end = (rest.rfind(" ", 1, end) + 1) or end  # keeps the space, which marks the end of a word
+                while rest[end - 1] == " " and end > 1:
+                    end -= 1
+            yield mark + rest[:end]
+            rest, mark = rest[end:], "+"
+
+
+def _hash_of_entries(entries: dict[str, str]) -> str:
+    """The hash of the comments, except that of the hashes of the lines."""
+    return _hash("\n".join(f"{key}: {value}" for key, value in sorted(entries.items()) if key))
+
+
+def _split(language: Dialect, lines: Sequence[str]) -> tuple[list[str], list[tuple[int, str]]]:
+    """The comments that pinproof wrote, unfolded, and the other lines with their numbers."""
+    header: list[str] = []
+    body = []
+    for number, line in enumerate(lines, 1):
+        words = language.comment_of(line)
+        if words is None:
+            if line.strip():
+                body.append((number, line))
+        elif words.startswith("+") and header:
+            header[-1] += words[1:]
+        else:
+            header.append(words)
+    return header, body
+
+
+def _read_header(source: str, header: Sequence[str], dialect: str) -> _Header:
+    stated = dict(entry.partition(": ")[::2] for entry in header)
+    if FORMAT not in stated:
+        raise TrajectoryError(
+            source, f"the comments at the top do not contain {FORMAT!r}; only programs that pinproof wrote can be read"
+        )
+    missing = [key for key in ("dialect", "name", "joints", "deviation", "certificate", "lines") if key not in stated]
+    if missing:
+        raise TrajectoryError(source, f"the comments at the top do not state {', '.join(missing)}")
+    if stated["dialect"] != dialect:
+        raise TrajectoryError(source, f"is a program in {stated['dialect']}, not in {dialect}")
+    try:
+        names = checked_joint_names(stated["joints"].split())
+        deviation = float(stated["deviation"].removesuffix(" rad"))
+        if not 0 <= deviation < np.inf:
+            raise ValueError(stated["deviation"])
+        mapping = JointMap.from_text(stated["map"]) if "map" in stated else JointMap.identity(len(names))
+        if len(mapping.signs) != len(names):
+            raise ValueError(stated["map"])
+    except ValueError as error:
+        raise TrajectoryError(source, f"the comments at the top have an invalid entry: {error}") from error
+    check, *hashes = stated.pop("lines").split() or [""]
+    known = {key: value for key, value in stated.items() if key != FORMAT}
+    if _hash_of_entries(known) != check:
+        raise TrajectoryError(source, "the comments at the top were edited after the program was written")
+    certificate = "" if stated["certificate"] == "none" else stated["certificate"]
+    return _Header(stated["name"], names, deviation, certificate, tuple(hashes), mapping)
+
+
+def _changed_line(hashes: Sequence[str], body: Sequence[tuple[int, str]]) -> int | None:
+    """The index of the first line that differs from what was written; None if there is none."""
+    found = [_hash(words) for _, words in body]
+    for i, (stated, present) in enumerate(zip(hashes, found, strict=False)):
+        if stated != present:
+            return i
+    return None if len(hashes) == len(found) else min(len(hashes), len(found))

@@ -1,0 +1,224 @@
+"""Moves between states that satisfy limits of torques and of the tool, with the accelerations that these limits permit.
+
+A move at full acceleration that exceeds a limit is computed again with smaller rates: the joints whose accelerations
+cause the excess, in the direction in which they cause it, accelerate only as much as the limit permits at the sample
+with the largest excess. Other joints, and accelerations in the other direction, such as braking with the help of
+gravity, keep their limits. Samples decide; the complete motion is verified between samples later.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import TimingError
+from pinproof.motion import Trajectory
+from pinproof.motion.limits import Bounds
+from pinproof.motion.rate_constraints import RateConstraint
+from pinproof.motion.steering import Move, State, Steering
+
+__all__ = ["GentleMoves"]
+
+Array = npt.NDArray[np.float64]
+
+SHARE = 0.998
+"""Share of the bound of a constraint that samples may use, because the constraint holds between samples too."""
+
+AIM = 0.95
+"""Share of the permitted acceleration to which it is reduced, so that few attempts suffice."""
+
+STEPS = (0.045, 0.015)
+"""Seconds between samples: first coarse ones, which reject most moves, then finer ones. The ends of the phases of
+constant jerk follow, between which accelerations are linear."""
+
+TRAJECTORY_STEP = 0.005
+"""Seconds between samples of a complete motion."""
+
+ATTEMPTS = 6
+"""Number of times that a move is computed with smaller rates."""
+
+LARGEST_STEP, SMALLEST = 0.3, 0.03
+"""Smallest factor of the rates in one attempt, and smallest share of the limits of the rates of a joint."""
+
+LINEAR = 1e-6
+"""Relative difference up to which a constraint is a sum of the parts of single joints, such as torques are."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Excess:
+    """The sample of a move at which one row of a constraint is exceeded most; with |beta + gamma| > bound there."""
+
+    constraint: RateConstraint
+    row: int
+    state: Array
+    beta: float
+    gamma: float
+    bound: float
+    limits_speed: bool
+
+    @property
+    def factor(self) -> float:
+        """The factor of ``beta`` at which the row is satisfied; 0 or less if there is none."""
+        return (SHARE * self.bound - math.copysign(1.0, self.beta) * self.gamma) / abs(self.beta)
+
+
+class GentleMoves:
+    """Moves that satisfy rate constraints at samples.
+
+    Parameters
+    ----------
+    steering
+        Computes the moves.
+    bounds
+        The limits of the joints.
+    constraints
+        The rate constraints; without any, all moves are allowed.
+
+    Attributes
+    ----------
+    computed
+        Number of moves that were computed here.
+    """
+
+    def __init__(self, steering: Steering, bounds: Bounds, constraints: Sequence[RateConstraint]) -> None:
+        self._steering, self._bounds, self._constraints = steering, bounds, tuple(constraints)
+        self.computed = 0
+
+    def connect(self, states: Sequence[State], moves: list[Move], duration: float) -> list[Move] | None:
+        """Allowed moves between the states, which are as short as the given fastest ones or somewhat longer.
+
+        The given list if it is allowed, and None if no allowed moves of less than ``duration`` (s) were found.
+        """
+        if not self._constraints:
+            return moves
+        spare = duration - sum(move.duration for move in moves)
+        found = []
+        for (first, last), move in zip(pairwise(states), moves, strict=True):
+            allowed = self._allowed(first, last, move, move.duration + spare)
+            if allowed is None:
+                return None
+            spare -= allowed.duration - move.duration
+            found.append(allowed)
+        return moves if all(new is old for new, old in zip(found, moves, strict=True)) else found
+
+    def straight(self, first: Sequence[float], last: Sequence[float]) -> Move | None:
+        """An allowed move on the straight line between two configurations, from rest to rest."""
+        share = 1.0
+        for _ in range(ATTEMPTS):
+            move = self._steering.straight(first, last, share)
+            if move is None or not self._constraints:
+                return move
+            excesses = self._excesses(move)
+            if excesses is None:
+                return None
+            if not excesses:
+                return move
+            share *= AIM * max(min(each.factor for each in excesses), LARGEST_STEP)
+        return None
+
+    def slowdown(self, trajectory: Trajectory) -> float:
+        """The factor by which a motion must be slowed down to be allowed at samples; infinite if none suffices."""
+        times = np.linspace(0.0, trajectory.duration, max(math.ceil(trajectory.duration / TRAJECTORY_STEP), 2))
+        rates = trajectory(times), trajectory.velocity(times), trajectory.acceleration(times)
+        square = 1.0
+        for constraint in self._constraints:
+            try:
+                _, beta, gamma, bound = constraint.coefficients(*rates)
+            except TimingError:  # violated even at rest
+                return math.inf
+            needed = np.abs(beta) > 0.0
+            spare = SHARE * bound - np.where(beta > 0.0, gamma, -gamma)
+            if (spare[needed] <= 0.0).any():
+                return math.inf
+            square = max(square, float((np.abs(beta[needed]) / spare[needed]).max(initial=0.0)))
+        return math.sqrt(square)
+
+    def _allowed(self, first: State, last: State, move: Move, duration: float) -> Move | None:
+        """The move itself, or one with smaller rates, shorter than ``duration`` (s)."""
+        rates = None
+        for _ in range(ATTEMPTS):
+            excesses = self._excesses(move)
+            if excesses is None:
+                return None
+            if not excesses:
+                return move
+            if rates is None:
+                rates = self._unhurried(move)
+            for excess in excesses:
+                self._reduce(rates, excess)
+            self.computed += 1
+            slower = self._steering.gentler(first, last, *rates)
+            if slower is None or slower.duration >= duration:
+                return None
+            move = slower
+        return None
+
+    def _excesses(self, move: Move) -> list[_Excess] | None:
+        """The rows of constraints that samples of a move exceed; None if one is exceeded even at rest."""
+        for states in (*(move.states(step) for step in STEPS), [move.state(at) for at in move.phase_ends().tolist()]):
+            if not states:
+                continue
+            rates = np.array(states)
+            found = []
+            for constraint in self._constraints:  # with the time as the path parameter, s' = 1 and s'' = 0
+                try:
+                    alpha, beta, gamma, bound = constraint.coefficients(rates[:, 0], rates[:, 1], rates[:, 2])
+                except TimingError:  # violated even at rest
+                    return None
+                over = np.abs(beta + gamma) - SHARE * bound
+                for row in np.flatnonzero(over.max(axis=0) > 0.0).tolist():
+                    i = int(over[:, row].argmax())
+                    speed = not (alpha[:, row].any() or gamma[:, row].any())
+                    values = float(beta[i, row]), float(gamma[i, row]), float(bound[i, row])
+                    found.append(_Excess(constraint, row, rates[i], *values, speed))
+            if found:
+                return found
+        return []
+
+    def _unhurried(self, move: Move) -> Array:
+        """(3, n) velocities, and accelerations in both directions, with which each joint takes as long as the move.
+
+        The distance that a joint moves in a time grows at least with its acceleration, so that a joint that alone would
+        take half of the time needs about a quarter of the acceleration.
+        """
+        alone = np.array(move.source.independent_min_durations)  # type: ignore[attr-defined]
+        share = (alone / move.duration).clip(math.sqrt(SMALLEST), 1.0) ** 2
+        return np.stack([self._bounds.velocity, *[share * self._bounds.acceleration] * 2])
+
+    def _reduce(self, rates: Array, excess: _Excess) -> None:
+        """Reduce the rates such that a row is satisfied at its sample."""
+        factor = max(AIM * excess.factor, LARGEST_STEP)
+        acceleration = excess.state[2]
+        if excess.limits_speed:
+            rates[0] *= math.sqrt(max(excess.factor, LARGEST_STEP))
+        elif (parts := self._parts(excess)) is None:
+            rates[0] *= math.sqrt(factor)
+            rates[1:] *= factor
+        else:
+            side = math.copysign(1.0, excess.beta + excess.gamma)
+            adding = side * parts > 0.0
+            total = float(np.abs(parts[adding]).sum())
+            if total > 0.0:
+                over = side * (excess.beta + excess.gamma) - SHARE * excess.bound
+                factor = max(AIM * (total - over) / total, LARGEST_STEP)
+            for joint in np.flatnonzero(adding).tolist():
+                direction = 1 if acceleration[joint] > 0.0 else 2
+                rates[direction, joint] = min(rates[direction, joint], factor * abs(acceleration[joint]))
+        np.maximum(rates, SMALLEST * np.stack([self._bounds.velocity, *[self._bounds.acceleration] * 2]), out=rates)
+
+    def _parts(self, excess: _Excess) -> Array | None:
+        """(n,) the parts of the row that the acceleration of each joint causes; None if it is not their sum."""
+        q, velocity, acceleration = excess.state
+        n = len(q)
+        still = np.zeros((n + 1, n))
+        alpha, beta, _, _ = excess.constraint.coefficients(
+            np.tile(q, (n + 1, 1)), np.vstack([np.eye(n), velocity]), still
+        )
+        parts = np.asarray(alpha[:n, excess.row] * acceleration)
+        total = float(parts.sum() + beta[n, excess.row])
+        return parts if abs(total - excess.beta) <= LINEAR * excess.bound else None

@@ -1,0 +1,370 @@
+"""Base placement: results are confirmed by judging the original robot in the transformed cell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.cell import (
+    PlacementBudget,
+    PlacementChoice,
+    PlacementInterrupted,
+    PlacementRegion,
+    PlacementResult,
+    place_base,
+    without_parts,
+)
+from pinproof.cell.placed_robot import PlacedRobot
+from pinproof.cell.placement_region import mounting_pose
+from pinproof.picks import PickBudget, PickWeights
+
+ROBOTS = Path(__file__).parents[2] / "robots"
+SMALL = PlacementBudget(grid=60, runs=2, evaluations=24, certified=2, proofs=0)
+QUICK = PickBudget(motion=0, compared=4, remedies=0)
+
+
+@pytest.fixture(scope="module")
+def arm() -> pp.Arm:
+    return pp.load_robot("ur5").arm(tcp="tool0")
+
+
+@pytest.fixture(scope="module")
+def scene() -> pp.Scene:
+    return pp.Scene.load(ROBOTS / "ur5" / "scene.yaml")
+
+
+@pytest.fixture(scope="module")
+def picks() -> pp.Picks:
+    return pp.read_picks(ROBOTS / "ur5" / "picks.yaml")
+
+
+def some(picks: pp.Picks, *names: str) -> pp.Picks:
+    return replace(picks, picks=tuple(pick for pick in picks if pick.name in names))
+
+
+@pytest.fixture(scope="module")
+def bolts(picks: pp.Picks) -> pp.Picks:
+    return some(picks, "bolt_1", "bolt_2", "bolt_5")
+
+
+@pytest.fixture(scope="module")
+def found(arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks) -> PlacementResult:
+    region = PlacementRegion(x=(-0.3, 0.1), y=(-0.3, 0.3), yaw=(-np.pi, np.pi))
+    return place_base(arm, scene, bolts, region, placement_budget=replace(SMALL, proofs=50), budget=QUICK)
+
+
+def judged_again(
+    arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, root_from_cell: object, moved: tuple[str, ...] = ()
+) -> pp.PickReport:
+    """The picks judged with the original robot, in the scene moved into its frame."""
+    there = scene.transformed(root_from_cell)
+    for name in moved:
+        there = there.move(name, scene[name].pose)
+    weights = PickWeights(clearance=0, limit_margin=0, manipulability=0, duration=1)
+    return pp.validate_picks(arm, there, picks.transformed(root_from_cell), weights=weights, budget=QUICK)
+
+
+@pytest.mark.parametrize("mounting", ["floor", "wall", "ceiling"])
+def test_placed_arm_collides_as_the_original_in_the_transformed_scene(
+    arm: pp.Arm, scene: pp.Scene, mounting: str
+) -> None:
+    generator = np.random.default_rng(3)
+    obstacles = pp.Scene([each for each in scene.obstacles if each.name != "table"])
+    placed = PlacedRobot.make(arm, obstacles, mounting_pose(mounting).homogeneous)
+    wide = pp.CollisionChecker(placed.wide_arm, placed.scene, margin=0.002)
+    for _ in range(4):
+        values = generator.uniform([-0.9, -0.9, -0.2, -3.0], [0.2, 0.9, 0.9, 3.0])
+        root_from_cell = np.linalg.inv(placed.cell_from_root(values[None])[0])
+        plain = pp.CollisionChecker(arm, obstacles.transformed(root_from_cell), margin=0.002)
+        own = pp.CollisionChecker(placed.arm_at(values), placed.scene, margin=0.002)
+        q = generator.uniform(-np.pi, np.pi, (200, 6))
+        expected = plain.is_free_batch(q)
+        assert np.array_equal(own.is_free_batch(q), expected)
+        assert np.array_equal(wide.is_free_batch(np.hstack([np.tile(values, (200, 1)), q])), expected)
+        np.testing.assert_allclose(own.clearance_batch(q[:20]), plain.clearance_batch(q[:20]), atol=1e-7)
+
+
+def test_bodies_that_move_with_the_base_collide_with_the_scene(arm: pp.Arm) -> None:
+    column = pp.Obstacle("column", pp.Box(0.2, 0.2, 0.5), pp.pose(xyz=(0, 0, -0.3)))
+    wall = pp.Obstacle("wall", pp.Box(0.1, 2.0, 0.4), pp.pose(xyz=(0.6, 0, -0.3)))
+    placed = PlacedRobot.make(arm, pp.Scene([column, wall]), np.eye(4), ["column"])
+    checker = pp.CollisionChecker(placed.wide_arm, placed.scene)
+    at = [np.concatenate([[x, 0, 0, 0], arm.home]) for x in (0.0, 0.44, 0.46)]
+    assert checker.is_free_batch(at).tolist() == [True, True, False]
+    assert checker.check(at[2]).contacts[0].bodies == ("column", "wall")
+
+
+def test_best_placement_is_confirmed_by_the_original_robot(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, found: PlacementResult
+) -> None:
+    assert found.ok
+    assert [len(each.report.good) for each in found.candidates] == [3, 3]
+    assert found.candidates[0].cycle_time <= found.candidates[1].cycle_time
+    for each in found.candidates:
+        report = judged_again(arm, scene, bolts, each.root_from_cell)
+        assert report.ok
+        total = sum(verdict.trajectory.duration for verdict in report.good if verdict.trajectory is not None)
+        assert total == pytest.approx(each.cycle_time, rel=1e-3)
+        for verdict in each.report.verdicts:
+            assert verdict.certificate is not None
+            assert verdict.certificate.free
+
+
+def test_certified_time_is_below_the_median_of_feasible_placements(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, found: PlacementResult
+) -> None:
+    grid = found.map
+    assert grid is not None
+    feasible = np.flatnonzero(grid.feasible)
+    assert len(feasible) > 20
+    median = feasible[np.argsort(grid.seconds[feasible])[len(feasible) // 2]]
+    placed = PlacedRobot.make(arm, scene, np.eye(4))
+    report = judged_again(arm, scene, bolts, placed.root_from_cell(grid.placements[median]))
+    assert found.best is not None
+    assert report.ok
+    assert found.best.cycle_time < sum(v.trajectory.duration for v in report.good if v.trajectory is not None)
+
+
+def test_screened_grid_agrees_with_screen_picks(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, found: PlacementResult
+) -> None:
+    grid = found.map
+    assert grid is not None
+    placed = PlacedRobot.make(arm, scene, np.eye(4))
+    for k in range(0, len(grid), 7):
+        if grid.base[k]:
+            there = placed.root_from_cell(grid.placements[k])
+            screened = pp.screen_picks(arm, scene.transformed(there), bolts.transformed(there))
+            assert (screened.codes == 5).tolist() == (grid.codes[k] == 5).tolist()
+
+
+@pytest.mark.slow
+def test_workers_do_not_change_the_result(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, found: PlacementResult
+) -> None:
+    again = place_base(
+        arm, scene, bolts, found.region, placement_budget=replace(SMALL, proofs=50), budget=QUICK, workers=2
+    )
+    assert again.to_dict() == found.to_dict()
+
+
+def test_interrupted_search_resumes_from_its_folder(
+    tmp_path: Path, arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, found: PlacementResult
+) -> None:
+    stages: list[str] = []
+
+    def stop(stage: str, done: int, total: int) -> None:
+        stages.append(stage)
+        if stage == "certify_1" and done == 2:
+            raise KeyboardInterrupt
+
+    settings = {"placement_budget": replace(SMALL, proofs=50), "budget": QUICK, "folder": tmp_path / "search"}
+    with pytest.raises(PlacementInterrupted) as error:
+        place_base(arm, scene, bolts, found.region, progress=stop, **settings)
+    kept = error.value.result
+    assert kept.interrupted
+    assert kept.map is not None
+    assert kept.map.to_csv() == found.map.to_csv()  # type: ignore[union-attr]
+    stages.clear()
+    again = place_base(arm, scene, bolts, found.region, progress=lambda stage, *_: stages.append(stage), **settings)
+    assert again.to_dict() == found.to_dict()
+    assert "grid" not in stages
+    assert "certify_1" in stages
+    with pytest.raises(pp.errors.CampaignError, match="seed"):
+        place_base(arm, scene, bolts, found.region, rng=1, **settings)
+
+
+def test_base_stays_out_of_forbidden_zones(arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks) -> None:
+    zone = pp.Obstacle("walkway", pp.Box(1.0, 0.6, 1.0), pp.pose(xyz=(0, -0.3, 0)))
+    region = PlacementRegion(x=(-0.3, 0.1), y=(-0.5, 0.4), forbidden=(zone,))
+    result = place_base(arm, scene, bolts, region, placement_budget=SMALL, budget=QUICK)
+    assert result.best is not None
+    assert result.best.placement.y > 0.05  # the radius of the base
+    only_zone = replace(region, y=(-0.3, -0.2))
+    blocked = place_base(arm, scene, bolts, only_zone, placement_budget=SMALL, budget=QUICK)
+    assert not blocked.ok
+    assert "walkway" in blocked.message
+    assert set(blocked.failing) == {"bolt_1", "bolt_2", "bolt_5"}
+
+
+def test_pedestal_moves_with_the_base(arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks) -> None:
+    pedestal = pp.Obstacle("pedestal", pp.Cylinder(0.1, 0.3), pp.pose(xyz=(0, 0, -0.16)))
+    floor = pp.Obstacle("floor", pp.Box(4, 4, 0.1), pp.pose(xyz=(0, 0, -0.6)))
+    parts = pp.Scene([floor, pedestal, *(scene[each.carried or each.name] for each in bolts)])  # type: ignore[index]
+    region = PlacementRegion(x=(-0.4, 0.3), y=(-0.6, 0.3), z=(-0.1, 0.2))
+    result = place_base(arm, parts, bolts, region, moves_with_base=["pedestal"], placement_budget=SMALL, budget=QUICK)
+    assert result.best is not None
+    report = judged_again(arm, parts, bolts, result.best.root_from_cell, ("pedestal",))
+    assert report.ok
+
+
+def test_choices_are_compared(arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks) -> None:
+    region = PlacementRegion(x=(-0.25, -0.05), y=(-0.1, 0.1))
+    small = pp.load_robot("ur3").arm(tcp="tool0")
+    choices = [PlacementChoice("ur5"), PlacementChoice("ur3", arm=small)]
+    result = place_base(arm, scene, bolts, region, choices=choices, placement_budget=SMALL, budget=QUICK)
+    assert result.best is not None
+    assert result.best.placement.choice == "ur5"
+    assert result.map is not None
+    share = [result.map.share[result.map.choice == k].max() for k in (0, 1)]
+    assert share[0] == 1.0
+    assert share[1] < 1.0
+
+
+def test_robot_on_the_ceiling_is_judged_with_the_vertical_of_the_cell(arm: pp.Arm, picks: pp.Picks) -> None:
+    ceiling = pp.Obstacle("ceiling", pp.Box(3, 3, 0.1), pp.pose(xyz=(0, 0, 0.96)))
+    parts = pp.Scene([ceiling], allowed=[("base_link", "ceiling")])
+    region = PlacementRegion(x=(0.2, 0.8), y=(-0.3, 0.3), z=(0.9, 0.9))
+    bare = replace(some(picks, "bolt_1", "bolt_2"), home={})
+    choice = PlacementChoice("ceiling", mounting="ceiling")
+    result = place_base(arm, parts, bare, region, choices=[choice], placement_budget=SMALL, budget=QUICK)
+    assert result.best is not None
+    up = result.best.arm.root_from_base.rotation @ np.array([0, 0, 1.0])
+    np.testing.assert_allclose(up, [0, 0, -1], atol=1e-12)
+    assert judged_again(arm, parts, bare, result.best.root_from_cell).ok
+
+
+@pytest.mark.parametrize("names", [("bolt_1", "bolt_6"), ("bolt_2",)])
+def test_proven_empty_cells_have_no_placement(
+    arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, names: tuple[str, ...]
+) -> None:
+    chosen = some(picks, *names)
+    region = PlacementRegion(x=(-0.8, 0.6), y=(-0.6, 0.6), z=(-0.1, 0.1), yaw=(-1.0, 1.0))
+    budget = PlacementBudget(grid=240, runs=0, certified=1, proofs=200)
+    result = place_base(arm, scene, chosen, region, placement_budget=budget, budget=QUICK)
+    assert result.covered > 0.1
+    assert any(cell.boxes for cell in result.empty)  # some need more than the length of the arm
+    generator = np.random.default_rng(0)
+    placed = PlacedRobot.make(arm, scene, np.eye(4))
+    for cell in result.empty:
+        pick = next(each for each in chosen if each.name == cell.pick)
+        inside = generator.uniform(cell.lower, cell.upper, (60, 4))
+        corners = np.array(np.meshgrid(*zip(cell.lower, cell.upper, strict=True))).reshape(4, -1).T
+        targets = [
+            chosen.tcp_target(pick.transformed(pp.pose(there[:3, 3], pp.xyz_rpy(there)[3:])).pose, arm.root_from_base)
+            for there in (placed.root_from_cell(each) for each in np.vstack([inside, corners]))
+        ]
+        assert not pp.AnalyticIk().solve_all_batch(arm, targets).count.any()
+
+
+def test_no_placement_names_the_picks_that_fail_everywhere(arm: pp.Arm, scene: pp.Scene, picks: pp.Picks) -> None:
+    region = PlacementRegion(x=(-0.1, 0.1), y=(-0.1, 0.1))
+    chosen = some(picks, "bolt_1", "bolt_3", "bolt_6")
+    result = place_base(arm, scene, chosen, region, placement_budget=SMALL, budget=QUICK)
+    assert not result.ok
+    assert result.best is None
+    assert result.least_failing is not None
+    assert set(result.failing) == {"bolt_3", "bolt_6"}
+    assert "out of reach" in result.failing["bolt_6"]
+    assert "bin_far" in result.failing["bolt_3"]
+    with pytest.raises(pp.InputError, match="bolt_3"):
+        result.or_raise()
+
+
+def test_sensitivity_brackets_the_first_failure(arm: pp.Arm, scene: pp.Scene, picks: pp.Picks) -> None:
+    chosen = some(picks, "bolt_6")
+    region = PlacementRegion(x=(0.1, 0.3), y=(-0.3, -0.2))
+    result = place_base(arm, scene, chosen, region, placement_budget=SMALL, budget=QUICK)
+    assert result.best is not None
+    placed = PlacedRobot.make(arm, scene, np.eye(4))
+    (x,) = (each for each in result.sensitivity if each.axis == "x")
+    checked = 0
+    for by, fails in ((-x.below, x.first_below), (x.above, x.first_above)):
+        if fails not in ("bolt_6",):
+            continue
+        for factor, works in ((0.98, True), (1.06, False)):
+            moved = result.best.placement.values + np.array([factor * by, 0, 0, 0])
+            there = placed.root_from_cell(moved)
+            screened = pp.screen_picks(arm, scene.transformed(there), chosen.transformed(there))
+            assert bool(screened.free.all()) is works
+            checked += 1
+    assert checked
+
+
+def test_files_hold_the_result(tmp_path: Path, found: PlacementResult) -> None:
+    import csv
+    import json
+
+    for suffix in ("json", "md", "csv", "png"):
+        found.save(tmp_path / f"placement.{suffix}")
+    stored = json.loads((tmp_path / "placement.json").read_text())
+    assert stored["placements"][0]["cycle_time"] == found.candidates[0].cycle_time
+    with (tmp_path / "placement.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert found.map is not None
+    assert len(rows) == len(found.map)
+    assert min(float(row["estimated_seconds"]) for row in rows if row["estimated_seconds"]) == pytest.approx(
+        np.nanmin(found.map.seconds)
+    )
+    assert (tmp_path / "placement.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(pp.InputError, match=r"\.txt"):
+        found.save(tmp_path / "placement.txt")
+
+
+def test_grid_covers_the_region_with_similar_steps() -> None:
+    region = PlacementRegion(x=(0.0, 2.0), y=(0.0, 1.0), yaw=(-np.pi, np.pi))
+    x, y, z, yaw = region.axes(1000)
+    assert len(z) == 1
+    assert len(x) * len(y) * len(yaw) == pytest.approx(1000, rel=0.2)
+    assert x[1] - x[0] == pytest.approx(y[1] - y[0], rel=0.15)
+    assert x[0] == pytest.approx((x[1] - x[0]) / 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"x": (0.2, -0.2)}, "empty"),
+        ({"x": (300.0, 400.0)}, "metres"),
+        ({"yaw": (-180.0, 180.0)}, "radians"),
+        ({"forbidden": [pp.Obstacle("a", pp.Sphere(1)), pp.Obstacle("a", pp.Sphere(1))]}, "repeated: a"),
+    ],
+)
+def test_invalid_regions_are_refused(change: dict[str, object], words: str) -> None:
+    with pytest.raises(pp.InputError, match=words):
+        PlacementRegion(**{"x": (0, 1), "y": (0, 1), **change})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"objective": "cycletime"}, "cycle_time"),
+        ({"moves_with_base": ["tabel"]}, "table"),
+        ({"choices": [PlacementChoice("a"), PlacementChoice("a")]}, "repeated: a"),
+        ({"picks": []}, "no picks"),
+        ({"picks": [pp.Pick("a", pp.pose(), frame="base_link")]}, "moves with the base"),
+    ],
+)
+def test_invalid_searches_are_refused(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, change: dict[str, object], words: str
+) -> None:
+    region = PlacementRegion(x=(0, 1), y=(0, 1))
+    settings = {"picks": bolts, **change}
+    with pytest.raises(pp.InputError, match=words):
+        place_base(arm, scene, region=region, placement_budget=SMALL, **settings)  # type: ignore[arg-type]
+
+
+def test_unknown_mounting_is_refused() -> None:
+    with pytest.raises(pp.UnknownNameError, match="ceiling"):
+        PlacementChoice("a", mounting="roof")
+
+
+def test_parts_in_the_way_are_left_out(arm: pp.Arm) -> None:
+    picks = pp.read_picks(ROBOTS / "ur5" / "plate_picks.yaml")
+    stacked = pp.Scene.load(ROBOTS / "ur5" / "plate_scene.yaml")
+    lid = pp.Obstacle("lid", pp.Box(0.03, 0.03, 0.01), stacked["bolt_0_0"].pose * pp.pose(xyz=(0, 0, 0.0255)))
+    on_top = pp.Pick("lid", lid.pose * pp.pose(xyz=(0, 0, 0.01), rpy=(np.pi, 0, 0)), carried="lid", support="bolt_0_0")
+    below = replace(
+        some(picks, "bolts[0,0]").picks[0], frame="bolt_0_0", pose=pp.pose(xyz=(0, 0, 0.02), rpy=(np.pi, 0, 0))
+    )
+    both = replace(picks, picks=(below, on_top))
+    scene = stacked.add(lid)
+    assert [verdict.ok for verdict in pp.validate_picks(arm, scene, both, budget=QUICK).verdicts] == [False, True]
+    bare, alone = without_parts(arm, scene, both)
+    assert set(scene.names) - set(bare.names) == {"lid", "bolt_0_0"}
+    report = pp.validate_picks(arm, bare, alone, budget=QUICK)
+    assert [verdict.ok for verdict in report.verdicts] == [True, True]
+    assert "bolt_0_0" in [body.name for body in report.verdicts[0].motions[2].attached]

@@ -1,0 +1,300 @@
+"""Sequences of picks: the shortest order against brute force, scenes of the moment, certificates and bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import runpy
+from dataclasses import replace
+from itertools import pairwise, permutations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.cell import SequenceResult
+from pinproof.cell.precedence import Precedence
+from pinproof.cell.tour import TourProblem
+from pinproof.errors import UnknownNameError
+from pinproof.picks import PickBudget, PickSetup, PlaceTarget, SuctionCup
+
+ROOT = Path(__file__).parents[2]
+DOWN = (np.pi, 0.0, 0.0)
+SIDE = 0.05
+Place = tuple[float, float, float]
+
+
+def random_problem(jobs: int, options: int, pairs: int, seed: int) -> TourProblem:
+    rng = np.random.default_rng(seed)
+    job = np.repeat(np.arange(jobs), options)
+    at, to = rng.uniform(0, 1, (2, len(job), 2))
+    reasons = {}
+    for _ in range(pairs):
+        a, b = sorted(rng.choice(jobs, 2, replace=False).tolist())
+        reasons[a, b] = "stated"
+    names = tuple(f"p{k}" for k in range(jobs))
+    between = np.linalg.norm(to[:, None] - at[None], axis=2)
+    start, end = np.linalg.norm(at, axis=1), np.linalg.norm(to, axis=1)
+    return TourProblem(job, start, end, rng.uniform(0, 1, len(job)), between, Precedence(names, reasons))
+
+
+def brute_force(problem: TourProblem) -> float:
+    orders = (order for order in permutations(range(problem.count)) if problem.precedence.allows(order))
+    return min(problem.best_options(order).seconds for order in orders)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_small_tour_is_the_best_of_all_orders(seed: int) -> None:
+    problem = random_problem(6, 3, 4, seed)
+    found = problem.solve()
+    assert found.seconds == pytest.approx(brute_force(problem), abs=1e-12)
+    assert problem.seconds(found.options) == pytest.approx(found.seconds, abs=1e-12)
+    assert problem.precedence.allows(found.order)
+    assert problem.lower_bound() == pytest.approx(found.seconds, abs=1e-12)
+
+
+def test_options_of_an_order_are_the_best_of_all_choices() -> None:
+    problem = random_problem(4, 3, 0, 7)
+    order = (2, 0, 3, 1)
+    choices = np.array(np.meshgrid(*(problem.options[job] for job in order))).reshape(4, -1).T
+    assert problem.best_options(order).seconds == pytest.approx(min(map(problem.seconds, choices)), abs=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pairs", [0, 20])
+def test_search_finds_the_optimum_of_a_line_of_jobs(pairs: int) -> None:
+    """On a line the best tour visits the jobs in order of their position; 24 jobs are too many for the exact method."""
+    at = np.linspace(0.1, 1.0, 24)
+    names = tuple(map(str, range(24)))
+    between = np.abs(at[:, None] - at[None])
+    reasons = {(k, k + 3): "stated" for k in range(pairs)}
+    shuffled = np.random.default_rng(1).permutation(24)
+    back = np.argsort(shuffled)
+    reasons = {(int(back[a]), int(back[b])): why for (a, b), why in reasons.items()}
+    problem = TourProblem(
+        np.arange(24), at[shuffled], 1.0 - at[shuffled], np.ones(24), between[np.ix_(shuffled, shuffled)],
+        Precedence(names, reasons),
+    )  # fmt: skip
+    found = problem.solve()
+    assert found.seconds == pytest.approx(25.0, abs=1e-9)
+    assert problem.lower_bound() <= 25.0 + 1e-9
+    assert problem.lower_bound() >= 0.95 * 25.0
+    assert problem.precedence.allows(found.order)
+
+
+def test_contradictory_precedence_names_a_cycle() -> None:
+    with pytest.raises(pp.InputError, match=r"a before b .*b before c .*c before a"):
+        Precedence.stated("abcd", [("a", "b"), ("b", "c"), ("c", "a"), ("a", "d")])
+
+
+def cell(picks: pp.Picks, scene: pp.Scene) -> PickSetup:
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    return PickSetup.make(arm, scene, picks, home=None, rng=0, budget=PickBudget(remedies=0, motion=40))
+
+
+def boxes(*places: Place) -> list[pp.Obstacle]:
+    box = pp.Box(SIDE, SIDE, SIDE)
+    return [pp.Obstacle(f"box_{k}", box, pp.pose(place)) for k, place in enumerate(places)]
+
+
+def tray_cell(before: list[Place], after: list[Place]) -> tuple[PickSetup, tuple[pp.Pick, ...]]:
+    """A UR5 with a suction cup and boxes, each with its place."""
+    table = pp.Obstacle("table", pp.Box(1.6, 1.6, 0.04), pp.pose((0.3, 0, -0.025)))
+    picks = [
+        pp.Pick(
+            f"pick_{k}",
+            pp.pose((x, y, z + SIDE / 2), DOWN),
+            approach=0.06,
+            retreat=0.07,
+            carried=f"box_{k}",
+            place=PlaceTarget(pp.pose(np.add(to, (0, 0, SIDE / 2)), DOWN), approach=0.06, retreat=0.06),
+        )
+        for k, ((x, y, z), to) in enumerate(zip(before, after, strict=True))
+    ]
+    lance = pp.Obstacle("lance", pp.Cylinder(radius=0.01, length=0.15), pp.pose((0, 0, 0.075)))
+    shared = pp.Picks(picks, tip=pp.pose((0, 0, 0.15)), tool=(lance,), cup=SuctionCup(radius=0.01), margin=0.002)
+    scene = pp.Scene([table, *boxes(*before)], allowed=[("base_link", "table")])
+    return cell(shared, scene), tuple(picks)
+
+
+FLOOR = SIDE / 2 - 0.005
+STACK = [(0.45, 0.25, FLOOR), (0.45, 0.25, FLOOR + SIDE), (0.35, 0.35, FLOOR)]
+PALLET = [(0.45, -0.25, FLOOR + SIDE), (0.45, -0.25, FLOOR), (0.36, -0.30, FLOOR)]
+
+
+@pytest.fixture(scope="module")
+def stacked() -> SequenceResult:
+    """box_1 is on box_0, and at the places box_0 is on box_1."""
+    setup, picks = tray_cell(STACK, PALLET)
+    return pp.sequence(setup, picks, grip_dwell=0.2, release_dwell=0.1)
+
+
+@pytest.mark.slow
+def test_part_is_picked_before_its_support_and_placed_after_it(stacked: SequenceResult) -> None:
+    assert stacked.ok
+    assert stacked.order.index("pick_1") < stacked.order.index("pick_0")
+    reasons = {(stacked.precedence.names[a], stacked.precedence.names[b]) for a, b in stacked.precedence.reasons}
+    assert ("pick_1", "pick_0") in reasons
+
+
+@pytest.mark.slow
+def test_parts_move_with_the_sequence(stacked: SequenceResult) -> None:
+    at = {name: np.array(place) for name, place in zip(("box_0", "box_1", "box_2"), STACK, strict=True)}
+    target = {name: np.array(place) for name, place in zip(("box_0", "box_1", "box_2"), PALLET, strict=True)}
+    for step in stacked:
+        carried = str(step.pick.carried)
+        for name, place in at.items():
+            assert np.allclose(step.scene[name].pose.translation, place, atol=1e-9)
+        for motion in step.verdict.motions:
+            holding = motion.name in ("retreat", "transfer", "place")
+            assert (carried in motion.scene.names) is not holding
+            assert (carried in {thing.name for thing in motion.attached}) is holding
+        at[carried] = target[carried]
+        assert np.allclose(step.verdict.motions[-1].scene[carried].pose.translation, at[carried], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_motions_are_joined_and_add_up_to_the_total_time(stacked: SequenceResult) -> None:
+    motions = stacked.motions
+    assert np.array_equal(motions[0].trajectory.start, stacked.setup.home)
+    assert np.array_equal(motions[-1].trajectory.end, stacked.setup.home)
+    for before, after in pairwise(motions):
+        assert np.allclose(before.trajectory.end, after.trajectory.start, atol=1e-12)
+    seconds = sum(motion.trajectory.duration for motion in motions)
+    assert stacked.moving == pytest.approx(seconds, abs=1e-6)
+    assert stacked.duration == pytest.approx(seconds + 3 * (0.2 + 0.1), abs=1e-6)
+    assert stacked.lower_bound <= seconds + 1e-6
+    times = pp.cell.cycle_time(stacked)
+    assert sum(times.by_phase.values()) == pytest.approx(stacked.duration, abs=1e-6)
+    assert all(pick.shortest <= pick.duration + 1e-9 for pick in times.picks)
+
+
+@pytest.mark.slow
+def test_every_motion_is_free_in_a_new_checker_of_its_moment(stacked: SequenceResult) -> None:
+    arm = stacked.setup.checker.arm
+    for motion in stacked.motions:
+        touching = [("lance", name) for name in motion.scene.names if name.startswith("box")]
+        if motion.name in ("transit", "transfer"):
+            touching = []
+        held = [thing.name for thing in motion.attached if thing.name.startswith("box")]
+        touching += [("lance", name) for name in held]
+        checker = pp.CollisionChecker(arm, motion.scene, margin=0.002, attached=motion.attached)
+        names = set(checker.obstacles_and_links)
+        checker = checker.allowing(*(pair for pair in touching if set(pair) <= names))
+        if motion.name in ("transit", "transfer", "approach", "leave"):
+            assert pp.certify(motion.trajectory, checker).free
+            assert pp.audit(motion.trajectory, checker, measure=False).clean
+        assert motion.certificate.free
+
+
+@pytest.mark.slow
+def test_given_order_is_kept_and_an_impossible_one_is_refused() -> None:
+    setup, picks = tray_cell(STACK, PALLET)
+    kept = pp.sequence(setup, picks, order=["pick_2", "pick_1", "pick_0"], refinements=0)
+    assert kept.order == ("pick_2", "pick_1", "pick_0")
+    with pytest.raises(pp.InputError, match="pick_1 must come before pick_0"):
+        pp.sequence(setup, picks, order=["pick_0", "pick_1", "pick_2"])
+    with pytest.raises(UnknownNameError, match="pick_9"):
+        pp.sequence(setup, picks, precedence=[("pick_9", "pick_0")])
+    with pytest.raises(pp.InputError, match="repeated: pick_0"):
+        pp.sequence(setup, [picks[0], picks[0]])
+    with pytest.raises(pp.InputError, match="same object 'box_0'"):
+        pp.sequence(setup, [picks[0], replace(picks[0], name="again")])
+    with pytest.raises(pp.InputError, match="no place"):
+        pp.sequence(setup, [replace(picks[0], place=None)])
+
+
+@pytest.mark.slow
+def test_motions_are_certified_again_in_a_new_setup_of_their_moment(stacked: SequenceResult) -> None:
+    setup = stacked.setup
+    for step in stacked:
+        fresh = PickSetup.make(setup.checker.arm, step.scene, setup.shared, home=None, rng=1)
+        certificates = fresh.recertify(step.program(), step.verdict.pick)
+        assert [each.free for each in certificates] == [True] * 6
+        assert {event.kind: event.dwell for event in step.program().events} == {"grip": 0.2, "release": 0.1}
+
+
+@pytest.mark.slow
+def test_motion_is_refused_in_a_scene_in_which_another_part_is_in_the_way(stacked: SequenceResult) -> None:
+    """The motions of the last step cannot be certified in the scene before the first one."""
+    last, setup = list(stacked)[-1], stacked.setup
+    certificates = setup.recertify(last.program(), last.verdict.pick)
+    assert last.pick.name == "pick_0"  # box_1 is on its part at first
+    assert not all(each.free for each in certificates)
+
+
+@pytest.mark.slow
+def test_pick_that_fails_is_left_out_with_those_that_must_follow_it() -> None:
+    setup, picks = tray_cell([(0.45, 0.25, FLOOR), (0.45, 0.25, FLOOR + SIDE), (0.35, 0.35, FLOOR)], PALLET)
+    assert picks[1].place is not None
+    far = replace(picks[1], place=replace(picks[1].place, pose=pp.pose((3.0, 0.0, 0.3), DOWN)))
+    result = pp.sequence(setup, [picks[0], far, picks[2]])
+    assert result.order == ("pick_2",)
+    assert not result.ok
+    reasons = {each.name: each.reason for each in result.left_out}
+    assert reasons["pick_1"].startswith("place:")
+    assert "pick_1" in reasons["pick_0"]
+    with pytest.raises(pp.PinproofError, match="pick_1"):
+        result.or_raise()
+
+
+@pytest.mark.slow
+def test_interrupted_search_returns_the_certified_beginning() -> None:
+    setup, picks = tray_cell(STACK, PALLET)
+
+    def stop(work: str, done: int, _: int) -> None:
+        if work == "motions" and done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(pp.cell.SequenceInterrupted) as caught:
+        pp.sequence(setup, picks, progress=stop)
+    result = caught.value.result
+    assert len(result.steps) == 2
+    assert result.interrupted
+    assert not result.complete
+    assert all(motion.certificate.free for motion in result.motions)
+
+
+@pytest.mark.slow
+def test_free_ends_have_no_motion_to_home() -> None:
+    setup, picks = tray_cell(STACK[2:], PALLET[2:])
+    free = pp.sequence(setup, picks, start="free", end="free")
+    assert free.closing is None
+    assert free.motions[0].trajectory.duration == 0.0
+    assert free.moving < pp.sequence(setup, picks).moving
+
+
+@pytest.mark.slow
+def test_slower_parts_of_a_pick_are_limited_by_the_tool_speed() -> None:
+    setup, picks = tray_cell(STACK[2:], PALLET[2:])
+    slow = replace(picks[0], speed={"approach": pp.picks.ToolSpeed(linear_speed=0.01)})
+    (time,) = pp.cell.cycle_time(pp.sequence(setup, [slow])).picks
+    assert time.phases["approach"] >= 6.0 - 1e-6  # 60 mm
+    assert time.limited_by == "approach: tool speed"
+
+
+@pytest.mark.slow
+def test_files_have_every_pick_in_order(stacked: SequenceResult, tmp_path: Path) -> None:
+    for suffix in pp.cell.SEQUENCE_SUFFIXES:
+        pp.cell.save_sequence(stacked, tmp_path / f"cell{suffix}")
+    with (tmp_path / "cell.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(row["pick"] for row in rows) == stacked.order
+    assert float(rows[-1]["start"]) + float(rows[-1]["duration"]) == pytest.approx(list(stacked)[-1].end, abs=1e-9)
+    content = json.loads((tmp_path / "cell.json").read_text(encoding="utf-8"))
+    assert tuple(step["name"] for step in content["steps"]) == stacked.order
+    assert sum(phase["duration"] for step in content["steps"] for phase in step["phases"]) == pytest.approx(
+        content["duration"] - content["closing"], abs=1e-6
+    )
+    with pytest.raises(pp.InputError, match=r"cell\.txt"):
+        pp.cell.save_sequence(stacked, tmp_path / "cell.txt")
+
+
+def test_the_files_of_the_palletising_cell_are_up_to_date() -> None:
+    done = runpy.run_path(str(ROOT / "scripts" / "palletising_cell.py"))
+    for name, text in done["files"]().items():
+        assert (ROOT / "robots" / "ur10" / name).read_text(encoding="utf-8") == text
+    picks = pp.read_picks(ROOT / "robots" / "ur10" / "pallet_picks.yaml")
+    assert len(picks) == 200
+    assert not picks.problems

@@ -1,0 +1,152 @@
+"""The certificate of a robot program covers what a controller may execute, and is withdrawn when the text differs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision import certify_program, export_program
+from pinproof.collision.program_proof import _share
+from pinproof.errors import InputError
+from pinproof.motion.program_steps import Blend, JointMove
+from pinproof.motion.robot_program import RobotProgram, make_program
+
+Cell = tuple[pp.CollisionChecker, pp.Trajectory]
+MOVING = ("urscript", "rapid", "krl", "fanuc")
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    """The UR5 beside a post, and a motion from one side of it to the other."""
+    arm = pp.load_robot("ur5").arm()
+    post = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.2), pp.pose(xyz=(0.55, 0.0, 0.6)))
+    checker = pp.CollisionChecker(arm, pp.Scene([post]))
+    ends = [[turn, -1.0, 1.4, -2.0, -1.57, 0.0] for turn in (-0.9, 0.9)]
+    path = pp.RrtConnect().plan(checker, *ends, rng=0).or_raise().path
+    return checker, pp.time_parametrise(pp.simplify(path, checker, rng=0).path, arm.limits)
+
+
+@pytest.mark.parametrize("dialect", [*MOVING, "ros2"])
+def test_a_certified_motion_is_exported_and_the_text_certified(cell: Cell, dialect: str) -> None:
+    checker, motion = cell
+    assert pp.certify(motion, checker).free
+    program, certificate = export_program(motion, checker, dialect)
+    assert certificate.free
+    assert program.certificate == certificate.hash
+    again = certify_program(RobotProgram.parse(program.text, dialect=dialect), checker)
+    assert (again.free, again.hash) == (True, certificate.hash)
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_blends_of_every_common_form_are_free_when_sampled(cell: Cell, dialect: str) -> None:
+    checker, motion = cell
+    program, certificate = export_program(motion, checker, dialect)
+    points = program.moves
+    blended = [i for i, move in enumerate(points) if move.blend is not None]
+    assert certificate.free
+    assert blended
+    exact = pp.CollisionChecker(checker.arm, checker.scene, link_meshes="mesh")
+    along = np.linspace(0.0, 1.0, 40)[:, None]
+    for i in blended:
+        at = points[i].q
+        into = _share(points[i].blend, checker.arm, at, points[i - 1].q) * (points[i - 1].q - at)
+        out = _share(points[i].blend, checker.arm, at, points[i + 1].q) * (points[i + 1].q - at)
+        parabola = at + (1 - along) ** 2 * into + along**2 * out
+        superposed = at + (1 - along) * into + along * out  # both moves at once, at constant speed
+        circle = at + (1 - np.sin(along * np.pi / 2)) * into + (1 - np.cos(along * np.pi / 2)) * out
+        for q in np.concatenate([parabola, superposed, circle]):
+            assert exact.is_free(q)
+
+
+def test_a_radius_covers_every_point_of_a_move_within_it() -> None:
+    arm = pp.load_robot("ur5").arm()
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        at, other = rng.uniform(-2, 2, (2, 6))
+        radius = rng.uniform(0.001, 0.2)
+        share = _share(Blend(radius), arm, at, other)
+        dense = np.linspace(0, 1, 5001)
+        tcp = arm.forward_kinematics_batch(at + dense[:, None] * (other - at))[:, :3, 3]
+        assert dense[np.linalg.norm(tcp - tcp[0], axis=1) <= radius].max() <= share
+
+
+def test_blends_that_may_overlap_are_not_free() -> None:
+    arm = pp.load_robot("ur5").arm()
+    checker = pp.CollisionChecker(arm)
+    q = np.array([0.0, -1.0, 1.4, -2.0, -1.57, 0.0]) + np.arange(4)[:, None] * [0.05, 0, 0, 0, 0, 0]
+    tcp = arm.forward_kinematics_batch(q)[:, :3, 3]
+    half = np.linalg.norm(tcp[1] - tcp[0]) / 2
+
+    def program(radius: float) -> RobotProgram:
+        inner = [JointMove(each, 0.5, Blend(radius)) for each in q[1:3]]
+        return make_program([JointMove(q[0]), *inner, JointMove(q[3], 0.5)], arm.joint_names, dialect="urscript")
+
+    assert certify_program(program(0.9 * half), checker).free
+    too_large = certify_program(program(1.1 * half), checker)
+    assert too_large.status is pp.CertificateStatus.UNDECIDED
+    assert too_large.overlaps == (program(1.1 * half).moves[2].line,)
+
+
+def test_exported_blends_do_not_overlap(cell: Cell) -> None:
+    checker, motion = cell
+    program, certificate = export_program(motion, checker, "urscript", blend=Blend(0.2))
+    assert certificate.free
+    tcp = checker.arm.forward_kinematics_batch([move.q for move in program.moves])[:, :3, 3]
+    radii = [0.0 if move.blend is None else move.blend.radius for move in program.moves]
+    for i, distance in enumerate(np.linalg.norm(np.diff(tcp, axis=0), axis=1)):
+        assert radii[i] + radii[i + 1] <= distance
+
+
+def test_an_edit_that_leads_into_an_obstacle_is_not_free(cell: Cell) -> None:
+    checker, motion = cell
+    program, _ = export_program(motion, checker, "urscript")
+    down = replace(program.moves[-1], q=np.array([0.0, -1.0, 1.4, -2.0, -1.57, 0.0]))
+    edited = make_program([*program.steps[:-1], down], program.joint_names, dialect="urscript")
+    assert not checker.is_free(down.q)
+    certificate = certify_program(edited, checker)
+    assert certificate.status is pp.CertificateStatus.COLLIDING
+    assert f"line {edited.moves[-1].line}" in certificate.message
+
+
+def test_a_larger_deviation_of_the_controller_needs_more_room(cell: Cell) -> None:
+    checker, motion = cell
+    exact = export_program(motion, checker, "urscript", deviation=0.0)[1]
+    wide = export_program(motion, checker, "urscript", deviation=0.3)[1]
+    assert exact.free
+    assert not wide.free
+
+
+def test_a_certificate_names_the_scene(cell: Cell) -> None:
+    checker, motion = cell
+    program, certificate = export_program(motion, checker, "krl")
+    empty = certify_program(program, pp.CollisionChecker(checker.arm))
+    assert empty.free
+    assert empty.hash != certificate.hash
+
+
+def test_points_outside_the_limits_are_reported() -> None:
+    arm = pp.load_robot("ur5").arm()
+    program = make_program(
+        [JointMove(np.zeros(6)), JointMove(np.array([0, 0, 3.3, 0, 0, 0]), 1.0)], arm.joint_names, dialect="rapid"
+    )
+    (sentence,) = certify_program(program, pp.CollisionChecker(arm)).outside_limits
+    assert "elbow_joint" in sentence
+
+
+def test_a_stream_of_set_points_is_certified_with_the_deviation_of_its_interpolation(cell: Cell) -> None:
+    checker, motion = cell
+    program, certificate = export_program(motion, checker, "urscript", period=0.008, deviation=0.0005)
+    assert certificate.free
+    assert len(program.moves) == int(np.ceil(round(motion.duration / 0.008, 6))) + 1
+    with pytest.raises(InputError, match="stream"):
+        export_program(motion, checker, "krl", period=0.008)
+
+
+def test_prismatic_joints_are_refused() -> None:
+    arm = pp.load_robot("stanford").arm()
+    path = pp.JointPath([arm.home, arm.home + 0.01], arm.joint_names)
+    with pytest.raises(InputError, match="revolute"):
+        export_program(path, pp.CollisionChecker(arm), "rapid")

@@ -1,0 +1,206 @@
+"""Robot programs: what is written is read back, and what was edited or is not supported is refused with its line."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinproof as pp
+from pinproof.errors import InputError, TrajectoryError, UnknownNameError
+from pinproof.motion.dialects import DIALECTS
+from pinproof.motion.program_steps import Blend, JointMove, SetOutput, StreamedPoint, Wait
+from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
+
+NAMES = tuple(f"joint_{i}" for i in range(1, 7))
+MOVING = ("urscript", "rapid", "krl", "fanuc")
+RESOLUTION = {"urscript": 0.6e-6, "rapid": 1e-6, "krl": 1e-6, "fanuc": 1e-5}
+"""rad: half of the last decimal that each language is written with."""
+
+OUTPUT = {"urscript": "0", "rapid": "do_gripper", "krl": "1", "fanuc": "1"}
+
+
+def some_steps(dialect: str, rows: int = 4) -> list:
+    q = np.random.default_rng(5).uniform(-3, 3, (rows, 6))
+    blend = DIALECTS[dialect].blend
+    moves = [JointMove(row, None if i == 0 else 0.5 + i, blend if i == 1 else None) for i, row in enumerate(q)]
+    return [*moves[:2], SetOutput(OUTPUT[dialect], True), Wait(0.25), *moves[2:]]
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_every_construct_is_read_back(dialect: str) -> None:
+    steps = some_steps(dialect)
+    program = make_program(steps, NAMES, dialect=dialect, name="lift 1", deviation=0.003, certificate="ab12")
+    assert [type(step) for step in program.steps] == [type(step) for step in steps]
+    for wrote, read in zip(steps, program.steps, strict=True):
+        if isinstance(wrote, JointMove):
+            assert np.abs(read.q - wrote.q).max() <= RESOLUTION[dialect]
+            assert (read.blend is None) == (wrote.blend is None)
+            if read.duration is not None:
+                assert read.duration == pytest.approx(wrote.duration, abs=1e-3)
+    assert (program.name, program.deviation, program.certificate) == ("lift_1", 0.003, "ab12")
+    assert program.joint_names == NAMES
+    output, wait = program.steps[2:4]
+    assert (output.output, output.on, wait.seconds) == (OUTPUT[dialect], True, 0.25)
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+@settings(max_examples=20)
+@given(data=st.data())
+def test_an_edited_number_is_refused_with_its_line(dialect: str, data: st.DataObject) -> None:
+    program = make_program(some_steps(dialect), NAMES, dialect=dialect)
+    lines = program.text.splitlines()
+    mark = DIALECTS[dialect].comment_of
+    numbers = [
+        (i, found.span())
+        for i, line in enumerate(lines)
+        if mark(line) is None
+        for found in re.finditer(r"(?<![\w.])\d+\.\d+", line)
+    ]
+    i, (start, end) = data.draw(st.sampled_from(numbers))
+    digit = data.draw(st.sampled_from([k for k in range(start, end) if lines[i][k].isdigit()]))
+    other = data.draw(st.sampled_from([each for each in "0123456789" if each != lines[i][digit]]))
+    lines[i] = lines[i][:digit] + other + lines[i][digit + 1 :]
+    with pytest.raises(TrajectoryError) as error:
+        RobotProgram.parse("\n".join(lines), dialect=dialect)
+    assert error.value.place == f"line {i + 1}"
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_an_edited_comment_is_refused(dialect: str) -> None:
+    arm = pp.load_robot("ur5").arm()
+    motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.2], arm.joint_names), arm.limits)
+    text = motion.to_program(dialect, deviation=0.25).text
+    assert text.count("0.25 rad") == 1
+    with pytest.raises(TrajectoryError, match="comments"):
+        RobotProgram.parse(text.replace("0.25 rad", "0 rad"), dialect=dialect)
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_a_removed_or_added_line_is_refused(dialect: str) -> None:
+    program = make_program(some_steps(dialect), NAMES, dialect=dialect)
+    lines = program.text.splitlines()
+    wait = next(i for i, line in enumerate(lines) if "WAIT" in line.upper() or "sleep" in line)
+    for changed in (lines[:wait] + lines[wait + 1 :], lines[: wait + 1] + lines[wait:]):
+        with pytest.raises(TrajectoryError):
+            RobotProgram.parse("\n".join(changed), dialect=dialect)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "line"),
+    [
+        ("urscript", "  movel(p[0.1, 0.2, 0.3, 0, 0, 0], a=1.2, v=0.25)"),
+        ("rapid", "    MoveL p10, v100, fine, tool0;"),
+        ("krl", "  LIN {X 100,Y 0,Z 300,A 0,B 0,C 0}"),
+        ("fanuc", ":L P[1] 100mm/sec FINE ;"),
+    ],
+)
+def test_an_unsupported_instruction_is_refused_with_line_and_text(dialect: str, line: str) -> None:
+    lines = make_program(some_steps(dialect), NAMES, dialect=dialect).text.splitlines()
+    at = next(i for i, each in enumerate(lines) if "WAIT" in each.upper() or "sleep" in each)
+    lines.insert(at, line)
+    with pytest.raises(TrajectoryError) as error:
+        RobotProgram.parse("\n".join(lines), dialect=dialect, allow_changes=True)
+    assert error.value.place == f"line {at + 1}"
+    assert line.strip() in error.value.reason
+
+
+def test_changes_are_accepted_on_request_and_withdraw_the_certificate() -> None:
+    program = make_program(some_steps("urscript"), NAMES, dialect="urscript", certificate="ab12")
+    edited = RobotProgram.parse(
+        program.text.replace("sleep(0.250000)", "sleep(0.750000)"), dialect="urscript", allow_changes=True
+    )
+    assert edited.certificate == ""
+    assert [step.seconds for step in edited.steps if isinstance(step, Wait)] == [0.75]
+
+
+def test_set_points_are_streamed_and_stopped() -> None:
+    steps = [JointMove(np.zeros(6)), StreamedPoint(np.full(6, 0.01), 0.008), StreamedPoint(np.full(6, 0.02), 0.008)]
+    program = make_program([*steps, Wait(1.0)], NAMES, dialect="urscript")
+    words = [line.strip().partition("(")[0] for line in program.text.splitlines() if "#" not in line]
+    assert words == ["def motion", "movej", "servoj", "servoj", "stopj", "sleep", "end"]
+    assert [step.period for step in program.steps if isinstance(step, StreamedPoint)] == [0.008, 0.008]
+
+
+angles = st.lists(st.floats(-3, 3), min_size=6, max_size=6)
+
+
+@settings(max_examples=50)
+@given(q=angles, offsets=angles, signs=st.lists(st.sampled_from([-1.0, 1.0]), min_size=6, max_size=6))
+def test_the_joint_map_is_undone_by_its_inverse(q: list[float], offsets: list[float], signs: list[float]) -> None:
+    mapping = JointMap(np.array(signs), np.array(offsets), coupling=-1.0)
+    assert mapping.from_controller(mapping.to_controller(q)) == pytest.approx(q, abs=1e-14)
+
+
+def test_a_coupled_joint_is_written_as_the_controller_measures_it() -> None:
+    q = np.deg2rad([0.0, 30.0, 10.0, 0.0, 0.0, 0.0])
+    mapping = JointMap(np.ones(6), np.zeros(6), coupling=-1.0)
+    program = make_program([JointMove(q)], NAMES, dialect="fanuc", joint_map=mapping)
+    assert "J3 = -20.000 deg" in program.text
+    assert program.moves[0].q == pytest.approx(q, abs=1e-5)
+
+
+def test_the_points_of_a_program_are_close_to_the_motion_at_all_times() -> None:
+    arm = pp.load_robot("ur5").arm()
+    rng = np.random.default_rng(2)
+    curve = pp.motion.CubicPath.through(arm.home + np.cumsum(rng.uniform(-0.4, 0.4, (6, 6)), axis=0), arm.joint_names)
+    motion = pp.time_parametrise(curve, arm.limits)
+    moves = moves_along(motion, tolerance=0.002)
+    assert 6 < len(moves) < 100
+    assert sum(move.duration or 0.0 for move in moves) == pytest.approx(motion.duration)
+    points = np.array([move.q for move in moves])
+    for q in motion(np.linspace(0, motion.duration, 2000)):
+        steps = np.diff(points, axis=0)
+        share = (((q - points[:-1]) * steps).sum(axis=1) / (steps**2).sum(axis=1)).clip(0, 1)
+        assert np.abs(points[:-1] + share[:, None] * steps - q).max(axis=1).min() <= 0.0021
+
+
+def test_a_motion_stops_in_the_program_where_it_rests() -> None:
+    arm = pp.load_robot("ur5").arm()
+    turns = np.array([[0, 0, 0, 0, 0, 0], [0.3, 0, 0, 0, 0, 0], [0.3, 0.3, 0, 0, 0, 0]])
+    corner = pp.JointPath(arm.home + turns, arm.joint_names)
+    moves = moves_along(pp.time_parametrise(corner, arm.limits), blend=Blend(0.01))
+    (at,) = (move for move in moves[1:-1] if np.abs(move.q - corner.q[1]).max() < 1e-9)
+    assert at.blend is None
+
+
+def test_a_goal_of_ros_is_exactly_the_trajectory(tmp_path: Path) -> None:
+    arm = pp.load_robot("panda").arm()
+    motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names), arm.limits, jerk=500.0)
+    motion.to_program("ros2").save(tmp_path / "m.goal.yaml")
+    (step,) = RobotProgram.load(tmp_path / "m.goal.yaml").steps
+    assert pp.Trajectory.of_record(step.record).digest() == motion.digest()
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_seven_joints_are_refused_where_the_language_has_six(dialect: str) -> None:
+    arm = pp.load_robot("panda").arm()
+    motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names), arm.limits)
+    with pytest.raises(InputError, match="6 joints"):
+        motion.to_program(dialect)
+
+
+def test_an_unknown_language_names_the_valid_ones() -> None:
+    arm = pp.load_robot("ur5").arm()
+    motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names), arm.limits)
+    with pytest.raises(UnknownNameError) as error:
+        motion.to_program("karel")
+    assert set(error.value.valid) == set(DIALECTS)
+
+
+@pytest.mark.parametrize(("dialect", "output"), [("urscript", "gripper"), ("rapid", "1"), ("krl", "0"), ("fanuc", "a")])
+def test_an_output_that_the_language_does_not_have_is_refused(dialect: str, output: str) -> None:
+    with pytest.raises(InputError, match="output"):
+        make_program([JointMove(np.zeros(6)), SetOutput(output, True)], NAMES, dialect=dialect)
+
+
+def test_files_of_other_programs_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "other.script").write_text("def a():\n  movej([0, 0, 0, 0, 0, 0], a=1, v=1)\nend\n")
+    with pytest.raises(TrajectoryError, match="pinproof"):
+        RobotProgram.load(tmp_path / "other.script")
+    with pytest.raises(InputError, match="ending"):
+        RobotProgram.load(tmp_path / "program.txt")

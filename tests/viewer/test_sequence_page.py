@@ -1,0 +1,66 @@
+"""The page of a sequence in a real browser: the animation, the chart and the table follow the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.cell import write_sequence_page
+from pinproof.picks import PickBudget, PickSetup, PlaceTarget, SuctionCup
+
+from .browser import Browser
+
+pytestmark = pytest.mark.slow
+
+BEFORE, AFTER = (0.45, 0.25, 0.02), (0.45, -0.25, 0.02)
+
+
+def carried_box() -> tuple[PickSetup, list[pp.Pick]]:
+    """A box that is moved from one side to the other, and a point that is only approached."""
+    down = (np.pi, 0.0, 0.0)
+    box = pp.Obstacle("box_1", pp.Box(0.05, 0.05, 0.05), pp.pose(BEFORE))
+    place = PlaceTarget(pp.pose((*AFTER[:2], 0.045), down), approach=0.06, retreat=0.06)
+    move = pp.Pick("move <b>", pp.pose((*BEFORE[:2], 0.045), down), carried=box.name, place=place)
+    lance = pp.Obstacle("lance", pp.Cylinder(radius=0.01, length=0.15), pp.pose((0, 0, 0.075)))
+    picks = [move, pp.Pick("look", pp.pose((0.3, 0.3, 0.3), down))]
+    shared = pp.Picks(picks, tip=pp.pose((0, 0, 0.15)), tool=(lance,), cup=SuctionCup(radius=0.01))
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    return PickSetup.make(arm, pp.Scene([box]), shared, home=None, rng=0, budget=PickBudget(motion=20)), picks
+
+
+def test_page_shows_the_cell_at_any_time_of_the_cycle(browser: Browser, pages: Callable[[str], Path]) -> None:
+    setup, picks = carried_box()
+    result = pp.sequence(setup, picks, grip_dwell=0.5, release_dwell=0.25)
+    path = pages("sequence")
+    grid = np.array([(x, y, 0.0) for x in (0.1, 0.2) for y in (0.1, 0.2)])
+    heat = pp.viewer.ColouredPoints.of_values(grid, [0, 0.2, 0.5, 1], label="share of picks:")
+    write_sequence_page(result, path, heat_map=heat)
+    page = browser.open(path.as_uri())
+    assert page.evaluate("document.querySelectorAll('#rows tr').length") == 2
+    assert "FREE" in page.text("#figures")
+    assert page.evaluate("pinproof.settings.duration") == pytest.approx(result.duration, abs=1e-6)
+    step = next(step for step in result if step.pick.name == "move <b>")
+    grip, release = (next(p.start for p in step.phases if p.name == name) for name in ("grip", "release"))
+    for time, place in ((0.0, BEFORE), (grip + 0.4, BEFORE), (release + 0.2, AFTER), (result.duration, AFTER)):
+        page.evaluate(f"pinproof.seek({time})")
+        at = page.evaluate("pinproof.viewer.scene_tree.find(['scene', 'box_1']).object.position.toArray()")
+        assert at == pytest.approx(place, abs=1e-3), time
+    page.evaluate(f"pinproof.seek({grip + 0.2})")
+    page.wait_for("document.querySelector('#now').textContent === 'move <b>, grip'")
+    second = list(result)[1]
+    page.evaluate("document.querySelectorAll('#rows tr')[1].click()")
+    page.wait_for(f"Math.abs(pinproof.viewer.animator.time - {second.start}) < 0.01")
+    page.wait_for("document.querySelectorAll('#rows tr')[1].getAttribute('aria-selected') === 'true'")
+    chart = page.evaluate(
+        "(() => { const c = document.querySelector('#gantt'), p = c.getContext('2d').getImageData(0, 20, c.width, 100);"
+        "return new Set(new Uint32Array(p.data.buffer)).size; })()"
+    )
+    assert chart > 6  # the colours of several phases
+    assert page.canvas().std() > 10
+    assert page.complaints == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    page.close()

@@ -305,6 +305,18 @@ def test_files_hold_the_result(tmp_path: Path, found: PlacementResult) -> None:
         found.save(tmp_path / "placement.txt")
 
 
+def test_heat_map_is_drawn_on_the_floor(found: PlacementResult) -> None:
+    grid = found.map
+    assert grid is not None
+    columns = len(grid.axes[0]) * len(grid.axes[1])
+    assert len(grid.floor_points().xyz) == columns
+    seconds = grid.floor_points(seconds=True, height=0.1)
+    assert 0 < len(seconds.xyz) <= columns
+    assert (seconds.xyz[:, 2] == 0.1).all()
+    fastest = grid.placements[np.nanargmin(grid.seconds)]
+    assert np.abs(seconds.xyz[:, :2] - fastest[:2]).max(axis=1).min() < 1e-12
+
+
 def test_grid_covers_the_region_with_similar_steps() -> None:
     region = PlacementRegion(x=(0.0, 2.0), y=(0.0, 1.0), yaw=(-np.pi, np.pi))
     x, y, z, yaw = region.axes(1000)

@@ -21,7 +21,7 @@ EXPECTED = {
     "dragged": (PickStatus.IMPOSSIBLE, Stage.RETREAT, "bolt_1 is not proven to leave table"),
     "too_high": (PickStatus.IMPOSSIBLE, Stage.APPROACH, "900 mm path, planned outwards from the grasp, stops at "),
     "in_the_corner": (PickStatus.NOT_FOUND, Stage.GRASP, "picker penetrates bin_"),
-    "too_far": (PickStatus.NOT_FOUND, Stage.PLACE, "release is out of reach"),
+    "too_far": (PickStatus.IMPOSSIBLE, Stage.PLACE, "release is out of reach"),
     "missing": (PickStatus.UNREADABLE, Stage.INPUT, "unknown object 'bolt_9'"),
 }
 

@@ -25,6 +25,7 @@ from pinproof.model import Arm
 from pinproof.picks.input.pick import Picks
 from pinproof.picks.report.report import PickReport
 from pinproof.spatial import SE3, rigid, xyz_rpy
+from pinproof.viewer import ColouredPoints
 
 __all__ = [
     "CertifiedPlacement",
@@ -193,6 +194,30 @@ class PlacementMap:
         out = np.full(known.shape, np.nan)
         out[known] = best(flat[known], axis=1)
         return out
+
+    def floor_points(self, *, choice: int = 0, seconds: bool = False, height: float = 0.0) -> ColouredPoints:
+        """The map as points on the floor of the cell, for the page of a sequence.
+
+        Parameters
+        ----------
+        choice
+            The index of the discrete choice.
+        seconds
+            Whether to show the estimated cycle time instead of the share of the picks that work.
+        height
+            The z of the points in the frame of the cell, in metres.
+        """
+        values = self.over_floor(self.seconds if seconds else self.share, choice, np.nanmin if seconds else np.nanmax)
+        x, y = np.meshgrid(self.axes[0], self.axes[1], indexing="ij")
+        known = np.isfinite(values)
+        xyz = np.column_stack([x[known], y[known], np.full(int(known.sum()), height)])
+        steps = [float(axis[1] - axis[0]) for axis in self.axes[:2] if len(axis) > 1]
+        label = "estimated cycle time [s]:" if seconds else "share of picks that work:"
+        shown, size = values[known], 0.4 * min(steps, default=0.05)
+        low, high = (float(shown.min(initial=np.inf)), float(shown.max(initial=-np.inf))) if seconds else (0.0, 1.0)
+        if not low < high:  # none or one value
+            low, high = 0.0, max(high, 1.0)
+        return ColouredPoints.of_values(xyz, shown, label=label, low=low, high=high, size=size)
 
     def to_csv(self) -> str:
         """One row per placement: its values, whether the base is free, the share of picks, and the estimates."""

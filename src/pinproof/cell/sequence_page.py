@@ -86,7 +86,7 @@ def write_sequence_page(
     shown, riders = _film(stage, result)
     few = slice(None, None, -(-len(shown.times) // FRAMED))
     floor = np.empty((0, 3)) if heat_map is None else heat_map.xyz
-    points = np.concatenate([shown.tcps[:, 0], _rider_points(stage, riders), floor])
+    points = np.concatenate([*shown.tcps.swapaxes(0, 1), _rider_points(stage, riders), floor])
     view = choose_view(stage, shown.poses[few], points, tool=tool_points(stage, shown.poses[few]))
     first = Film(np.zeros(1), shown.poses[:1], shown.tcps[:1])
     commands = stage_commands(stage, first, view)
@@ -186,7 +186,7 @@ def _film(stage: Stage, result: SequenceResult) -> tuple[Film, dict[str, list[tu
         instants = np.linspace(0.0, moved.duration, int(np.ceil(moved.duration * rate)) + 1)
         for t, q in zip(instants.tolist(), np.asarray(moved(instants), dtype=float), strict=True):
             now = start + t
-            tcp = placed.tcp_poses(q)[0]
+            (tcp,) = placed.tcp_poses(q)
             if not times or now > times[-1]:
                 times.append(now)
                 poses.append(placed.link_poses(q))

@@ -22,7 +22,6 @@ from pinproof.cli.console import (
 from pinproof.cli.options import Json, Seed
 from pinproof.cli.pick import CellOptions
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model.limits import guess_note
 
 __all__ = ["cell_sequence"]
 
@@ -184,6 +183,8 @@ def _print(result: pp.cell.SequenceResult) -> None:
     print_line(f"utilisation: {shares}")
     for each in times.slowest(SLOWEST):
         print_line(f"slow: {each.name}, {each.duration:.2f} s, limited by {each.limited_by}")
+    from pinproof.model.limits import guess_note  # loads the kinematics
+
     if guess := guess_note(result.setup.checker.arm.limits.acceleration_source):
         print_note(guess)
     _print_left_out(result)

@@ -885,9 +885,8 @@ def _chosen_limits(
         joint = urdf.joints[name]
         if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
             raise InputError(
-                f"{joint.type} joint {name!r} states no lower and upper limit; "
-                f"state both in the URDF, or in a file of joint limits (--limits); "
-                f"in Python also limits={{{name!r}: (lower, upper)}}"
+                f"{joint.type} joint {name!r} states no lower and upper limit; state both in the URDF, or in a file of "
+                f"joint limits (--limits); in Python also limits={{{name!r}: (lower, upper)}}"
             )
     return chosen
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pinproof._core import DynamicTree
 from pinproof.common.display import outline
 from pinproof.description.dh_keys import DEFAULT_EFFORT
-from pinproof.description.dh_urdf import GENERATED_MASSES
+from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
 from pinproof.model import JointGroup, Payload
 from pinproof.model.dynamics import GRAVITY, checked_payloads, dynamic_tree, massless_joints
@@ -199,7 +199,7 @@ class TorqueLimits:
         return "N m" if self.arm.angular[joint] else "N"
 
     def _guessed(self, joint: int) -> str:
-        if self.limits[joint] != DEFAULT_EFFORT or not self.arm.robot.has_generated_bodies:
+        if self.limits[joint] != DEFAULT_EFFORT or not has_generated_bodies(self.arm.robot.urdf):
             return ""
         return ", the default of a DH table: state effort there, or max_effort in a file of joint limits"
 

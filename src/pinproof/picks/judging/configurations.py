@@ -14,6 +14,7 @@ from pinproof.model import Arm, JointLimits
 from pinproof.model.limits import AT_LIMIT
 
 __all__ = [
+    "REDUNDANT",
     "TURN",
     "along_families",
     "at_full_speed",

@@ -112,16 +112,19 @@ def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDA
     return Reached(q, row, stages)
 
 
-def reach_between(task: Task, members: list[Member]) -> Reached | None:
+def reach_between(task: Task, members: list[Member], reached: Reached) -> Reached | None:
     """The configurations along the curves of IK solutions at the first grasps; None if none of them is collision-free.
 
-    For an arm of seven joints, whose other configurations are those at some values of the redundant joint.
+    For an arm of seven joints, whose known configurations are those at some values of the redundant joint. Grasps at
+    which a body at the tcp collides, and so every configuration, are left out.
     """
+    known = [reached.q[reached.member == i] for i in range(len(members))]
+    rest = [i for i, q in enumerate(known) if not len(q) or not _contacts_at_every_configuration(task.at_grasp, q[0])]
     targets = [task.target(task.grasp(member)) for member in members]
-    row, q = along_families(task.arm, task.targets([task.grasp(member) for member in members]), task.cell.home)
+    row, q = along_families(task.arm, task.targets([task.grasp(members[i]) for i in rest]), task.cell.home)
     if not task.at_grasp.is_free_batch(q).any():
         return None
-    return _reached(task, members, targets, row, q)
+    return _reached(task, members, targets, np.array(rest, dtype=np.int64)[row], q)
 
 
 def every_branch_is_known(task: Task, targets: list[SE3], arm: Arm | None = None) -> bool:

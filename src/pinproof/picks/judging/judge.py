@@ -15,6 +15,7 @@ import numpy as np
 
 from pinproof.errors import InputError
 from pinproof.picks.input.pick import Member, Pick
+from pinproof.picks.judging.configurations import REDUNDANT
 from pinproof.picks.judging.grasp import (
     Reached,
     every_branch_is_known,
@@ -102,8 +103,8 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
         status = PickStatus.IMPOSSIBLE if reached.complete else PickStatus.NOT_FOUND
         return _GroupVerdict(PickVerdict(pick, status, stages, refuted=reached.refuted))
     screened = screen(task, group, reached)
-    failed = not screened.candidates and not screened.not_held and not task.cell.trial
-    if failed and (between := reach_between(task, group)) is not None:
+    failed = task.arm.dof == REDUNDANT and not screened.candidates and not screened.not_held and not task.cell.trial
+    if failed and (between := reach_between(task, group, reached)) is not None:
         reached, screened = between, screen(task, group, between)
         stages = (*start, *reached.stages)
     tried = len(reached.q)

@@ -138,7 +138,7 @@ def _free(
     slack += [DEEPEST + separating.gap - obstacle_tolerance for separating in separating_pairs] + [
         separating.slack for separating in separating_pairs
     ]
-    tube = MotionTube(read_only(np.zeros(checker.arm.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
+    tube = MotionTube(read_only(np.zeros(checker.group.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
     complete = _on_complete_curve(curve, checker, proven[:-1], proven[-1])
     intervals = complete.intervals + sum(separating.proof.intervals for separating in separating_pairs)
     return replace(

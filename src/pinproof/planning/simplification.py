@@ -169,7 +169,7 @@ def _candidates(
         edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD, torque_limits=torque_limits)
         for curve in smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names):
             low, high = bezier.extremes(curve.control)  # a spline may leave the joint limits between its points
-            if checker.arm.limits.inside(np.array([low.min(axis=0), high.max(axis=0)])).all():
+            if checker.group.limits.inside(np.array([low.min(axis=0), high.max(axis=0)])).all():
                 yield curve
     if blend:
         yield round_corners(short, checker, deviation=deviation)

@@ -15,6 +15,7 @@ from pinproof.errors import InputError, UnitWarning
 __all__ = [
     "ANGLE_UNITS",
     "FAR",
+    "MOST_MARGIN",
     "MOST_REACH",
     "MOST_TURN",
     "far_hint",
@@ -90,6 +91,10 @@ def refuse_millimetres(name: str, lengths: Sequence[float], *, most: float = MOS
     """Raise InputError for lengths probably in millimetres: one exceeds ``most`` (m) and all others are 0 or >= 1 m."""
     if text := _millimetres_text(name, lengths, most):
         raise InputError(text)
+
+
+MOST_MARGIN = 0.99
+"""Metres. A larger margin that a person states is in millimetres."""
 
 
 def warn_of_millimetres(name: str, lengths: Sequence[float], *, most: float = MOST_REACH, stacklevel: int = 2) -> None:

@@ -314,9 +314,9 @@ def test_a_dense_cad_mesh_is_refused_in_little_memory():
     ball = trimesh.creation.icosphere(subdivisions=5)
     x, y, z = ball.vertices.T
     bumps = 1 + 0.02 * np.sin(24 * x) * np.sin(24 * y) * np.sin(24 * z)
-    corners = np.array((0.1 * bumps[:, None] * ball.vertices)[ball.faces])
+    solid = Solid(0.1 * bumps[:, None] * ball.vertices, np.array(ball.faces))
     tracemalloc.start()
-    cover = convex_pieces(corners, lambda _: True, most=64, tolerance=1e-4)
+    cover = convex_pieces(solid, most=64, tolerance=1e-4)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert cover is None

@@ -88,7 +88,7 @@ def test_an_object_is_placed_at_the_stated_pose(arm) -> None:
 
 def test_a_place_out_of_reach_is_the_stage_that_fails(arm) -> None:
     verdict = judge(arm, replace(PICK, place=pp.picks.PlaceTarget(pp.pose((1.4, 0, 0.035), DOWN))))
-    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.PLACE)
     assert "release is out of reach" in verdict.reason
 
 

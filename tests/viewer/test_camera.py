@@ -46,7 +46,7 @@ def test_a_planar_arm_is_not_hidden_behind_its_own_tip() -> None:
     arm = pp.load_robot(pp.DhTable(rows, convention="standard", name="planar")).arm()
     stage = set_stage(arm, Scene())
     shown = still(stage, np.array([np.pi / 6, np.pi / 4, 0.3]))
-    view = choose_view(stage, shown.poses, shown.tcp, tool=tool_points(stage, shown.poses))
+    view = choose_view(stage, shown.poses, shown.tcps[:, 0], tool=tool_points(stage, shown.poses))
     axes, tangent, camera = fit(view.points, view.direction, 1.6)
     seen = np.array([[0, 0, 0], [0.866, 0.5, 0], [1.073, 1.273, 0], [1.049, 1.572, 0]]) @ axes.T - camera
     across = seen[:, :2] / (-seen[:, 2:] * tangent)

@@ -17,7 +17,6 @@ from pinproof.cell.placement_result import (
     PlacementResult,
     PlacementSensitivity,
 )
-from pinproof.cell.placement_tasks import OBJECTIVES
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequence_page import read_heat_map, write_sequence_page
 from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
@@ -26,7 +25,6 @@ from pinproof.cell.sequencing import SequenceInterrupted, sequence
 from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
 
 __all__ = [
-    "OBJECTIVES",
     "SEQUENCE_SUFFIXES",
     "CellComparison",
     "CertifiedPlacement",

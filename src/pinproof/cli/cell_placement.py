@@ -126,8 +126,6 @@ def cell_place(
 
     Example: pinproof cell place robots/ur5/plate_picks.yaml --region "-0.3 0.1 -0.3 0.3" --grid 200 -o place.json
     """
-    if search.objective not in pp.cell.OBJECTIVES:
-        raise pp.UnknownNameError("objective", search.objective, pp.cell.OBJECTIVES, "--objective")
     _check_output(output)
     region = search.found_region()
     arm, scene, source = cell.open(file)
@@ -193,7 +191,7 @@ def cell_compare(
 
     Exit code 1 if a pick is lost.
 
-    Example: pinproof cell compare robots/ur5/picks.yaml --place "0.05 0.05 0"
+    Example: pinproof cell compare robots/ur5/picks.yaml --place "-0.05 -0.05 0"
     """
     _check_table(output, file, against)
     with pool.settings() as settings:

@@ -22,7 +22,7 @@ import pinproof as pp
 from pinproof.cli.complete import group_names, link_names, robot_names
 from pinproof.cli.console import Interrupted, print_note
 from pinproof.errors import InputError, TimingError
-from pinproof.units import parse_angle, refuse_degrees, warn_of_degrees
+from pinproof.units import MOST_MARGIN, parse_angle, refuse_degrees, warn_of_degrees, warn_of_millimetres
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -250,6 +250,7 @@ class SceneOptions:
         attachments, margin = pp.collision.Attachments(), self.margin
         if tool is not None:
             attachments, margin = tool.attachments, max(margin, tool.picks.margin)
+        warn_of_millimetres("--margin", [self.margin], most=MOST_MARGIN)
         world = self.load() if scene is None else scene
         return pp.CollisionChecker(arm, world, margin=margin, attached=attachments.bodies, allowed=attachments.allowed)
 

@@ -106,10 +106,6 @@ class Margins:
         return f"Margins({self.common!r}, {single!r})"
 
 
-MOST_MARGIN = 0.99
-"""Metres. A larger margin is stated in millimetres."""
-
-
 def checked_margin(name: str, margin: float) -> float:
     """Return a margin as a number.
 
@@ -124,7 +120,6 @@ def checked_margin(name: str, margin: float) -> float:
         value = math.nan
     if not math.isfinite(value) or value < 0:
         raise InputError(f"{name} = {margin}; it must be a distance in metres, 0 or more")
-    warn_of_millimetres(name, [value], most=MOST_MARGIN, stacklevel=4)
     return value
 
 

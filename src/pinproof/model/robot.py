@@ -101,7 +101,7 @@ class JointGroup:
     arms are branches of one kinematic tree: they may share joints between their base and the links where they part,
     such as a torso or a linear axis.
 
-    A configuration ``q`` is (n,) in the order of :attr:`joint_names`, in rad or m; a continuous joint is one unwrapped
+    A configuration ``q`` is (n,) in the order of ``joint_names``, in rad or m; a continuous joint is one unwrapped
     angle. All methods are thread-safe.
 
     A group is read-only, so that a certificate of it stays valid; :meth:`with_limits` and :meth:`with_held` return
@@ -247,7 +247,7 @@ class JointGroup:
         return self._home.copy()
 
     def state(self, name: str, *, group: str | None = None) -> Array:
-        """Return a named state (n,) of the SRDF (:meth:`pinproof.Robot.state`), in the order of :attr:`joint_names`.
+        """Return a named state (n,) of the SRDF (:meth:`pinproof.Robot.state`), in the order of ``joint_names``.
 
         Raises
         ------
@@ -417,7 +417,7 @@ class Arm(JointGroup):
     """The chain of joints between a base link and a tcp frame; created by :meth:`pinproof.Robot.arm`.
 
     It is a :class:`JointGroup` with one arm, named by its tcp. A configuration ``q`` is (n,) in the order of
-    :attr:`joint_names`, in rad or m; a continuous joint is one unwrapped angle. Poses of the tcp are in the frame of
+    ``joint_names``, in rad or m; a continuous joint is one unwrapped angle. Poses of the tcp are in the frame of
     the base link. All methods are thread-safe.
 
     An arm is read-only, so that a certificate of it stays valid; :meth:`with_limits`, :meth:`with_held` and

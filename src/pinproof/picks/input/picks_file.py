@@ -26,7 +26,7 @@ from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_
 from pinproof.picks.input.settings import GripLimits
 from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 from pinproof.spatial import SE3, finite
-from pinproof.units import MOST_REACH, refuse_millimetres
+from pinproof.units import MOST_MARGIN, MOST_REACH, refuse_millimetres, warn_of_millimetres
 
 __all__ = ["open_picks", "read_picks"]
 
@@ -266,6 +266,7 @@ def _margin(stated: object) -> float:
     margin = _number("margin", stated)
     if margin < 0:
         raise InputError(f"is {margin} m; it must be 0 or more")
+    warn_of_millimetres("margin", [margin], most=MOST_MARGIN)
     return margin
 
 

@@ -90,6 +90,20 @@ def test_blends_that_may_overlap_are_not_free() -> None:
     assert too_large.overlaps == (program(1.1 * half).moves[2].line,)
 
 
+@pytest.mark.parametrize("dialect", MOVING)
+def test_a_blend_at_the_first_point_is_not_free(dialect: str) -> None:
+    arm = pp.load_robot("ur5").arm()
+    q = np.array([0.0, -1.0, 1.4, -2.0, -1.57, 0.0]) + np.arange(2)[:, None] * [0.3, 0, 0, 0, 0, 0]
+
+    def status(blend: Blend | None) -> pp.CertificateStatus:
+        steps = [JointMove(q[0], None, blend), JointMove(q[1], 1.0)]
+        program = make_program(steps, arm.joint_names, dialect=dialect)
+        return certify_program(program, pp.CollisionChecker(arm)).status
+
+    assert status(None) is pp.CertificateStatus.FREE
+    assert status(Blend(0.01 if dialect == "urscript" else None)) is pp.CertificateStatus.UNDECIDED
+
+
 def test_exported_blends_do_not_overlap(cell: Cell) -> None:
     checker, motion = cell
     program, certificate = export_program(motion, checker, "urscript", blend=Blend(0.2))

@@ -78,8 +78,8 @@ class ProgramCertificate:
     notes
         What the certificate assumes about the controller, and what it does not cover.
     overlaps
-        Lines of blends that may overlap with the blend before. A controller may then skip a point, so the program is
-        UNDECIDED.
+        Lines of blends that may overlap with the blend before, so that a controller may skip a point, or that are at
+        the first point, to which the move is not known. The program is then UNDECIDED.
     outside_limits
         The points of the program that violate the position limits of the arm.
     """
@@ -128,8 +128,8 @@ class ProgramCertificate:
         part = next((each for each in self.parts if not each.certificate.free), None)
         if part is None:
             return (
-                f"UNDECIDED: the blend at line {self.overlaps[0]} may overlap with the one before it, and a controller "
-                "may then skip a point; reduce the radius"
+                f"UNDECIDED: the blend at line {self.overlaps[0]} may overlap with the one before it, so that a "
+                "controller may skip a point, or it is at the first point; reduce or remove it"
             )
         return f"{self.status.name}: {part.name}: {part.certificate.message}"
 
@@ -325,8 +325,13 @@ def _executed(program: RobotProgram, arm: Arm) -> Iterator[tuple[str, int, bool,
 
 
 def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
-    """The lines of blends that, by their upper bounds, use the same part of a move as the blend before."""
+    """The lines of blends that, by their upper bounds, use the same part of a move as the blend before.
+
+    A blend at the first point uses a part of the move to this point, which is not known.
+    """
     points = [step for step in program.moves if isinstance(step, JointMove)]
+    if points and points[0].blend is not None:
+        yield points[0].line
     for before, at in pairwise(points):
         if before.blend is not None and at.blend is not None:
             used = _share(before.blend, arm, before.q, at.q) + _share(at.blend, arm, at.q, before.q)

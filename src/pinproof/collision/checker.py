@@ -396,7 +396,7 @@ class CollisionChecker(CheckedBodies):
         return self._on({**self._levels, **dict.fromkeys(pairs, EXACT)}) if pairs else self
 
     def _on(self, levels: Levels) -> CollisionChecker:
-        """Return the checker with other levels of detail; the last ones are kept, since many configurations need them."""
+        """Return the checker with other levels of detail; those that were made last are kept."""
         key = frozenset(levels.items())
         other = self._on_levels.get(key)
         if other is None:

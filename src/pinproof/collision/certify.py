@@ -28,6 +28,7 @@ from pinproof.collision.certificate import (
     checked_hash,
     curve_hash,
     free_sentence,
+    mesh_files,
     notes_of,
     parameter_text,
 )
@@ -377,7 +378,8 @@ class _Proof:
     ) -> Certificate:
         checker, state = self._checker, self._state
         free = status is CertificateStatus.FREE
-        curve, setup = curve_hash(self._curve), checked_hash(checker)
+        files = mesh_files(checker)
+        curve, setup = curve_hash(self._curve), checked_hash(checker, files)
         records = getattr(self._curve, "certified", ())  # of a trajectory that was read from a file
         found = changes_since(records, checker, curve, setup, self._constraints)
         changes = (f"the file of the motion states: {each}" for each in found)
@@ -395,7 +397,7 @@ class _Proof:
             tolerance=self._settings.tolerance,
             curve=curve,
             setup=setup,
-            notes=(*notes_of(checker), *changes),
+            notes=(*notes_of(checker, files), *changes),
             tube=MotionTube(
                 read_only(self._joints),
                 self._obstacles,

@@ -47,6 +47,9 @@ SAMPLES_PER_SECOND, FEWEST, MOST = 200, 50, 4000
 REFINED = 33
 """Configurations between two of these samples at which the search continues."""
 
+SIMILAR = 0.25
+"""Share of the tolerances: two configurations whose deviations differ by less are similarly close."""
+
 LONGEST_STOP = 60.0
 """Seconds. A longer stop is not certified: the velocity, or the acceleration limit, is implausible."""
 
@@ -247,7 +250,7 @@ class Monitor:
         progress = min(max(time, 0.0), self._trajectory.duration)
         deviation = self._deviation(progress, at, rate)
         if (deviation > self._tolerance).any():
-            closest = self._closest(at)
+            closest = self._closest(at, progress)
             other = self._deviation(closest, at, rate)
             if (other / self._tolerance).max() < (deviation / self._tolerance).max():
                 progress, deviation = closest, other
@@ -293,9 +296,16 @@ class Monitor:
         later = error + (dq - self._trajectory.velocity(progress)) * self._latency
         return np.asarray(np.maximum(np.abs(error), np.abs(later)) + self._spread)
 
-    def _closest(self, q: Array) -> float:
-        """Return the time of the configuration of the motion that is closest in relation to the tolerances."""
-        k = int((np.abs(self._samples - q) / self._tolerance).max(axis=1).argmin())
+    def _closest(self, q: Array, time: float) -> float:
+        """Return the time of the closest configuration of the motion in relation to the tolerances.
+
+        A motion may pass a configuration several times: of those that are similarly close, the nearest in time counts.
+        """
+        off = (np.abs(self._samples - q) / self._tolerance).max(axis=1)
+        padded = np.concatenate([[np.inf], off, [np.inf]])
+        lowest = (off <= padded[:-2]) & (off <= padded[2:]) & (off <= off.min() + SIMILAR)
+        found = np.flatnonzero(lowest)
+        k = int(found[np.abs(self._times[found] - time).argmin()])
         times = np.linspace(self._times[max(k - 1, 0)], self._times[min(k + 1, len(self._times) - 1)], REFINED)
         near = (np.abs(np.asarray(self._trajectory(times)) - q) / self._tolerance).max(axis=1)
         return float(times[int(near.argmin())])

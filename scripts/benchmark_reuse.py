@@ -236,9 +236,9 @@ def _times(table: ReuseTable) -> list[str]:
 def _verdicts(table: ReuseTable) -> list[str]:
     text = (
         "Each verdict from reuse is compared with a certificate from scratch. A verdict is wrong if one is FREE and "
-        "the other COLLIDING, if the configuration of a first contact has no contact, or if the proven clearance exceeds a "
-        f"measured distance. One of {AUDITED} FREE motions is checked by coal at samples between which no joint moves "
-        f"more than {AUDIT_STEP:g} rad. The column 'different' counts verdicts of which one is UNDECIDED."
+        "the other COLLIDING, if the configuration of a first contact has no contact, or if the proven clearance "
+        f"exceeds a measured distance. One of {AUDITED} FREE motions is checked by coal at samples between which no "
+        f"joint moves more than {AUDIT_STEP:g} rad. The column 'different' counts verdicts of which one is UNDECIDED."
     )
     columns = ("set", "changes", "FREE", "COLLIDING", "UNDECIDED", "different", "audited", "samples", "wrong")
     cells = [

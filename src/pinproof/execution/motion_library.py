@@ -430,7 +430,8 @@ class MotionLibrary:
     @property
     def _headline(self) -> str:
         free = sum(motion.free for motion in self)
-        return f"{len(self)} motions of {self._checker.group.robot.name}, {free} proven collision-free"
+        motions = "1 motion" if len(self) == 1 else f"{len(self)} motions"
+        return f"{motions} of {self._checker.group.robot.name}, {free} proven collision-free"
 
 
 def _replaced(trajectory: Trajectory, first: float, last: float, detour: Trajectory) -> Trajectory:

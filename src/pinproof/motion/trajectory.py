@@ -181,7 +181,8 @@ class Trajectory:
             raise InputError(f"time = {time!r}; it must be 0 s or more")
         if time >= self.duration and any(rates[-1].any() for rates in self._points[2:]):
             raise InputError(
-                f"the trajectory of {', '.join(self.joint_names)} ends at {self.duration:.6g} s, still moving; {time:.6g} s is not before its end"
+                f"the trajectory of {', '.join(self.joint_names)} ends at {self.duration:.6g} s, still moving; "
+                f"{time:.6g} s is not before its end"
             )
         clock, now = whole_nanoseconds(self.times), round(min(time, self.duration) * trajectory_files.NANO)
         at, rows = now / trajectory_files.NANO, clock > now

@@ -40,8 +40,8 @@ constexpr double kFarthest = 1e6;
 constexpr int kUnlimited = EliminationResult::kMost + 1;
 
 // Below this determinant of their unit directions, prismatic joints may have a self-motion at this target; below the second
-// value, their travels are not computed.
-constexpr double kDependent = 1e-6, kUndetermined = 1e-12;
+// value, they have one if the remaining translation (lengths of the arm) is below the third.
+constexpr double kDependent = 1e-6, kParallelRails = 1e-14, kNoTranslation = 1e-9;
 
 // At a smaller discriminant (relative) of three revolute joints, both values of the middle one may be a double root.
 constexpr double kDouble = 1e-9;
@@ -202,7 +202,8 @@ bool PrismaticLoop::find_roots() {
 
 // Which roots are surely not on the unit circle, and configurations near those that are on it or close to it.
 void PrismaticLoop::classify(double nearly_real, EliminationResult& out) {
-    double radius[kMostRoots], from_circle[kMostRoots];
+    double radius[kMostRoots];
+    bool perhaps_real[kMostRoots];  // the disc, or one that overlaps it, touches the circle
     for (int i = 0; i < roots_; ++i) {
         const Complex z = root_[i];
         Complex value = 0.0;
@@ -214,21 +215,26 @@ void PrismaticLoop::classify(double nearly_real, EliminationResult& out) {
         for (int k = 0; k < roots_; ++k)
             if (k != i) apart *= std::abs(z - root_[k]);
         radius[i] = roots_ * (std::abs(value) + error) / apart;
-        from_circle[i] = std::abs(std::abs(z) - 1.0);
+        perhaps_real[i] = !(std::abs(std::abs(z) - 1.0) > radius[i]);
     }
-    int surely_complex = 0;
+    // As many roots as discs are in discs that overlap: a double root has two.
+    for (int pass = 0; pass < roots_; ++pass)
+        for (int i = 0; i < roots_; ++i)
+            for (int k = 0; k < roots_; ++k)
+                if (perhaps_real[k] && !(std::abs(root_[i] - root_[k]) > radius[i] + radius[k])) perhaps_real[i] = true;
+    int existing = 0;
     for (int i = 0; i < roots_; ++i) {
-        bool alone = from_circle[i] > radius[i];
-        for (int k = 0; k < roots_ && alone; ++k)
-            if (k != i && std::abs(root_[i] - root_[k]) <= radius[i] + radius[k]) alone = false;
-        surely_complex += alone;
-        if (std::abs(std::log(std::abs(root_[i]))) < nearly_real) start_from_second(std::arg(root_[i]), out);
+        bool at_infinity = false;
+        if (std::abs(std::log(std::abs(root_[i]))) < nearly_real)
+            at_infinity = !start_from_second(std::arg(root_[i]), out);
+        existing += perhaps_real[i] && !at_infinity;
     }
-    if (out.existing != kUnlimited) out.existing = roots_ - surely_complex;
+    if (out.existing != kUnlimited) out.existing = existing;
 }
 
-// The configurations at a value of joint B.
-void PrismaticLoop::start_from_second(double b, EliminationResult& out) const {
+// The configurations at a value of joint B. Returns false if its prismatic joints are parallel there, and the translation is
+// not, so that they would have to move to infinity: (2) is zero, but there is no configuration.
+bool PrismaticLoop::start_from_second(double b, EliminationResult& out) const {
     const FirstJoint joint = first_joint(b);
     const double middle = std::atan2(joint.sine, joint.cosine);
     const double half = std::atan2(std::sqrt(std::max(0.0, joint.discriminant())), joint.constant);
@@ -236,6 +242,7 @@ void PrismaticLoop::start_from_second(double b, EliminationResult& out) const {
     double determinant[2], scale = 0.0;
     for (double one : joint.determinant) scale += std::abs(one);
     for (int i = 0; i < 2; ++i) determinant[i] = std::abs(joint.determinant_at(angle[i]));
+    bool exists = false;
     for (int i = 0; i < 2; ++i) {
         if (determinant[i] > determinant[1 - i] && determinant[i] > kNearlyZero * scale) continue;
         const LoopLine &first = cut_.line[revolute_[0]], &second = cut_.line[revolute_[1]];
@@ -248,8 +255,9 @@ void PrismaticLoop::start_from_second(double b, EliminationResult& out) const {
         value[revolute_[1]] = b;
         value[revolute_[2]] = angle_between(cut_.line[revolute_[2]].direction, cut_.line[revolute_[3]].direction,
                                             transposed_times(moved, w_));
-        complete(value, out);
+        exists |= complete(value, out);
     }
+    return exists;
 }
 
 // Three revolute joints: the middle one by h_A . R_B h_C, then the first.
@@ -273,8 +281,9 @@ void PrismaticLoop::solve_three(double nearly_real, EliminationResult& out) {
     }
 }
 
-// The last revolute joint from the remaining rotation, and the prismatic joints from the remaining translation.
-void PrismaticLoop::complete(double (&value)[6], EliminationResult& out) const {
+// The last revolute joint from the remaining rotation, and the prismatic joints from the remaining translation. Returns false
+// if they would have to move to infinity.
+bool PrismaticLoop::complete(double (&value)[6], EliminationResult& out) const {
     const int last = revolute_[revolute_count_ - 1];
     Mat3 before;
     for (int k = 0; k < revolute_count_ - 1; ++k)
@@ -295,14 +304,19 @@ void PrismaticLoop::complete(double (&value)[6], EliminationResult& out) const {
     const Vec3 gap = cut_.loop.translation - moved.translation;
     if (prismatic_count_ == 2) direction[2] = cross(direction[0], direction[1]);
     const double determinant = triple_product(direction[0], direction[1], direction[2]);
-    if (!(std::abs(determinant) > kDependent)) out.existing = kUnlimited;
-    for (int p = 0; p < prismatic_count_ && std::abs(determinant) > kUndetermined; ++p) {
-        const double travel = triple_product(gap, direction[(p + 1) % 3], direction[(p + 2) % 3]) / determinant;
-        if (!(std::abs(travel) < kFarthest)) return;
-        value[prismatic_[p]] = travel;
+    if (!(std::abs(determinant) > kParallelRails)) {
+        if (norm(gap) > kNoTranslation) return false;
+    } else {
+        for (int p = 0; p < prismatic_count_; ++p) {
+            const double travel = triple_product(gap, direction[(p + 1) % 3], direction[(p + 2) % 3]) / determinant;
+            if (!(std::abs(travel) < kFarthest)) return false;
+            value[prismatic_[p]] = travel;
+        }
     }
+    if (!(std::abs(determinant) > kDependent)) out.existing = kUnlimited;
     double* const start = out.start[out.count++];
     for (int k = 0; k < 6; ++k) start[cut_.source[k]] = value[k];
+    return true;
 }
 
 void PrismaticLoop::solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,

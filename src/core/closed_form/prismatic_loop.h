@@ -68,9 +68,9 @@ class PrismaticLoop {
     bool expand(bool shifted);
     bool find_roots();
     void classify(double nearly_real, EliminationResult& out);
-    void start_from_second(double b, EliminationResult& out) const;
+    bool start_from_second(double b, EliminationResult& out) const;
     void solve_three(double nearly_real, EliminationResult& out);
-    void complete(double (&value)[6], EliminationResult& out) const;
+    bool complete(double (&value)[6], EliminationResult& out) const;
 
     CutLoop cut_;
     int revolute_[4], prismatic_[3], revolute_count_, prismatic_count_;

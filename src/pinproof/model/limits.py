@@ -198,7 +198,9 @@ class JointLimits:
 
     def violations(self, q: Array, joint_names: Sequence[str]) -> list[str]:
         """Return one sentence for each joint of q (n,) outside its limits, without tolerance (see :meth:`snap`)."""
-        found = []
+        found: list[str] = []
+        if ((self.lower <= q) & (q <= self.upper)).all():
+            return found
         for name, value, low, high in zip(joint_names, q, self.lower, self.upper, strict=True):
             if not low <= value <= high:
                 value_text, low_text, high_text = distinct(value, low, high)

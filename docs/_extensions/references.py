@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import inspect
 import re
@@ -41,6 +42,7 @@ def check_name(
     return content if found else None
 
 
+@functools.cache
 def exists(target: str, within: str | None) -> bool:
     """Whether a Python name can be imported, or is an attribute of the class ``within`` or of a module of pinproof."""
     name = target.split("[")[0].rstrip("()")
@@ -75,11 +77,16 @@ def assigns(kind: type, name: str) -> bool:
     listed = re.findall(r"^(\w+(?:, \w+)*)$", inspect.getdoc(kind) or "", re.MULTILINE)
     if any(name in line.split(", ") for line in listed):
         return True
+    return re.search(rf"\bself\.{name}\b[^=(\n]*=[^=]", source_of(kind)) is not None
+
+
+@functools.cache
+def source_of(kind: type) -> str:
+    """The source of a class, for which Python parses its module; empty for a built-in type."""
     try:
-        source = inspect.getsource(kind)
+        return inspect.getsource(kind)
     except (OSError, TypeError):
-        return False  # a built-in type
-    return re.search(rf"\bself\.{name}\b[^=(\n]*=[^=]", source) is not None
+        return ""
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

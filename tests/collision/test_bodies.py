@@ -146,6 +146,12 @@ def to_convex(point, faces) -> float:
     return 0.0 if inside else to_triangles(point, corners)
 
 
+def to_union(point, bodies) -> float:
+    """The distance of a point to convex bodies, 0 inside one of them."""
+    inside = any((np.einsum("ij,ij->i", n, point - corners[:, 0]) <= 0).all() for n, corners in bodies)
+    return 0.0 if inside else to_triangles(point, np.concatenate([corners for _, corners in bodies]))
+
+
 KINDS = {
     "cone": (Cone(0.15, 0.3), lambda p: to_cone(p, 0.15, 0.3)),
     "flat cone": (Cone(0.3, 0.002), lambda p: to_cone(p, 0.3, 0.002)),
@@ -155,7 +161,7 @@ KINDS = {
     "hull": (ConvexHull(HULL_POINTS), lambda p: to_convex(p, HULL_FACES)),
     "mesh": (Mesh.from_arrays(CORNER.vertices, CORNER.faces, hull=False), corner_distance),
     "cloud": (CLOUD, lambda p: to_cells(p, CLOUD.cells * 0.05, (CLOUD.cells + 1) * 0.05)),
-    "ground": (GROUND, lambda p: min(to_convex(p, prism) for prism in PRISMS)),
+    "ground": (GROUND, lambda p: to_union(p, PRISMS)),
 }
 SIZED = {
     "box": Box(0.2, 0.3, 0.1),

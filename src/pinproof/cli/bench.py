@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -62,6 +63,30 @@ def bench_ik(
     _print_table(table.to_dict(), ik_markdown(table), written, as_json)
 
 
+@dataclass(frozen=True)
+class ProblemOptions:
+    """The planning problems."""
+
+    mbm: Annotated[
+        Path | None, typer.Option(help="Folder of MotionBenchMaker problems to run as well.", metavar="PATH")
+    ] = None
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Catalogue name or robot file for the MotionBenchMaker problems (default: the URDF in a folder "
+            "'robot' beside them, otherwise the robot that they name)."
+        ),
+    ] = None
+    sets: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Run only these sets: ur5/shelf, shelf, ur5, mbm, ...; repeatable.", metavar="NAME"),
+    ] = None
+    problems: Annotated[
+        int | None,
+        typer.Option(help="Problems per set (default: all of MotionBenchMaker, 10 per scene of pinproof).", min=1),
+    ] = None
+
+
 def bench_plan(
     robots: Annotated[
         list[str] | None,
@@ -71,24 +96,8 @@ def bench_plan(
             autocompletion=robot_names,
         ),
     ] = None,
-    mbm: Annotated[
-        Path | None, typer.Option(help="Folder of MotionBenchMaker problems to run as well.", metavar="PATH")
-    ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Catalogue name or robot file for the MotionBenchMaker problems (default: the URDF in a folder "
-            "'robot' beside them, otherwise the robot that they name)."
-        ),
-    ] = None,
-    sets: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Run only these sets: ur5/shelf, shelf, ur5, mbm, ...; repeatable.", metavar="NAME"),
-    ] = None,
-    problems: Annotated[
-        int | None,
-        typer.Option(help="Problems per set (default: all of MotionBenchMaker, 10 per scene of pinproof).", min=1),
-    ] = None,
+    *,
+    given: ProblemOptions,
     planners: Annotated[
         list[str] | None,
         typer.Option(
@@ -124,15 +133,15 @@ def bench_plan(
     if output is not None:
         make_folder(output)
     if motion:
-        _bench_motion(mbm, robot, sets or [], problems, output, seed, as_json)
+        _bench_motion(given, output, seed, as_json)
         return
     with progress_status("running the planning benchmark") as report:
         table = plan_benchmark(
             OWN_ROBOTS if robots is None else robots,
-            mbm=mbm,
-            robot=robot,
-            sets=sets or (),
-            problems=problems,
+            mbm=given.mbm,
+            robot=given.robot,
+            sets=given.sets or (),
+            problems=given.problems,
             planners=planners or (DEFAULT_PLANNER,),
             repeats=repeats,
             peers=peers,
@@ -145,21 +154,20 @@ def bench_plan(
         raise typer.Exit(1)
 
 
-def _bench_motion(
-    mbm: Path | None,
-    robot: str | None,
-    sets: list[str],
-    problems: int | None,
-    output: Path | None,
-    seed: int,
-    as_json: bool,
-) -> None:
+def _bench_motion(given: ProblemOptions, output: Path | None, seed: int, as_json: bool) -> None:
     from pinproof.benchmarks import motion_benchmark, motion_markdown
 
-    if mbm is None:
+    if given.mbm is None:
         raise InputError("--motion needs problems with goal poses; give their folder with --mbm")
     with progress_status("running the motion benchmark") as report:
-        table = motion_benchmark(mbm, robot=robot, sets=sets, problems=problems, seed=seed, on_progress=report)
+        table = motion_benchmark(
+            given.mbm,
+            robot=given.robot,
+            sets=given.sets or [],
+            problems=given.problems,
+            seed=seed,
+            on_progress=report,
+        )
     page = motion_markdown(table)
     written = [] if output is None else table.write(output, "motion", page)
     _print_table(table.to_dict(), page, written, as_json)

@@ -131,22 +131,12 @@ def certify(
     UnknownNameError
         If ``parting`` names an unknown body.
     """
-    if tuple(curve.joint_names) != checker.group.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")
     if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
-    n = checker.group.dof
-    each = np.full(n, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
-    joints = finite("joint_tolerance", each, (n,))
-    if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
-        raise InputError(
-            f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; both are 0 or more"
-        )
-
+    joints = _checked_tolerances(curve, checker, joint_tolerance, obstacle_tolerance)
     if parting and (joints.any() or record):
         raise InputError("parting cannot be combined with joint_tolerance or record")
-
-    constraints = check_constraints(constraints)
+    n, constraints = checker.group.dof, check_constraints(constraints)
     checker.refuse_changes()
     arm_curve, group = curve, checker.group
     if movers:
@@ -155,10 +145,12 @@ def certify(
         curve, checker, tolerances = with_movers(curve, checker, movers)
         joints = np.concatenate([joints, np.zeros(len(tolerances) - n)]) + tolerances
 
+    obstacles = float(obstacle_tolerance)
+
     def at(each: float) -> Certificate:
         def prove(part: Curve, judge: CollisionChecker) -> Certificate:
-            settings = _settings(each, max_intervals, float(obstacle_tolerance), record)
-            return _Proof(part, judge, settings, joints, float(obstacle_tolerance), constraints).run()
+            settings = _settings(each, max_intervals, obstacles, record)
+            return _Proof(part, judge, settings, joints, obstacles, constraints).run()
 
         if not parting:
             return prove(curve, checker)
@@ -169,7 +161,7 @@ def certify(
             prove,
             tolerance=each,
             max_intervals=max_intervals,
-            obstacle_tolerance=float(obstacle_tolerance),
+            obstacle_tolerance=obstacles,
         )
 
     certificate = _at_finer_tolerances(at, tolerance, max_intervals)
@@ -185,6 +177,22 @@ def certify(
         joint_tolerance=joints[:n],
         record=record,
     )
+
+
+def _checked_tolerances(
+    curve: Curve, checker: CollisionChecker, joint_tolerance: npt.ArrayLike, obstacle_tolerance: float
+) -> Array:
+    """The tolerance of each joint (n,), rad or m, of a curve of the joints of the checker."""
+    group = checker.group
+    if tuple(curve.joint_names) != group.joint_names:
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {group.joint_names}")
+    each = np.full(group.dof, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
+    joints = finite("joint_tolerance", each, (group.dof,))
+    if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
+        raise InputError(
+            f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; both are 0 or more"
+        )
+    return joints
 
 
 def is_proven_free(curve: Curve, checker: CollisionChecker, *, joint_tolerance: Array | None = None) -> bool:

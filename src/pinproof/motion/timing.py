@@ -105,6 +105,18 @@ def time_parametrise(
     ):
         _check_velocity(place, velocity, tangent, bounds, names)
 
+    return _inside(_timed(names, (knots, control, stops), bounds, (start, end), further), bounds)
+
+
+def _timed(
+    names: Sequence[str],
+    pieces: tuple[Array, Array, Array | None],
+    bounds: Bounds,
+    ends: tuple[Array, Array],
+    further: Sequence[RateConstraint],
+) -> Trajectory:
+    """Time the pieces of a path, whose motion has the velocities ``ends`` at its start and end."""
+
     def trajectory_of(times: Array, q: Array, velocities: Array, accelerations: Array | None) -> Trajectory:
         return Trajectory(times, q, velocities, names, bounds.note, accelerations=accelerations)
 
@@ -115,7 +127,8 @@ def time_parametrise(
         trajectory = trajectory_of(*points)
         return np.max([np.asarray(each.excess(trajectory), dtype=float) for each in further], axis=0)
 
-    rates = bounds.velocity, bounds.acceleration, bounds.jerk, start, end
+    knots, control, stops = pieces
+    rates = bounds.velocity, bounds.acceleration, bounds.jerk, *ends
     tolerances = IMAGE_TOLERANCE, RATE_TOLERANCE, LONGEST
     status, *points, deviation, over = time_path(knots, control, stops, *rates, *tolerances, None, None)
     # Without the constraints, straight segments have a closed form; often its motion satisfies the constraints too.
@@ -125,7 +138,7 @@ def time_parametrise(
         raise TimingError(
             _FAILURES[status].format(longest=LONGEST, deviation=deviation, points=len(points[0]), over=over)
         )
-    return _inside(trajectory_of(*points), bounds)
+    return trajectory_of(*points)
 
 
 _FAILURES = {

@@ -171,7 +171,13 @@ def plan_poses(
     free = starts[checker.is_free_batch(starts)] if len(starts) else starts
     if not len(free):
         return _no_free_start(checker, starts)
-    candidates = [_follow_poses(follower, first, targets[1:], rounding, rotation_rounding) for first in free]
+    return _best_result(
+        [_follow_poses(follower, first, targets[1:], rounding, rotation_rounding) for first in free], checker
+    )
+
+
+def _best_result(candidates: list[_FollowedPoses], checker: CollisionChecker) -> PosesPlanResult:
+    """The result that gets farthest; of those that reach the end, the one of least cost."""
     candidates.sort(key=lambda candidate: candidate.cost)
     best = _poses_result(candidates[0], checker, 0)
     for candidate in candidates[1:]:

@@ -228,21 +228,16 @@ def screen_picks(
         return screening.picks(source.part(start, stop))
 
     found = ScreenedPicks.joined(in_chunks(share, total, threads, progress), arm.dof)
+    names = source.names if isinstance(source, _Poses) else found.names
+    return _result(names, arm, found, screening.complete, _Reasons(cell, source, rng))
+
+
+def _result(names: Sequence[str], arm: Arm, found: ScreenedPicks, complete: bool, reasons: _Reasons) -> ScreenResult:
     screened, free = found.screened, found.screened.codes == code_of(ScreenStatus.FREE)
-    margins = np.full(total, np.nan)
+    margins = np.full(len(free), np.nan)
     margins[free] = np.clip(limit_margins(arm, screened.q[free]), 0.0, 1.0)
-    return ScreenResult(
-        source.names if isinstance(source, _Poses) else found.names,
-        arm.joint_names,
-        screened.codes,
-        screened.q,
-        found.member,
-        margins,
-        screened.manipulability,
-        screened.clearance,
-        screening.complete,
-        _Reasons(cell, source, rng),
-    )
+    figures = margins, screened.manipulability, screened.clearance
+    return ScreenResult(names, arm.joint_names, screened.codes, screened.q, found.member, *figures, complete, reasons)
 
 
 class _Poses(PickSource):

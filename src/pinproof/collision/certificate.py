@@ -500,7 +500,7 @@ def mesh_files(checker: CollisionChecker) -> MeshFiles:
     known = _meshes.get(checker)
     if known is None:
         urdf, objects = checker.group.robot.urdf, (*checker.attached, *checker.scene.obstacles)
-        paths = [geometry.mesh.path for geometry in urdf.collisions if geometry.mesh is not None]
+        paths: list[str | Path | None] = [each.mesh.path for each in urdf.collisions if each.mesh is not None]
         paths += [each.shape.path for each in objects if isinstance(each.shape, Mesh)]
         read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
         known = _meshes[checker] = [None if path is None else os.fspath(path) for path in paths], list(read)

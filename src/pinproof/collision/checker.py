@@ -167,6 +167,10 @@ class CollisionChecker(CheckedBodies):
         If a margin is negative or not finite, or two bodies share a name.
     """
 
+    _still: FixedPairs | None
+    _padded: tuple[float, CollisionChecker] | None
+    _on_levels: dict[frozenset[tuple[frozenset[str], int]], CollisionChecker]
+
     def __init__(
         self,
         arm: JointGroup,
@@ -568,9 +572,7 @@ class CollisionChecker(CheckedBodies):
 
     def _forget(self) -> None:
         """Drop what is computed on first access."""
-        self._still: FixedPairs | None = None
-        self._padded: tuple[float, CollisionChecker] | None = None
-        self._on_levels: dict[frozenset[tuple[frozenset[str], int]], CollisionChecker] = {}
+        self._still, self._padded, self._on_levels = None, None, {}
         self._threads = threading.local()
 
     @property

@@ -108,6 +108,23 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
     ]
 
 
+GEOMETRIES_KEPT = 512
+"""Number of collision geometries of links whose hulls and primitive shapes are kept."""
+
+
+def _kept_bodies(geometry: LinkGeometry, how: LinkMeshes) -> Sequence[Body]:
+    """Return :func:`link_bodies` with their source; checkers of one robot share all bodies that are convex."""
+    if geometry.kind == "mesh" and how in ("mesh", "surface"):
+        return [replace(body, source=geometry.name) for body in link_bodies(geometry, how)]
+    stamp = None if geometry.mesh is None else FileStamp.of(resolved(geometry.mesh, geometry.link))
+    return _convex_bodies(geometry, how, stamp)
+
+
+@lru_cache(maxsize=GEOMETRIES_KEPT)
+def _convex_bodies(geometry: LinkGeometry, how: LinkMeshes, _stamp: FileStamp | None) -> tuple[Body, ...]:
+    return tuple(replace(body, source=geometry.name) for body in link_bodies(geometry, how))
+
+
 class LinkBodies:
     """The bodies of a robot's links, in the requested representation and, for some pairs, in finer ones.
 
@@ -130,9 +147,7 @@ class LinkBodies:
         self._geometries, self._meshes = tuple(geometries), dict(meshes)
         self._finer: dict[tuple[str, int], tuple[Body, ...]] = {}
         self._requested = tuple(
-            replace(body, source=geometry.name)
-            for geometry in self._geometries
-            for body in link_bodies(geometry, self._meshes[geometry.link])
+            body for geometry in self._geometries for body in _kept_bodies(geometry, self._meshes[geometry.link])
         )
 
     def of(self, levels: Mapping[frozenset[str], int]) -> tuple[Body, ...]:
@@ -185,16 +200,13 @@ class LinkBodies:
 def _finer_bodies(geometry: LinkGeometry, requested: LinkMeshes, level: int) -> list[Body]:
     if geometry.kind != "mesh" or requested not in COARSER[level]:
         return []
-    bodies = link_bodies(geometry, "decomposed" if level == DECOMPOSED else "mesh")
+    bodies = _kept_bodies(geometry, "decomposed" if level == DECOMPOSED else "mesh")
     if level == DECOMPOSED and len(bodies) == 1:  # its hull fits closely, or it is not watertight
         return []
     if level == EXACT and bodies[0].support is not None:  # not watertight
         return []
     name = f"{geometry.name}_exact"
-    return [
-        replace(body, name=body.name if level == DECOMPOSED else name, source=geometry.name, level=level)
-        for body in bodies
-    ]
+    return [replace(body, name=body.name if level == DECOMPOSED else name, level=level) for body in bodies]
 
 
 def _file(shape: Mesh) -> tuple[Path, int, tuple[float, float, float]]:

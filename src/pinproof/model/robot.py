@@ -591,7 +591,7 @@ class Robot:
         tcp = "" if self.default_tcp is None else f", tcp {self.default_tcp}"
         return f"{len(self.urdf.links)} links, {len(self._moving)} moving joints{tcp}"
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Largest distance (m) from the root to a link along the links, without the travel of prismatic joints.
 
@@ -615,6 +615,8 @@ class Robot:
 
     def part_of(self, link: str) -> str | None:
         """Return the name of the robot of a cell, or the mover, that a link belongs to; None in any other robot."""
+        if not self.parts and not self.movers:
+            return None
         if link in self.movers.values():
             return link
         name = link.partition(PART)[0]

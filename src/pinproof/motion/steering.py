@@ -107,8 +107,8 @@ class Move:
     def states(self, step: float) -> list[State]:
         """The states at equal times, at most ``step`` (s) apart, after the start up to and including the end."""
         count = max(math.ceil(self.duration / step), 1)
-        share = self.duration / count
-        return [self.state(share * i) for i in range(1, count + 1)]
+        share, start, end, at_time = self.duration / count, self.start, self.end, self.source.at_time
+        return [at_time(min(start + share * i, end)) for i in range(1, count + 1)]
 
     def phase_ends(self) -> Array:
         """The times (s) after the start, within the move, at which a phase of a joint ends."""
@@ -230,6 +230,7 @@ class MoveSequence:
         for move in self.moves:
             self.times.append(self.times[-1] + move.duration)
         self.duration = self.times[-1]
+        self._begins = self.times[:-1]
 
     @classmethod
     def of(cls, trajectory: Trajectory, bounds: Bounds) -> MoveSequence:
@@ -238,8 +239,9 @@ class MoveSequence:
 
     def state(self, time: float) -> State:
         """The state at a time (s) from 0 to the duration."""
-        k = min(max(bisect_right(self.times, time) - 1, 0), len(self.moves) - 1)
-        return self.moves[k].state(time - self.times[k])
+        k = bisect_right(self._begins, time) - 1 if time > 0.0 else 0
+        move = self.moves[k]
+        return move.source.at_time(min(move.start + max(time - self._begins[k], 0.0), move.end))
 
     def replaced(self, start: float, end: float, moves: Iterable[Move]) -> MoveSequence:
         """The sequence with other moves from ``start`` to ``end`` (s), which connect the states there."""
@@ -283,8 +285,7 @@ class MoveSequence:
         return Trajectory(times, q, velocity, joint_names, note, accelerations=acceleration if smooth else None)
 
     def _is_timed(self, time: float) -> bool:
-        k = min(max(bisect_right(self.times, time) - 1, 0), len(self.moves) - 1)
-        return isinstance(self.moves[k].source, _Timed)
+        return isinstance(self.moves[bisect_right(self._begins, time) - 1].source, _Timed)
 
 
 def _smooth_steps(times: Array, q: Array, velocity: Array, acceleration: Array, exact: Any) -> None:

@@ -15,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from operator import mul
+from operator import attrgetter, mul
 from typing import Literal
 
 import numpy as np
@@ -68,6 +68,12 @@ PLANS, PER_PLAN = 5, 50
 PLAN_STEP, PLAN_SAMPLES, PLAN_CHECKS, PLAN_DRAWS = 0.7, 2000, 5000, 64
 """Length of an edge (rad or m), numbers of random samples and of collision checks of the search for each further path,
 after which it ends, and number of random samples that are drawn at a time."""
+
+ANY_WINDOW = 0.3
+"""Share of the replaced parts that are between two random times; the others are around a slow state."""
+
+LEAST_WINDOW, MOST_WINDOW = 0.05, 0.4
+"""Shares of the duration that a replaced part extends before and after a slow state."""
 
 SHORTCUTS = 0.85
 """Share of the replacements of a motion that are shortcuts; the others pass a modified state."""
@@ -286,6 +292,9 @@ def _goals(
     if manifold is not None:
         free = free[[bool((manifold.errors(q) <= tolerances).all()) for q in free]]
     return free if len(free) and np.abs(free - end).max(axis=1).min() == 0.0 else np.vstack([end, free])
+
+
+_duration = attrgetter("duration")
 
 
 def _nearest(rows: Array, q: Array) -> int:
@@ -537,14 +546,17 @@ class _Search:
     def _window(self, motion: MoveSequence) -> tuple[float, float]:
         """The times between which a part of the motion is to be replaced, most often around a slow part."""
         duration = motion.duration
-        if self._rng.random() < 0.3:
-            start, end = np.sort(self._rng.uniform(0.0, duration, 2)).tolist()
-            return start, end
-        times = self._rng.uniform(0.0, duration, 2).tolist()
-        speeds = [max(map(abs, map(mul, motion.state(time)[1], self._per_velocity))) for time in times]
-        middle = times[int(speeds[1] < speeds[0])]
-        before, after = (self._rng.uniform(0.05, 0.4, 2) * duration).tolist()
-        return max(middle - before, 0.0), min(middle + after, duration)
+        kind, *shares, before, after = self._rng.random(5).tolist()
+        first, second = (share * duration for share in shares)
+        if kind < ANY_WINDOW:
+            return min(first, second), max(first, second)
+        middle = first if self._speed(motion, first) <= self._speed(motion, second) else second
+        low, high = (LEAST_WINDOW + (MOST_WINDOW - LEAST_WINDOW) * share for share in (before, after))
+        return max(middle - low * duration, 0.0), min(middle + high * duration, duration)
+
+    def _speed(self, motion: MoveSequence, time: float) -> float:
+        """The largest share of its velocity limit that a joint uses at a time (s)."""
+        return max(map(abs, map(mul, motion.state(time)[1], self._per_velocity)))
 
     def _modified(self, state: State, moves: bool, size: float | npt.NDArray[np.floating]) -> State:
         """A state near another one, inside the limits; if not ``moves``, with the same position."""
@@ -598,6 +610,9 @@ class _Search:
     def _acceptable(self, first: State, moves: Sequence[Move]) -> bool:
         """Whether moves are inside the position limits, and samples are free and satisfy the constraints of the tcp."""
         if not all(self._steering.inside(move) for move in moves):
+            return False
+        longest = max(moves, key=_duration)  # most moves that are not free are not free in the middle
+        if not self._edges.core.points_free(np.array([longest.state(0.5 * longest.duration)[0]])):
             return False
         points = [first[0]]
         for move in moves:

@@ -46,6 +46,9 @@ MOTION = 400
 REPAIRS = 200
 """Largest number of failed motions after which another order is tried."""
 
+UNREACHED = 3
+"""Number of failed transits to an option after which it is excluded, because such options are rarely reached at all."""
+
 WORTH = 1e-3
 """Share of the total time that another order must save to be certified."""
 
@@ -233,6 +236,7 @@ class _Run:
     nearest: float = float("nan")
     numbers: list[tuple[int, int]] = field(default_factory=list)
     precedence: Precedence = field(default_factory=lambda: Precedence(()))
+    unreached: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.motions = CertifiedMotions(self.setup)
@@ -278,6 +282,7 @@ class _Run:
         self.numbers = [(k, o) for k, job in enumerate(self.jobs) for o in range(len(job.options))]
         self.motions = CertifiedMotions(self.setup)  # known trajectories have the numbers of options
         self.partial = None
+        self.unreached = {}
 
     # -- the order ----------------------------------------------------------------------------------------------------
 
@@ -340,10 +345,24 @@ class _Run:
             problem = self._with_certified_times(problem, self.best)
             tour = refined(problem, self.best.tour)
             if tour.seconds > (1 - WORTH) * self.best.seconds:
-                return
+                break
             problem, other = self._certified(problem, tour, fixed_order is not None)
             if other.seconds < self.best.seconds:
                 self.best = other
+        self._shorten(self.best)
+
+    def _shorten(self, certified: _Certified) -> None:
+        """Search longer for short motions where those of a certified tour exceed their bounds."""
+        if not self.setup.budget.motion:
+            return
+        previous = START
+        for k, option in enumerate(certified.tour.options):
+            self.progress("shorten", k, len(certified.tour.options))
+            job = self.jobs[self.numbers[option][0]]
+            key = previous, option
+            certified.verdicts[k] = self.motions.shorter(certified.scenes[k], job, certified.verdicts[k], key)
+            previous = option
+        self.progress("shorten", len(certified.tour.options), len(certified.tour.options))
 
     def _violated(self, order: tuple[int, ...]) -> str:
         place = {job: k for k, job in enumerate(order)}
@@ -458,7 +477,8 @@ class _Run:
                     if not more.cycle():
                         self.precedence = more
                         return replace(problem, precedence=more)
-        if failure.part == "transit":
+        self.unreached[option] = self.unreached.get(option, 0) + (failure.part == "transit")
+        if failure.part == "transit" and self.unreached[option] < UNREACHED:
             if previous == START:
                 start = problem.start.copy()
                 start[option] = np.inf

@@ -341,15 +341,16 @@ class _Run:
         tour = solved(problem, feasible)
         self.progress("order", 1, 1)
         problem, self.best = self._certified(problem, tour, fixed_order is not None)
+        self._shorten(self.best)
         for _ in range(refinements):
             problem = self._with_certified_times(problem, self.best)
             tour = refined(problem, self.best.tour)
             if tour.seconds > (1 - WORTH) * self.best.seconds:
                 break
             problem, other = self._certified(problem, tour, fixed_order is not None)
+            self._shorten(other)
             if other.seconds < self.best.seconds:
                 self.best = other
-        self._shorten(self.best)
 
     def _shorten(self, certified: _Certified) -> None:
         """Search longer for short motions where those of a certified tour exceed their bounds."""
@@ -373,14 +374,19 @@ class _Run:
         return f"the order is not possible: {names[a]} must come before {names[b]} ({why})"
 
     def _with_certified_times(self, problem: TourProblem, certified: _Certified) -> TourProblem:
-        """The problem with the certified times of a tour in place of their bounds."""
+        """The problem with the certified times of a tour in place of their bounds.
+
+        The options that are not in the tour are assumed to exceed their bounds by the mean of those that are.
+        """
         start, end, inner, between = (
             array.copy() for array in (problem.start, problem.end, problem.inner, problem.between)
         )
         previous = START
+        excess = 0.0
         for option, verdict in zip(certified.tour.options, certified.verdicts, strict=True):
             times = [motion.trajectory.duration for motion in verdict.motions if motion.name != "transit"]
             way = sum(motion.trajectory.duration for motion in verdict.motions if motion.name == "transit")
+            excess += max(sum(times) - inner[option], 0.0) / len(certified.verdicts)
             inner[option] = max(inner[option], sum(times))
             if previous == START:
                 start[option] = max(start[option], way)
@@ -389,6 +395,9 @@ class _Run:
             previous = option
         if certified.closing is not None:
             end[previous] = max(end[previous], certified.closing.trajectory.duration)
+        others = np.ones(len(inner), dtype=bool)
+        others[list(certified.tour.options)] = False
+        inner[others] += excess
         return replace(problem, start=start, end=end, inner=inner, between=between)
 
     # -- certified motions --------------------------------------------------------------------------------------------

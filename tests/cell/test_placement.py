@@ -20,6 +20,7 @@ from pinproof.cell import (
     place_base,
     without_parts,
 )
+from pinproof.cell.base_proofs import BaseContacts
 from pinproof.cell.placed_robot import PlacedRobot
 from pinproof.cell.placement_region import mounting_pose
 from pinproof.picks import PickBudget, PickWeights
@@ -242,6 +243,7 @@ def test_proven_empty_cells_have_no_placement(
     assert any(cell.boxes for cell in result.empty)  # some need more than the length of the arm
     generator = np.random.default_rng(0)
     placed = PlacedRobot.make(arm, scene, np.eye(4))
+    assert all(cell.pick for cell in result.empty)
     for cell in result.empty:
         pick = next(each for each in chosen if each.name == cell.pick)
         inside = generator.uniform(cell.lower, cell.upper, (60, 4))
@@ -251,6 +253,56 @@ def test_proven_empty_cells_have_no_placement(
             for there in (placed.root_from_cell(each) for each in np.vstack([inside, corners]))
         ]
         assert not pp.AnalyticIk().solve_all_batch(arm, targets).count.any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mounting", ["floor", "ceiling", "wall"])
+def test_base_is_in_contact_in_every_cell_for_which_it_is_proven(arm: pp.Arm, mounting: str) -> None:
+    column = pp.Obstacle("column", pp.Box(0.24, 0.16, 0.5), pp.pose(xyz=(0.05, 0, -0.3), rpy=(0.1, 0, 0.2)))
+    plate = pp.Obstacle("plate", pp.Cylinder(0.2, 0.06), pp.pose(xyz=(0, 0, -0.5)))
+    bench = pp.Obstacle("bench", pp.Box(0.8, 0.5, 0.3), pp.pose(xyz=(0.6, 0.1, -0.3), rpy=(0, 0, 0.4)))
+    post = pp.Obstacle("post", pp.Cylinder(0.2, 2.0), pp.pose(xyz=(-0.4, -0.4, 0)))
+    ball = pp.Obstacle("ball", pp.Sphere(0.25), pp.pose(xyz=(0.1, -0.8, -0.3)))
+    choice = PlacementChoice("only", mounting=mounting)
+    scene = pp.Scene([column, plate, bench, post, ball])
+    placed = PlacedRobot.make(arm, scene, choice.placement_from_root, ["column", "plate"])
+    checker = pp.CollisionChecker(placed.wide_arm, placed.scene)
+    contacts = BaseContacts(placed, checker)
+    region = PlacementRegion(x=(-0.9, 1.2), y=(-1.2, 0.8), z=(-0.3, 0.6), yaw=(-np.pi, np.pi))
+    half = np.array([0.06, 0.06, 0.05, 0.2])
+    generator = np.random.default_rng(3)
+    found: set[str] = set()
+    for _ in range(250):
+        centre = generator.uniform(region.lower, region.upper)
+        pair = contacts.within(centre - half, centre + half)
+        if pair is None:
+            continue
+        found.add(pair[1])
+        corners = np.array(np.meshgrid(*zip(centre - half, centre + half, strict=True))).reshape(4, -1).T
+        samples = np.vstack([generator.uniform(centre - half, centre + half, (12, 4)), corners])
+        for q in np.hstack([samples, np.tile(arm.home, (len(samples), 1))]):
+            touching = {frozenset(contact.bodies): contact.distance for contact in checker.check(q).contacts}
+            assert touching[frozenset(pair)] < 0.0
+    assert found
+
+
+@pytest.mark.slow
+def test_cells_in_which_the_base_is_in_contact_are_proven_to_be_empty(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks
+) -> None:
+    pedestal = pp.Obstacle("pedestal", pp.Cylinder(0.15, 0.3), pp.pose(xyz=(0, 0, -0.16)))
+    zone = pp.Obstacle("walkway", pp.Box(1.0, 0.8, 1.0), pp.pose(xyz=(0, -0.5, 0)))
+    region = PlacementRegion(x=(-0.3, 0.1), y=(-0.6, 0.2), yaw=(-0.5, 0.5), forbidden=(zone,))
+    budget = PlacementBudget(grid=120, runs=0, certified=1, proofs=50)
+    parts = pp.Scene([pedestal, *(scene[each.carried or each.name] for each in bolts)])  # type: ignore[index]
+    result = place_base(arm, parts, bolts, region, moves_with_base=["pedestal"], placement_budget=budget, budget=QUICK)
+    assert result.best is not None
+    blocked = [cell for cell in result.empty if cell.contact]
+    assert {cell.contact for cell in blocked} == {("pedestal", "forbidden zone walkway")}
+    assert result.covered == pytest.approx(sum(np.prod((c.upper - c.lower)[[0, 1, 3]]) for c in result.empty) / 0.32)
+    assert result.covered > 0.3
+    best = result.best.placement.values
+    assert not any((cell.lower <= best).all() and (best <= cell.upper).all() for cell in result.empty)
 
 
 def test_no_placement_names_the_picks_that_fail_everywhere(arm: pp.Arm, scene: pp.Scene, picks: pp.Picks) -> None:

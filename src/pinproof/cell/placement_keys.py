@@ -67,11 +67,12 @@ SENSITIVITY = report_table(
 
 EMPTY = report_table(
     "empty_cell",
-    "A cell of placements in which a pick is proven to be out of reach.",
+    "A cell of placements, at each of which a pick is proven to be out of reach, or the base to be in contact.",
     required("choice", ANY_TEXT, "name of the discrete choice"),
     required("lower", FOUR, "lower x, y, z and yaw", "m and rad"),
     required("upper", FOUR, "upper x, y, z and yaw", "m and rad"),
-    required("pick", TEXT, "the pick"),
+    required("pick", ANY_TEXT, "the pick that is out of reach; empty if the base is in contact"),
+    required("contact", list_of(TEXT), "the part of the base and the obstacle that overlap; empty if a pick is stated"),
 )
 
 PROVEN = report_table(

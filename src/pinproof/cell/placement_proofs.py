@@ -1,4 +1,6 @@
-r"""Proofs that a cell of placements has no placement at which a pick is in reach.
+r"""Proofs that a cell of placements has no placement: a pick is out of reach, or the base is in contact, everywhere.
+
+Contact of the base is proven by :mod:`pinproof.cell.base_proofs`, the reach as follows.
 
 Let a cell of placements have the centre c with the yaw :math:`\psi`, the half diagonal r of its positions, and the half
 width w of its yaw. Moving the base from the centre to any placement of the cell moves the target of the tcp, seen from
@@ -24,6 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.cell.base_proofs import BaseContacts
 from pinproof.cell.placement_region import PlacementRegion
 from pinproof.cell.placement_result import EmptyCell
 from pinproof.cell.placement_screening import REACH, PlacementScreening
@@ -47,7 +50,8 @@ SAME_AXIS = 1e-9
 """Metres, and sine of an angle: two axes that differ by less are considered equal."""
 
 Item = tuple[int, Array, Array, tuple[int, ...]]
-"""The choice, the lower and upper ends (4,) of the cell, and the picks that are out of reach at its centre."""
+"""The choice, the lower and upper ends (4,) of the cell, and the picks that are out of reach at its centre; none if the
+base is in contact there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +65,14 @@ class _Target:
 
 @dataclass(frozen=True, eq=False)
 class EmptyTask:
-    """Tries to prove that cells are empty; a row is the pick that is out of reach, or None."""
+    """Tries to prove that cells are empty; a row has the pick that is out of reach, or the bodies in contact."""
 
     screenings: tuple[PlacementScreening, ...]
     region: PlacementRegion
     budget: int
 
     def items(self, axes: tuple[Array, Array, Array, Array], codes: Sequence[str]) -> list[Item]:
-        """The cells of a grid that may be empty: at their centres a pick is out of reach.
+        """The cells of a grid that may be empty: at their centres a pick is out of reach, or the base is in contact.
 
         ``codes`` are the screening results of all choices, in the order of the grid. Cells that differ only in yaw are
         one cell if the yaw has the effect of the first joint.
@@ -86,6 +90,8 @@ class EmptyTask:
             own = codes[choice * len(grid) : (choice + 1) * len(grid)]
             away = np.array([[int(code) == REACH for code in text] for text in own]).reshape(len(grid), -1)
             base = screening.base_free(grid)
+            for k in np.flatnonzero(~base):
+                items.append((choice, grid[k] - half, grid[k] + half, ()))
             if _yaw_is_first_joint(screening):
                 groups = [range(k, k + turns) for k in range(0, len(grid), turns)]
             else:
@@ -102,10 +108,18 @@ class EmptyTask:
     def __call__(self, start: int, part: Sequence[Item]) -> list[dict[str, Any]]:
         """The rows of consecutive cells."""
         del start
-        rows = []
+        rows: list[dict[str, Any]] = []
+        contacts: dict[int, BaseContacts] = {}
         for choice, lower, upper, picks in part:
-            pick, boxes = self._prove(self.screenings[choice], lower, upper, picks)
-            rows.append({"pick": pick, "boxes": boxes})
+            screening = self.screenings[choice]
+            if picks:
+                pick, boxes = self._prove(screening, lower, upper, picks)
+                rows.append({"pick": pick, "boxes": boxes, "contact": None})
+                continue
+            if choice not in contacts:
+                zones = () if screening.zones is None else (screening.zones,)
+                contacts[choice] = BaseContacts(screening.placed, screening.checker, *zones)
+            rows.append({"pick": None, "boxes": 0, "contact": contacts[choice].within(lower, upper)})
         return rows
 
     def _prove(
@@ -204,12 +218,24 @@ def empty_cells(
     region: PlacementRegion,
 ) -> tuple[tuple[EmptyCell, ...], float]:
     """The cells that are proven to be empty, and the share of the region that they cover over all choices."""
-    cells = tuple(
-        EmptyCell(choices[choice], lower, upper, picks.picks[row["pick"]].name, row["boxes"])
-        for (choice, lower, upper, _), row in zip(items, rows, strict=True)
-        if row["pick"] is not None
-    )
+    cells: list[EmptyCell] = []
+    for (choice, lower, upper, _), row in zip(items, rows, strict=True):
+        if row["pick"] is not None:
+            cells.append(EmptyCell(choices[choice], lower, upper, picks.picks[row["pick"]].name, row["boxes"]))
+    reached = {(cell.choice, *_centre(cell)[:3]): cell for cell in cells}
+    for (choice, lower, upper, _), row in zip(items, rows, strict=True):
+        if row["contact"] is None:
+            continue
+        cell = EmptyCell(choices[choice], lower, upper, contact=tuple(row["contact"]))
+        same = reached.get((cell.choice, *_centre(cell)[:3]))
+        if same is None or not (same.lower[3] <= _centre(cell)[3] <= same.upper[3]):
+            cells.append(cell)
     sides = (region.upper - region.lower)[list(region.free_axes)]
     whole = float(np.prod(sides)) * len(choices)
     covered = sum(float(np.prod((cell.upper - cell.lower)[list(region.free_axes)])) for cell in cells)
-    return cells, min(covered / whole, 1.0) if whole > 0 else float(bool(cells))
+    return tuple(cells), min(covered / whole, 1.0) if whole > 0 else float(bool(cells))
+
+
+def _centre(cell: EmptyCell) -> tuple[float, ...]:
+    """The centre (4,) of a cell, rounded, because cells of one position have several yaws."""
+    return tuple(np.round(0.5 * (cell.lower + cell.upper), 9).tolist())

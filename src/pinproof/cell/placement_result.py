@@ -256,7 +256,7 @@ def _finite(value: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class EmptyCell:
-    """A cell of placements in which a pick is proven to be out of reach at every placement.
+    """A cell of placements, at each of which a pick is proven to be out of reach, or the base to be in contact.
 
     Parameters
     ----------
@@ -265,23 +265,27 @@ class EmptyCell:
     lower, upper
         (4,) the ranges of x, y, z and yaw.
     pick
-        The pick that is out of reach.
+        The pick that is out of reach; empty if the base is in contact.
     boxes
         Number of boxes of joint values that the proof excludes; 0 if the length of the arm excludes the cell.
+    contact
+        The part of the base, or of what moves with it, and the obstacle or forbidden zone that overlap.
     """
 
     choice: str
     lower: Array
     upper: Array
-    pick: str
-    boxes: int
+    pick: str = ""
+    boxes: int = 0
+    contact: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "lower", "upper")
 
     def __repr__(self) -> str:
         ranges = ", ".join(f"{n} {a:.3f} to {b:.3f}" for n, a, b in zip(AXES, self.lower, self.upper, strict=True))
-        return f"EmptyCell({ranges}: {self.pick} is out of reach)"
+        why = f"{self.pick} is out of reach" if self.pick else f"{self.contact[0]} penetrates {self.contact[1]}"
+        return f"EmptyCell({ranges}: {why})"
 
     @property
     def volume(self) -> float:
@@ -430,7 +434,13 @@ class PlacementResult:
             "proven_empty": {
                 "share": self.covered,
                 "cells": [
-                    {"choice": c.choice, "lower": c.lower.tolist(), "upper": c.upper.tolist(), "pick": c.pick}
+                    {
+                        "choice": c.choice,
+                        "lower": c.lower.tolist(),
+                        "upper": c.upper.tolist(),
+                        "pick": c.pick,
+                        "contact": list(c.contact),
+                    }
                     for c in self.empty
                 ],
             },
@@ -540,7 +550,7 @@ def heat_map_picture(result: PlacementResult) -> bytes:
             panel.set_xlabel("x of the base [m]")
             panel.set_ylabel("y of the base [m]")
             panel.set_title(name or "best over z and yaw", fontsize=10)
-    hatched = "; hatched: proven to be out of reach" if result.empty else ""
+    hatched = "; hatched: proven to have no placement" if result.empty else ""
     figure.suptitle(f"Placements of the base: star, best certified; grey, no placement{hatched}", fontsize=11)
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=110, metadata={"Software": None})

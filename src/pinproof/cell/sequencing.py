@@ -46,6 +46,9 @@ MOTION = 400
 REPAIRS = 200
 """Largest number of failed motions after which another order is tried."""
 
+UNREACHED = 3
+"""Number of failed transits to an option after which it is excluded, because such options are rarely reached at all."""
+
 WORTH = 1e-3
 """Share of the total time that another order must save to be certified."""
 
@@ -233,6 +236,7 @@ class _Run:
     nearest: float = float("nan")
     numbers: list[tuple[int, int]] = field(default_factory=list)
     precedence: Precedence = field(default_factory=lambda: Precedence(()))
+    unreached: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.motions = CertifiedMotions(self.setup)
@@ -278,6 +282,7 @@ class _Run:
         self.numbers = [(k, o) for k, job in enumerate(self.jobs) for o in range(len(job.options))]
         self.motions = CertifiedMotions(self.setup)  # known trajectories have the numbers of options
         self.partial = None
+        self.unreached = {}
 
     # -- the order ----------------------------------------------------------------------------------------------------
 
@@ -336,14 +341,29 @@ class _Run:
         tour = solved(problem, feasible)
         self.progress("order", 1, 1)
         problem, self.best = self._certified(problem, tour, fixed_order is not None)
+        self._shorten(self.best)
         for _ in range(refinements):
             problem = self._with_certified_times(problem, self.best)
             tour = refined(problem, self.best.tour)
             if tour.seconds > (1 - WORTH) * self.best.seconds:
-                return
+                break
             problem, other = self._certified(problem, tour, fixed_order is not None)
+            self._shorten(other)
             if other.seconds < self.best.seconds:
                 self.best = other
+
+    def _shorten(self, certified: _Certified) -> None:
+        """Search longer for short motions where those of a certified tour exceed their bounds."""
+        if not self.setup.budget.motion:
+            return
+        previous = START
+        for k, option in enumerate(certified.tour.options):
+            self.progress("shorten", k, len(certified.tour.options))
+            job = self.jobs[self.numbers[option][0]]
+            key = previous, option
+            certified.verdicts[k] = self.motions.shorter(certified.scenes[k], job, certified.verdicts[k], key)
+            previous = option
+        self.progress("shorten", len(certified.tour.options), len(certified.tour.options))
 
     def _violated(self, order: tuple[int, ...]) -> str:
         place = {job: k for k, job in enumerate(order)}
@@ -354,14 +374,19 @@ class _Run:
         return f"the order is not possible: {names[a]} must come before {names[b]} ({why})"
 
     def _with_certified_times(self, problem: TourProblem, certified: _Certified) -> TourProblem:
-        """The problem with the certified times of a tour in place of their bounds."""
+        """The problem with the certified times of a tour in place of their bounds.
+
+        The options that are not in the tour are assumed to exceed their bounds by the mean of those that are.
+        """
         start, end, inner, between = (
             array.copy() for array in (problem.start, problem.end, problem.inner, problem.between)
         )
         previous = START
+        excess = 0.0
         for option, verdict in zip(certified.tour.options, certified.verdicts, strict=True):
             times = [motion.trajectory.duration for motion in verdict.motions if motion.name != "transit"]
             way = sum(motion.trajectory.duration for motion in verdict.motions if motion.name == "transit")
+            excess += max(sum(times) - inner[option], 0.0) / len(certified.verdicts)
             inner[option] = max(inner[option], sum(times))
             if previous == START:
                 start[option] = max(start[option], way)
@@ -370,6 +395,9 @@ class _Run:
             previous = option
         if certified.closing is not None:
             end[previous] = max(end[previous], certified.closing.trajectory.duration)
+        others = np.ones(len(inner), dtype=bool)
+        others[list(certified.tour.options)] = False
+        inner[others] += excess
         return replace(problem, start=start, end=end, inner=inner, between=between)
 
     # -- certified motions --------------------------------------------------------------------------------------------
@@ -458,7 +486,8 @@ class _Run:
                     if not more.cycle():
                         self.precedence = more
                         return replace(problem, precedence=more)
-        if failure.part == "transit":
+        self.unreached[option] = self.unreached.get(option, 0) + (failure.part == "transit")
+        if failure.part == "transit" and self.unreached[option] < UNREACHED:
             if previous == START:
                 start = problem.start.copy()
                 start[option] = np.inf

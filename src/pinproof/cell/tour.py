@@ -20,6 +20,7 @@ traveling salesman problem", Operations Research 45(3).
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -40,11 +41,14 @@ EXACT = 10
 MICRO = 1e6
 """Integer costs of OR-Tools are microseconds."""
 
-SEARCH = 40
+SEARCH = 600
 """Default number of disturbed tours from which the search starts again; a number, so that the result needs no clock."""
 
-KICK = 6
-"""Number of jobs that a disturbance moves to other positions."""
+KICK, WINDOW = 4, 12
+"""Number of jobs that a disturbance moves, and largest distance between them and of a move, in positions."""
+
+NEAR = 2
+"""Jobs that are at most so many positions from a changed place are tried again."""
 
 ROUNDS = 2
 """Largest number of alternations between the order and the options."""
@@ -186,9 +190,11 @@ class TourProblem:
         best = self._alternated(best)
         random = np.random.default_rng(rng)
         for _ in range(search):
-            tour = self.improved(self._disturbed(best, random))
-            best = min(best, tour, key=lambda each: each.seconds)
-        return best
+            chosen = self._disturbed(best, random)
+            tour = self._improved_near(chosen, _changed(best.options, chosen))
+            if tour.seconds < best.seconds - GAIN:
+                best = tour
+        return self.improved(best)
 
     def _alternated(self, best: Tour) -> Tour:
         """The tour after alternating between the order and the options until neither helps."""
@@ -200,13 +206,29 @@ class TourProblem:
                 break
         return best
 
-    def _disturbed(self, tour: Tour, random: np.random.Generator) -> Tour:
-        """The tour with some jobs moved to random positions."""
+    def _disturbed(self, tour: Tour, random: np.random.Generator) -> list[int]:
+        """The options of the tour with some jobs, near each other, moved to other positions nearby."""
         wanted = list(tour.order)
-        for job in random.choice(self.count, min(KICK, self.count), replace=False).tolist():
-            wanted.remove(job)
-            wanted.insert(int(random.integers(len(wanted) + 1)), job)
-        return self.best_options(self.in_order(tuple(wanted)))
+        first = int(random.integers(self.count))
+        for step in random.choice(WINDOW, min(KICK, WINDOW), replace=False).tolist():
+            job = tour.order[(first + step) % self.count]
+            at = wanted.index(job)
+            wanted.pop(at)
+            to = at + int(random.integers(-WINDOW, WINDOW + 1))
+            wanted.insert(min(max(to, 0), len(wanted)), job)
+        option = dict(zip(tour.order, tour.options, strict=True))
+        return [option[job] for job in self.in_order(tuple(wanted))]
+
+    def _improved_near(self, chosen: list[int], places: Iterable[int]) -> Tour:
+        """The tour after moving jobs, first those at the given places and then those near each change."""
+        queue = dict.fromkeys(int(self.job[chosen[k]]) for k in places)  # in the order of insertion
+        while queue:
+            job = next(iter(queue))
+            del queue[job]
+            before = tuple(chosen)
+            if self._move(chosen, job):
+                queue |= dict.fromkeys(int(self.job[chosen[k]]) for k in _changed(before, chosen))
+        return self.best_options(tuple(int(self.job[each]) for each in chosen))
 
     def exact(self) -> Tour:
         """The optimum, by dynamic programming over subsets of jobs."""
@@ -354,6 +376,14 @@ class TourProblem:
         for before, after in self.precedence.reasons:  # never directly in the other order
             found[after, before] = np.inf
         return found
+
+
+def _changed(before: Sequence[int], after: Sequence[int]) -> list[int]:
+    """The places of a tour of options that are at most :data:`NEAR` positions from the ends of each changed part."""
+    differs = np.concatenate([[False], np.array(before) != np.array(after), [False]])
+    ends = np.flatnonzero(differs[1:] != differs[:-1])
+    places = {int(k) + step for k in ends for step in range(-NEAR, NEAR + 1)}
+    return [k for k in sorted(places) if 0 <= k < len(after)]
 
 
 def _assignment_bound(costs: Array) -> float:

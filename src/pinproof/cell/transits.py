@@ -14,10 +14,13 @@ import numpy.typing as npt
 from pinproof.cell.options import Job, PickOption
 from pinproof.collision import Certificate, Scene
 from pinproof.errors import TimingError
-from pinproof.motion import JointPath, Trajectory, time_parametrise
+from pinproof.motion import JointPath, MotionLimits, Trajectory, time_parametrise
+from pinproof.motion.limits import Bounds
+from pinproof.motion.steering import rest_to_rest_times
 from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, StageResult
+from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.lines import Attempt, shortened, transit
-from pinproof.picks.judging.motion_limits import torque_limits_of_tool
+from pinproof.picks.judging.motion_limits import peaks_of, rate_limits, torque_limits_of_tool
 from pinproof.picks.judging.place import Placer, Placing, Release
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
@@ -32,6 +35,15 @@ Key = tuple[int, ...]
 """The option before and the option of a transit, or the option alone of the other parts; -1 is the start or the end."""
 
 START = -1
+
+RETRIED = 1.02
+"""A motion that takes this multiple of its lower bound is searched again with other random numbers."""
+
+SAMPLES = 15
+"""Number of points of such a motion through which the path leads from which these searches start."""
+
+SEARCHES, SEARCH_FACTOR = 4, 3
+"""Number of these searches, and their budget as a multiple of that of the first one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +176,66 @@ class CertifiedMotions:
         around = part.checker
         return PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
 
+    def shorter(self, scene: Scene, job: Job, verdict: PickVerdict, key: Key) -> PickVerdict:
+        """The verdict with shorter motions, where more searches find them for transit and transfer.
+
+        Parameters
+        ----------
+        scene
+            The scene of the moment.
+        job
+            The pick.
+        verdict
+            Its certified motions.
+        key
+            The numbers of the option before and of this one, under which trajectories are kept.
+        """
+        setup = self.setup
+        task = Task(
+            job.pick, Cell(setup.checker.with_scene(scene), setup.shared, setup.home, setup.weights, setup.budget)
+        )
+        member = next(each for group in task.groups() for each in group if each.words == verdict.member)
+        motions = []
+        for motion in verdict.motions:
+            found = motion
+            if motion.name == "transit":
+                found = self._searched(task, member, motion, MotionPart("transit", (), task.outside))
+                self._known[key, motion.name] = found.trajectory
+            elif motion.name == "transfer":
+                kept = task.constraints(member)
+                part = MotionPart("transfer", (), task.carrying(member), constraints=kept)
+                found = self._searched(task, member, motion, part)
+                self._known[key[1:], motion.name] = found.trajectory
+            motions.append(found)
+        return _with_motions(verdict, motions)
+
+    def _searched(self, task: Task, member: Member, motion: PickMotion, part: MotionPart) -> PickMotion:
+        """The shortest motion of several searches, which start from the path of the given one."""
+        best, limits = motion, task.arm.limits
+        moved = motion.trajectory
+        least = _least(moved, limits)
+        if moved.duration <= RETRIED * least:
+            return motion
+        rates = rate_limits(task, member, part.name, part.checker)
+        inner = np.asarray(moved(np.linspace(0.0, moved.duration, SAMPLES)))[1:-1]
+        path = JointPath(np.vstack([moved.start, inner, moved.end]), moved.joint_names)
+        for seed in range(1, SEARCHES + 1):
+            found = optimise(
+                path,
+                part.checker,
+                limits=limits,
+                rate_limits=rates,
+                constraints=part.constraints,
+                rng=seed,
+                budget=SEARCH_FACTOR * task.cell.budget.motion,
+            )
+            if found.certificate.free and found.duration < best.trajectory.duration:
+                peaks = peaks_of(rates, found.trajectory)
+                best = replace(best, trajectory=found.trajectory, certificate=found.certificate, torques=peaks)
+            if best.trajectory.duration <= RETRIED * least:
+                break
+        return best
+
     def to_end(self, scene: Scene, q: Array, end: Array, previous: int) -> PickMotion | MotionFailure:
         """The certified transit from q (n,) to the end (n,) of the sequence."""
         setup = self.setup
@@ -188,6 +260,12 @@ class CertifiedMotions:
         )
 
 
+def _least(trajectory: Trajectory, limits: MotionLimits) -> float:
+    """Lower bound (s) of the time of a motion between the ends of a trajectory, without obstacles."""
+    bounds = Bounds.of(limits, trajectory.joint_names)
+    return float(rest_to_rest_times(trajectory.end - trajectory.start, bounds).max())
+
+
 def _transit_part(task: Task) -> MotionPart:
     return MotionPart("transit", (), task.outside)
 
@@ -198,8 +276,26 @@ def _first_bodies(certificate: Certificate) -> tuple[str, ...]:
 
 def _verdict(task: Task, attempt: Attempt, motions: list[PickMotion]) -> PickVerdict:
     """The verdict on a pick with these motions."""
-    until = {"transit": 1, "approach": 1}
-    grasp = [motion.trajectory for motion in motions if motion.name in until]
+    joined = Trajectory.join(*(motion.trajectory for motion in motions))
+    empty = PickVerdict(
+        task.pick,
+        PickStatus.GOOD,
+        (),
+        1,
+        attempt.q,
+        joined,
+        0.0,
+        None,
+        tuple(motions),
+        member=attempt.candidate.member.words,
+        grip=None if task.name is None else task.grip(attempt.candidate.member),
+    )
+    return _with_motions(empty, motions)
+
+
+def _with_motions(verdict: PickVerdict, motions: list[PickMotion]) -> PickVerdict:
+    """The verdict with these motions, and its times and its stage for them."""
+    grasp = [motion.trajectory for motion in motions if motion.name in ("transit", "approach")]
     upto = [motion.trajectory for motion in motions if motion.name != "leave"]
     joined = Trajectory.join(*(motion.trajectory for motion in motions))
     clearance = min(motion.certificate.clearance for motion in motions)
@@ -209,17 +305,11 @@ def _verdict(task: Task, attempt: Attempt, motions: list[PickMotion]) -> PickVer
         f"collision-free in {len(motions)} motions",
         {"duration": joined.duration, "clearance": clearance},
     )
-    return PickVerdict(
-        task.pick,
-        PickStatus.GOOD,
-        (result,),
-        1,
-        attempt.q,
-        joined,
-        Trajectory.join(*grasp).duration,
-        None,
-        tuple(motions),
-        None if task.place is None else Trajectory.join(*upto).duration,
-        member=attempt.candidate.member.words,
-        grip=None if task.name is None else task.grip(attempt.candidate.member),
+    return replace(
+        verdict,
+        stages=(result,),
+        trajectory=joined,
+        grasp_time=Trajectory.join(*grasp).duration,
+        motions=tuple(motions),
+        release_time=None if verdict.pick.place is None else Trajectory.join(*upto).duration,
     )

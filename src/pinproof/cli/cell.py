@@ -170,7 +170,7 @@ def _names(text: str | None) -> list[str]:
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str, int, int], None]]:
-    words = {"options": "grasps and lines", "order": "order", "motions": "certified motions"}
+    words = {"options": "grasps and lines", "motions": "certified motions", "shorten": "shorter motions"}
     with progress_status("sequence") as show:
         yield lambda work, done, total: show(f"{words.get(work, work)}: {done} of {total}")
 

@@ -59,6 +59,12 @@ def test_arm_that_is_missing_or_moves_at_its_end_is_refused(cell) -> None:
         synchronise({"a": longer, "c": longer}, cell)
 
 
+def test_cubic_with_jumps_of_acceleration_is_not_combined_with_a_quintic(cell) -> None:
+    names = pp.load_robot("ur5").arm().joint_names
+    with pytest.raises(pp.InputError, match="'b' has accelerations that jump"):
+        synchronise({"a": timed(names, 0.0, 0.9, jerk=20.0), "b": timed(names, 0.2, 0.9)}, cell, wait=True)
+
+
 def test_group_with_a_shared_joint_is_not_separated() -> None:
     group = pp.load_robot("tiago_dual_left").arms("left", "right", base="torso_fixed_link")
     with pytest.raises(pp.InputError, match="torso_lift_joint"):

@@ -7,6 +7,7 @@ time.
 """
 
 from pinproof.cell.allocation import allocate
+from pinproof.cell.allocation_page import write_allocation_page
 from pinproof.cell.allocation_report import ALLOCATION_SUFFIXES, allocation_dict, save_allocation
 from pinproof.cell.allocation_result import AllocationResult, ArmTime, OneArm, PartState
 from pinproof.cell.arm_program import Piece
@@ -75,5 +76,6 @@ __all__ = [
     "sequence_dict",
     "tolerance_study",
     "without_parts",
+    "write_allocation_page",
     "write_sequence_page",
 ]

@@ -126,7 +126,7 @@ def allocate(
     if best is None:
         raise NoAnswer("no allocation was found")
     alone = tuple(run.alone(name) for name in group.ends) if compare else ()
-    return AllocationResult(group, scene, picks, *best, tuple(run.left_out), alone)
+    return AllocationResult(group, scene, picks, *best, tuple(run.left_out), alone, run.apart.checker.attached)
 
 
 def _silent(*_: object) -> None:
@@ -346,8 +346,8 @@ class _Run:
             pairs = [pair for pair in self.stated if names.issuperset(pair)]
             found[arm] = self._sequence(setup, own, pairs)
             load = sum(self.costs[arm][name] for name in names)
-            for name in self.costs[arm]:
-                self.costs[arm][name] *= found[arm].duration / load
+            scale = found[arm].duration / load if load > 0.0 else 1.0  # picks at home need no motion
+            self.costs[arm] = {name: cost * scale for name, cost in self.costs[arm].items()}
         self.progress("sequences", len(self.setups), len(self.setups))
         return found
 

@@ -1,4 +1,4 @@
-"""The report on picks of several arms as JSON and as Markdown."""
+"""The report on picks of several arms as JSON, as Markdown and as a page."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pinproof.cell.allocation_keys import SCHEMA
+from pinproof.cell.allocation_page import write_allocation_page
 from pinproof.cell.allocation_result import AllocationResult
 from pinproof.cell.sequence_report import number_or_none
 from pinproof.common.files import unknown_suffix, write_text_whole
@@ -17,7 +18,7 @@ __all__ = ["ALLOCATION_SUFFIXES", "allocation_dict", "allocation_markdown", "sav
 
 
 def save_allocation(result: AllocationResult, path: str | Path) -> None:
-    """Write an allocation as ``.json`` or ``.md``.
+    """Write an allocation as ``.json``, ``.md`` or ``.html``.
 
     Raises
     ------
@@ -27,6 +28,9 @@ def save_allocation(result: AllocationResult, path: str | Path) -> None:
         If the file cannot be written.
     """
     suffix = Path(path).suffix.lower()
+    if suffix == ".html":
+        write_allocation_page(result, path)
+        return
     if suffix not in _TEXTS:
         raise InputError(f"{path}: {unknown_suffix(Path(path), ALLOCATION_SUFFIXES)}")
     write_text_whole(path, _TEXTS[suffix](result))
@@ -94,5 +98,5 @@ def _json(result: AllocationResult) -> str:
 
 _TEXTS: dict[str, Callable[[AllocationResult], str]] = {".json": _json, ".md": allocation_markdown}
 
-ALLOCATION_SUFFIXES = tuple(_TEXTS)
+ALLOCATION_SUFFIXES = (*_TEXTS, ".html")
 """The file types of :func:`save_allocation`."""

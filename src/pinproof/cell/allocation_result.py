@@ -107,6 +107,8 @@ class AllocationResult:
         The picks that no arm can execute.
     alone
         The time of each arm for all picks, if it was computed.
+    tools
+        The open tools of all arms; each names its arm.
     """
 
     group: JointGroup
@@ -116,6 +118,7 @@ class AllocationResult:
     sequences: Mapping[str, SequenceResult]
     left_out: tuple[LeftOut, ...]
     alone: tuple[OneArm, ...] = ()
+    tools: tuple[Obstacle, ...] = ()
 
     def __repr__(self) -> str:
         rows = (

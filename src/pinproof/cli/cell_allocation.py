@@ -32,7 +32,7 @@ def cell_allocate(
     ] = True,
     output: Annotated[
         list[Path] | None,
-        typer.Option("-o", "--output", help="The result as .json or .md; can be given several times.", metavar="FILE"),
+        typer.Option("-o", "--output", help="A .json, .md or .html file; can be given several times.", metavar="FILE"),
     ] = None,
     seed: Seed = 0,
     as_json: Json = False,

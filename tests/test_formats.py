@@ -57,6 +57,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 WRITTEN_AS_JSON = (
     "motion",
+    "library",
     "program",
     "proof",
     "report",
@@ -463,6 +464,7 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     motion.save(folder / "motion.json", certificate=certificate)
     program().save(folder / "program.json")
     certificate.save(folder / "proof.json")
+    pp.MotionLibrary(checker).save(folder / "library.json")
     scene.save(folder / "written_scene.yaml")
     Attachments(tuple(checker.attached), (("tool", "table"),), {"rail": 0.5}, pp.pose((0, 0, 1))).save(
         folder / "written_attached.yaml"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from pinproof.cell.allocation_keys import SCHEMA
 from pinproof.cell.allocation_page import write_allocation_page
 from pinproof.cell.allocation_result import AllocationResult
 from pinproof.cell.sequence_report import number_or_none
-from pinproof.common.files import unknown_suffix, write_text_whole
+from pinproof.common.files import json_text, save_as, unknown_suffix
 from pinproof.errors import InputError
 
 __all__ = ["ALLOCATION_SUFFIXES", "allocation_dict", "allocation_markdown", "save_allocation"]
@@ -27,13 +27,13 @@ def save_allocation(result: AllocationResult, path: str | Path) -> None:
     FileError
         If the file cannot be written.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix == ".html":
+    if Path(path).suffix.lower() == ".html":
         write_allocation_page(result, path)
         return
-    if suffix not in _TEXTS:
+    texts = {suffix: partial(text, result) for suffix, text in _TEXTS.items()}
+    if Path(path).suffix.lower() not in texts:
         raise InputError(f"{path}: {unknown_suffix(Path(path), ALLOCATION_SUFFIXES)}")
-    write_text_whole(path, _TEXTS[suffix](result))
+    save_as(path, texts)
 
 
 def allocation_dict(result: AllocationResult) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def allocation_markdown(result: AllocationResult) -> str:
 
 
 def _json(result: AllocationResult) -> str:
-    return json.dumps(allocation_dict(result), indent=2, allow_nan=False) + "\n"
+    return json_text(allocation_dict(result), indent=2)
 
 
 _TEXTS: dict[str, Callable[[AllocationResult], str]] = {".json": _json, ".md": allocation_markdown}

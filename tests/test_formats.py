@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 import trimesh
 import yaml
@@ -26,7 +27,7 @@ from pinproof.common.yaml_file import parse_number, read_yaml
 from pinproof.errors import FileError
 from pinproof.formats import FORMATS
 from pinproof.model import JointLimits
-from pinproof.picks.input.picks_keys import COLUMNS
+from pinproof.picks.input.picks_keys import CELL_ROBOT, COLUMNS
 from pinproof.verifier import proof as verifier_proof
 from pinproof.verifier.parts import Body, Curve, Joint
 
@@ -61,6 +62,7 @@ WRITTEN_AS_JSON = (
     "proof",
     "report",
     "sequence",
+    "allocation",
     "placement",
     "comparison",
     "tolerance",
@@ -104,6 +106,7 @@ EVERY_PICK = {
         "place": 0.1,
         "leave": 0.1,
     },
+    "arm": "left",
 }
 TURNED = {**EVERY_PICK, "quat_xyzw": [1, 0, 0, 0], "spin": "free", "support": "bin", "speed": 0.25}
 TURNED.pop("rpy")
@@ -242,6 +245,9 @@ OTHER_PICKS = {
     ],
 }
 OTHER_PICKS["picks"][0]["object"].pop("rpy")
+for tree in (EVERYTHING["picks"], OTHER_PICKS):
+    own = {key: value for key, value in tree.items() if key in CELL_ROBOT.names}
+    tree["robots"] = {"left": {"base": {"xyz": [-0.5, 0, 0]}, **own}, "right": {"base": {"rpy": [0, 0, "pi"]}}}
 
 
 @pytest.fixture(scope="module")
@@ -469,6 +475,9 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     above = pp.Pick("above", arm.forward_kinematics(arm.home), approach=0.0, retreat=0.0)
     setup = pp.picks.PickSetup.make(arm, scene, pp.Picks([above]), home=None, rng=0)
     pp.cell.save_sequence(pp.sequence(setup, [above]), folder / "sequence.json")
+    two = pp.assemble({"a": (arm, np.eye(4)), "b": (arm, pp.pose((2.5, 0, 0)))})
+    far_apart = pp.cell.allocate(two, pp.Scene(), pp.Picks([above]))
+    pp.cell.save_allocation(far_apart, folder / "allocation.json")
     region = pp.cell.PlacementRegion(x=(8, 9), y=(0, 1))
     few = pp.cell.PlacementBudget(grid=4, runs=0, certified=1)
     both = [above, pp.Pick("far", pp.pose((9, 0, 0)))]

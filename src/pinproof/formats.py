@@ -25,6 +25,7 @@ FORMATS = {
     "program": ("pinproof.motion.motion_keys", "PROGRAM"),
     "report": ("pinproof.picks.report.report_keys", "REPORT"),
     "sequence": ("pinproof.cell.sequence_keys", "SEQUENCE"),
+    "allocation": ("pinproof.cell.allocation_keys", "ALLOCATION"),
     "proof": ("pinproof.collision.proof_keys", "PROOF"),
     "placement": ("pinproof.cell.placement_keys", "PLACEMENT"),
     "comparison": ("pinproof.cell.placement_keys", "COMPARISON"),

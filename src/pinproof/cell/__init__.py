@@ -3,8 +3,15 @@
 :func:`pinproof.place_base` searches for the placement of the base at which all picks work, with the shortest cycle
 time.
 :func:`pinproof.sequence` orders picks and places so that the certified motions take the shortest total time.
+:func:`pinproof.cell.allocate` distributes picks over several arms that move at the same time.
 """
 
+from pinproof.cell.allocation import allocate
+from pinproof.cell.allocation_page import write_allocation_page
+from pinproof.cell.allocation_report import ALLOCATION_SUFFIXES, allocation_dict, save_allocation
+from pinproof.cell.allocation_result import AllocationResult, ArmTime, OneArm, PartState
+from pinproof.cell.arm_program import Piece
+from pinproof.cell.common_clock import CommonInterval, Timing
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
 from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
 from pinproof.cell.parts import without_parts
@@ -25,17 +32,24 @@ from pinproof.cell.sequencing import SequenceInterrupted, sequence
 from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
 
 __all__ = [
+    "ALLOCATION_SUFFIXES",
     "SEQUENCE_SUFFIXES",
+    "AllocationResult",
+    "ArmTime",
     "CellComparison",
     "CertifiedPlacement",
+    "CommonInterval",
     "CycleTime",
     "EmptyCell",
     "LeftOut",
+    "OneArm",
+    "PartState",
     "Phase",
     "PickChange",
     "PickDifference",
     "PickTime",
     "PickTolerance",
+    "Piece",
     "Placement",
     "PlacementBudget",
     "PlacementChoice",
@@ -48,15 +62,20 @@ __all__ = [
     "SequenceInterrupted",
     "SequenceResult",
     "SequenceStep",
+    "Timing",
     "ToleranceStudy",
+    "allocate",
+    "allocation_dict",
     "compare",
     "cycle_time",
     "place_base",
     "read_heat_map",
+    "save_allocation",
     "save_sequence",
     "sequence",
     "sequence_dict",
     "tolerance_study",
     "without_parts",
+    "write_allocation_page",
     "write_sequence_page",
 ]

@@ -1,13 +1,16 @@
 // The page of a sequence: the chart and the table follow the time of the player, and a click on either sets it.
 offer(settings.duration);
 
-const LANE = 16, HEAD = 20;
+// A bar is [phase, start, seconds] in a lane of its phase, or [phase, start, seconds, arm, pick] in a lane of its arm.
+const several = settings.arms, LANE = several ? 28 : 16, HEAD = 20;
+const laneOf = (bar) => several ? bar[3] : bar[0];
 const canvas = byId("gantt"), scroll = byId("scroll"), zoom = byId("zoom"), list = byId("rows");
 const rows = settings.rows;
 const bars = [...rows.flatMap((row) => row.phases), ...settings.closing];
-const lanes = settings.lanes.filter((name) => bars.some((bar) => bar[0] === name));
+const lanes = settings.lanes.filter((name) => bars.some((bar) => laneOf(bar) === name));
+const phases = Object.keys(settings.colours).filter((name) => bars.some((bar) => bar[0] === name));
 
-byId("phases").append(...lanes.map((name) => {
+byId("phases").append(...phases.map((name) => {
   const item = document.createElement("li"), swatch = document.createElement("span");
   swatch.className = "swatch";
   swatch.style.background = settings.colours[name];
@@ -69,12 +72,19 @@ function draw() {
     pen.fillStyle = "#51606f";
     pen.fillText((every < 1 ? t.toFixed(1) : String(Math.round(t))) + " s", x + 3, 12);
   }
-  for (const [name, start, seconds] of bars) {
+  for (const bar of bars) {
+    const [name, start, seconds] = bar;
     const x = start * k - at, wide = Math.max(seconds * k, 0.75);
     if (x > width || x + wide < 0) continue;
     pen.fillStyle = settings.colours[name];
-    pen.fillRect(x, HEAD + LANE * lanes.indexOf(name) + 2, wide, LANE - 4);
+    pen.fillRect(x, HEAD + LANE * lanes.indexOf(laneOf(bar)) + 2, wide, LANE - 4);
   }
+  if (several) lanes.forEach((name, lane) => {
+    pen.fillStyle = "#ffffffd9";
+    pen.fillRect(0, HEAD + LANE * lane + 6, pen.measureText(name).width + 10, LANE - 12);
+    pen.fillStyle = "#1b2530";
+    pen.fillText(name, 5, HEAD + LANE * lane + LANE / 2 + 4);
+  });
   pen.fillStyle = "#a61b1b";
   pen.fillRect(Math.min(animator.time, settings.duration) * k - at - 1, 0, 2, height);
 }
@@ -90,19 +100,22 @@ scroll.addEventListener("keydown", (event) => {
 });
 byId("reset").addEventListener("click", () => { touched = false; frame(); });
 
-let selected = -1, last = -1;
+let selected = [], last = -1;
 function follow() {
   const t = Math.min(animator.time, settings.duration);
-  let index = rows.findIndex((row) => t < row.start + row.duration);
-  if (index < 0) index = rows.length - 1;
-  if (index !== selected) {
-    if (selected >= 0) list.children[selected].removeAttribute("aria-selected");
-    selected = index;
-    list.children[index].setAttribute("aria-selected", "true");
-    list.children[index].scrollIntoView({ block: "nearest" });
+  let active = [...rows.keys()].filter((index) => t >= rows[index].start && t < rows[index].start + rows[index].duration);
+  if (!active.length) active = [Math.max(rows.findLastIndex((row) => row.start <= t), 0)];
+  if (active.join() !== selected.join()) {
+    selected.forEach((index) => list.children[index].removeAttribute("aria-selected"));
+    selected = active;
+    active.forEach((index) => list.children[index].setAttribute("aria-selected", "true"));
+    list.children[active[0]].scrollIntoView({ block: "nearest" });
   }
-  const phase = bars.find(([, start, seconds]) => t >= start && t < start + seconds);
-  const text = rows[index].name + (phase ? ", " + phase[0] : "");
+  const now = bars.filter(([, start, seconds]) => t >= start && t < start + seconds);
+  now.sort((a, b) => lanes.indexOf(laneOf(a)) - lanes.indexOf(laneOf(b)));
+  const text = several
+    ? now.map(([phase, , , arm, pick]) => arm + ": " + [pick, phase].filter(Boolean).join(", ")).join("; ")
+    : rows[active[0]].name + (now.length ? ", " + now[0][0] : "");
   if (byId("now").textContent !== text) byId("now").textContent = text;
   if (animator.playing && t !== last) {  // keep the cursor in view
     const x = t * scale() - scroll.scrollLeft;

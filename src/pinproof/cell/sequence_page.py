@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +25,20 @@ from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import Stage, box_corners, set_stage, simplified
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = ["read_heat_map", "write_sequence_page"]
+__all__ = [
+    "COLOURS",
+    "MOST_FRAMES",
+    "RATE",
+    "PageTexts",
+    "Riders",
+    "read_heat_map",
+    "write_page",
+    "write_sequence_page",
+]
 
 Array = npt.NDArray[np.float64]
+Riders = dict[str, list[tuple[float, Array]]]
+"""Key frames (time, ``root_from_object``) of carried parts by name."""
 
 RATE = 15.0
 """Key frames per second; the viewer interpolates between them."""
@@ -82,9 +93,38 @@ def write_sequence_page(
     setup = result.setup
     arm, scene = setup.checker.arm, setup.checker.scene
     stage = simplified(set_stage(arm, scene, setup.shared.open_tool))
+    texts = PageTexts(title or f"Cell of {arm.robot.name}", result.message, _figures(result), _notes(result, stage))
+    write_page(stage, *_film(stage, result), texts, {"duration": result.duration, **_content(result)}, path, heat_map)
+
+
+class PageTexts(NamedTuple):
+    """The texts of a page."""
+
+    title: str
+    summary: str
+    figures: list[tuple[str, str]]
+    """Pairs of a label and a figure."""
+    notes: list[str]
+
+
+def write_page(
+    stage: Stage,
+    shown: Film,
+    riders: Riders,
+    texts: PageTexts,
+    content: dict[str, Any],
+    path: str | Path,
+    heat_map: ColouredPoints | None = None,
+) -> None:
+    """Write the page of a film with carried parts; ``content`` has its duration, and the rows and bars of the chart.
+
+    Raises
+    ------
+    ViewerError
+        If the robot has nothing to draw, or the page cannot be written.
+    """
     if not any(link.surfaces for link in stage.links):
-        raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
-    shown, riders = _film(stage, result)
+        raise ViewerError(f"robot {stage.arm.robot.name!r} has nothing to draw: no link has geometry")
     few = slice(None, None, -(-len(shown.times) // FRAMED))
     floor = np.empty((0, 3)) if heat_map is None else heat_map.xyz
     points = np.concatenate([*shown.tcps.swapaxes(0, 1), _rider_points(stage, riders), floor])
@@ -93,27 +133,26 @@ def write_sequence_page(
     commands = stage_commands(stage, first, view)
     if heat_map is not None:
         heat_map.draw(commands)
-    moving = _rider_tracks(commands, stage, riders, result.duration)
+    moving = _rider_tracks(commands, stage, riders, content["duration"])
     commands.set_animation([*tracks(commands, stage, shown, rest=0.0), *moving])
-    name = title or f"Cell of {arm.robot.name}"
-    settings = {**view_settings(view), "duration": result.duration, **_content(result)}
     legend = () if heat_map is None else heat_map.legend
     body = fill(
         part("sequence_page.html", __package__),
         {
-            "title": escape(name),
-            "summary": escape(result.message),
-            "chips": "".join(f"<li><b>{escape(text)}</b> {escape(label)}</li>" for label, text in _figures(result)),
+            "title": escape(texts.title),
+            "summary": escape(texts.summary),
+            "chips": "".join(f"<li><b>{escape(text)}</b> {escape(label)}</li>" for label, text in texts.figures),
             "legend": "".join(
                 f'<li><span class="swatch" style="background:rgb({r * 255:.0f},{g * 255:.0f},{b * 255:.0f})"></span>'
                 f"{escape(text)}</li>"
                 for text, (r, g, b) in legend
             ),
-            "notes": "".join(f"<li>{escape(note)}</li>" for note in _notes(result, stage)),
+            "notes": "".join(f"<li>{escape(note)}</li>" for note in texts.notes),
         },
     )
     style = part("common.css") + part("sequence_page.css", __package__)
-    text = assemble(name, style, body, part("sequence_page.js", __package__), settings, commands)
+    settings = {**view_settings(view), **content}
+    text = assemble(texts.title, style, body, part("sequence_page.js", __package__), settings, commands)
     try:
         write_text_whole(path, text)
     except FileError as error:
@@ -197,17 +236,17 @@ def _content(result: SequenceResult) -> dict[str, Any]:
         )
     end = result.steps[-1].end
     closing = [] if result.closing is None else [["transit", end, result.closing.trajectory.duration]]
-    return {"rows": rows, "closing": closing, "colours": COLOURS, "lanes": list(PHASES)}
+    return {"rows": rows, "closing": closing, "colours": COLOURS, "lanes": list(PHASES), "arms": False}
 
 
-def _film(stage: Stage, result: SequenceResult) -> tuple[Film, dict[str, list[tuple[float, Array]]]]:
+def _film(stage: Stage, result: SequenceResult) -> tuple[Film, Riders]:
     """Key frames of all motions with rests at dwell times, and key frames (time, pose) of each carried part."""
     rate = min(RATE, MOST_FRAMES / max(result.moving, 1e-9))
     own = {thing.name for thing in result.setup.shared.open_tool}
     times: list[float] = []
     poses: list[Array] = []
     tcps: list[Array] = []
-    riders: dict[str, list[tuple[float, Array]]] = {}
+    riders: Riders = {}
     pieces = [
         (phase.start, motion)
         for step in result.steps
@@ -236,9 +275,7 @@ def _film(stage: Stage, result: SequenceResult) -> tuple[Film, dict[str, list[tu
     return Film(np.array(times), np.stack(poses), np.stack(tcps)), riders
 
 
-def _rider_tracks(
-    commands: Commands, stage: Stage, riders: dict[str, list[tuple[float, Array]]], duration: float
-) -> list[dict[str, Any]]:
+def _rider_tracks(commands: Commands, stage: Stage, riders: Riders, duration: float) -> list[dict[str, Any]]:
     """The tracks of the carried parts. Before the first and after the last key frame, a part keeps its pose."""
     drawn = {obstacle.name for obstacle in stage.obstacles}
     found = []
@@ -255,7 +292,7 @@ def _rider_tracks(
     return found
 
 
-def _rider_points(stage: Stage, riders: dict[str, list[tuple[float, Array]]]) -> Array:
+def _rider_points(stage: Stage, riders: Riders) -> Array:
     """(N, 3) the corners of the carried parts where they are picked and placed, for the camera."""
     surfaces = {obstacle.name: obstacle.surfaces for obstacle in stage.obstacles}
     found = [np.empty((0, 3))]

@@ -15,7 +15,7 @@ from pinproof.cell.sequence_result import PHASES, SequenceResult, SequenceStep
 from pinproof.common.files import csv_text, json_text, save_as, unknown_suffix
 from pinproof.errors import InputError
 
-__all__ = ["SEQUENCE_SUFFIXES", "save_sequence", "sequence_csv", "sequence_dict", "sequence_markdown"]
+__all__ = ["SEQUENCE_SUFFIXES", "number_or_none", "save_sequence", "sequence_csv", "sequence_dict", "sequence_markdown"]
 
 COLUMNS = ("position", "pick", "start", "duration", *PHASES, "shortest", "clearance_proven", "limited_by")
 """The columns of the table; times in seconds, the clearance in metres."""
@@ -56,12 +56,12 @@ def sequence_dict(result: SequenceResult) -> dict[str, Any]:
         "notes": list(result.setup.not_covered(with_object)),
         "duration": result.duration,
         "moving": result.moving,
-        "lower_bound": _number(result.lower_bound),
-        "gap": _number(result.gap),
-        "file_order": _number(result.file_order),
-        "nearest_neighbour": _number(result.nearest_neighbour),
-        "parts_per_minute": _number(result.parts_per_minute),
-        "clearance_proven": _number(result.clearance),
+        "lower_bound": number_or_none(result.lower_bound),
+        "gap": number_or_none(result.gap),
+        "file_order": number_or_none(result.file_order),
+        "nearest_neighbour": number_or_none(result.nearest_neighbour),
+        "parts_per_minute": number_or_none(result.parts_per_minute),
+        "clearance_proven": number_or_none(result.clearance),
         "by_phase": times.by_phase,
         "closing": times.closing,
         "steps": [
@@ -94,7 +94,7 @@ def _phases(step: SequenceStep) -> list[dict[str, Any]]:
                 "name": phase.name,
                 "start": phase.start,
                 "duration": phase.duration,
-                "clearance_proven": None if proof is None else _number(proof.clearance),
+                "clearance_proven": None if proof is None else number_or_none(proof.clearance),
                 "pairs_proven": None if proof is None else proof.pairs,
             }
         )
@@ -106,7 +106,7 @@ def sequence_csv(result: SequenceResult) -> str:
     rows = []
     for number, (step, time) in enumerate(zip(result.steps, cycle_time(result).picks, strict=True), start=1):
         phases = (time.phases.get(name, "") for name in PHASES)
-        clearance = _number(step.verdict.clearance)
+        clearance = number_or_none(step.verdict.clearance)
         rows.append((number, time.name, time.start, time.duration, *phases, time.shortest, clearance, time.limited_by))
     return csv_text(COLUMNS, rows)
 
@@ -121,7 +121,8 @@ def sequence_markdown(result: SequenceResult) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _number(value: float) -> float | None:
+def number_or_none(value: float) -> float | None:
+    """The value, or None if it is not finite, which JSON cannot hold."""
     return value if math.isfinite(value) else None
 
 

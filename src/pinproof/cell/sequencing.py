@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,7 @@ from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import rest_to_rest_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 
-__all__ = ["SequenceInterrupted", "sequence"]
+__all__ = ["JudgedPicks", "SequenceInterrupted", "judge_options", "sequence"]
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], object]
@@ -144,6 +144,35 @@ def sequence(
     except KeyboardInterrupt:
         raise SequenceInterrupted(run.result(interrupted=True)) from None
     return run.result()
+
+
+class JudgedPicks(NamedTuple):
+    """What is known of picks before they are put in sequence; result of :func:`judge_options`."""
+
+    jobs: tuple[Job, ...]
+    """The picks that can be executed, with their options."""
+    left_out: tuple[LeftOut, ...]
+    """The other picks, with the reasons."""
+    pairs: tuple[tuple[str, str], ...]
+    """Pairs of picks of which geometry demands that the first is executed first."""
+    seconds: dict[str, float]
+    """For each pick that can be executed, its shortest time with the mean time of a transit to it."""
+
+
+def judge_options(setup: PickSetup, picks: Iterable[Pick], options: int) -> JudgedPicks:
+    """Judge picks, each in the scene without the other parts, and estimate their times without an order."""
+    given = _checked(setup, picks)
+    stated = Precedence.stated((pick.name for pick in given), ())
+    run = _Run(setup, given, stated, (setup.home, setup.home), (0.0, 0.0), lambda *_: None)
+    run.prepare(options)
+    names, seconds = run.precedence.names, {}
+    if run.jobs:
+        problem = run.problem()
+        first = [choices[0] for choices in problem.options]
+        for name, choices in zip(names, problem.options, strict=True):
+            seconds[name] = float((problem.inner[choices] + problem.between[np.ix_(first, choices)].mean(axis=0)).min())
+    pairs = tuple((names[a], names[b]) for a, b in run.precedence.reasons)
+    return JudgedPicks(tuple(run.jobs), tuple(run.left_out), pairs, seconds)
 
 
 def _checked(setup: PickSetup, picks: Iterable[Pick]) -> tuple[Pick, ...]:

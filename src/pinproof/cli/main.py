@@ -22,6 +22,7 @@ import typer
 import pinproof as pp
 from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.cell import cell_sequence
+from pinproof.cli.cell_allocation import cell_allocate
 from pinproof.cli.cell_placement import cell_compare, cell_place, cell_tolerance
 from pinproof.cli.certify import certify_motion
 from pinproof.cli.console import Interrupted, print_error, print_json, print_note
@@ -77,6 +78,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "schema": schema,
     "cell place": cell_place,
     "cell sequence": cell_sequence,
+    "cell allocate": cell_allocate,
     "cell compare": cell_compare,
     "cell tolerance": cell_tolerance,
     "bench ik": bench_ik,

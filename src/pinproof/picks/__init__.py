@@ -12,6 +12,7 @@ from pinproof.picks.batch.screen_picks import screen_picks
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
 from pinproof.picks.batch.validate import PicksInterrupted, validate_picks
 from pinproof.picks.input.pick import (
+    CellRobot,
     GraspSpin,
     GraspTolerance,
     GripperFingers,
@@ -37,6 +38,7 @@ __all__ = [
     "REPORT_SUFFIXES",
     "Campaign",
     "CampaignResult",
+    "CellRobot",
     "CupContact",
     "FingerContact",
     "GraspSpin",

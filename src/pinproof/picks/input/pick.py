@@ -16,13 +16,14 @@ from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.validation import ReadOnlyDict, require_positive
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
-from pinproof.model import Arm, JointLimits, Payload, load_robot
+from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, load_robot
 from pinproof.model.dynamics import checked_payloads
 from pinproof.motion import ToolLimits
 from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3, finite, frozen, pose, rigid, xyz_rpy
 
 __all__ = [
+    "CellRobot",
     "GraspSpin",
     "GraspTolerance",
     "GripperFingers",
@@ -430,6 +431,8 @@ class Pick:
         joints then apply.
     speed
         Limits of the tcp by part of the motion, the keys of :data:`PARTS`.
+    arm
+        In a cell of several arms, the arm that executes the pick; by default :func:`pinproof.cell.allocate` chooses it.
     """
 
     name: str
@@ -450,10 +453,13 @@ class Pick:
     upright_axis: Direction | None = None
     payload: Payload | None = None
     speed: Mapping[str, ToolSpeed] = field(default_factory=dict)
+    arm: str | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a pick needs a name, not {self.name!r}")
+        if self.arm is not None and (not isinstance(self.arm, str) or not self.arm):
+            raise InputError(f"arm of pick {self.name!r} is {self.arm!r}; it must be the name of an arm")
         object.__setattr__(self, "pose", frozen(rigid(f"pose of pick {self.name!r}", self.pose)))
         object.__setattr__(self, "support", support_names(self.support, f"pick {self.name!r}"))
         for move in MOVES:
@@ -572,6 +578,25 @@ class PickProblem:
 
 
 @dataclass(frozen=True, eq=False)
+class CellRobot:
+    """One of the robots of a picks file for several robots.
+
+    Parameters
+    ----------
+    world_from_base
+        The pose of the base link of its arm in the cell.
+    settings
+        What the file states of the robot, its hand and its home, here or for all robots; without picks.
+    """
+
+    world_from_base: SE3
+    settings: Picks
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "world_from_base", frozen(rigid("world_from_base", self.world_from_base)))
+
+
+@dataclass(frozen=True, eq=False)
 class Picks:
     """A list of picks and their shared settings.
 
@@ -620,6 +645,8 @@ class Picks:
     places
         Positions in that file of the keys that name something of the robot, such as ``"tcp"`` and ``"held.finger"``,
         for messages.
+    robots
+        The robots of a cell by name, if the file is for several. Poses are then stated in the frame ``world``.
     """
 
     picks: tuple[Pick, ...]
@@ -647,6 +674,7 @@ class Picks:
     limits: Path | None = None
     source: Path | None = None
     places: Mapping[str, str] = field(default_factory=dict)
+    robots: Mapping[str, CellRobot] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return outline(f"Picks({self._headline})", map(repr, self.picks), total=len(self.picks))
@@ -698,6 +726,11 @@ class Picks:
         PicksError
             If a name in the file does not exist: a robot, a xacro argument, a tcp or a held joint.
         """
+        if self.robots:
+            raise InputError(
+                f"{self.source or 'picks'}: is for several robots ({', '.join(self.robots)}), not for a single arm; "
+                "use pinproof cell allocate"
+            )
         if self.robot is None:
             raise InputError(f"{self.source or 'picks'}: states no robot; add 'robot: ur5' or the path of a robot file")
         try:
@@ -712,6 +745,23 @@ class Picks:
             if self.source is None or key not in self.places:
                 raise
             raise PicksError(self.source, str(error), self.places[key]) from error
+
+    def load_cell(self) -> JointGroup:
+        """Load the robots that the file states, and assemble them at their poses.
+
+        Raises
+        ------
+        InputError
+            If the file is for one robot; also for the reasons of :func:`pinproof.assemble` and :meth:`load_arm`.
+        PicksError
+            If a name in the file does not exist.
+        """
+        if not self.robots:
+            raise InputError(
+                f"{self.source or 'picks'}: is for one robot; a cell needs the key robots, such as "
+                "'robots: {left: {base: {xyz: [-0.5, 0, 0]}}, right: {base: {xyz: [0.5, 0, 0]}}}'"
+            )
+        return assemble({name: (each.settings.load_arm(), each.world_from_base) for name, each in self.robots.items()})
 
     def transformed(self, root_from_picks: SE3 | npt.ArrayLike) -> Picks:
         """Return the picks, stated in the frame of a cell, in the frame of a robot that is placed in it.

@@ -89,6 +89,7 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "upright_axis": lambda value: tuple(finite("upright_axis", numbers_of("upright_axis", value), (3,)).tolist()),
         "payload": lambda value: payload_of("payload", value, OBJECT_PAYLOAD),
         "speed": _speed,
+        "arm": lambda value: _text("arm", value),
     }
     settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
     return Pick(name, **_moves(stated), **settings)

@@ -18,11 +18,22 @@ from pinproof.common.files import is_file
 from pinproof.common.validation import require_integer
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.description.meshes import COLOURED_SUFFIXES
-from pinproof.errors import FileError, InputError, PicksError
+from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
 from pinproof.model import Payload
-from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
+from pinproof.picks.input.pick import CellRobot, GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
 from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, payload_of, picks_of_row
-from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PAYLOAD, PICK, PICKS
+from pinproof.picks.input.picks_keys import (
+    CELL_ROBOT,
+    CUP,
+    DEFAULTS,
+    FINGERS,
+    FRAME,
+    GRIP_LIMITS,
+    HELD,
+    PAYLOAD,
+    PICK,
+    PICKS,
+)
 from pinproof.picks.input.settings import GripLimits
 from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 from pinproof.spatial import SE3, finite
@@ -78,35 +89,72 @@ def open_picks(path: str | Path) -> PickSource:
     defaults = _shared(path, content, "defaults", {}, lambda stated: _defaults(stated, path))
     shared = Picks(
         (),
-        tip=_shared(path, content, "tip", {}, lambda stated: _tip(stated, MOST_TOOL)),
-        tool=_bodies(path, content, "tool"),
-        fingers=_fingers(path, content),
-        cup=_shared(path, content, "cup", None, _cup),
-        gripper=tuple(_names(path, content, "gripper")),
-        held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
-        grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
+        **_robot_settings(path, content),
         grip_limits=_shared(path, content, "grip_limits", {}, _grip_limits),
         optimise=_shared(path, content, "optimise", None, _evaluations),
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
-        payload=_shared(path, content, "payload", [], _payloads),
         torque_limits=_shared(path, content, "torque_limits", False, _torque_limits),
-        robot=_robot(path, content),
-        srdf=_file(path, content, "srdf"),
-        package_dirs=_folders(path, content),
-        xacro_args=_xacro_args(path, content),
-        limits=_file(path, content, "limits"),
-        tcp=_text(path, content, "tcp"),
         scene=path.parent / scene if (scene := _text(path, content, "scene")) else None,
-        home=_shared(path, content, "home", {}, _home),
         source=path,
         places=_places(content),
     )
+    shared = replace(shared, robots=_robots(path, content, shared))
     return (
         PickTable(path.parent / stated, shared=shared, defaults=defaults)
         if table
         else _list(path, rows, shared, defaults)
     )
+
+
+def _robot_settings(path: Path, content: LinedMapping) -> dict[str, Any]:
+    """The settings of a robot and its hand, which a file for several robots may state for each of them."""
+    return {
+        "tip": _shared(path, content, "tip", {}, lambda stated: _tip(stated, MOST_TOOL)),
+        "tool": _bodies(path, content, "tool"),
+        "fingers": _fingers(path, content),
+        "cup": _shared(path, content, "cup", None, _cup),
+        "gripper": tuple(_names(path, content, "gripper")),
+        "held": _shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
+        "grip": _shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
+        "payload": _shared(path, content, "payload", [], _payloads),
+        "robot": _robot(path, content),
+        "srdf": _file(path, content, "srdf"),
+        "package_dirs": _folders(path, content),
+        "xacro_args": _xacro_args(path, content),
+        "limits": _file(path, content, "limits"),
+        "tcp": _text(path, content, "tcp"),
+        "home": _shared(path, content, "home", {}, _home),
+    }
+
+
+KEY_OF = {"grip": "held"}
+"""The keys of settings that have another name than their key."""
+
+
+def _robots(path: Path, content: LinedMapping, shared: Picks) -> dict[str, CellRobot]:
+    """The robots of a cell. What one does not state is that of the file."""
+    stated = content.get("robots", {})
+    if not isinstance(stated, LinedMapping):
+        if stated == {}:
+            return {}
+        raise PicksError(path, f"holds {stated!r}, not a mapping of names to robots", content.place("robots"))
+    found = {}
+    for name, each in stated.items():
+        place = stated.place(name, "robot")
+        if not isinstance(each, LinedMapping):
+            raise PicksError(path, f"holds {each!r}, not a mapping; valid keys: {', '.join(CELL_ROBOT.names)}", place)
+        refuse_unknown(PicksError, path, f"key of robot {name!r}", each, CELL_ROBOT.names, "")
+        if "base" not in each:
+            raise PicksError(path, "states no base, the pose of the robot in the cell", place)
+        base = _shared(path, each, "base", {}, _tip)
+        own = {key: value for key, value in _robot_settings(path, each).items() if KEY_OF.get(key, key) in each}
+        places = {**shared.places, **_places(each)}
+        try:
+            found[str(name)] = CellRobot(base, replace(shared, **own, places=places))
+        except InputError as error:
+            raise PicksError(path, str(error), place) from error
+    return found
 
 
 def _list(path: Path, rows: list[Any], shared: Picks, defaults: dict[str, Any]) -> PickList:
@@ -116,7 +164,7 @@ def _list(path: Path, rows: list[Any], shared: Picks, defaults: dict[str, Any]) 
     for number, row in enumerate(rows, start=1):
         name = row.get("name") if isinstance(row, dict) else None
         try:
-            picks += _picks(path, row, defaults, taken)
+            picks += _of_robots(_picks(path, row, defaults, taken), shared)
         except (InputError, FileError) as error:
             where = f"line {row.line}: " if isinstance(row, LinedMapping) else ""
             reason = error.reason if isinstance(error, FileError) else str(error)
@@ -166,6 +214,16 @@ def _picks(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -
         raise InputError(f"a second pick is named {doubled!r}")
     taken.update(pick.name for pick in made)
     return made
+
+
+def _of_robots(picks: list[Pick], shared: Picks) -> list[Pick]:
+    """The picks, if the arms that they name exist."""
+    for pick in picks:
+        if pick.arm is not None and not shared.robots:
+            raise InputError(f"states the arm {pick.arm!r}, but the file has no robots")
+        if pick.arm is not None and pick.arm not in shared.robots:
+            raise UnknownNameError("arm", pick.arm, shared.robots, "the robots of the file")
+    return picks
 
 
 def _frames(stated: object) -> dict[str, NamedFrame]:

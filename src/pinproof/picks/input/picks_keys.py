@@ -35,6 +35,7 @@ from pinproof.picks.input.pick import (
 from pinproof.picks.input.settings import GripLimits, PickBudget
 
 __all__ = [
+    "CELL_ROBOT",
     "COLUMNS",
     "CUP",
     "DEFAULTS",
@@ -257,6 +258,7 @@ _PICK_KEYS = (
         any_of(ABOVE_ZERO, STAGE_SPEEDS),
         "limits of the tcp by part of the motion; a number is the largest linear speed (m/s) of all parts",
     ),
+    FileKey("arm", TEXT, "in a file with `robots`, the one that executes the pick; by default any may"),
 )
 
 DEFAULTS = KeyTable(
@@ -346,14 +348,15 @@ GRIP_LIMITS = KeyTable(
     _limit("tip", "largest distance of the tip of a tool without fingers from the surface of the object", "m"),
 )
 
-PICKS = KeyTable(
-    "picks",
-    "A picks file: the picks, and the robot, scene and gripper that they share. Files that it names are relative to "
-    "its folder.",
+_ROBOT_KEYS = (
     FileKey("robot", TEXT, "a name of the catalogue, or a robot file (URDF, xacro, MJCF, DH table)"),
     FileKey("srdf", TEXT, "an SRDF file of the robot"),
     FileKey(
-        "package_dirs", any_of(TEXT, list_of(TEXT)), "a folder, or a list of folders, that contain ROS packages", "", []
+        "package_dirs",
+        any_of(TEXT, list_of(TEXT)),
+        "a folder, or a list of folders, that contain ROS packages",
+        "",
+        [],
     ),
     FileKey(
         "xacro_args",
@@ -372,14 +375,22 @@ PICKS = KeyTable(
         "rad or m",
         {},
     ),
-    FileKey("scene", TEXT, "a [scene file](scene.md); by default an empty scene"),
-    FileKey("margin", POSITIVE, "smallest allowed distance between any two bodies", "m", 0.0),
+)
+
+_HAND_KEYS = (
     FileKey(
-        "home", mapping_to(NUMBER), "joint values, by name, where motions start; by default the robot's own", "rad or m"
+        "home",
+        mapping_to(NUMBER),
+        "joint values, by name, where motions start; by default the robot's own",
+        "rad or m",
     ),
     FileKey("tip", POSE, "tcp_from_tip: the frame that is moved to the poses of picks", "", {}),
     FileKey(
-        "tool", list_of(OBSTACLE), "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body", "", []
+        "tool",
+        list_of(OBSTACLE),
+        "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body",
+        "",
+        [],
     ),
     FileKey("fingers", FINGERS, "two moving fingers that are not part of the robot"),
     FileKey("cup", CUP, "a suction cup at the tip, instead of fingers; its body is one of `tool`"),
@@ -395,6 +406,24 @@ PICKS = KeyTable(
         any_of(PAYLOAD, list_of(PAYLOAD)),
         "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
     ),
+)
+
+CELL_ROBOT = KeyTable(
+    "cell_robot",
+    "One of several robots. A key that it does not state is that of the file.",
+    required("base", POSE, "the pose of the base link of its arm in the frame `world`"),
+    *_ROBOT_KEYS,
+    *_HAND_KEYS,
+)
+
+PICKS = KeyTable(
+    "picks",
+    "A picks file: the picks, and the robot, scene and gripper that they share. Files that it names are relative to "
+    "its folder.",
+    *_ROBOT_KEYS,
+    FileKey("scene", TEXT, "a [scene file](scene.md); by default an empty scene"),
+    FileKey("margin", POSITIVE, "smallest allowed distance between any two bodies", "m", 0.0),
+    *_HAND_KEYS,
     FileKey(
         "torque_limits",
         BOOLEAN,
@@ -409,6 +438,14 @@ PICKS = KeyTable(
         "number of evaluations to shorten each transit and each transfer; 0 to follow the planned paths",
         "",
         default_of(PickBudget, "motion"),
+    ),
+    FileKey(
+        "robots",
+        mapping_to(CELL_ROBOT),
+        "several robots by name: all poses are then in the frame `world`, and links and joints have the prefix "
+        "`NAME/` in the scene",
+        "",
+        {},
     ),
     FileKey("frames", mapping_to(FRAME), "named frames for the poses of picks and places", "", {}),
     FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
@@ -449,5 +486,6 @@ COLUMNS = {
     "payload.mass": ("mass",),
     "payload.center_of_mass": ("center_x", "center_y", "center_z"),
     "speed": ("speed",),
+    "arm": ("arm",),
 }
 """The keys that a row of a table can state, and their columns."""

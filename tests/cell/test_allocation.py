@@ -1,0 +1,194 @@
+"""Picks of several arms: allocation, waiting, certificates on a common clock, and refused input."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.cell.waiting import TICK, Progress, shortest_waits
+from pinproof.collision import audit
+
+FILE = Path(__file__).parents[2] / "robots" / "two_ur5" / "picks.yaml"
+
+
+@pytest.fixture(scope="module")
+def cell():
+    picks = pp.read_picks(FILE)
+    return picks.load_cell(), pp.Scene.load(picks.scene), picks
+
+
+def some(picks, *names, **changes):
+    return replace(picks, picks=tuple(replace(p, **changes.get(p.name, {})) for p in picks if p.name in names))
+
+
+@pytest.fixture(scope="module")
+def allocated(cell):
+    group, scene, picks = cell
+    chosen = some(picks, "part_2_1", "part_3_2", "part_4_2", "part_5_3")
+    return pp.cell.allocate(group, scene, chosen, compare=False, grip_dwell=0.2)
+
+
+def brute_force(first, second, blocked) -> int | None:
+    """The smallest number of ticks, by breadth-first search."""
+    goal, seen, queue = (blocked.shape[0] - 1, blocked.shape[1] - 1), {(0, 0): 0}, deque([(0, 0)])
+    while queue:
+        i, j = queue.popleft()
+        for a, b in ((1, 1), (1, 0), (0, 1)):
+            if (not a and not first[i]) or (not b and not second[j]):
+                continue
+            at = (i + a, j + b)
+            if at[0] <= goal[0] and at[1] <= goal[1] and not blocked[at] and at not in seen:
+                seen[at] = seen[i, j] + 1
+                queue.append(at)
+    return seen.get(goal)
+
+
+def test_waits_are_the_shortest_and_avoid_blocked_states() -> None:
+    rng, solved = np.random.default_rng(0), 0
+    for _ in range(200):
+        sizes = rng.integers(2, 12, 2)
+        axes = []
+        for size in sizes.tolist():
+            rests = rng.random(size) < 0.4
+            rests[[0, -1]] = True
+            axes.append(Progress(np.arange(size) * TICK, rests))
+        blocked = rng.random(tuple(sizes)) < 0.25
+        blocked[0, 0] = blocked[-1, -1] = False
+        least = brute_force(axes[0].rests, axes[1].rests, blocked)
+        found = shortest_waits(*axes, blocked)
+        assert (found is None) == (least is None)
+        if found is None or least is None:
+            continue
+        solved += 1
+        ends = [axis.times[-1] + sum(wait.duration for wait in waits) for axis, waits in zip(axes, found, strict=True)]
+        assert max(ends) == pytest.approx(least * TICK)
+        for tick in range(least + 1):
+            state = []
+            for axis, waits in zip(axes, found, strict=True):
+                own = tick
+                for wait in waits:
+                    own -= min(max(own - round(wait.time / TICK), 0), round(wait.duration / TICK))
+                state.append(min(own, len(axis.times) - 1))
+            assert not blocked[tuple(state)]
+    assert solved > 50
+
+
+@pytest.mark.slow
+def test_every_instant_is_certified_and_free_on_exact_meshes(cell, allocated) -> None:
+    group, _, _picks = cell
+    assert allocated.ok
+    assert {name for each in allocated for name in each.picks} == {p.name for p in allocated.picks}
+    assert all(each.picks for each in allocated)
+    starts = [each.start for each in allocated.intervals]
+    ends = [each.end for each in allocated.intervals]
+    assert starts[0] == 0.0
+    assert ends[-1] == pytest.approx(allocated.makespan)
+    assert starts[1:] == pytest.approx(ends[:-1])
+    assert all(each.certificate.free for each in allocated.intervals)
+    whole = allocated.trajectory
+    assert np.abs(whole.max_velocity()).max() <= group.limits.velocity.max() + 1e-9
+    for interval in allocated.intervals:
+        middle = interval.start + interval.trajectory.duration / 2
+        still = allocated.scene_at(middle)
+        carried = {thing.name for thing in interval.attached}
+        # The tip touches its part while it grips and releases, and a part rests on what supports it.
+        near = [(name, other) for name in carried for other in still.names if name.startswith("part")]
+        near += [(name, other) for name in carried for other in still.names if other in allocated.parts]
+        meshes = pp.CollisionChecker(group, still, link_meshes="surface", attached=interval.attached, allowed=near)
+        assert audit(interval.trajectory, meshes, step=0.02, measure=False).clean
+
+
+@pytest.mark.slow
+def test_parts_are_taken_and_placed_in_the_order_of_time(cell, allocated) -> None:
+    _, scene, _ = cell
+    for name, part in allocated.parts.items():
+        pick = next(each for each in allocated.picks if each.name == name)
+        assert part.gripped < part.released
+        assert np.allclose(allocated.scene_at(0.0)[name].pose, scene[name].pose)
+        assert name not in allocated.scene_at((part.gripped + part.released) / 2).names
+        shift = pick.place.pose.translation - pick.pose.translation
+        assert np.allclose(part.after.pose.translation, scene[name].pose.translation + shift, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_pick_is_executed_by_the_arm_that_it_names_and_in_the_stated_order(cell) -> None:
+    group, scene, picks = cell
+    chosen = some(picks, "part_2_2", "part_5_2", part_2_2={"arm": "right"}, part_5_2={"arm": "left"})
+    result = pp.cell.allocate(group, scene, chosen, compare=False, precedence=[("part_2_2", "part_5_2")])
+    assert result.ok
+    assert {each.arm: each.picks for each in result} == {"left": ("part_5_2",), "right": ("part_2_2",)}
+    before = max(piece.end for piece in result.programs["right"] if piece.pick == "part_2_2")
+    after = min(p.start for p in result.programs["left"] if p.pick == "part_5_2" and p.name != "wait")
+    assert after >= before
+
+
+@pytest.mark.slow
+def test_pick_that_no_arm_can_execute_is_left_out_with_the_reason_of_each(cell) -> None:
+    group, scene, picks = cell
+    chosen = some(picks, "part_3_2", "part_4_2", part_4_2={"pose": pp.pose((0.0, 2.0, 0.03), (np.pi, 0, 0))})
+    result = pp.cell.allocate(group, scene, chosen, compare=False)
+    (left,) = result.missing
+    assert left.name == "part_4_2"
+    assert "left: " in left.reason
+    assert "right: " in left.reason
+    assert not result.ok
+    assert result.free
+    with pytest.raises(pp.NoAnswer, match="part_4_2"):
+        result.or_raise()
+
+
+def test_unknown_arm_is_refused_with_the_valid_ones(cell, tmp_path) -> None:
+    group, scene, picks = cell
+    with pytest.raises(pp.UnknownNameError, match=r"unknown arm 'lefty'.*left, right"):
+        pp.cell.allocate(group, scene, some(picks, "part_0_0", part_0_0={"arm": "lefty"}))
+    text = FILE.read_text().replace("name: part_0_0,", "name: part_0_0, arm: lefty,")
+    (tmp_path / "picks.yaml").write_text(text.replace("scene: scene.yaml\n", ""))
+    (problem,) = pp.read_picks(tmp_path / "picks.yaml").problems
+    assert problem.name == "part_0_0"
+    assert "lefty" in problem.reason
+    assert "left, right" in problem.reason
+
+
+def test_arms_with_common_joints_are_refused(cell) -> None:
+    group = pp.load_robot("tiago_dual_left").arms(base="torso_fixed_link")
+    with pytest.raises(pp.InputError, match="torso_lift_joint"):
+        pp.cell.allocate(group, pp.Scene(), replace(cell[2], robots={}))
+
+
+def test_overlapping_bases_are_refused_with_the_bodies(cell) -> None:
+    _, scene, picks = cell
+    left, right = picks.robots.values()
+    close = replace(picks, robots={"left": left, "right": replace(right, world_from_base=pp.pose((-0.4, 0, 0)))})
+    with pytest.raises(pp.InputError, match=r"left/base_link.*right/base_link"):
+        pp.cell.allocate(close.load_cell(), scene, close)
+
+
+def test_file_of_several_robots_is_refused_for_a_single_arm(cell) -> None:
+    with pytest.raises(pp.InputError, match=r"several robots \(left, right\)"):
+        cell[2].load_arm()
+    single = replace(cell[2], robots={})
+    with pytest.raises(pp.InputError, match="robots"):
+        single.load_cell()
+    arm = single.load_arm()
+    with pytest.raises(pp.InputError, match="one arm"):
+        pp.cell.allocate(arm, pp.Scene(), single)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("left: {base:", "left: {bse:", "unknown key of robot 'left' 'bse'"),
+        ("right: {base: {xyz: [0.45, 0, 0], rpy: [0, 0, pi]}}", "right: {tcp: tool0}", "states no base"),
+    ],
+)
+def test_wrong_robots_of_a_file_are_refused(tmp_path, old, new, words) -> None:
+    text = FILE.read_text()
+    assert old in text
+    (tmp_path / "picks.yaml").write_text(text.replace(old, new))
+    with pytest.raises(pp.FileError, match=words):
+        pp.read_picks(tmp_path / "picks.yaml")

@@ -146,6 +146,7 @@ def sequence(
 def _checked(setup: PickSetup, picks: Iterable[Pick]) -> tuple[Pick, ...]:
     if not isinstance(setup, PickSetup):
         raise InputError(f"setup is a {type(setup).__name__}; expected pinproof.picks.PickSetup")
+    setup.shared.refuse_conveyor("the order of picks")
     given = tuple(picks)
     for index, pick in enumerate(given):
         if not isinstance(pick, Pick):

@@ -20,9 +20,21 @@ from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, re
 from pinproof.description.meshes import COLOURED_SUFFIXES
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.model import Payload
+from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
 from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, payload_of, picks_of_row
-from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PAYLOAD, PICK, PICKS
+from pinproof.picks.input.picks_keys import (
+    CONVEYOR,
+    CUP,
+    DEFAULTS,
+    FINGERS,
+    FRAME,
+    GRIP_LIMITS,
+    HELD,
+    PAYLOAD,
+    PICK,
+    PICKS,
+)
 from pinproof.picks.input.settings import GripLimits
 from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 from pinproof.spatial import SE3, finite
@@ -82,6 +94,7 @@ def open_picks(path: str | Path) -> PickSource:
         tool=_bodies(path, content, "tool"),
         fingers=_fingers(path, content),
         cup=_shared(path, content, "cup", None, _cup),
+        conveyor=_shared(path, content, "conveyor", None, _conveyor),
         gripper=tuple(_names(path, content, "gripper")),
         held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
         grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
@@ -207,6 +220,15 @@ def _cup(stated: object) -> SuctionCup | None:
         return None
     settings = mapping_of("", stated, CUP)
     return SuctionCup(**{key: _number(key, value) for key, value in settings.items()})
+
+
+def _conveyor(stated: object) -> Conveyor | None:
+    if stated is None:
+        return None
+    settings = dict(mapping_of("", stated, CONVEYOR))
+    parts = settings.pop("parts")
+    names = tuple(parts) if isinstance(parts, list) else parts
+    return Conveyor(parts=names, **{key: numbers_of(key, value) for key, value in settings.items()})
 
 
 def _grip_limits(stated: object) -> GripLimits:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, Mover, Upright, certify
+from pinproof.collision.certificate import curve_hash, setup_hash
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import Trajectory
 from pinproof.picks.input.conveyor import Conveyor
@@ -150,8 +151,17 @@ class _Timeline:
         return (self.belt.mover(names).after(self.now),) if names else ()
 
     def add(self, name: str, motion: Trajectory, around: CollisionChecker, certificate: Certificate) -> None:
-        """Append a certified motion, with the scene and the attached bodies of a checker."""
+        """Append a certified motion, with the scene and the attached bodies of a checker.
+
+        The certificate is one of the joints and the movers together, possibly with a lowered support or with the
+        volumes of closing fingers; it is marked as that of the motion of the arm among the movers.
+        """
         held, movers = around.arm.held, self.movers(around)
+        setup = setup_hash(around.arm, around.scene, around.attached, movers)
+        among = f"proven among the moving {', '.join(each.name for each in movers)}"
+        certificate = replace(
+            certificate, curve=curve_hash(motion), setup=setup, notes=(*certificate.notes, *([among] if movers else []))
+        )
         self.motions.append(PickMotion(name, motion, certificate, around.attached, around.scene, held, movers=movers))
         self.now = self.start_time + Trajectory.join(*(each.trajectory for each in self.motions)).duration
 

@@ -60,6 +60,9 @@ def test_pick_from_a_moving_belt_is_free_at_dense_samples_on_exact_meshes() -> N
             motion.trajectory, exact.allowing(*touching(motion)), movers=motion.movers, step=STEP, measure=False
         )
         assert found.clean, (motion.name, found.message)
+        on_belt = {name for mover in motion.movers for name in mover.obstacles}
+        assert ("block_1" in on_belt) == (motion.name in ("transit", "approach", "tracking"))
+        assert "block_2" in on_belt
         assert motion.certificate.free
 
 

@@ -144,10 +144,11 @@ class _Timeline:
     def __init__(self, belt: Conveyor, start_time: float) -> None:
         self.belt, self.start_time, self.now = belt, start_time, start_time
         self.motions: list[PickMotion] = []
+        self.taken = ""
 
     def movers(self, checker: CollisionChecker) -> tuple[Mover, ...]:
-        """The parts in the scene of a checker, as seen from now."""
-        names = [name for name in self.belt.parts if name in checker.scene.names]
+        """The parts on the belt that are in the scene of a checker, as seen from now."""
+        names = [name for name in self.belt.parts if name in checker.scene.names and name != self.taken]
         return (self.belt.mover(names).after(self.now),) if names else ()
 
     def add(self, name: str, motion: Trajectory, around: CollisionChecker, certificate: Certificate) -> None:
@@ -309,7 +310,7 @@ class _Moment:
         if followed.tracking is not None:
             closing = task.closing if task.cell.fingers else task.at_grasp
             prove(Stage.GRIP, "tracking", followed.tracking, task.at_grasp, [closing])
-        carrying = task.carrying(self.member)
+        carrying, timeline.taken = task.carrying(self.member), str(task.name)
         prove(Stage.RETREAT, "retreat", followed.retreat, carrying, [_with_lowered(carrying, attempt.parting)])
 
     def _place(

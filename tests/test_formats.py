@@ -234,6 +234,14 @@ OTHER_PICKS = {
     "held": {"finger": 0.04},
     "payload": [{"mass": 1}, {"mass": 2, "inertia": [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]]}],
     "cup": {"radius": 0.015, "gap": 0.001, "tilt": 0.1},
+    "conveyor": {
+        "speed": 0.2,
+        "parts": ["bolt"],
+        "direction": [0, 1, 0],
+        "dwell": 0.2,
+        "duration": 50,
+        "tolerance": 0.001,
+    },
     "defaults": TURNED,
     "tip": {"rpy": [0, 0, 0]},
     "picks": [

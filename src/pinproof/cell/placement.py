@@ -223,6 +223,7 @@ class _Alternative:
         choice: PlacementChoice,
         home: npt.ArrayLike | None,
     ) -> _Alternative:
+        picks.refuse_conveyor("base placement")
         own = choice.arm or arm
         changes: dict[str, Any] = {}
         if choice.tip is not None:

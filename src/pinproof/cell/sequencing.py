@@ -178,6 +178,7 @@ def judge_options(setup: PickSetup, picks: Iterable[Pick], options: int) -> Judg
 def _checked(setup: PickSetup, picks: Iterable[Pick]) -> tuple[Pick, ...]:
     if not isinstance(setup, PickSetup):
         raise InputError(f"setup is a {type(setup).__name__}; expected pinproof.picks.PickSetup")
+    setup.shared.refuse_conveyor("the order of picks")
     given = tuple(picks)
     for index, pick in enumerate(given):
         if not isinstance(pick, Pick):

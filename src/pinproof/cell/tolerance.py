@@ -271,6 +271,7 @@ def tolerance_study(
         raise InputError(f"distribution = {distribution!r}; use {' or '.join(DISTRIBUTIONS)}")
     if report.setup is None:
         raise InputError("the report has no setup; make it with validate_picks or place_base")
+    report.setup.shared.refuse_conveyor("a study of tolerances")
     task = _ToleranceTask(report.setup, position, rotation, distribution, samples, largest, part_radius, rng)
     runner = StageRunner({}, executor, workers, in_flight, None, progress)
     rows = runner.run("tolerance", task, report.verdicts, 4)

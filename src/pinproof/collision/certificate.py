@@ -42,6 +42,7 @@ from pinproof.verifier import curve_digest
 
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
+    from pinproof.collision.movers import Mover
     from pinproof.collision.proof_file import ProvenMotion
     from pinproof.motion import MotionRecord
 
@@ -357,15 +358,16 @@ class Certificate:
         scene: Scene,
         attached: Sequence[Obstacle] = (),
         constraints: Sequence[PathConstraint] = (),
+        movers: Sequence[Mover] = (),
     ) -> bool:
-        """Whether this certificate was made for exactly this curve, arm, scene and attached objects.
+        """Whether this certificate was made for exactly this curve, arm, scene, attached objects and movers.
 
         Each of ``constraints`` must be one of its constraints; it may have more, because it then proves more.
         """
         own = {exact_text(proof.constraint) for proof in self.constraints}
         if not own.issuperset(map(exact_text, constraints)):
             return False
-        return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached)
+        return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached, movers)
 
     def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
         """Return the record of this certificate for the file of its motion, from time ``start`` to ``end`` (s)."""
@@ -460,8 +462,8 @@ def curve_hash(curve: Curve) -> str:
     return curve_digest(tuple(curve.joint_names), *curve.bezier())
 
 
-def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
-    """Return a hash of an arm (kinematics, held joints, collision geometry), its attached objects, and a scene.
+def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = (), movers: Sequence[Mover] = ()) -> str:
+    """Return a hash of an arm (kinematics, held joints, collision geometry), its attached objects, a scene, and movers.
 
     The pairs that the SRDF and the scene allow or disable are included.
     Meshes are hashed by name and by the present content of their files.
@@ -476,6 +478,8 @@ def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = ())
         digest.update(repr((obstacle.name, obstacle.shape, obstacle.arm)).encode() + matrix(obstacle.pose).tobytes())
         if isinstance(obstacle.shape, Mesh):
             digest.update(_content_hash(obstacle.shape.path).encode())
+    for mover in movers:
+        digest.update(mover.identity().encode())
     return digest.hexdigest()
 
 

@@ -130,6 +130,31 @@ class Mover:
         trajectory = Trajectory([0.0, end], q, np.full((2, 1), rate), [str(name)])
         return cls(name, tuple(obstacles), trajectory, type, axis, point, tolerance)
 
+    def placements(self, times: Array) -> Array:
+        """(N, 4, 4) the transforms that move the obstacles from their poses in the scene, at times (N,) in seconds.
+
+        After the end of its trajectory, the mover is at its last value.
+        """
+        values = self.trajectory(np.minimum(times, self.trajectory.duration))[:, 0]
+        axis, point = np.asarray(self.axis), np.asarray(self.point)
+        placed = np.tile(np.eye(4), (len(values), 1, 1))
+        if self.type == "prismatic":
+            placed[:, :3, 3] = values[:, None] * axis
+            return placed
+        x, y, z = axis
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        turn = values[:, None, None]
+        placed[:, :3, :3] += np.sin(turn) * cross + (1.0 - np.cos(turn)) * cross @ cross
+        placed[:, :3, 3] = point - placed[:, :3, :3] @ point
+        return placed
+
+    def identity(self) -> str:
+        """Everything that a certificate depends on, as text."""
+        axis, point = np.asarray(self.axis).tolist(), np.asarray(self.point).tolist()
+        return repr(
+            (self.name, self.obstacles, self.type, axis, point, self.tolerance, self.rests, self.trajectory.digest())
+        )
+
     def after(self, time: float) -> Mover:
         """Return the mover whose time 0 is ``time`` (s) of this one, for a motion that starts then.
 

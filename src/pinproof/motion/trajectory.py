@@ -180,9 +180,9 @@ class Trajectory:
         if not 0.0 <= time < math.inf:
             raise InputError(f"time = {time!r}; it must be 0 s or more")
         if time >= self.duration and any(rates[-1].any() for rates in self._points[2:]):
+            names = ", ".join(self.joint_names)
             raise InputError(
-                f"the trajectory of {', '.join(self.joint_names)} ends at {self.duration:.6g} s, still moving; "
-                f"{time:.6g} s is not before its end"
+                f"the trajectory of {names} ends at {self.duration:.6g} s, still moving; {time:.6g} s is late"
             )
         clock, now = whole_nanoseconds(self.times), round(min(time, self.duration) * trajectory_files.NANO)
         at, rows = now / trajectory_files.NANO, clock > now

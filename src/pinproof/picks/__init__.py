@@ -11,6 +11,7 @@ from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, 
 from pinproof.picks.batch.screen_picks import screen_picks
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
 from pinproof.picks.batch.validate import PicksInterrupted, validate_picks
+from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.pick import (
     CellRobot,
     GraspSpin,
@@ -30,7 +31,7 @@ from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTab
 from pinproof.picks.judging.changes import apply_suggestion
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
+from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.picks.report.program_export import PicksProgram, export_picks
 from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport
 
@@ -39,6 +40,7 @@ __all__ = [
     "Campaign",
     "CampaignResult",
     "CellRobot",
+    "Conveyor",
     "CupContact",
     "FingerContact",
     "GraspSpin",
@@ -46,6 +48,7 @@ __all__ = [
     "GripLimits",
     "GripResult",
     "GripperFingers",
+    "Intercept",
     "NamedFrame",
     "Pick",
     "PickBudget",

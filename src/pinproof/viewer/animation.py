@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Obstacle
+from pinproof.collision import Mover, Obstacle
 from pinproof.errors import InputError
 from pinproof.ik import SelfMotionCurve
 from pinproof.model import JointGroup
@@ -59,11 +59,14 @@ class Phase:
         ``tcp_from_object``.
     held
         Values (rad or m, by name) of joints outside the arm, such as fingers. Default: those of the arm of the stage.
+    movers
+        The obstacles of the stage that move by themselves, as seen from the start of the phase.
     """
 
     trajectory: Trajectory
     attached: tuple[Obstacle, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
+    movers: tuple[Mover, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +86,9 @@ class Film:
         where they are picked and placed.
     frames
         By name, (F, 4, 4) ``root_from_frame`` of further links.
+    moved
+        By name, (F, 4, 4) ``root_from_obstacle`` of the obstacles that a mover moves in some phases. They are not among
+        the riders, also if they are attached in other phases.
     """
 
     times: Array
@@ -90,6 +96,7 @@ class Film:
     tcps: Array
     riders: dict[str, Array] = field(default_factory=dict)
     frames: dict[str, Array] = field(default_factory=dict)
+    moved: dict[str, Array] = field(default_factory=dict)
 
 
 def checked_motion(arm: JointGroup, motion: Trajectory) -> Trajectory:
@@ -120,6 +127,7 @@ def film(
     total = sum(phase.trajectory.duration for phase in phases)
     rate = min(rate, (most - 1) / max(total, 1e-9))
     times, poses, tcps, axes, holding = [], [], [], [], []
+    moving: list[dict[str, Array]] = []
     start_time = 0.0
     for number, phase in enumerate(phases):
         motion, placed = phase.trajectory, replace(stage, arm=stage.arm.with_held(phase.held))
@@ -130,13 +138,43 @@ def film(
             tcps.append(placed.tcp_poses(q))
             axes.append(placed.frame_poses(q, frames))
         times.append(start_time + instants)
+        moving += _moved_by(stage, phase.movers, instants)
         holding += [{thing.name: matrix(thing.pose) for thing in phase.attached}] * len(instants)
         start_time += motion.duration
     root_from_tcp = np.stack(tcps)
-    names = dict.fromkeys(name for held in holding for name in held)
+    moved = {
+        name: _poses_of_moved(root_from_tcp[:, 0], name, moving, holding)
+        for name in dict.fromkeys(name for placed in moving for name in placed)
+    }
+    names = dict.fromkeys(name for held in holding for name in held if name not in moved)
     riders = {name: _object_poses(root_from_tcp[:, 0], [held.get(name) for held in holding]) for name in names}
     named = dict(zip(frames, np.stack(axes).swapaxes(0, 1), strict=True))
-    return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :, :3, 3], riders, named)
+    return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :, :3, 3], riders, named, moved)
+
+
+def _moved_by(stage: Stage, movers: Sequence[Mover], times: Array) -> list[dict[str, Array]]:
+    """For each time the poses of the obstacles that movers move, by name."""
+    found: list[dict[str, Array]] = [{} for _ in times]
+    scene = {thing.name: thing.pose for thing in stage.obstacles}
+    for mover in movers:
+        for placement, poses in zip(mover.placements(times), found, strict=True):
+            poses.update({name: placement @ scene[name] for name in mover.obstacles if name in scene})
+    return found
+
+
+def _poses_of_moved(
+    root_from_tcp: Array, name: str, moving: Sequence[dict[str, Array]], holding: Sequence[dict[str, Array]]
+) -> Array:
+    """(F, 4, 4) the poses of an obstacle that moves by itself, in the hand, or rests where it was last."""
+    poses: list[Array] = []
+    for tcp, moved, held in zip(root_from_tcp, moving, holding, strict=True):
+        if name in held:
+            poses.append(tcp @ held[name])
+        elif name in moved or not poses:
+            poses.append(moved[name] if name in moved else next(each[name] for each in moving if name in each))
+        else:
+            poses.append(poses[-1])
+    return np.array(poses)
 
 
 ELBOW_STEP = 0.03
@@ -202,6 +240,7 @@ def tracks(
     stamps = commands.array(np.append(shown.times, shown.times[-1] + rest).astype(np.float32))
     moving = [(node_path("robot", link.name), shown.poses[:, k]) for k, link in enumerate(stage.links)]
     moving += [(node_path("frames", name), poses) for name, poses in shown.frames.items()]
+    moving += [(node_path("scene", name), poses) for name, poses in shown.moved.items()]
     moving += [(path, shown.riders[name]) for name, path in (places or {}).items() if name in shown.riders]
     found = ((path, pose_tracks(commands, stamps, np.concatenate([poses, poses[-1:]]))) for path, poses in moving)
     return [{"path": path, "clip": {"fps": 1, "name": "motion", "tracks": each}} for path, each in found if each]

@@ -209,6 +209,7 @@ def screen_picks(
     require_integer("threads", threads, 1)
     source = as_source(picks) if isinstance(picks, (Picks, PickSource)) else _Poses(rigid_many("poses", picks))
     named = source.shared
+    named.refuse_conveyor("screening")
     shared = replace(
         named,
         tip=named.tip if tip is None else rigid("tip", tip),

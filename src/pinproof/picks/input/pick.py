@@ -19,6 +19,7 @@ from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, load_robot
 from pinproof.model.dynamics import checked_payloads
 from pinproof.motion import ToolLimits
+from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3, finite, frozen, pose, rigid, xyz_rpy
 
@@ -614,6 +615,8 @@ class Picks:
         The two fingers of a parallel gripper, which are open before the grasp and closed on the object after it.
     cup
         The suction cup at the tip, instead of fingers. Its body is one of ``tool``.
+    conveyor
+        The belt that moves objects of picks.
     gripper
         Links of the robot that may touch the object during and after the approach, as ``tool`` and ``fingers`` may.
     held
@@ -655,6 +658,7 @@ class Picks:
     tool: tuple[Obstacle, ...] = ()
     fingers: GripperFingers | None = None
     cup: SuctionCup | None = None
+    conveyor: Conveyor | None = None
     gripper: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     grip: Mapping[str, float] = field(default_factory=dict)
@@ -714,6 +718,11 @@ class Picks:
     def open_tool(self) -> tuple[Obstacle, ...]:
         """The bodies attached to the tcp before the grasp: the tool and the open fingers."""
         return self.tool if self.fingers is None else (*self.tool, *self.fingers.apart())
+
+    def refuse_conveyor(self, what: str) -> None:
+        """Raise InputError if the picks have a conveyor, which ``what`` does not support."""
+        if self.conveyor is not None:
+            raise InputError(f"{what} does not support picks from a conveyor; use validate_picks or pinproof pick")
 
     def load_arm(self) -> Arm:
         """Load the arm that the file states, with its limits and held joints.
@@ -779,7 +788,11 @@ class Picks:
         frames = {
             name: frame if frame.frame else NamedFrame(placement * frame.pose) for name, frame in self.frames.items()
         }
-        return replace(self, picks=tuple(pick.transformed(placement) for pick in self.picks), frames=frames)
+        belt = self.conveyor
+        if belt is not None:
+            belt = replace(belt, direction=tuple((placement.rotation @ belt.direction).tolist()))
+        picks = tuple(pick.transformed(placement) for pick in self.picks)
+        return replace(self, picks=picks, frames=frames, conveyor=belt)
 
     def tcp_target(self, root_from_tip: SE3, root_from_base: SE3) -> SE3:
         """``base_from_tcp`` that places the tip at a pose in the root frame."""

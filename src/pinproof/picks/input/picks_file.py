@@ -20,10 +20,12 @@ from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, re
 from pinproof.description.meshes import COLOURED_SUFFIXES
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
 from pinproof.model import Payload
+from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.pick import CellRobot, GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
 from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, payload_of, picks_of_row
 from pinproof.picks.input.picks_keys import (
     CELL_ROBOT,
+    CONVEYOR,
     CUP,
     DEFAULTS,
     FINGERS,
@@ -90,6 +92,7 @@ def open_picks(path: str | Path) -> PickSource:
     shared = Picks(
         (),
         **_robot_settings(path, content),
+        conveyor=_shared(path, content, "conveyor", None, _conveyor),
         grip_limits=_shared(path, content, "grip_limits", {}, _grip_limits),
         optimise=_shared(path, content, "optimise", None, _evaluations),
         frames=_shared(path, content, "frames", {}, _frames),
@@ -265,6 +268,15 @@ def _cup(stated: object) -> SuctionCup | None:
         return None
     settings = mapping_of("", stated, CUP)
     return SuctionCup(**{key: _number(key, value) for key, value in settings.items()})
+
+
+def _conveyor(stated: object) -> Conveyor | None:
+    if stated is None:
+        return None
+    settings = dict(mapping_of("", stated, CONVEYOR))
+    parts = settings.pop("parts")
+    names = tuple(parts) if isinstance(parts, list) else parts
+    return Conveyor(parts=names, **{key: numbers_of(key, value) for key, value in settings.items()})
 
 
 def _grip_limits(stated: object) -> GripLimits:

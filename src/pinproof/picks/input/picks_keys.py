@@ -20,6 +20,7 @@ from pinproof.common.file_keys import (
     numbers,
     required,
 )
+from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.pick import (
     LONGEST_MOVE,
     MOST_STEPS,
@@ -37,6 +38,7 @@ from pinproof.picks.input.settings import GripLimits, PickBudget
 __all__ = [
     "CELL_ROBOT",
     "COLUMNS",
+    "CONVEYOR",
     "CUP",
     "DEFAULTS",
     "FINGERS",
@@ -328,6 +330,37 @@ CUP = KeyTable(
 )
 
 
+CONVEYOR = KeyTable(
+    "conveyor",
+    "A belt of constant speed. A pick whose `object` is one of `parts` is judged on the moving belt; its pose, and "
+    "those of the parts in the scene file, are at time 0.",
+    required("speed", ABOVE_ZERO, "speed of the belt, above 0", "m/s"),
+    required("parts", list_of(TEXT, 1), "the obstacles that move"),
+    FileKey(
+        "direction",
+        VECTOR,
+        "direction of the motion in the frame of the root link; it is normalised",
+        "",
+        default_of(Conveyor, "direction"),
+    ),
+    FileKey(
+        "dwell",
+        POSITIVE,
+        "time for which the tool follows the part while the gripper closes",
+        "s",
+        default_of(Conveyor, "dwell"),
+    ),
+    FileKey("duration", ABOVE_ZERO, "time for which the belt runs", "s", default_of(Conveyor, "duration")),
+    FileKey(
+        "tolerance",
+        POSITIVE,
+        "how far a part may be ahead or behind on the belt; the certificates include it",
+        "m",
+        default_of(Conveyor, "tolerance"),
+    ),
+)
+
+
 def _limit(name: str, text: str, unit: str) -> FileKey:
     return FileKey(name, POSITIVE, text, unit, default_of(GripLimits, name))
 
@@ -431,6 +464,7 @@ PICKS = KeyTable(
         "",
         False,
     ),
+    FileKey("conveyor", CONVEYOR, "a belt that moves objects of picks"),
     FileKey("grip_limits", GRIP_LIMITS, "the criteria for holding an object", "", {}),
     FileKey(
         "optimise",

@@ -27,6 +27,7 @@ from pinproof.picks.judging.grasp import (
     screen,
     unreached,
 )
+from pinproof.picks.judging.intercept import judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.lines import Attempt
 from pinproof.picks.judging.search import BestFirst, CompleteMotion
 from pinproof.picks.judging.suggest import suggest
@@ -56,7 +57,8 @@ def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
     rng
         The random generator.
     """
-    return _judge(pick, cell, rng.integers(2**31, size=4).tolist())
+    seeds = rng.integers(2**31, size=4).tolist()
+    return judge_on_conveyor(pick, cell, seeds) if on_conveyor(pick, cell) else _judge(pick, cell, seeds)
 
 
 def _judge(pick: Pick, cell: Cell, seeds: list[int]) -> PickVerdict:

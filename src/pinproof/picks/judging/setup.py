@@ -161,6 +161,7 @@ class PickSetup:
             If the pick is not good and therefore has no motion.
         """
         require_positive("by", by, zero=True)
+        self.shared.refuse_conveyor("the certificate for a displaced part")
         task = Task(verdict.pick, self.cell)
         member = next(
             (each for group in task.groups() for each in group if each.words == verdict.member and verdict.ok), None
@@ -244,6 +245,7 @@ class PickSetup:
                     self.shared.grip_limits,
                 )
             ),
+            "conveyor": digest(self.shared.conveyor),
             "payload": digest((self.shared.payload, self.shared.torque_limits)),
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),

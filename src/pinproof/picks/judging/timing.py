@@ -36,6 +36,7 @@ __all__ = [
     "recertify",
     "time_motion",
     "time_part",
+    "timed_curve",
 ]
 
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
@@ -124,7 +125,7 @@ def time_part(task: Task, part: MotionPart, attempt: Attempt) -> tuple[list[Traj
         If a curve cannot be timed within the limits.
     """
     rates = [rate_limits(task, attempt.candidate.member, name, part.checker) for name in part.stages]
-    shortest = [_timed(task, part, *each) for each in zip(part.curves, rates, strict=True)]
+    shortest = [timed_curve(task, part, *each) for each in zip(part.curves, rates, strict=True)]
     timed = [trajectory for trajectory, _ in shortest]
     if part.name == "pick" and attempt.approach is not None:
         timed[:2] = _without_stop(task, part, timed, rates) or timed[:2]
@@ -137,7 +138,7 @@ def time_part(task: Task, part: MotionPart, attempt: Attempt) -> tuple[list[Traj
     return timed, motion, ""
 
 
-def _timed(
+def timed_curve(
     task: Task, part: MotionPart, curve: JointPath | BlendedPath | CubicPath, rates: list[RateConstraint]
 ) -> tuple[Trajectory, Certificate | None]:
     """The timed curve. A path of the planner, but not a line, may become a shorter motion with a certificate."""

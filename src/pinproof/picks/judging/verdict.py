@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, Obstacle, Scene
+from pinproof.collision import Certificate, Mover, Obstacle, Scene
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.validation import freeze_arrays
@@ -22,7 +22,7 @@ from pinproof.motion.trajectory_files import NANO
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.grip import GripResult
 
-__all__ = ["VERDICT_COLOURS", "PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
+__all__ = ["VERDICT_COLOURS", "Intercept", "PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
 
 
 class Stage(Enum):
@@ -90,9 +90,10 @@ class PickMotion:
     ----------
     name
         ``"pick"``, the only motion of a pick without an object; otherwise ``"transit"``, ``"approach"``, ``"retreat"``,
-        ``"transfer"``, ``"place"``, ``"leave"``.
+        ``"transfer"``, ``"place"``, ``"leave"``; on a conveyor also ``"tracking"``, while the
+        gripper closes, and ``"release"``, while it opens.
     trajectory
-        From rest to rest.
+        From rest to rest, except before and after ``"tracking"``.
     certificate
         FREE for exactly this trajectory; that of ``"place"`` is proven for the reversed motion.
     attached
@@ -104,6 +105,8 @@ class PickMotion:
         ``arm.with_held(held)``.
     torques
         The largest torque of each joint; empty unless torque is limited.
+    movers
+        The obstacles that move during this motion, as seen from its start; the certificate includes them.
     """
 
     name: str
@@ -113,10 +116,34 @@ class PickMotion:
     scene: Scene
     held: Mapping[str, float] = field(default_factory=dict)
     torques: tuple[TorquePeak, ...] = ()
+    movers: tuple[Mover, ...] = ()
 
     def __repr__(self) -> str:
         attached = f", attached: {', '.join(thing.name for thing in self.attached)}" if self.attached else ""
         return f"PickMotion({self.name!r}, {self.trajectory.duration:.4g} s, {self.certificate.status.name}{attached})"
+
+
+@dataclass(frozen=True)
+class Intercept:
+    """Where and when a part is taken from a conveyor.
+
+    Parameters
+    ----------
+    start_time
+        Seconds on the clock of the conveyor at which the motion starts.
+    time
+        Seconds on that clock at which the tool is at the part and begins to follow it.
+    travel
+        Metres that the part has moved until then.
+    position_deviation, rotation_deviation
+        Upper bounds (m, rad) of the deviation of the tcp from its pose on the moving part while the gripper closes.
+    """
+
+    start_time: float
+    time: float
+    travel: float
+    position_deviation: float
+    rotation_deviation: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +185,8 @@ class PickVerdict:
         How the part is held, for a good pick with an object.
     score
         The parts of the score and their weighted sum, for a good pick.
+    intercept
+        Where and when a good pick takes its part from a conveyor; None for parts that stand still.
     """
 
     pick: Pick
@@ -175,6 +204,7 @@ class PickVerdict:
     member: str = ""
     score: Mapping[str, float] = field(default_factory=dict)
     grip: GripResult | None = None
+    intercept: Intercept | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "q_grasp")
@@ -252,6 +282,11 @@ class PickVerdict:
         """
         if self.trajectory is None or self.grasp_time is None:
             raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion")
+        if self.intercept is not None:
+            raise InputError(
+                f"pick {self.pick.name!r} takes its part from a moving conveyor, whose clock a program does not have; "
+                "save the motion instead (save_motion)"
+            )
         carried = self.pick.carried
         name = (carried.name if isinstance(carried, Obstacle) else carried) or ""
         pending = [("grip", _clock(self.grasp_time), grip_dwell)]

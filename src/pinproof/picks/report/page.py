@@ -158,13 +158,15 @@ def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
     if not verdict.ok or not motions:
         return False
     first, own = motions[0], {thing.name for thing in picks.open_tool}
-    if not first.certificate.matches(first.trajectory, arm, scene, picks.open_tool):
+    if not first.certificate.matches(first.trajectory, arm, scene, picks.open_tool, movers=first.movers):
         return False
     carried = {thing.name for motion in motions for thing in motion.attached} - own
     around = _without(scene, carried, arm)
     return all(
         each.certificate.free
-        and each.certificate.matches(each.trajectory, arm.with_held(each.held), each.scene, each.attached)
+        and each.certificate.matches(
+            each.trajectory, arm.with_held(each.held), each.scene, each.attached, movers=each.movers
+        )
         and _without(each.scene, carried, arm) == around
         for each in motions
     )
@@ -330,7 +332,10 @@ class PageMotions:
                     "duration": float(shown.times[-1]),
                     "tracks": tracks(commands, self.stage, shown, places),
                     "path": commands.array(shown.tcps[:, 0].astype(np.float32).ravel()),
-                    "riders": {places[name]: _column(poses[0]) for name, poses in shown.riders.items()},
+                    "riders": {
+                        **{places[name]: _column(poses[0]) for name, poses in shown.riders.items()},
+                        **{node_path("scene", name): _column(poses[0]) for name, poses in shown.moved.items()},
+                    },
                 }
             )
         return motions
@@ -338,6 +343,7 @@ class PageMotions:
     def at_rest(self, rest: Film) -> list[dict[str, Any]]:
         """Commands that restore the pose of everything that a motion has moved."""
         names = {name for bodies in self.bodies for name in bodies}
+        names |= {name for shown in self.films if shown is not None for name in shown.moved}
         back = [
             transform_command(node_path("robot", link.name), at)
             for link, at in zip(self.stage.links, rest.poses[0], strict=True)
@@ -362,7 +368,10 @@ class PageMotions:
 def _phases(verdict: PickVerdict | None, always: set[str]) -> list[Phase]:
     if verdict is None:
         return []
-    return [Phase(each.trajectory, tuple(t for t in each.attached if t.name not in always)) for each in verdict.motions]
+    return [
+        Phase(each.trajectory, tuple(t for t in each.attached if t.name not in always), movers=each.movers)
+        for each in verdict.motions
+    ]
 
 
 def surfaces_of(thing: Obstacle) -> list[Surface]:

@@ -62,6 +62,7 @@ def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
         "q_grasp": None if verdict.q_grasp is None else [float(value) for value in verdict.q_grasp],
         "grasp_time": verdict.grasp_time,
         "release_time": verdict.release_time,
+        "intercept": None if verdict.intercept is None else asdict(verdict.intercept),
         "duration": None if trajectory is None else trajectory.duration,
         "score": {name: _finite(float(value)) for name, value in verdict.score.items()},
         **_proven(certificates),

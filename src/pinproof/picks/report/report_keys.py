@@ -114,6 +114,16 @@ GRIP = report_table(
     required("cup", any_of(CUP, {"type": "null"}), "the contact of a suction cup"),
 )
 
+INTERCEPT = report_table(
+    "intercept",
+    "Where and when the part is taken from a conveyor.",
+    required("start_time", PLAIN_NUMBER, "start of the motion on the clock of the conveyor", "s"),
+    required("time", PLAIN_NUMBER, "time on that clock at which the tool is at the part", "s"),
+    required("travel", PLAIN_NUMBER, "distance that the part has moved until then", "m"),
+    required("position_deviation", LENGTH, "upper bound of the deviation of the tcp while the gripper closes", "m"),
+    required("rotation_deviation", LENGTH, "upper bound of the deviation of its orientation", "rad"),
+)
+
 VERDICT = report_table(
     "verdict",
     "The verdict on one pick.",
@@ -141,6 +151,7 @@ VERDICT = report_table(
     required("q_grasp", {"type": ["array", "null"], "items": PLAIN_NUMBER}, "configuration at the grasp", "rad or m"),
     required("grasp_time", OPTIONAL_NUMBER, "time of the grasp", "s"),
     required("release_time", OPTIONAL_NUMBER, "time of the release; null without a place", "s"),
+    FileKey("intercept", any_of(INTERCEPT, {"type": "null"}), "where and when a part is taken from a conveyor"),
     required("duration", OPTIONAL_NUMBER, "duration of the motion", "s"),
     required(
         "score",

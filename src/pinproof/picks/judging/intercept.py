@@ -1,0 +1,404 @@
+"""The verdict on a pick whose object moves on a conveyor.
+
+Times at which the tool may meet the part are tried in order, the earliest first. For each of them the stages of an
+ordinary pick are judged in the cell as it is at that time: reach, limits, contacts, grip, straight lines and the place.
+The motion is then made on the clock of the conveyor, and certified among the moving parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import Certificate, CollisionChecker, Mover, Upright, certify
+from pinproof.collision.certificate import curve_hash, setup_hash
+from pinproof.errors import InputError, TimingError
+from pinproof.motion import Trajectory
+from pinproof.picks.input.conveyor import Conveyor
+from pinproof.picks.input.pick import Member, Pick
+from pinproof.picks.judging.configurations import configurations, least_seconds
+from pinproof.picks.judging.following import Following, follow_belt
+from pinproof.picks.judging.grasp import Candidate, reach, screen
+from pinproof.picks.judging.lines import Attempt, Pairs, along, passing_at
+from pinproof.picks.judging.place import Placer
+from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.timing import MotionPart, timed_curve
+from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
+from pinproof.planning.among_movers import plan_among_movers
+from pinproof.planning.ends import with_turns
+
+__all__ = ["judge_on_conveyor", "on_conveyor"]
+
+Array = npt.NDArray[np.float64]
+
+TIME_STEP = 0.1
+"""Seconds between the times at which the reach of the part is determined."""
+
+TRIED = 16
+"""Largest number of times that are judged in all stages."""
+
+SPACING = 0.3
+"""Seconds between two times that are judged in all stages."""
+
+SAMPLES = 80
+"""Largest number of random configurations of a transit or a transfer among the moving parts."""
+
+INSTANT = 1e-3
+"""Seconds for which the arm rests at least while the gripper opens."""
+
+SINK = 2e-4
+"""Metres by which the curve of the joints may bring a part below the surface of its support while it is lifted or put
+down. The ordinary proof is made with the support lowered by this distance; the tool deviates from its exact motion by
+less."""
+
+
+def on_conveyor(pick: Pick, cell: Cell) -> bool:
+    """Whether the object of a pick moves on the conveyor."""
+    belt = cell.shared.conveyor
+    return belt is not None and isinstance(pick.carried, str) and pick.carried in belt.parts
+
+
+class _Refused(Exception):
+    """A stage failed at one time."""
+
+    def __init__(self, *stages: StageResult) -> None:
+        super().__init__(stages[-1].message)
+        self.stages = stages
+
+
+def judge_on_conveyor(pick: Pick, cell: Cell, seeds: list[int], start_time: float = 0.0) -> PickVerdict:
+    """The verdict on a pick from the conveyor; the motion starts at the home of the cell at ``start_time`` (s)."""
+    belt = cell.shared.conveyor
+    try:
+        task = Task(pick, cell)
+        if belt is None:
+            raise InputError("the picks state no conveyor")
+        _check(task, belt, start_time)
+    except InputError as error:
+        return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
+    valid = StageResult(Stage.INPUT, True, "valid")
+    farthest: tuple[StageResult, ...] = ()
+    tried = 0
+    for time, member in _meeting_times(task, belt, start_time, seeds[0]):
+        tried += 1
+        moment = _Moment(task, belt, time, member, seeds, start_time)
+        try:
+            return moment.verdict((valid,))
+        except _Refused as refused:
+            if len(refused.stages) > len(farthest):
+                farthest = refused.stages
+    if not tried:
+        failed = _out_of_reach(belt, start_time)
+    else:
+        failed = farthest[-1]
+        failed = replace(failed, message=f"{failed.message}; the parts were tried at {tried} times")
+    return PickVerdict(pick, PickStatus.NOT_FOUND, (valid, *farthest[:-1], failed))
+
+
+def _check(task: Task, belt: Conveyor, start_time: float) -> None:
+    unknown = [name for name in belt.parts if name not in task.scene.names]
+    if unknown:
+        raise InputError(f"the conveyor moves {', '.join(unknown)}, which the scene does not have")
+    if task.pick.speed or task.pick.payload is not None or task.cell.shared.payload or task.cell.shared.torque_limits:
+        raise InputError("limits of the tool speed and of torques are not supported for picks from a conveyor")
+    if not 0.0 <= start_time < belt.duration:
+        raise InputError(f"start_time = {start_time!r}; it must be from 0 to {belt.duration:g} s, while the belt runs")
+
+
+def _meeting_times(task: Task, belt: Conveyor, start_time: float, seed: int) -> Iterator[tuple[float, Member]]:
+    """The times at which a grasp is in reach and the arm can be there, with the grasp; the earliest first."""
+    arm, home = task.arm, task.cell.home
+    times = np.arange(start_time + TIME_STEP, belt.duration - belt.dwell, TIME_STEP)
+    found: list[tuple[float, int, Member]] = []
+    for number, group in enumerate(task.groups()):
+        for member in group:
+            grasp = task.grasp(member)
+            poses = [type(grasp)(grasp.rotation, grasp.translation + belt.travel(t)) for t in times.tolist()]
+            row, q = configurations(arm, task.targets(poses), home, seed)
+            in_time = times[row] - start_time >= least_seconds(arm, home[None], q)[0] if len(q) else np.empty(0, bool)
+            found += [(float(times[k]), number, member) for k in dict.fromkeys(row[in_time].tolist())]
+        if found:
+            break
+    found.sort(key=lambda each: each[:2])
+    last, count = -np.inf, 0
+    for time, _, member in found:
+        if time >= last + SPACING - 1e-9 and count < TRIED:
+            last, count = time, count + 1
+            yield time, member
+
+
+def _out_of_reach(belt: Conveyor, start_time: float) -> StageResult:
+    message = (
+        f"no IK solution on the belt from {start_time:.3g} s to {belt.duration:.3g} s, in which the part moves "
+        f"{belt.speed * (belt.duration - start_time):.3g} m; every {TIME_STEP:g} s was tried"
+    )
+    return StageResult(Stage.REACH, False, message)
+
+
+class _Timeline:
+    """The motions of a pick one after the other on the clock of the conveyor."""
+
+    def __init__(self, belt: Conveyor, start_time: float) -> None:
+        self.belt, self.start_time, self.now = belt, start_time, start_time
+        self.motions: list[PickMotion] = []
+        self.taken = ""
+
+    def movers(self, checker: CollisionChecker) -> tuple[Mover, ...]:
+        """The parts on the belt that are in the scene of a checker, as seen from now."""
+        names = [name for name in self.belt.parts if name in checker.scene.names and name != self.taken]
+        return (self.belt.mover(names).after(self.now),) if names else ()
+
+    def add(self, name: str, motion: Trajectory, around: CollisionChecker, certificate: Certificate) -> None:
+        """Append a certified motion, with the scene and the attached bodies of a checker.
+
+        The certificate is one of the joints and the movers together, possibly with a lowered support or with the
+        volumes of closing fingers; it is marked as that of the motion of the arm among the movers.
+        """
+        held, movers = around.arm.held, self.movers(around)
+        setup = setup_hash(around.arm, around.scene, around.attached, movers)
+        among = f"proven among the moving {', '.join(each.name for each in movers)}"
+        certificate = replace(
+            certificate, curve=curve_hash(motion), setup=setup, notes=(*certificate.notes, *([among] if movers else []))
+        )
+        self.motions.append(PickMotion(name, motion, certificate, around.attached, around.scene, held, movers=movers))
+        self.now = self.start_time + Trajectory.join(*(each.trajectory for each in self.motions)).duration
+
+    def prove(
+        self, motion: Trajectory, checker: CollisionChecker, constraints: tuple[Upright, ...] = ()
+    ) -> Certificate:
+        """The certificate of a motion that starts now."""
+        return certify(motion, checker, movers=self.movers(checker), constraints=constraints)
+
+
+class _Moment:
+    """A pick at one time of meeting the part.
+
+    Parameters
+    ----------
+    task
+        The pick with the cell as it is at time 0, for the checkers of the motions.
+    time
+        Seconds at which the tool is at the part.
+    """
+
+    def __init__(
+        self, task: Task, belt: Conveyor, time: float, member: Member, seeds: list[int], start_time: float
+    ) -> None:
+        self.task, self.belt, self.time, self.member, self.seeds = task, belt, time, member, seeds
+        self.start_time = start_time
+        self.then = _at_time(task, belt, time)
+
+    def verdict(self, stages: tuple[StageResult, ...]) -> PickVerdict:
+        """The good verdict.
+
+        Raises
+        ------
+        _Refused
+            If a stage fails.
+        """
+        reached = reach(self.then, [self.member], self.seeds[0])
+        stages = (*stages, *reached.stages)
+        if not len(reached.q):
+            raise _Refused(*stages[1:])
+        screened = screen(self.then, [self.member], reached)
+        stages = (*stages, *screened.stages)
+        if not screened.candidates:
+            raise _Refused(*stages[1:])
+        home = self.task.cell.home
+        order = sorted(
+            screened.candidates, key=lambda each: float(least_seconds(self.task.arm, home[None], each.q[None])[0, 0])
+        )
+        failed: tuple[StageResult, ...] = ()
+        for candidate in order[: self.task.cell.budget.configurations]:
+            try:
+                return self._complete(stages, candidate, len(reached.q))
+            except _Refused as refused:
+                if len(refused.stages) > len(failed):
+                    failed = refused.stages
+        raise _Refused(*failed)
+
+    def _complete(self, stages: tuple[StageResult, ...], candidate: Candidate, tried: int) -> PickVerdict:
+        attempt = along(self.then, self._turned(candidate))
+        stages = (*stages, *attempt.stages)
+        if not attempt.passed:
+            raise _Refused(*stages[1:])
+        followed = follow_belt(self.then, self.member, attempt.q, self.belt)
+        if isinstance(followed, str):
+            raise _Refused(*stages[1:], StageResult(Stage.TIMING, False, followed))
+        timeline = _Timeline(self.belt, self.start_time)
+        stages = (*stages, self._transit(timeline, followed, stages))
+        self._take(timeline, followed, attempt, stages)
+        grasp_time = timeline.now - self.start_time - followed.retreat.duration
+        release_time, placed = self._place(timeline, attempt, followed, stages)
+        stages = (*stages, placed)
+        motion = Trajectory.join(*(each.trajectory for each in timeline.motions))
+        clearance = min(each.certificate.clearance for each in timeline.motions)
+        message = (
+            f"collision-free among the moving parts in {len(timeline.motions)} motions; the tool meets the part at "
+            f"{self.time:.3g} s, after {self.belt.speed * self.time:.3g} m, and follows it for {self.belt.dwell:g} s "
+            f"with a deviation of at most {followed.position_deviation * 1e3:.2g} mm"
+        )
+        figures = {"duration": motion.duration, "clearance": clearance, "deviation": followed.position_deviation}
+        met = Intercept(
+            self.start_time, self.time, self.belt.speed * self.time, followed.position_deviation,
+            followed.rotation_deviation,
+        )  # fmt: skip
+        return PickVerdict(
+            self.task.pick,
+            PickStatus.GOOD,
+            (*stages, StageResult(Stage.TIMING, True, message, figures)),
+            tried,
+            attempt.q,
+            motion,
+            grasp_time,
+            motions=tuple(timeline.motions),
+            release_time=release_time,
+            member=self.member.words,
+            grip=self.task.grip(self.member),
+            intercept=met,
+        )
+
+    def _turned(self, candidate: Candidate) -> Candidate:
+        """The candidate with the full rotations nearest to home."""
+        many, _ = with_turns(self.task.arm, self.task.cell.home, candidate.q[None])
+        nearest = np.abs(many - self.task.cell.home).max(axis=1).argmin()
+        return replace(candidate, q=many[nearest])
+
+    def _transit(self, timeline: _Timeline, followed: Following, stages: tuple[StageResult, ...]) -> StageResult:
+        """From home to the start of the approach, where the arm waits until it follows the belt."""
+        outside = self.task.outside
+        leave = round(self.time - followed.before, 9)
+        if leave <= self.start_time:
+            late = f"the tool would have to take up the speed of the belt at {leave:.3g} s, before the start"
+            raise _Refused(*stages[1:], StageResult(Stage.TRANSIT, False, late))
+        plan = plan_among_movers(
+            outside,
+            self.task.cell.home,
+            followed.approach.start,
+            (self.belt.mover(self.belt.parts),),
+            start_time=self.start_time,
+            window=(leave, leave),
+            samples=SAMPLES,
+            rng=self.seeds[1],
+        )
+        if plan.trajectory is None or plan.certificate is None:
+            raise _Refused(*stages[1:], StageResult(Stage.TRANSIT, False, f"from home: {plan.message}"))
+        timeline.add("transit", plan.trajectory, outside, plan.certificate)
+        message = f"{plan.trajectory.duration:.3g} s, of which the arm waits {plan.waiting:.3g} s"
+        return StageResult(Stage.TRANSIT, True, message, {"waiting": plan.waiting})
+
+    def _take(
+        self, timeline: _Timeline, followed: Following, attempt: Attempt, stages: tuple[StageResult, ...]
+    ) -> None:
+        """The approach, the tracking while the gripper closes, and the retreat with the part."""
+        task = self.task
+
+        def prove(
+            stage: Stage, name: str, motion: Trajectory, around: CollisionChecker, checkers: list[CollisionChecker]
+        ) -> None:
+            proofs = [timeline.prove(motion, checker) for checker in checkers]
+            wrong = next((proof for proof in proofs if not proof.free), None)
+            if wrong is not None:
+                raise _Refused(*stages[1:], StageResult(stage, False, f"{name} on the moving belt: {wrong.message}"))
+            timeline.add(name, motion, around, proofs[0])
+
+        fingers = [] if task.passing is None else [task.passing]
+        prove(Stage.APPROACH, "approach", followed.approach, task.at_grasp, [task.at_grasp, *fingers])
+        if followed.tracking is not None:
+            closing = task.closing if task.cell.fingers else task.at_grasp
+            prove(Stage.GRIP, "tracking", followed.tracking, task.at_grasp, [closing])
+        carrying, timeline.taken = task.carrying(self.member), str(task.name)
+        prove(Stage.RETREAT, "retreat", followed.retreat, carrying, [_with_lowered(carrying, attempt.parting)])
+
+    def _place(
+        self, timeline: _Timeline, attempt: Attempt, followed: Following, stages: tuple[StageResult, ...]
+    ) -> tuple[float | None, StageResult]:
+        """The transfer, the lowering and the retreat with the empty hand; the time of the release."""
+        if self.task.place is None:
+            return None, StageResult(Stage.PLACE, True, "none requested")
+        there = replace(attempt, retreat=None, candidate=replace(attempt.candidate, q=followed.retreat.end))
+        result, placing = Placer(self.then, self.seeds[1]).place(there, self.seeds[1:3], lambda *_: 0.0)
+        if placing is None:
+            raise _Refused(*stages[1:], result)
+        task, member = self.task, self.member
+        carrying, kept = task.carrying(member), task.constraints(member)
+        self._move(timeline, MotionPart("transfer", (placing.transfer,), carrying, constraints=kept), stages)
+        if placing.lift is not None:
+            down = (placing.lift.reversed(),)
+            self._move(timeline, MotionPart("place", down, carrying, placing.parting, constraints=kept), stages)
+        here, names = timeline.motions[-1].trajectory.end, task.arm.joint_names
+        still = Trajectory(
+            [0.0, max(self.belt.dwell, INSTANT)], np.array([here, here]), np.zeros((2, len(here))), names
+        )
+        opened = timeline.prove(still, task.opening(member) if task.cell.fingers else task.letting_go(member))
+        if not opened.free:
+            raise _Refused(*stages[1:], StageResult(Stage.PLACE, False, f"at the release: {opened.message}"))
+        timeline.add("release", still, carrying, opened)
+        release = timeline.now - self.start_time
+        if placing.leave is not None:
+            passing = task.passing_off(member)
+            self._move(
+                timeline, MotionPart("leave", (placing.leave,), task.letting_go(member), passing=passing), stages
+            )
+        return release, result
+
+    def _move(self, timeline: _Timeline, part: MotionPart, stages: tuple[StageResult, ...]) -> None:
+        """Time and certify a part of the place; a transfer that meets a moving part is planned again, with waits."""
+
+        def refuse(why: str) -> _Refused:
+            return _Refused(*stages[1:], StageResult(Stage.PLACE, False, f"{part.name}: {why}"))
+
+        try:
+            motion = timed_curve(self.task, part, part.curves[0], [])[0]
+        except TimingError as error:
+            raise refuse(str(error)) from error
+        judge = _with_lowered(part.checker, part.parting)
+        proof, movers = timeline.prove(motion, judge, part.constraints), timeline.movers(judge)
+        if not proof.free and part.name == "transfer" and movers and not part.constraints:
+            plan = plan_among_movers(judge, motion.start, motion.end, movers, samples=SAMPLES, rng=self.seeds[1])
+            if plan.trajectory is not None and plan.certificate is not None:
+                motion, proof = plan.trajectory, plan.certificate
+        if not proof.free:
+            raise refuse(proof.message)
+        if part.passing is not None:
+            passed = timeline.prove(motion, passing_at(part.passing, motion.start))
+            if not passed.free:
+                raise refuse(f"the open fingers collide with the object: {passed.message}")
+        timeline.add(part.name, motion, part.checker, proof)
+
+
+def _at_time(task: Task, belt: Conveyor, time: float) -> Task:
+    """The pick with all poses as they are at a time (s)."""
+    scene, by = task.scene, belt.travel(time)
+    for name in belt.parts:
+        if name in scene.names:
+            there = scene[name].pose
+            scene = scene.move(name, type(there)(there.rotation, there.translation + by))
+    pose = task.pick.pose
+    pick = replace(task.pick, pose=type(pose)(pose.rotation, pose.translation + by), place=task.place)
+    return Task(pick, replace(task.cell, checker=task.cell.checker.with_scene(scene)))
+
+
+def _with_lowered(checker: CollisionChecker, pairs: Pairs) -> CollisionChecker:
+    """The checker in which the object is checked against copies of its supports that are lower by :data:`SINK`.
+
+    The object rests on a support at the begin or at the end of the motion; the margin does not apply to the two.
+    """
+    if not pairs:
+        return checker
+    scene = checker.scene
+    for name in dict.fromkeys(name for _, name in pairs):
+        support, by = scene[name], np.array([0.0, 0.0, checker.margin + SINK])
+        lower = replace(
+            support,
+            name=f"{name} (lowered)",
+            pose=type(support.pose)(support.pose.rotation, support.pose.translation - by),
+        )
+        same = [
+            (a if a != name else lower.name, b if b != name else lower.name) for a, b in scene.allowed if name in (a, b)
+        ]
+        scene = replace(scene.add(lower), allowed=(*scene.allowed, *same))
+    return checker.with_scene(scene).allowing(*pairs)

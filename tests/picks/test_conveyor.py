@@ -1,0 +1,147 @@
+"""Picks from a conveyor, against forward kinematics and dense samples in space and time on exact meshes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision import audit
+from pinproof.errors import PicksError
+from pinproof.picks import Conveyor, PickSetup, PickStatus, Stage
+
+FILE = Path(__file__).parents[2] / "robots" / "ur5" / "conveyor_picks.yaml"
+
+STEP = 0.01
+"""rad or m between the samples of an audit."""
+
+
+@cache
+def cell():
+    picks = pp.read_picks(FILE)
+    arm = picks.load_arm()
+    return arm, pp.Scene.load(picks.scene), picks
+
+
+@cache
+def setup():
+    arm, scene, picks = cell()
+    return PickSetup.make(arm, scene, picks, home=None, rng=0)
+
+
+@cache
+def first():
+    return setup().judge(0, cell()[2].picks[0])
+
+
+def touching(motion):
+    """The pairs that may touch in a motion: the hand and the block, and the block and what it stands on at one end."""
+    hand = [each.name for each in cell()[2].open_tool]
+    block = "block_1"
+    pairs = [(name, block) for name in hand] if motion.name != "transit" else []
+    support = {"retreat": "belt", "place": "tray", "release": "tray"}.get(motion.name)
+    return pairs + ([(block, support)] if support else [])
+
+
+@pytest.mark.slow
+def test_pick_from_a_moving_belt_is_free_at_dense_samples_on_exact_meshes() -> None:
+    arm, verdict = cell()[0], first()
+    assert verdict.status is PickStatus.GOOD
+    assert [motion.name for motion in verdict.motions] == [
+        "transit", "approach", "tracking", "retreat", "transfer", "place", "release", "leave",
+    ]  # fmt: skip
+    for motion in verdict.motions:
+        exact = pp.CollisionChecker(arm, motion.scene, attached=motion.attached, link_meshes="surface")
+        found = audit(
+            motion.trajectory, exact.allowing(*touching(motion)), movers=motion.movers, step=STEP, measure=False
+        )
+        assert found.clean, (motion.name, found.message)
+        on_belt = {name for mover in motion.movers for name in mover.obstacles}
+        assert ("block_1" in on_belt) == (motion.name in ("transit", "approach", "tracking"))
+        assert "block_2" in on_belt
+        assert motion.certificate.free
+
+
+@pytest.mark.slow
+def test_tool_follows_the_block_within_the_reported_deviation_and_the_limits_of_the_joints() -> None:
+    arm, verdict = cell()[0], first()
+    (tracking,) = [motion for motion in verdict.motions if motion.name == "tracking"]
+    belt, met = cell()[2].conveyor, verdict.intercept
+    pick = cell()[2].picks[0]
+    assert tracking.trajectory.duration == pytest.approx(belt.dwell)
+    for t in np.linspace(0.0, belt.dwell, 41):
+        tip = arm.root_from_base * arm.forward_kinematics(tracking.trajectory(t)) * cell()[2].tip
+        expected = pick.pose.translation + belt.travel(met.time + t)
+        assert np.linalg.norm(tip.translation - expected) <= met.position_deviation + 1e-9
+    assert met.position_deviation < 1e-5
+    motion = verdict.trajectory
+    assert (motion.max_velocity() <= arm.limits.velocity * (1 + 1e-6)).all()
+    assert (motion.max_acceleration() <= arm.limits.acceleration * (1 + 1e-6)).all()
+    assert not motion.velocities[[0, -1]].any()
+    assert verdict.grasp_time == pytest.approx(met.time + belt.dwell - met.start_time)
+
+
+@pytest.mark.slow
+def test_lifted_block_does_not_sink_into_the_belt() -> None:
+    arm, verdict = cell()[0], first()
+    (retreat,) = [motion for motion in verdict.motions if motion.name == "retreat"]
+    (block,) = [thing for thing in retreat.attached if thing.name == "block_1"]
+    corners = np.array([[x, y, z] for x in (-0.02, 0.02) for y in (-0.025, 0.025) for z in (-0.03, 0.03)])
+    lowest = [
+        min((arm.root_from_base * arm.forward_kinematics(q) * block.pose * corner)[2] for corner in corners)
+        for q in retreat.trajectory(np.linspace(0.0, retreat.trajectory.duration, 200))
+    ]
+    assert min(lowest) > 0.1 - 2e-4
+    assert lowest[-1] > 0.19
+
+
+def changed(**changes):
+    arm, scene, picks = cell()
+    return PickSetup.make(
+        arm, scene, replace(picks, conveyor=replace(picks.conveyor, **changes)), home=None, rng=0
+    ).judge(0, picks.picks[0])
+
+
+@pytest.mark.slow
+def test_reasons_of_picks_that_cannot_be_taken_from_the_belt() -> None:
+    fast = changed(speed=3.0, duration=2.0)
+    assert fast.status is PickStatus.NOT_FOUND
+    away = changed(direction=(0, -1, 0))
+    assert (away.status, away.failed) == (PickStatus.NOT_FOUND, Stage.REACH)
+    assert "belt" in away.reason
+    unknown = changed(parts=("block_1", "blok_2"))
+    assert (unknown.status, unknown.failed) == (PickStatus.UNREADABLE, Stage.INPUT)
+    assert "blok_2" in unknown.reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"speed": 0.0}, "speed"),
+        ({"speed": -0.2}, "speed"),
+        ({"speed": float("nan")}, "speed"),
+        ({"dwell": -0.1}, "dwell"),
+        ({"duration": 0.0}, "duration"),
+        ({"duration": 1000.0}, "travels"),
+        ({"direction": (0, 0, 0)}, "direction"),
+        ({"parts": ()}, "parts"),
+        ({"parts": ("a", "a")}, "twice"),
+        ({"tolerance": -1.0}, "tolerance"),
+    ],
+)
+def test_invalid_conveyors_are_refused(changes, named) -> None:
+    with pytest.raises(pp.InputError, match=named):
+        Conveyor(**{"speed": 0.2, "parts": ("block_1",), **changes})
+
+
+@pytest.mark.parametrize(("stated", "named"), [("{speed: 0.2}", "parts"), ("{sped: 0.2, parts: [a]}", "sped")])
+def test_file_with_an_invalid_conveyor_names_the_key(tmp_path, stated, named) -> None:
+    path = tmp_path / "picks.yaml"
+    path.write_text(f"robot: ur5\nconveyor: {stated}\npicks:\n  - {{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0]}}\n")
+    with pytest.raises(PicksError, match=named) as caught:
+        pp.read_picks(path)
+    assert "conveyor" in str(caught.value)

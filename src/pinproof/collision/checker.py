@@ -460,7 +460,8 @@ class CollisionChecker(CheckedBodies):
         InputError
             If the geometry of an exact mesh differs from that when the checker was created.
         """
-        found = [f"the geometry of {body.name}" for body in self.bodies if not body.unchanged]
+        exact = (body for body in self.bodies if body.solid is not None)
+        found = [f"the geometry of {body.name}" for body in exact if not body.unchanged]
         if found:
             raise InputError(f"the checker was modified in place ({', '.join(found)}); create a new checker")
 

@@ -858,3 +858,22 @@ class Reach:
     def points(self) -> dict[str, Any]: ...
     @property
     def constraints(self) -> list[Any]: ...
+
+def carve(
+    cells: NDArray[numpy.uint8],
+    low: NDArray[numpy.int64],
+    side: float,
+    camera_from_grid: NDArray[numpy.float64],
+    intrinsics: NDArray[numpy.float64],
+    nearest: NDArray[numpy.float32],
+    farthest: NDArray[numpy.float32],
+    pixel_margin: int,
+) -> None: ...
+def clear_within(
+    cells: NDArray[numpy.uint8],
+    low: NDArray[numpy.int64],
+    side: float,
+    shape: Shape,
+    shape_from_grid: NDArray[numpy.float64],
+    padding: float,
+) -> int: ...

@@ -24,6 +24,7 @@ from pinproof import (
     InputError,
     Mesh,
     Obstacle,
+    OccupancyGrid,
     PointCloud,
     Scene,
     Sphere,
@@ -53,6 +54,7 @@ obstacles:
   - {name: wedge, mesh: {vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], triangles: [[0, 2, 1], [0, 1, 3]]}}
   - {name: scan, point_cloud: {points: [[0, 0, 0.123456789012345], [1, 0, 0]], resolution: 0.01}}
   - {name: ground, height_map: {heights: [[0, 0.1, 0], [0, 0.2, 0]], x: 2, y: 1}}
+  - {name: camera, occupancy_grid: {voxel: 0.1, low: [-1, 0, 2], count: [1, 1, 3], cells: eNpjYGQCAAAHAAQ=}}
 allowed_contacts:
   - [base_link, table]
 disabled_pairs:
@@ -90,6 +92,7 @@ def test_every_shape_is_read(scene_text, tmp_path):
         Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3]]),
         PointCloud([[0, 0, 0.123456789012345], [1, 0, 0]], 0.01),
         HeightMap([[0, 0.1, 0], [0, 0.2, 0]], 2, 1),
+        OccupancyGrid([[[0, 1, 2]]], 0.1, (-1, 0, 2)),
     ]
     assert {type(o.shape) for o in scene.obstacles} == set(get_args(Shape))
     assert scene.allowed == (("base_link", "table"),)

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 import yaml
 
 import pinproof as pp
 from pinproof.description import read_srdf
 from pinproof.model import JointLimits
 
-__all__ = ["MJCF", "READERS", "SRDF", "TABLES", "TREES", "URDF"]
+__all__ = ["MJCF", "READERS", "SRDF", "TABLES", "TREES", "URDF", "write_parts"]
 
 DH = {
     "name": "arm",
@@ -58,6 +59,34 @@ SCENE = {
         {"name": "file", "mesh": {"path": "part.stl", "scale": 0.001, "hull": True, "hollow": False}},
         {"name": "mesh", "mesh": {**TETRAHEDRON, "hull": False}},
         {"name": "cloud", "point_cloud": {"points": [[0, 0, 0], [0.1, 0, 0]], "resolution": 0.01}},
+        {
+            "name": "camera",
+            "occupancy_grid": {
+                "voxel": 0.1,
+                "unknown": "free",
+                "bounds": [[0, 0, 0], [0.2, 0.2, 0.2]],
+                "views": [
+                    {
+                        "image": "view.npy",
+                        "intrinsics": {"fx": 4, "fy": 4, "cx": 1.5, "cy": 1, "width": 4, "height": 3},
+                        "camera": {"xyz": [0.1, 0.1, 0.8], "rpy": ["pi", 0, 0]},
+                        "depth_scale": 1.0,
+                        "depth_uncertainty": 0.01,
+                        "pixel_margin": 0,
+                    }
+                ],
+            },
+        },
+        {
+            "name": "map",
+            "occupancy_grid": {
+                "voxel": 0.1,
+                "low": [0, 0, -1],
+                "count": [1, 1, 3],
+                "cells": "eNpjYGQCAAAHAAQ=",
+                "record": ["a map"],
+            },
+        },
         {"name": "ground", "height_map": {"heights": [[0, 0.1], [0, 0]], "x": 2, "y": 2, "bottom": -0.1}},
     ],
     "allowed_contacts": [["base_link", "table"]],
@@ -282,3 +311,9 @@ TREES = {
 """What stands in a file, and how it is written."""
 
 TABLES = {"dh.csv": DH_CSV, "picks.csv": PICKS_CSV, "trajectory.csv": _trajectory_csv()}
+
+
+def write_parts(folder: Path) -> None:
+    """Write the files that the samples name."""
+    trimesh.creation.box((100, 100, 100)).export(folder / "part.stl")
+    np.save(folder / "view.npy", np.full((3, 4), 0.8))

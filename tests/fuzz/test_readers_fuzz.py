@@ -19,7 +19,7 @@ import pinproof as pp
 
 from ..examples import examples
 from .mutations import bytes_of, worse_lines, worse_tree, worse_xml
-from .samples import MJCF, READERS, SRDF, TABLES, TREES, URDF
+from .samples import MJCF, READERS, SRDF, TABLES, TREES, URDF, write_parts
 
 EXAMPLES = int(os.environ.get("PINPROOF_FUZZ_EXAMPLES", "25"))
 """Number of examples of each test; errors were found with thousands."""
@@ -38,7 +38,7 @@ fuzzed = examples(
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("fuzz")
-    trimesh.creation.box((100, 100, 100)).export(folder / "part.stl")
+    write_parts(folder)
     (folder / "parts").mkdir()
     trimesh.creation.box((100, 100, 100)).export(folder / "parts" / "part.stl")
     return folder

@@ -20,6 +20,7 @@ from pinproof import (
     HeightMap,
     Mesh,
     Obstacle,
+    OccupancyGrid,
     PointCloud,
     Sphere,
 )
@@ -137,6 +138,7 @@ EXAMPLES = {
     "mesh": Mesh.from_arrays(BALL.vertices, BALL.faces, hull=False),
     "cloud": PointCloud(np.random.default_rng(1).uniform(-1, 1, (40, 3)), 0.1),
     "ground": HeightMap(np.random.default_rng(2).uniform(0, 0.2, (4, 5)), 1, 2),
+    "grid": OccupancyGrid(np.random.default_rng(3).integers(0, 3, (4, 5, 6)), 0.1, (-2, 0, 1)),
 }
 
 

@@ -15,5 +15,6 @@ void bind_planning(nanobind::module_& module);
 void bind_timing(nanobind::module_& module);
 void bind_dynamics(nanobind::module_& module);
 void bind_reach(nanobind::module_& module);
+void bind_occupancy(nanobind::module_& module);
 
 }  // namespace pinproof

@@ -54,4 +54,5 @@ NB_MODULE(_core, module) {
     pinproof::bind_timing(module);
     pinproof::bind_dynamics(module);
     pinproof::bind_reach(module);
+    pinproof::bind_occupancy(module);
 }

@@ -61,7 +61,7 @@ CurveProof::CurveProof(const World& world)
       bounds_(world),
       middle_(world.space().tree.dof),
       delta_(world.space().tree.dof),
-      memory_(world.pairs.size()) {
+      memory_of_pair_(world.pairs.size()) {
     stack_.reserve(kDepth);
 }
 
@@ -72,11 +72,8 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
     joint_tolerance_ = joint_tolerance;
     state_ = known;
     last_interval_ = 0;
-    for (PairMemory& memory : memory_) {
-        memory.separation.direction = {};
-        memory.separation.simplex.size = 0;
-        memory.distance = kInfinity;
-    }
+    memory_.clear();
+    std::ranges::fill(memory_of_pair_, -1);
     const std::size_t size = curve.points * curve.dof;
     parts_.resize(kDepth * size);
     part_.resize(size);
@@ -112,6 +109,16 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
         }
     }
     return std::move(state_);
+}
+
+// What is known of a pair. Few pairs of a world with thousands of obstacles are measured.
+CurveProof::PairMemory& CurveProof::memory_of(int pair) {
+    int& index = memory_of_pair_[pair];
+    if (index < 0) {
+        index = static_cast<int>(memory_.size());
+        memory_.emplace_back();
+    }
+    return memory_[index];
 }
 
 // The distance (m) at which a pair with this margin is dropped.
@@ -215,7 +222,7 @@ void CurveProof::judge(int k, const Interval& interval, const double* control, c
             left_.push_back(k);
             return;
         } else {
-            PairMemory& memory = memory_[k];
+            PairMemory& memory = memory_of(k);
             // If bodies may move by far more than their distance, nothing can be decided for the interval; only contact
             // at this configuration is checked.
             const bool hopeless =

@@ -128,6 +128,7 @@ private:
     bool is_single_piece(const Interval& interval) const { return interval.end_piece - interval.first_piece == 1; }
     double* part(std::size_t depth) { return parts_.data() + depth * curve_.points * curve_.dof; }
     double goal(double margin) const;
+    PairMemory& memory_of(int pair);
 
     Middle place_middle(const Interval& interval, const double* part);
     void list_pairs(Interval& interval, Summary& sum);
@@ -156,6 +157,7 @@ private:
     std::vector<int> left_;       // the pairs of this interval that the caller must measure
     std::vector<ExactDistance> exact_;
     std::vector<PairMemory> memory_;
+    std::vector<int> memory_of_pair_;  // the index of each pair in memory_; -1: none
 };
 
 }  // namespace pinproof

@@ -11,6 +11,7 @@ from pinproof.collision.certificate import (
 )
 from pinproof.collision.certify import certify, is_proven_free
 from pinproof.collision.checker import CheckResult, CollisionChecker, Contact
+from pinproof.collision.depth_image import DepthView, Intrinsics
 from pinproof.collision.movers import Mover, TimedScene, with_movers
 from pinproof.collision.overlaps import LinkOverlap, OverlapReport, sample_overlaps
 from pinproof.collision.pairs import ExcludedPair
@@ -26,6 +27,7 @@ from pinproof.collision.path_constraints import (
 from pinproof.collision.program_proof import ProgramCertificate, ProgramPart, certify_program, export_program
 from pinproof.collision.proof_file import verify_proof
 from pinproof.collision.scene import Attachments, Scene
+from pinproof.collision.sensor_removal import remove_body, remove_robot
 from pinproof.collision.shapes import (
     Box,
     Capsule,
@@ -37,6 +39,7 @@ from pinproof.collision.shapes import (
     HeightMap,
     Mesh,
     Obstacle,
+    OccupancyGrid,
     PointCloud,
     Shape,
     Sphere,
@@ -57,17 +60,20 @@ __all__ = [
     "Contact",
     "ConvexHull",
     "Cylinder",
+    "DepthView",
     "Ellipsoid",
     "ExcludedPair",
     "FirstContact",
     "HalfSpace",
     "HeightMap",
+    "Intrinsics",
     "LinkOverlap",
     "LookAt",
     "Mesh",
     "MotionTube",
     "Mover",
     "Obstacle",
+    "OccupancyGrid",
     "OverlapReport",
     "Parting",
     "PathConstraint",
@@ -87,6 +93,8 @@ __all__ = [
     "certify_program",
     "export_program",
     "is_proven_free",
+    "remove_body",
+    "remove_robot",
     "sample_overlaps",
     "verify_proof",
     "with_movers",

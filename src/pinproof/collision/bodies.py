@@ -33,11 +33,12 @@ from pinproof.collision.shapes import (
     HalfSpace,
     HeightMap,
     Mesh,
+    OccupancyGrid,
     PointCloud,
     Shape,
     Sphere,
 )
-from pinproof.collision.surfaces import Cells, Ground, cell_faces, ground_surface, merged_cells
+from pinproof.collision.surfaces import Cells, Ground, cell_faces, cells_of, ground_surface, merged_boxes
 from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import frozen, matrix
@@ -233,8 +234,8 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
     MeshError, InputError
         As :func:`shape_body` does.
     """
-    if isinstance(shape, PointCloud):
-        return _cloud_bodies(name, link, shape, link_from_body)
+    if isinstance(shape, PointCloud | OccupancyGrid):
+        return _cell_bodies(name, link, shape, link_from_body)
     if not isinstance(shape, Mesh) or shape.hull is not None:
         return [shape_body(name, name, link, shape, link_from_body)]
     file = None if shape.path is None else FileStamp.of(shape.path)
@@ -247,9 +248,11 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
     ]
 
 
-def _cloud_bodies(name: str, link: str | None, cloud: PointCloud, link_from_cloud: pin.SE3) -> list[Body]:
-    """Return the boxes that together are the cells of a point cloud."""
-    low, high = (corners * cloud.resolution for corners in merged_cells(cloud.cells))
+def _cell_bodies(
+    name: str, link: str | None, cloud: PointCloud | OccupancyGrid, link_from_cloud: pin.SE3
+) -> list[Body]:
+    """Return the boxes that together are the occupied cells of a point cloud or grid."""
+    low, high = merged_boxes(cloud)
     middles, halves = (low + high) / 2, (high - low) / 2
     remark, rotation = _remark(cloud, None), np.array(link_from_cloud.rotation)
     places = middles @ rotation.T + link_from_cloud.translation
@@ -291,6 +294,8 @@ def _remark(shape: Shape, solid: Inside | None) -> str:
     if isinstance(shape, PointCloud):
         lost = f"; {shape.dropped} points that are not finite are dropped" if shape.dropped else ""
         return f"point cloud in cells of {shape.resolution:g} m; unobserved space is treated as free{lost}"
+    if isinstance(shape, OccupancyGrid):
+        return shape.remark
     return (
         ""
         if solid is None or solid.watertight
@@ -369,8 +374,8 @@ def _half_space(_: HalfSpace) -> Made:
     return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), box, None, None
 
 
-def _point_cloud(shape: PointCloud) -> Made:
-    return *_surface(*cell_faces(shape)), Cells(shape.cells, shape.resolution)
+def _cells(shape: PointCloud | OccupancyGrid) -> Made:
+    return *_surface(*cell_faces(shape)), Cells(*cells_of(shape))
 
 
 def _height_map(shape: HeightMap) -> Made:
@@ -500,7 +505,8 @@ GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
     Ellipsoid: _ellipsoid,
     HalfSpace: _half_space,
     Mesh: _mesh,
-    PointCloud: _point_cloud,
+    PointCloud: _cells,
+    OccupancyGrid: _cells,
     HeightMap: _height_map,
 }
 """The registration of each shape: the function that returns its geometry, box, support and enclosed volume."""

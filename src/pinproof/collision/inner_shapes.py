@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pinproof.collision.bodies import MOST_EXCESS, Body, Support
 from pinproof.collision.hulls import Solid, winding_number
 
-__all__ = ["InnerShapes", "inner_shapes"]
+__all__ = ["InnerShapes", "extremes", "inner_shapes"]
 
 Array = npt.NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def _inner_shapes(body: Body, none: InnerShapes) -> InnerShapes:
     if body.support is not None:
         balls = _spread(*_in_polytope(_Planes.of(body.support), body.box), less)
         return none._replace(
-            balls=balls, corners=_far_apart(_extremes(body.support) if body.file is None else none.corners)
+            balls=balls, corners=_far_apart(extremes(body.support) if body.file is None else none.corners)
         )
     if isinstance(body.solid, Solid) and body.solid.watertight:
         balls = _spread(*_in_mesh(body.solid.corners, body.box), less)
@@ -128,7 +128,7 @@ class _Planes(NamedTuple):
 
         points = support.points
         if support.disc_radii.any() or support.semi_axes.any():
-            points = _extremes(support)
+            points = extremes(support)
         empty = np.empty((0, 3)), np.empty(0)
         if len(points) <= 2:
             return cls(*empty, support.radius, points)
@@ -139,8 +139,13 @@ class _Planes(NamedTuple):
         return cls(hull.equations[:, :3], -hull.equations[:, 3], support.radius, np.empty((0, 3)))
 
 
-def _extremes(support: Support) -> Array:
-    """(m, 3) points of a convex body without its ball: the farthest ones in some directions."""
+def extremes(support: Support, *, with_ball: bool = False) -> Array:
+    """(m, 3) points of a convex body, with or without its ball: the farthest ones in some directions.
+
+    With the ball, those of a body that has no curved surface are all its points.
+    """
+    if with_ball and not (support.radius or support.disc_radii.any() or support.semi_axes.any()):
+        return support.points
     k = np.arange(DIRECTIONS) + 0.5
     z, angle = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
     across = np.sqrt(1 - z**2)
@@ -152,7 +157,8 @@ def _extremes(support: Support) -> Array:
     points[:, :2] += support.disc_radii[best, None] * directions[:, :2] / flat
     stretched = support.semi_axes**2 * directions
     length = np.sqrt((stretched * directions).sum(axis=1, keepdims=True))
-    return np.asarray(points + np.divide(stretched, length, out=np.zeros_like(stretched), where=length > 0))
+    points += np.divide(stretched, length, out=np.zeros_like(stretched), where=length > 0)
+    return np.asarray(points + support.radius * directions if with_ball else points)
 
 
 def _candidates(box: Array) -> Array:

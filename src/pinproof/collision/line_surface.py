@@ -17,7 +17,7 @@ import numpy.typing as npt
 from pinproof.collision.bodies import Body, Support, shape_body, triangles_of
 from pinproof.collision.coal_checks import MeasureConvex
 from pinproof.collision.hulls import Solid
-from pinproof.collision.shapes import HeightMap, Mesh, Obstacle, PointCloud, Sphere
+from pinproof.collision.shapes import HeightMap, Mesh, Obstacle, OccupancyGrid, PointCloud, Sphere
 from pinproof.collision.surfaces import cell_faces, ground_surface
 from pinproof.errors import InputError
 from pinproof.spatial import SE3
@@ -109,8 +109,8 @@ class LineSurface:
             surface = shape_body(thing.name, thing.name, None, bare, thing.pose) if shape.hull else None
             return cls(body, np.asarray(mesh.vertices[mesh.triangles]), surface)
         body = shape_body(thing.name, thing.name, None, shape, thing.pose)
-        if isinstance(shape, PointCloud | HeightMap):
-            vertices, triangles = cell_faces(shape) if isinstance(shape, PointCloud) else ground_surface(shape)
+        if isinstance(shape, PointCloud | OccupancyGrid | HeightMap):
+            vertices, triangles = ground_surface(shape) if isinstance(shape, HeightMap) else cell_faces(shape)
             return cls(body, np.asarray(vertices[triangles]))
         return cls.of_body(body)
 

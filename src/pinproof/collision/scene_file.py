@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from pinproof.collision.grid_file import read_grid, stated_grid
 from pinproof.collision.scene_keys import OBSTACLE, POSE, SCENE, SHAPES
-from pinproof.collision.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, Shape
+from pinproof.collision.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, OccupancyGrid, Shape
 from pinproof.common.files import is_file
 from pinproof.common.yaml_file import (
     LinedMapping,
@@ -70,6 +71,8 @@ def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
     refuse_unknown(SceneError, path, f"key of {kind}", stated, table.names or ("none",), where)
     if kind == "mesh":
         return _mesh(path, stated)
+    if kind == "occupancy_grid":
+        return read_grid(path, stated, where, numbers_of, pose_of)
     missing = [key for key in table.required if key not in stated]
     if missing:
         raise InputError(f"{kind} does not state its {' and '.join(missing)}")
@@ -87,6 +90,8 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
         file = Path(shape.path).resolve()
         inside = file.relative_to(folder) if file.is_relative_to(folder) else file
         return "mesh", {"path": inside.as_posix(), "scale": _listed(shape.scale), **how}
+    if isinstance(shape, OccupancyGrid):
+        return "occupancy_grid", stated_grid(shape)
     kind = next((kind for kind, made in SHAPES_BY_KEY.items() if type(shape) is made), None)
     if kind is None:
         raise InputError(f"a {type(shape).__name__} has no key in files; valid: {', '.join(SHAPES)}")

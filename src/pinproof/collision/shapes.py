@@ -10,18 +10,19 @@ the surfaces of :mod:`pinproof.viewer`.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.hulls import refuse_flat
+from pinproof.collision.occupancy import OccupancyGrid
+from pinproof.collision.shape_values import LARGEST_SIZE, SMALLEST_SIZE, ByContent, checked_size, coordinates
 from pinproof.common.validation import named_arguments
 from pinproof.errors import InputError
 from pinproof.spatial import finite, frozen, rigid
@@ -41,6 +42,7 @@ __all__ = [
     "HeightMap",
     "Mesh",
     "Obstacle",
+    "OccupancyGrid",
     "PointCloud",
     "Shape",
     "Sphere",
@@ -49,44 +51,6 @@ __all__ = [
 ]
 
 Array = npt.NDArray[np.float64]
-
-SMALLEST_SIZE = 1e-6
-"""Metres. Smaller sides are refused: coal's hulls fail near 1e-8, and no real object is thinner."""
-
-LARGEST_SIZE = 1e4
-"""Metres. Larger numbers are a mistake, such as a wrong unit, and distances lose the precision that proofs need."""
-
-
-def checked_size(name: str, value: object) -> float:
-    """Return a length as a number.
-
-    Raises
-    ------
-    InputError
-        If it is not a number from :data:`SMALLEST_SIZE` to :data:`LARGEST_SIZE`.
-    """
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be a number, not {value!r}") from None
-    if not SMALLEST_SIZE <= number <= LARGEST_SIZE:
-        raise InputError(f"{name} = {number:g}; sizes are from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m")
-    return number
-
-
-def coordinates(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
-    """Return a read-only copy of coordinates (m) of the given shape, as in :func:`pinproof.spatial.finite`.
-
-    Raises
-    ------
-    InputError
-        If the shape is another, or a number is not finite or beyond :data:`LARGEST_SIZE`.
-    """
-    array = finite(name, value, shape)
-    if array.size and float(np.abs(array).max()) > LARGEST_SIZE:
-        raise InputError(f"{name} holds {np.abs(array).max():g}; coordinates are limited to {LARGEST_SIZE:g} m")
-    array.setflags(write=False)
-    return array
 
 
 def _points(name: str, value: npt.ArrayLike) -> Array:
@@ -107,39 +71,9 @@ BELOW_LOWEST = 0.01
 """Metres: default distance of the underside of a height map from its lowest point."""
 
 
-class _ByContent:
-    """Equality, hash and a short ``repr`` for frozen dataclasses that hold arrays."""
-
-    def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self._contents() == other._contents()
-
-    def __hash__(self) -> int:
-        return hash(self._contents())
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self._contents())})"
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)  # a pickle does not keep it
-        self.__dict__.update(state)
-
-    def _contents(self) -> tuple[tuple[str, str], ...]:
-        stated = []
-        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
-                text = f"<{value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}>"
-            else:
-                text = repr(value)
-            stated.append((field.name, text))
-        return tuple(stated)
-
-
 @named_arguments
 @dataclass(frozen=True, eq=False, repr=False)
-class ConvexHull(_ByContent):
+class ConvexHull(ByContent):
     """The convex hull of ``points`` (V, 3)."""
 
     points: Array
@@ -151,7 +85,7 @@ class ConvexHull(_ByContent):
 
 @named_arguments
 @dataclass(frozen=True, eq=False, repr=False)
-class Mesh(_ByContent):
+class Mesh(ByContent):
     """A triangle mesh, from a file or from arrays (:meth:`from_arrays`).
 
     Parameters
@@ -225,7 +159,7 @@ class Mesh(_ByContent):
 
 @named_arguments
 @dataclass(frozen=True, eq=False, repr=False)
-class PointCloud(_ByContent):
+class PointCloud(ByContent):
     """Points of a sensor: every cell of a grid that contains a point is solid, like the leaves of an octree.
 
     Parameters
@@ -275,7 +209,7 @@ class PointCloud(_ByContent):
 
 @named_arguments
 @dataclass(frozen=True, eq=False, repr=False)
-class HeightMap(_ByContent):
+class HeightMap(ByContent):
     """Ground over a rectangle about the origin, solid from its surface down to ``bottom``.
 
     Between the points the surface is the higher of the two triangulations of a cell, so that it covers both and the
@@ -380,7 +314,20 @@ class HalfSpace:
     """A half-space, such as a floor, wall or ceiling: all points with z <= 0 in its own frame are solid."""
 
 
-Shape = Box | Sphere | Cylinder | Capsule | Cone | Ellipsoid | HalfSpace | ConvexHull | PointCloud | HeightMap | Mesh
+Shape = (
+    Box
+    | Sphere
+    | Cylinder
+    | Capsule
+    | Cone
+    | Ellipsoid
+    | HalfSpace
+    | ConvexHull
+    | PointCloud
+    | HeightMap
+    | OccupancyGrid
+    | Mesh
+)
 
 SHAPES_BY_KEY: dict[str, type[Shape]] = {
     re.sub(r"(?<=[a-z])(?=[A-Z])", "_", k.__name__).lower(): k for k in get_args(Shape)

@@ -13,9 +13,10 @@ from itertools import permutations
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision.occupancy import OccupancyGrid
 from pinproof.collision.shapes import GRID_CELLS, HeightMap, PointCloud
 
-__all__ = ["Cells", "Ground", "cell_faces", "ground_surface", "merged_cells"]
+__all__ = ["Cells", "Ground", "cell_faces", "cells_of", "ground_surface", "merged_boxes", "merged_cells"]
 
 Array = npt.NDArray[np.float64]
 
@@ -90,18 +91,42 @@ def _ridge_ac(heights: Array) -> npt.NDArray[np.bool_]:
 Indices = npt.NDArray[np.int64]
 
 
-def cell_faces(cloud: PointCloud) -> tuple[Array, Indices]:
+CellShape = PointCloud | OccupancyGrid
+
+
+def cells_of(shape: CellShape) -> tuple[Indices, float]:
+    """Return the occupied cells (K, 3) of a point cloud or grid, and their side (m)."""
+    if isinstance(shape, PointCloud):
+        return shape.cells, shape.resolution
+    return np.argwhere(shape.occupied) + np.array(shape.low), shape.voxel
+
+
+def _bare_cells(shape: CellShape, axis: int, side: int) -> Indices:
+    """Return the occupied cells (K, 3) whose neighbour on one side (0: below, 1: above) along an axis is empty."""
+    if isinstance(shape, PointCloud):
+        cells = shape.cells
+        step = np.eye(3, dtype=np.int64)[axis] * (2 * side - 1)
+        return cells[~np.isin(_keys(cells + step), _keys(cells))]
+    beside = np.moveaxis(np.zeros_like(shape.occupied), axis, 0)
+    occupied = np.moveaxis(shape.occupied, axis, 0)
+    if side:
+        beside[:-1] = occupied[1:]
+    else:
+        beside[1:] = occupied[:-1]
+    return np.argwhere(np.moveaxis(occupied & ~beside, 0, axis)) + np.array(shape.low)
+
+
+def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
     """Return the faces between full and empty cells: vertices (V, 3), triangles (F, 3) counter-clockwise from outside.
 
     Faces in a row are joined, so that a wall consists of a few long strips.
     """
-    cells, keys = cloud.cells, np.sort(_keys(cloud.cells))
+    side_length = shape.resolution if isinstance(shape, PointCloud) else shape.voxel
     quads: list[Array] = []
     for axis in range(3):
         along, across = (axis + 1) % 3, (axis + 2) % 3
         for side in (0, 1):
-            step = np.eye(3, dtype=np.int64)[axis] * (2 * side - 1)
-            bare = cells[~np.isin(_keys(cells + step), keys)]
+            bare = _bare_cells(shape, axis, side)
             bare = bare[np.lexsort((bare[:, along], bare[:, across], bare[:, axis]))]
             gap = np.diff(bare, axis=0)
             first = np.concatenate([[True], (gap[:, along] != 1) | (gap[:, axis] != 0) | (gap[:, across] != 0)])
@@ -114,7 +139,7 @@ def cell_faces(cloud: PointCloud) -> tuple[Array, Indices]:
     corners = np.concatenate(quads)
     four = np.arange(4 * len(corners)).reshape(-1, 4)
     triangles = np.concatenate([four[:, :3], four[:, [0, 2, 3]]])
-    return corners.reshape(-1, 3) * cloud.resolution, triangles
+    return corners.reshape(-1, 3) * side_length, triangles
 
 
 def merged_cells(cells: Indices) -> tuple[Indices, Indices]:
@@ -123,12 +148,40 @@ def merged_cells(cells: Indices) -> tuple[Indices, Indices]:
     Cells are joined to rows, rows to plates and plates to blocks, with the order of the axes that gives the fewest
     boxes. A plane of cells becomes one box; the boxes of a noisy surface contain few cells each.
     """
-    orders = (_joined(cells, order) for order in permutations(range(3)))
+    orders = (_joined(cells, cells + 1, order) for order in permutations(range(3)))
     return min(orders, key=lambda boxes: len(boxes[0]))
 
 
-def _joined(cells: Indices, order: tuple[int, ...]) -> tuple[Indices, Indices]:
-    low, high = cells, cells + 1
+def merged_boxes(shape: CellShape) -> tuple[Array, Array]:
+    """Return lower and upper corners (N, 3), in metres, of the boxes that together are the occupied cells."""
+    if isinstance(shape, PointCloud):
+        low, high = merged_cells(shape.cells)
+        return np.asarray(low * shape.resolution), np.asarray(high * shape.resolution)
+    # The rows of a grid are found without a list of its cells.
+    rows = (_rows(shape.occupied, axis) for axis in range(3))
+    orders = (
+        _joined(*found, tuple(order)) for axis, found in enumerate(rows) for order in permutations({0, 1, 2} - {axis})
+    )
+    low, high = min(orders, key=lambda boxes: len(boxes[0]))
+    return np.asarray((low + shape.low) * shape.voxel), np.asarray((high + shape.low) * shape.voxel)
+
+
+def _rows(occupied: npt.NDArray[np.bool_], axis: int) -> tuple[Indices, Indices]:
+    """Return the rows of occupied cells along an axis: lower corners (N, 3) and upper corners (N, 3)."""
+    along = np.moveaxis(occupied, axis, 2)
+    padded = np.zeros((*along.shape[:2], along.shape[2] + 2), dtype=np.int8)
+    padded[:, :, 1:-1] = along
+    change = np.diff(padded, axis=2)
+    others = [other for other in range(3) if other != axis]
+    first, end = np.argwhere(change == 1), np.argwhere(change == -1)
+    low = np.empty_like(first)
+    low[:, [*others, axis]] = first
+    high = low + 1
+    high[:, axis] = end[:, 2]
+    return low, high
+
+
+def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indices, Indices]:
     for axis in order:
         others = [other for other in range(3) if other != axis]
         sides = [column for other in others for column in (high[:, other], low[:, other])]

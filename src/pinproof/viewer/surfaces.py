@@ -30,6 +30,7 @@ from pinproof.collision import (
     HeightMap,
     Mesh,
     Obstacle,
+    OccupancyGrid,
     PointCloud,
     Shape,
     Sphere,
@@ -447,6 +448,7 @@ SHAPES: dict[type, Callable[[Any], Triangles]] = {
     ConvexHull: _hull,
     Mesh: _mesh_triangles,
     PointCloud: cell_faces,
+    OccupancyGrid: cell_faces,
     HeightMap: ground_surface,
 }
 """How each shape of an obstacle or attached object is drawn. A new shape is registered here."""

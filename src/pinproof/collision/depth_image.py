@@ -1,0 +1,271 @@
+"""Depth images: cameras, files, checks of units and sizes, and the bodies that an image looks through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import Shape
+from pinproof.common.validation import named_arguments, require_integer, require_positive
+from pinproof.errors import FileError, InputError
+from pinproof.spatial import SE3, finite, rigid
+from pinproof.units import MOST_REACH
+
+__all__ = ["DEPTH_UNCERTAINTY", "DepthView", "Intrinsics", "Piece", "RemovedBody", "read_image", "rounded"]
+
+Array = npt.NDArray[np.float64]
+
+DEPTH_UNCERTAINTY = 0.005
+"""Default largest error (m) of a measured depth: about that of common depth cameras at a distance of 1 m."""
+
+LEAST_DEPTH = 0.01
+"""Metres. A median depth below this is too near for any depth camera: the image is in other units."""
+
+LARGEST_WHOLE = 10.0
+"""Metres. An image of whole numbers whose median exceeds this is in millimetres."""
+
+OFF_CENTER = 0.25
+"""Share of the image by which the principal point of a camera may be off the center of its image."""
+
+
+@named_arguments
+@dataclass(frozen=True)
+class Intrinsics:
+    """A pinhole camera: a point (x, y, z) of its frame is at the pixel (fx x / z + cx, fy y / z + cy).
+
+    Parameters
+    ----------
+    fx, fy
+        Focal lengths (pixels).
+    cx, cy
+        The principal point (pixels): column and row. The center of the first pixel is (0, 0).
+    width, height
+        The size of the image (pixels).
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            require_integer(f"Intrinsics.{name}", getattr(self, name), 1)
+        for name in ("fx", "fy"):
+            require_positive(f"Intrinsics.{name}", getattr(self, name))
+        finite("Intrinsics.cx and cy", (self.cx, self.cy), (2,))
+        for name, size in (("cx", self.width), ("cy", self.height)):
+            if not abs(getattr(self, name) - (size - 1) / 2) <= OFF_CENTER * size:
+                raise InputError(
+                    f"Intrinsics.{name} = {getattr(self, name):g} is far off the center of an image of {self.width} x "
+                    f"{self.height} pixels; the intrinsics are those of another size of image"
+                )
+
+    @classmethod
+    def from_matrix(cls, K: npt.ArrayLike, width: int, height: int) -> Intrinsics:
+        """Return the camera of a matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].
+
+        Raises
+        ------
+        InputError
+            If the matrix has another form, or is for another size of image.
+        """
+        k = finite("intrinsics", K, (3, 3))
+        if np.any(k[[0, 1, 2, 2], [1, 0, 0, 1]]) or k[2, 2] != 1.0:
+            raise InputError(f"intrinsics = {k.tolist()}; they must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        return cls(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), width, height)
+
+    def scaled(self, factor: float) -> Intrinsics:
+        """Return the camera of the same view in an image whose sides are ``factor`` times as long."""
+        require_positive("factor", factor)
+        cx, cy = ((c + 0.5) * factor - 0.5 for c in (self.cx, self.cy))
+        size = (round(self.width * factor), round(self.height * factor))
+        return Intrinsics(self.fx * factor, self.fy * factor, cx, cy, *size)
+
+
+class Piece(NamedTuple):
+    """A convex piece of a body: its shape in the compiled core, and the pose of the root in its frame (4, 4)."""
+
+    shape: Shape
+    shape_from_root: Array
+
+
+class RemovedBody(NamedTuple):
+    """A body that was removed from a view."""
+
+    name: str
+    pieces: tuple[Piece, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """A checked depth image with its camera; :meth:`read` makes one.
+
+    Parameters
+    ----------
+    depth
+        (height, width) measured depth (m) along the optical axis; 0 without a measurement.
+    nearest, farthest
+        (height, width) metres: every surface in a pixel is at ``nearest`` or farther, and one was measured at
+        ``farthest`` or nearer; 0 where nothing is known, or nothing was measured.
+    uncertainty
+        (height, width) or one number: the largest error (m) of a depth.
+    intrinsics
+        The camera.
+    root_from_camera
+        Its pose.
+    removed
+        The bodies that :func:`pinproof.collision.remove_body` removed.
+    record
+        What was done, in sentences.
+    """
+
+    depth: Array
+    nearest: Array
+    farthest: Array
+    uncertainty: Array
+    intrinsics: Intrinsics
+    root_from_camera: SE3
+    removed: tuple[RemovedBody, ...] = ()
+    record: tuple[str, ...] = ()
+
+    @classmethod
+    def read(
+        cls,
+        image: npt.ArrayLike | str | Path,
+        intrinsics: Intrinsics | npt.ArrayLike,
+        camera_pose: SE3 | npt.ArrayLike,
+        *,
+        depth_scale: float | None = None,
+        depth_uncertainty: float | npt.ArrayLike = DEPTH_UNCERTAINTY,
+    ) -> DepthView:
+        """Check and convert an image; arguments and errors are those of :meth:`pinproof.OccupancyGrid.from_depth`."""
+        pose = rigid("camera_pose", camera_pose)
+        raw = _pixels(image)
+        height, width = raw.shape
+        camera = intrinsics if isinstance(intrinsics, Intrinsics) else Intrinsics.from_matrix(intrinsics, width, height)
+        if (camera.width, camera.height) != (width, height):
+            raise InputError(
+                f"the image has {width} x {height} pixels, the intrinsics are for {camera.width} x {camera.height}; "
+                "Intrinsics.scaled() converts them if the whole view was scaled"
+            )
+        depth = _metres(raw, depth_scale)
+        error = np.array(depth_uncertainty, dtype=float)
+        if error.shape not in ((), raw.shape) or not (error >= 0).all():
+            raise InputError(
+                f"depth_uncertainty must be 0 or more, one number or one for each pixel {raw.shape}; its shape is "
+                f"{error.shape}"
+            )
+        measured = depth > 0
+        nearest = np.where(measured, np.maximum(depth - error, 0.0), 0.0)
+        return cls(depth, nearest, np.where(measured, depth + error, 0.0), error, camera, pose)
+
+    @property
+    def stated_uncertainty(self) -> str:
+        """The uncertainty as text."""
+        low, high = float(self.uncertainty.min()) * 1e3, float(self.uncertainty.max()) * 1e3
+        return f"{high:g} mm" if low == high else f"{low:g} to {high:g} mm"
+
+    def refuse_covered(self, voxel: float) -> None:
+        """Refuse an image in which no surface is farther than its uncertainty and a cell: nothing can be free."""
+        if float(self.nearest.max()) <= voxel:
+            raise InputError(
+                f"every measured surface is within {float(self.depth.max()):.3g} m of the camera: it is covered or "
+                "inside an obstacle"
+            )
+
+
+def rounded(values: Array, towards: float) -> npt.NDArray[np.float32]:
+    """Return depths in single precision, rounded towards 0 or infinity, so that bounds remain bounds."""
+    single = values.astype(np.float32)
+    wrong = single < values if towards > 0 else single > values
+    single[wrong] = np.nextafter(single[wrong], np.float32(towards))
+    return single
+
+
+def _pixels(image: Any) -> npt.NDArray[Any]:
+    """Return the numbers (height, width) of an array or file."""
+    what = "the depth image"
+    if isinstance(image, (str, Path)):
+        what, image = f"the depth image {image}", read_image(image)
+    try:
+        pixels = np.asarray(image)
+    except ValueError as error:
+        raise InputError(f"{what} is not an array: {error}") from error
+    if pixels.ndim == 3 and pixels.shape[2] == 1:
+        pixels = pixels[:, :, 0]
+    if pixels.ndim != 2 or pixels.size == 0 or pixels.dtype.kind not in "iuf":
+        raise InputError(
+            f"{what} must be numbers of the shape (height, width); it is {pixels.dtype} of the shape {pixels.shape}"
+        )
+    return pixels
+
+
+def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
+    """Return the depths in metres, 0 where there is no measurement; refuse another unit."""
+    whole = raw.dtype.kind in "iu"
+    measured = np.isfinite(raw) & (raw != 0)
+    if (raw[measured] < 0).any():
+        raise InputError(f"the depth image holds {int((raw[measured] < 0).sum())} negative depths")
+    if not measured.any():
+        raise InputError(f"the depth image holds no measurement: all of its {raw.size} pixels are 0 or not finite")
+    median = float(np.median(raw[measured]))
+    if depth_scale is None:
+        if whole:
+            raise InputError(
+                f"the depth image holds integers ({raw.dtype}, median {median:g}), whose unit must be stated: "
+                "depth_scale=0.001 for millimetres"
+            )
+        depth_scale = 1.0
+    require_positive("depth_scale", depth_scale)
+    median *= depth_scale
+    whole = whole or bool((raw[measured] == np.floor(raw[measured])).all())
+    if median > (LARGEST_WHOLE if whole else MOST_REACH):
+        raise InputError(
+            f"the depth image has a median depth of {median:g} m, which looks like millimetres: use "
+            f"depth_scale={depth_scale * 1e-3:g}"
+        )
+    if median < LEAST_DEPTH:
+        raise InputError(
+            f"the depth image has a median depth of {median:g} m, which is too near for a depth camera: use "
+            f"depth_scale={depth_scale * 1e3:g} if it is in metres already"
+        )
+    return np.where(measured, raw, 0) * float(depth_scale)
+
+
+def read_image(path: str | Path) -> npt.NDArray[Any]:
+    """Return the numbers of an image file: ``.npy``, ``.png`` or ``.exr``.
+
+    Raises
+    ------
+    FileError
+        If it has another suffix or cannot be read.
+    """
+    file = Path(path)
+    readers = {".npy": _read_npy, ".png": _read_png}
+    reader = readers.get(file.suffix.lower())
+    if reader is None:
+        raise FileError(file, f"is not a depth image; valid suffixes: {', '.join(readers)}")
+    try:
+        return reader(file)
+    except (OSError, ValueError, SyntaxError) as error:  # Pillow raises SyntaxError for damaged files
+        raise FileError(file, f"cannot be read as a depth image: {error}") from error
+
+
+def _read_npy(path: Path) -> npt.NDArray[Any]:
+    return np.asarray(np.load(path, allow_pickle=False))
+
+
+def _read_png(path: Path) -> npt.NDArray[Any]:
+    from PIL import Image as PngImage
+
+    with PngImage.open(path) as image:
+        if image.mode not in ("I;16", "I;16B", "I", "F"):
+            raise ValueError(f"it has the mode {image.mode}; depth images have one channel of 16 bits")
+        return np.asarray(image)

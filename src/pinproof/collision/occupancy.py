@@ -1,0 +1,288 @@
+"""Grids of cells that sensors prove to be free: everything else is an obstacle.
+
+A cell of a grid is free only if it is entirely in the view of a camera and in front of every surface that was measured
+in its image; ``src/core/collision/occupancy.h`` states the rule, docs/tutorials/depth_image.md what it assumes. Cells
+that no view proves free are obstacles, whether a surface was measured in them or they were not seen at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof._core import carve, clear_within
+from pinproof.collision.depth_image import DEPTH_UNCERTAINTY, DepthView, Intrinsics, Piece, rounded
+from pinproof.collision.shape_values import LARGEST_SIZE, ByContent, checked_size
+from pinproof.common.validation import named_arguments, require_integer, require_positive
+from pinproof.errors import InputError
+from pinproof.spatial import finite, matrix
+
+__all__ = ["FREE", "MOST_CELLS", "PIXEL_MARGIN", "POLICIES", "SEEN", "UNKNOWN", "OccupancyGrid"]
+
+Array = npt.NDArray[np.float64]
+Cells = npt.NDArray[np.uint8]
+Bounds = Sequence[Sequence[float]] | Array
+
+FREE, SEEN, UNKNOWN = 0, 1, 2
+"""The states of a cell: proven free; a surface was measured in it or right beside it; neither."""
+
+MOST_CELLS = 2**26
+"""Largest number of cells of a grid: 64 MB."""
+
+PIXEL_MARGIN = 1
+"""Default number of pixels around the image of a cell that must be farther too: an edge of a body may lie between the
+centres of two pixels, and then only one of them measures the body."""
+
+POLICIES = ("occupied", "free")
+"""What cells are that were not seen."""
+
+
+@named_arguments
+@dataclass(frozen=True, eq=False, repr=False)
+class OccupancyGrid(ByContent):
+    """Cubic cells of a box of space, each free, occupied or unknown.
+
+    :meth:`from_depth` makes one from a depth image, :func:`pinproof.collision.read_octomap` from a file. As a shape of
+    an :class:`~pinproof.Obstacle` the occupied cells are joined to boxes. Space outside the grid is free; certificates
+    note this.
+
+    Parameters
+    ----------
+    cells
+        (nx, ny, nz) the states of the cells: :data:`~pinproof.collision.occupancy.FREE` 0,
+        :data:`~pinproof.collision.occupancy.SEEN` 1, :data:`~pinproof.collision.occupancy.UNKNOWN` 2.
+    voxel
+        The side (m) of a cell.
+    low
+        (3,) the indices of the first cell: cell c is the cube from c to c + 1, times the side, in the frame of the
+        obstacle.
+    unknown
+        ``"occupied"``: cells that were not seen are obstacles. ``"free"``: they are not, and certificates note this.
+    record
+        How the grid was made, in sentences; certificates list them.
+    """
+
+    cells: Cells
+    voxel: float
+    low: tuple[int, int, int] = (0, 0, 0)
+    unknown: str = "occupied"
+    record: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        cells = np.array(self.cells)
+        if cells.ndim != 3 or cells.size == 0 or cells.dtype.kind not in "biu" or cells.min() < 0 or cells.max() > 2:
+            raise InputError(
+                f"OccupancyGrid.cells must be states 0, 1 or 2 of the shape (nx, ny, nz); they are {cells.dtype} of "
+                f"the shape {cells.shape}"
+            )
+        cells = np.ascontiguousarray(cells, dtype=np.uint8)
+        cells.setflags(write=False)
+        voxel = checked_size("OccupancyGrid.voxel", self.voxel)
+        low = finite("OccupancyGrid.low", self.low, (3,))
+        first = tuple(int(index) for index in low)
+        if list(first) != low.tolist():
+            raise InputError(f"OccupancyGrid.low = {self.low}; it must be three integers")
+        if self.unknown not in POLICIES:
+            raise InputError(f"OccupancyGrid.unknown = {self.unknown!r}; valid: {', '.join(map(repr, POLICIES))}")
+        for name, value in (("cells", cells), ("voxel", voxel), ("low", first), ("record", tuple(self.record))):
+            object.__setattr__(self, name, value)
+        if float(np.abs(self.bounds).max()) > LARGEST_SIZE:
+            raise InputError(f"OccupancyGrid reaches {np.abs(self.bounds).max():g} m; limit: {LARGEST_SIZE:g} m")
+
+    def __repr__(self) -> str:
+        free, seen, hidden = self.counts
+        count = " x ".join(map(str, self.cells.shape))
+        return f"OccupancyGrid({count} cells of {self.voxel:g} m: {free} free, {seen} seen, {hidden} unknown)"
+
+    @property
+    def bounds(self) -> Array:
+        """(2, 3) lower and upper corner of the grid (m)."""
+        low = np.array(self.low)
+        return np.array([low, low + self.cells.shape]) * self.voxel
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """The number of free, seen and unknown cells."""
+        free, seen, hidden = np.bincount(self.cells.ravel(), minlength=3).tolist()
+        return free, seen, hidden
+
+    @property
+    def occupied(self) -> npt.NDArray[np.bool_]:
+        """(nx, ny, nz) whether a cell is an obstacle."""
+        return self.cells != FREE if self.unknown == "occupied" else self.cells == SEEN
+
+    @property
+    def remark(self) -> str:
+        """What a certificate states about the grid."""
+        low, high = (", ".join(f"{x:g}" for x in corner) for corner in np.round(self.bounds, 6))
+        policy = {"occupied": "space that was not seen is an obstacle", "free": "space that was not seen is free"}
+        head = f"occupancy grid of cells of {self.voxel:g} m; {policy[self.unknown]}; space outside of ({low}) to "
+        return "; ".join([f"{head}({high}) is free", *self.record])
+
+    # -- from sensors -------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_depth(
+        cls,
+        image: npt.ArrayLike | str | Path,
+        intrinsics: Intrinsics | npt.ArrayLike,
+        camera_pose: pin.SE3 | npt.ArrayLike,
+        *,
+        voxel: float,
+        bounds: Bounds,
+        unknown: str = "occupied",
+        depth_scale: float | None = None,
+        depth_uncertainty: float | npt.ArrayLike = DEPTH_UNCERTAINTY,
+        pixel_margin: int = PIXEL_MARGIN,
+    ) -> OccupancyGrid:
+        """Return the cells that one depth image proves free.
+
+        No surface is in a free cell if every surface in a pixel is at least as far away as the smallest measured depth
+        among this pixel and those within ``pixel_margin`` of it, minus ``depth_uncertainty``. Certificates cannot cover
+        what violates this, such as transparent bodies or wires thinner than a pixel.
+
+        Parameters
+        ----------
+        image
+            (height, width) depth along the optical axis, or a file (``.npy``, ``.png``, ``.exr``). Pixels that are 0 or
+            not finite have no measurement; the space behind them is unknown. Lens distortion must be removed already.
+        intrinsics
+            The camera: :class:`~pinproof.collision.Intrinsics`, or its matrix (3, 3).
+        camera_pose
+            ``root_from_camera``: pose of the camera in the frame of the grid, which is that of the robot's root; x to
+            the right, y downwards, z forward along the optical axis.
+        voxel
+            The side (m) of a cell.
+        bounds
+            (2, 3) lower and upper corner (m) of the box of space that the grid covers, which is widened to whole cells.
+        unknown
+            Whether unseen cells are ``"occupied"`` or ``"free"``.
+        depth_scale
+            Metres per unit of the image: 0.001 for millimetres. Default: 1 for floating-point numbers; integers need a
+            stated scale.
+        depth_uncertainty
+            Largest error (m) of a measured depth, one number or one for each pixel (height, width).
+        pixel_margin
+            Number of pixels around the image of a cell that must be farther than the cell too.
+
+        Raises
+        ------
+        InputError
+            If the image is not in metres, has another size than the intrinsics, or holds no measurement; if the pose
+            is not rigid, the bounds are empty, or no cell of them is in the view of the camera.
+        FileError
+            If the file of the image cannot be read.
+        """
+        view = DepthView.read(
+            image, intrinsics, camera_pose, depth_scale=depth_scale, depth_uncertainty=depth_uncertainty
+        )
+        return cls.from_view(view, voxel=voxel, bounds=bounds, unknown=unknown, pixel_margin=pixel_margin)
+
+    @classmethod
+    def from_view(
+        cls,
+        view: DepthView,
+        *,
+        voxel: float,
+        bounds: Bounds,
+        unknown: str = "occupied",
+        pixel_margin: int = PIXEL_MARGIN,
+    ) -> OccupancyGrid:
+        """Return the cells that one depth image proves free, as :meth:`from_depth` does.
+
+        Cells that are entirely in a body that was removed from the view are free too.
+        """
+        low, count, side = _lattice(bounds, voxel)
+        require_integer("pixel_margin", pixel_margin, 0)
+        view.refuse_covered(side)
+        camera, camera_from_root = view.intrinsics, view.root_from_camera.inverse()
+        cells = np.empty(count, dtype=np.uint8)
+        intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+        nearest, farthest = rounded(view.nearest, 0.0), rounded(view.farthest, np.inf)
+        carve(cells, low, side, matrix(camera_from_root), intrinsics, nearest, farthest, pixel_margin)
+        if (cells == UNKNOWN).all():
+            center = camera_from_root.act((low + np.array(count) / 2) * side)
+            place = ", ".join(f"{x:.3g}" for x in center)
+            raise InputError(
+                f"the image shows no cell of the bounds: their center is at ({place}) in the frame of the camera, "
+                "whose x axis points right, y down and z forward, or it is hidden; check camera_pose and bounds"
+            )
+        free = int(np.count_nonzero(cells == FREE))
+        at = ", ".join(f"{x:.4g}" for x in view.root_from_camera.translation)
+        sentence = (
+            f"depth image of {camera.width} x {camera.height} pixels from ({at}): {free} cells free; depths are "
+            f"trusted to {view.stated_uncertainty}, bodies that the camera does not measure are not covered"
+        )
+        grid = cls(cells, side, tuple(low.tolist()), unknown, (sentence, *view.record))
+        for part in view.removed:
+            grid = grid.cleared(part.pieces, 0.0, f"in {part.name}")
+        return grid
+
+    # -- combination and removal --------------------------------------------------------------------------------------
+
+    def cleared(self, pieces: Iterable[Piece], padding: float, where: str) -> OccupancyGrid:
+        """Return the grid in which cells entirely within ``padding`` (m) of a convex piece are free.
+
+        :func:`pinproof.collision.remove_robot` and :func:`pinproof.collision.remove_body` call this; ``where`` is a
+        phrase for the record.
+        """
+        require_positive("padding", padding, zero=True)
+        cells = self.cells.copy()
+        count = sum(
+            clear_within(cells, np.array(self.low), self.voxel, piece.shape, piece.shape_from_root, padding)
+            for piece in pieces
+        )
+        return replace(self, cells=cells, record=(*self.record, f"{count} cells {where} are cleared"))
+
+    def fuse(self, *others: OccupancyGrid) -> OccupancyGrid:
+        """Return the grid of several views: a cell is free if one of them proves it free.
+
+        Of a cell that none proves free, it is known that a surface was measured if one of the views shows it. The
+        views must be of the same state of the scene. ``a | b`` is the same as ``a.fuse(b)``.
+
+        Raises
+        ------
+        InputError
+            If the grids differ in their cells, their bounds, or in what unknown cells are.
+        """
+        for other in others:
+            if not isinstance(other, OccupancyGrid):
+                raise InputError(f"fuse() takes grids, not {type(other).__name__}")
+            mine = (self.voxel, self.low, self.cells.shape, self.unknown)
+            if mine != (other.voxel, other.low, other.cells.shape, other.unknown):
+                raise InputError(
+                    f"grids must have the same voxel, bounds and unknown to be fused; one is {self!r} from "
+                    f"{self.bounds[0].tolist()} with unknown={self.unknown!r}, the other {other!r} from "
+                    f"{other.bounds[0].tolist()} with unknown={other.unknown!r}"
+                )
+        grids = (self, *others)
+        cells = np.minimum.reduce([grid.cells for grid in grids])
+        return replace(self, cells=cells, record=tuple(dict.fromkeys(line for grid in grids for line in grid.record)))
+
+    def __or__(self, other: OccupancyGrid) -> OccupancyGrid:
+        return self.fuse(other)
+
+
+def _lattice(bounds: Bounds, voxel: float) -> tuple[npt.NDArray[np.int64], tuple[int, int, int], float]:
+    """Return the first cell (3,), the number of cells along each axis and their side for a box of space."""
+    side = checked_size("voxel", voxel)
+    box = finite("bounds", bounds, (2, 3))
+    if not (box[0] < box[1]).all():
+        raise InputError(f"bounds = {box.tolist()} are empty; they are the lower and the upper corner of a box")
+    if np.abs(box).max() > LARGEST_SIZE:
+        raise InputError(f"bounds reach {np.abs(box).max():g} m; they are limited to {LARGEST_SIZE:g} m")
+    # A bound at a multiple of the side, up to rounding, adds no cell.
+    low = np.floor(box[0] / side + 1e-9).astype(np.int64)
+    nx, ny, nz = (np.ceil(box[1] / side - 1e-9).astype(np.int64) - low).clip(min=1).tolist()
+    if nx * ny * nz > MOST_CELLS:
+        least = float((np.prod(box[1] - box[0]) / MOST_CELLS) ** (1 / 3))
+        raise InputError(
+            f"voxel = {side:g} gives {nx} x {ny} x {nz} cells, more than {MOST_CELLS}; use {least:.2g} m or more, or "
+            "smaller bounds"
+        )
+    return low, (nx, ny, nz), side

@@ -1,0 +1,85 @@
+"""Checks of sizes and coordinates of shapes, and equality of shapes that hold arrays."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+from pinproof.spatial import finite
+
+__all__ = ["LARGEST_SIZE", "SMALLEST_SIZE", "ByContent", "checked_size", "coordinates"]
+
+Array = npt.NDArray[np.float64]
+
+SMALLEST_SIZE = 1e-6
+"""Metres. Smaller sides are refused: coal's hulls fail near 1e-8, and no real object is thinner."""
+
+LARGEST_SIZE = 1e4
+"""Metres. Larger numbers are a mistake, such as a wrong unit, and distances lose the precision that proofs need."""
+
+
+def checked_size(name: str, value: object) -> float:
+    """Return a length as a number.
+
+    Raises
+    ------
+    InputError
+        If it is not a number from :data:`SMALLEST_SIZE` to :data:`LARGEST_SIZE`.
+    """
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number, not {value!r}") from None
+    if not SMALLEST_SIZE <= number <= LARGEST_SIZE:
+        raise InputError(f"{name} = {number:g}; sizes are from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m")
+    return number
+
+
+def coordinates(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
+    """Return a read-only copy of coordinates (m) of the given shape, as in :func:`pinproof.spatial.finite`.
+
+    Raises
+    ------
+    InputError
+        If the shape is another, or a number is not finite or beyond :data:`LARGEST_SIZE`.
+    """
+    array = finite(name, value, shape)
+    if array.size and float(np.abs(array).max()) > LARGEST_SIZE:
+        raise InputError(f"{name} holds {np.abs(array).max():g}; coordinates are limited to {LARGEST_SIZE:g} m")
+    array.setflags(write=False)
+    return array
+
+
+class ByContent:
+    """Equality, hash and a short ``repr`` for frozen dataclasses that hold arrays."""
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self._contents() == other._contents()
+
+    def __hash__(self) -> int:
+        return hash(self._contents())
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self._contents())})"
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)  # a pickle does not keep it
+        self.__dict__.update(state)
+
+    def _contents(self) -> tuple[tuple[str, str], ...]:
+        stated = []
+        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                text = f"<{value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}>"
+            else:
+                text = repr(value)
+            stated.append((field.name, text))
+        return tuple(stated)

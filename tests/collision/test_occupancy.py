@@ -1,0 +1,329 @@
+"""Occupancy grids of depth images: the states of cells, their conservativeness, fusion, removal, bodies and proofs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pinproof import (
+    Box,
+    CollisionChecker,
+    InputError,
+    JointPath,
+    Obstacle,
+    OccupancyGrid,
+    Scene,
+    Sphere,
+    certify,
+    load_robot,
+    pose,
+    verify_proof,
+)
+from pinproof._core import carve
+from pinproof.collision import DepthView, Intrinsics, remove_body, remove_robot
+from pinproof.collision.bodies import shape_bodies
+from pinproof.collision.occupancy import FREE, SEEN, UNKNOWN
+from pinproof.errors import FileError
+from tests.collision.depth_camera import Solid, depth_image, look_at, states_by_definition
+
+CAMERA = Intrinsics(150.0, 150.0, 79.5, 59.5, 160, 120)
+BOUNDS = [(0.0, -0.5, -0.1), (1.0, 0.5, 0.6)]
+ABOVE = look_at(np.array([0.3, -0.2, 1.2]), np.array([0.5, 0.0, 0.0]))
+
+
+def at(x: float, y: float, z: float, rpy: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
+    return np.array(pose((x, y, z), rpy).homogeneous)
+
+
+TABLE = Solid(at(0.5, 0.0, -0.05), np.array([0.8, 0.8, 0.05]))
+PART = Solid(at(0.5, 0.0, 0.05), np.array([0.05, 0.05, 0.05]))
+BEHIND = Solid(at(0.68, 0.05, 0.025), np.array([0.03, 0.03, 0.025]))
+
+
+def view(solids: list[Solid], from_: np.ndarray = ABOVE, **settings: object) -> OccupancyGrid:
+    image = depth_image(CAMERA, from_, solids)
+    return OccupancyGrid.from_depth(image, CAMERA, from_, **{"voxel": 0.02, "bounds": BOUNDS, **settings})
+
+
+def view_without(body: Obstacle, solids: list[Solid], from_: np.ndarray = ABOVE) -> OccupancyGrid:
+    image = depth_image(CAMERA, from_, solids)
+    seen = remove_body(DepthView.read(image, CAMERA, from_, depth_uncertainty=0.003), body)
+    return OccupancyGrid.from_view(seen, voxel=0.02, bounds=BOUNDS)
+
+
+def states_at(grid: OccupancyGrid, points: np.ndarray) -> np.ndarray:
+    """The states of the cells that contain points (N, 3) of the bounds."""
+    index = np.floor(points / grid.voxel).astype(int) - grid.low
+    inside = ((index >= 0) & (index < grid.cells.shape)).all(axis=1)
+    return grid.cells[tuple(index[inside].T)]
+
+
+vectors = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
+
+
+@given(seed=st.integers(0, 2**32), margin=st.integers(0, 2), eye=vectors, roll=st.floats(-3, 3))
+@settings(max_examples=25, deadline=None)
+def test_states_are_those_of_their_definition(seed, margin, eye, roll):
+    rng = np.random.default_rng(seed)
+    camera = Intrinsics(31.0, 29.0, 18.3, 14.6, 37, 29)
+    root_from_camera = look_at(1.2 * eye, rng.uniform(-0.1, 0.1, 3) + 1e-3, roll)
+    nearest = rng.choice([0.0, 0.4, 0.8, 1.2, 1.5, 3.0], (29, 37)).astype(np.float32)
+    nearest = np.where(rng.random((29, 37)) < 0.9, np.median(nearest[nearest > 0]), nearest).astype(np.float32)
+    farthest = np.where(nearest > 0, nearest + np.float32(0.05), 0).astype(np.float32)
+    farthest[rng.random((29, 37)) < 0.05] = 0  # removed bodies
+    cells, low, side = np.empty((9, 7, 11), dtype=np.uint8), np.array([-5, -3, -6]), 0.083
+    intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    carve(cells, low, side, np.linalg.inv(root_from_camera), intrinsics, nearest, farthest, margin)
+    expected = states_by_definition(camera, root_from_camera, nearest, farthest, low, cells.shape, side, margin)
+    np.testing.assert_array_equal(cells, expected)
+
+
+solids = st.builds(
+    lambda center, rpy, half, ball: (
+        Solid(at(*(center * [0.4, 0.4, 0.25] + [0.5, 0, 0.25])), radius=float(half.min()))
+        if ball
+        else Solid(at(*(center * [0.4, 0.4, 0.25] + [0.5, 0, 0.25]), tuple(rpy * 3)), half)
+    ),
+    vectors,
+    vectors,
+    st.tuples(*[st.floats(0.03, 0.2)] * 3).map(np.array),
+    st.booleans(),
+)
+
+
+@given(
+    scene=st.lists(solids, min_size=1, max_size=5),
+    eyes=st.lists(vectors, min_size=1, max_size=3),
+    seed=st.integers(0, 1000),
+)
+@settings(max_examples=60, deadline=None)
+def test_no_point_of_a_surface_is_in_a_free_cell(scene, eyes, seed):
+    """Seen or unseen: from random cameras, also of several views together."""
+    rng = np.random.default_rng(seed)
+    every = [TABLE, *scene]
+    grids = []
+    for eye in eyes:
+        place = np.array([0.5, 0, 0.8]) + eye * [0.9, 0.9, 0.6]
+        if any(np.isinf(each.depth(place, np.eye(3))).all() and _contains(each, place) for each in every):
+            continue  # the camera is inside a body
+        camera = look_at(place, np.array([0.5, 0.0, 0.1]) + rng.uniform(-0.1, 0.1, 3), rng.uniform(-3, 3))
+        try:
+            grids.append(view(every, camera, depth_uncertainty=0.003))
+        except InputError:
+            continue  # it sees nothing of the bounds
+    if not grids:
+        return
+    grid = grids[0].fuse(*grids[1:])
+    for each in every:
+        assert (states_at(grid, each.surface(2000, rng)) != FREE).all()
+
+
+def _contains(solid: Solid, point: np.ndarray) -> bool:
+    local = solid.pose[:3, :3].T @ (point - solid.pose[:3, 3])
+    return bool((np.abs(local) <= solid.half).all() if solid.half is not None else local @ local <= solid.radius**2)
+
+
+def test_space_in_front_of_a_table_is_free_and_what_is_hidden_is_not():
+    grid = view([TABLE, PART])
+    assert states_at(grid, np.array([[0.3, -0.1, 0.3]])) == FREE
+    assert states_at(grid, np.array([[0.5, 0.0, 0.099]])) == SEEN  # the top of the part
+    assert states_at(grid, np.array([[0.5, 0.0, 0.05], [0.5, 0, -0.09]])).tolist() == [UNKNOWN] * 2  # inside, below
+    assert states_at(grid, np.array([[0.57, 0.05, 0.02]])) == UNKNOWN  # in the shadow of the part
+    assert states_at(grid, np.array([[0.99, 0.49, 0.59]])) == UNKNOWN  # outside the view
+
+
+def test_pixels_without_a_measurement_prove_nothing():
+    image = depth_image(CAMERA, ABOVE, [TABLE])
+    holes = image.copy()
+    holes[40:60, 50:80] = np.nan
+    holes[80:90, 100:110] = np.inf
+    settings = {"voxel": 0.02, "bounds": BOUNDS}
+    whole = OccupancyGrid.from_depth(image, CAMERA, ABOVE, **settings)
+    torn = OccupancyGrid.from_depth(holes, CAMERA, ABOVE, **settings)
+    assert ((torn.cells == FREE) <= (whole.cells == FREE)).all()
+    assert 0 < torn.counts[0] < whole.counts[0]
+
+
+def test_unseen_cells_are_free_only_if_asked_for_and_then_it_is_stated():
+    occupied, free = view([TABLE, PART]), view([TABLE, PART], unknown="free")
+    assert occupied.occupied.sum() == sum(occupied.counts[1:])
+    assert free.occupied.sum() == free.counts[1]
+    arm = load_robot("ur5").arm()
+    path = JointPath(np.array([arm.home, arm.home]), arm.joint_names)
+    for grid, stated in ((occupied, "space that was not seen is an obstacle"), (free, "was not seen is free")):
+        certificate = certify(path, CollisionChecker(arm, Scene([Obstacle("camera", grid, pose((0, 3, 0)))])))
+        assert any("camera" in note and stated in note for note in certificate.notes)
+
+
+def test_a_cell_is_free_if_one_of_several_views_proves_it():
+    other = look_at(np.array([0.9, 0.4, 1.0]), np.array([0.5, 0.0, 0.0]))
+    one, two = view([TABLE, PART]), view([TABLE, PART], other)
+    both = one | two
+    np.testing.assert_array_equal(both.cells == FREE, (one.cells == FREE) | (two.cells == FREE))
+    assert both.counts[0] > max(one.counts[0], two.counts[0])
+    assert set(both.record) == {*one.record, *two.record}
+    with pytest.raises(InputError, match="same voxel, bounds and unknown"):
+        one | view([TABLE], voxel=0.04)
+    with pytest.raises(InputError, match="same voxel, bounds and unknown"):
+        one | view([TABLE], unknown="free")
+
+
+def test_the_robot_is_removed_with_its_padding_and_nothing_else():
+    arm = load_robot("ur5").arm()
+    checker = CollisionChecker(arm, margin=0.005)
+    everything = OccupancyGrid(np.full((60, 60, 60), UNKNOWN), 0.02, (-30, -30, 0))
+    cleared = remove_robot(everything, checker, arm.home)
+    assert checker.with_scene(Scene([Obstacle("camera", cleared)])).is_free(arm.home)
+    assert "cells within" in cleared.record[-1]
+    # Every cleared cell is within the padding of a body.
+    free = np.argwhere(cleared.cells == FREE)
+    padding = 0.005 + np.sqrt(3) * 0.02 + 1e-6
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(free, 40)
+    for cell in chosen:
+        center = (cell + cleared.low + rng.random(3)) * 0.02
+        ball = Scene([Obstacle("point", Sphere(1e-6), pose(center))])
+        assert checker.with_scene(ball).with_margin(padding).check(arm.home).contacts
+    same = remove_robot(everything, checker, arm.home, padding=0.0)
+    assert 0 < same.counts[0] < cleared.counts[0]
+
+
+PICKED = Obstacle("part", Box(0.1, 0.1, 0.1), PART.pose)
+
+
+def test_cells_of_a_body_are_removed_and_those_it_shares_stay():
+    grid = view([TABLE, PART])
+    rest = remove_body(grid, PICKED)
+    cells = np.argwhere((grid.cells != FREE) & (rest.cells == FREE)) + grid.low
+    low, high = np.array([0.45, -0.05, 0.0]) - 1e-9, np.array([0.55, 0.05, 0.1]) + 1e-9
+    assert len(cells) == 4 * 4 * 5  # entirely in the part: x from 0.46 to 0.54
+    assert ((cells * 0.02 >= low) & ((cells + 1) * 0.02 <= high)).all()
+    assert "80 cells in part" in rest.record[-1]
+
+
+@given(seed=st.integers(0, 1000), eye=vectors)
+@settings(max_examples=20, deadline=None)
+def test_an_image_looks_through_a_body_to_be_picked_but_proves_nothing_behind_it(seed, eye):
+    rng = np.random.default_rng(seed)
+    camera = look_at(np.array([0.5, 0, 1.1]) + eye * [0.5, 0.5, 0.2], np.array([0.5, 0, 0.0]), rng.uniform(-3, 3))
+    grid = view_without(PICKED, [TABLE, PART, BEHIND], camera)
+    for each in (TABLE, BEHIND):  # also where the part is on the table, and hides the other
+        assert (states_at(grid, each.surface(3000, rng)) != FREE).all()
+    inside_only = remove_body(view([TABLE, PART, BEHIND], camera, depth_uncertainty=0.003), PICKED)
+    assert ((inside_only.cells == FREE) <= (grid.cells == FREE)).all()
+
+
+def test_cells_around_the_visible_edges_of_a_removed_body_are_free():
+    camera = look_at(np.array([1.0, -0.5, 0.9]), np.array([0.5, 0.0, 0.0]))
+    grid = view_without(PICKED, [TABLE, PART, BEHIND], camera)
+    edges = np.array([[0.548, -0.02, 0.07], [0.51, -0.048, 0.09]])  # in cells that the part fills by half
+    assert states_at(grid, edges).tolist() == [FREE, FREE]
+    assert SEEN in states_at(remove_body(view([TABLE, PART, BEHIND], camera), PICKED), edges)
+    assert "part is removed" in grid.record[1]
+
+
+def test_a_body_that_the_image_shows_elsewhere_is_refused():
+    with pytest.raises(InputError, match="'part' is not where it is stated to be"):
+        view_without(PICKED, [TABLE])
+    with pytest.raises(InputError, match="camera is inside 'part'"):
+        view_without(Obstacle("part", Box(0.5, 0.5, 0.5), pose(ABOVE[:3, 3])), [TABLE])
+
+
+def test_the_bodies_together_are_the_occupied_cells():
+    grid = view([TABLE, PART], voxel=0.05)
+    covered = np.zeros(grid.cells.shape, dtype=int)
+    for body in shape_bodies("camera", None, grid, pose()):
+        low = np.round((body.link_from_body.translation + body.box[0]) / grid.voxel).astype(int) - grid.low
+        high = np.round((body.link_from_body.translation + body.box[1]) / grid.voxel).astype(int) - grid.low
+        covered[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] += 1
+    np.testing.assert_array_equal(covered, grid.occupied)
+
+
+def test_a_motion_in_proven_space_is_certified_and_its_proof_verified(tmp_path):
+    arm = load_robot("ur5").arm()
+    grid = view([TABLE, PART], voxel=0.05, bounds=[(0.4, -0.5, -0.1), (1.0, 0.5, 0.6)], unknown="free")
+    checker = CollisionChecker(arm, Scene([Obstacle("camera", grid)]), margin=0.002)
+    path = JointPath(np.array([arm.home, arm.home + 0.2 * np.eye(6)[0]]), arm.joint_names)
+    certificate = certify(path, checker, record=True)
+    assert certificate.free
+    certificate.save(tmp_path / "proof.json.gz")
+    assert verify_proof(tmp_path / "proof.json.gz", checker, path).ok
+
+
+def test_depth_files_are_read(tmp_path):
+    from PIL import Image
+
+    image = depth_image(CAMERA, ABOVE, [TABLE, PART])
+    np.save(tmp_path / "view.npy", image)
+    Image.fromarray(np.round(image * 1000).astype(np.uint16)).save(tmp_path / "view.png")
+    settings = {"voxel": 0.05, "bounds": BOUNDS}
+    array, npy, png = (
+        OccupancyGrid.from_depth(source, CAMERA, ABOVE, depth_scale=scale, **settings)
+        for source, scale in ((image, None), (tmp_path / "view.npy", None), (str(tmp_path / "view.png"), 0.001))
+    )
+    assert array == npy
+    assert (array.cells != png.cells).mean() < 0.01
+    (tmp_path / "broken.png").write_bytes((tmp_path / "view.png").read_bytes()[:100])
+    Image.fromarray(np.zeros((120, 160, 3), np.uint8)).save(tmp_path / "colour.png")
+    (tmp_path / "view.txt").write_text("1 2")
+    for name, words in (("broken.png", "cannot be read"), ("colour.png", "RGB"), ("view.txt", "npy"), ("no.npy", "no")):
+        with pytest.raises(FileError, match=words):
+            OccupancyGrid.from_depth(tmp_path / name, CAMERA, ABOVE, depth_scale=0.001, **settings)
+
+
+IMAGE = depth_image(CAMERA, ABOVE, [TABLE])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"image": IMAGE * 1000}, "depth_scale=0.001"),
+        ({"image": np.round(IMAGE * 1000)}, "depth_scale=0.001"),
+        ({"image": (IMAGE * 1000).astype(np.uint16)}, "depth_scale=0.001"),
+        ({"image": (IMAGE * 1000).astype(np.uint16), "depth_scale": 1.0}, "depth_scale=0.001"),
+        ({"depth_scale": 0.001}, "depth_scale=1 "),
+        ({"image": IMAGE[::2, ::2]}, r"80 x 60 pixels, the intrinsics are for 160 x 120"),
+        ({"image": IMAGE[::2, ::2], "intrinsics": [[150, 0, 79.5], [0, 150, 59.5], [0, 0, 1]]}, "another size"),
+        ({"intrinsics": np.eye(4)}, r"intrinsics"),
+        ({"intrinsics": [[150, 1, 79.5], [0, 150, 59.5], [0, 0, 1]]}, r"\[\[fx, 0, cx\]"),
+        ({"image": IMAGE * np.nan}, "no measurement"),
+        ({"image": IMAGE * 0}, "no measurement"),
+        ({"image": -IMAGE}, "19000 negative depths"),
+        ({"image": np.zeros((120, 160, 3))}, "shape"),
+        ({"image": [[1.0, 2.0], [1.0]]}, "not an array"),
+        ({"image": np.full((120, 160), 0.02)}, "covered or inside an obstacle"),
+        ({"camera_pose": np.diag([1.0, 1.0, 2.0, 1.0])}, "camera_pose"),
+        ({"camera_pose": look_at(ABOVE[:3, 3], np.array([0.3, 0.0, 3.0]))}, "shows no cell of the bounds"),
+        ({"bounds": [(0, 0, 0), (1, 0, 1)]}, "empty"),
+        ({"bounds": [(0, 0, 0), (1, np.nan, 1)]}, "bounds"),
+        ({"bounds": [(0, 0, 0), (1e5, 1, 1)]}, "limited"),
+        ({"voxel": 0.0}, "voxel"),
+        ({"voxel": 0.0005}, "use 0.00"),
+        ({"unknown": "maybe"}, "'occupied', 'free'"),
+        ({"depth_uncertainty": -0.1}, "depth_uncertainty"),
+        ({"depth_uncertainty": np.zeros(3)}, "depth_uncertainty"),
+        ({"pixel_margin": -1}, "pixel_margin"),
+    ],
+)
+def test_each_mistake_is_refused_with_its_reason(changes, words):
+    stated = {"image": IMAGE, "intrinsics": CAMERA, "camera_pose": ABOVE, "voxel": 0.05, "bounds": BOUNDS, **changes}
+    with pytest.raises(InputError, match=words):
+        OccupancyGrid.from_depth(**stated)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"cells": np.full((2, 2, 2), 3)}, "states 0, 1 or 2"),
+        ({"cells": np.zeros((2, 2))}, "shape"),
+        ({"cells": np.zeros((0, 2, 2), int)}, "shape"),
+        ({"low": (0, 0.5, 0)}, "three integers"),
+        ({"voxel": -1}, "voxel"),
+        ({"low": (10**6, 0, 0)}, "limit"),
+    ],
+)
+def test_a_grid_of_invalid_cells_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        OccupancyGrid(**{"cells": np.zeros((2, 2, 2), dtype=int), "voxel": 0.1, **changes})

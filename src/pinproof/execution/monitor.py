@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free
 from pinproof.collision.certificate import checked_hash
-from pinproof.common.display import html_block, html_table
+from pinproof.common.display import html_block, html_of, html_table
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory
 from pinproof.spatial import finite
@@ -123,6 +123,9 @@ class MonitorResult:
 
     def __repr__(self) -> str:
         return f"MonitorResult({self})"
+
+    def _repr_html_(self) -> str:
+        return html_block(str(self), html_of(self.braking))
 
 
 class Monitor:

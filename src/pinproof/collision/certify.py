@@ -29,6 +29,7 @@ from pinproof.collision.certificate import (
     checked_hash,
     curve_hash,
     free_sentence,
+    mesh_files,
     notes_of,
     parameter_text,
 )
@@ -434,7 +435,11 @@ class _Proof:
         checker, state, known = self._checker, self._state, self._known
         free = status is CertificateStatus.FREE
         curve = curve_hash(self._curve) if known is None else known.curve
-        setup, notes = (checked_hash(checker), notes_of(checker)) if known is None else (known.setup, known.notes)
+        if known is None:
+            files = mesh_files(checker)
+            setup, notes = checked_hash(checker, files), notes_of(checker, files)
+        else:
+            setup, notes = known.setup, known.notes
         evidence = state.evidence if self._settings.record else None
         if evidence is not None and known is not None:
             evidence = known.evidence_with(evidence)

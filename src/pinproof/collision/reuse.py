@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.bodies import Body
-from pinproof.collision.certificate import Certificate, checked_hash, notes_of
+from pinproof.collision.certificate import Certificate, checked_hash, mesh_files, notes_of
 from pinproof.collision.certify import KnownPairs, certify, prove_rest
 from pinproof.collision.checker import CollisionChecker
 from pinproof.errors import InputError
@@ -80,7 +80,8 @@ class SetupChange:
         self.kept_after = np.array([k for _, k in kept], dtype=np.int64)
         self.rest = after.without_pairs(self.kept_after.tolist())
         self._rest_pairs = np.setdiff1d(np.arange(len(after.pairs)), self.kept_after)
-        self._setup, self._notes = checked_hash(after), notes_of(after)
+        files = mesh_files(after)
+        self._setup, self._notes = checked_hash(after, files), notes_of(after, files)
         self._moved = np.array([after.bodies[after.pairs[k][1]].link is None for k in self.kept_after], dtype=bool)
         self._required = after.margins[self.kept_after] + max(after.rounding - before.rounding, 0.0)
 

@@ -30,27 +30,23 @@ NAME: dict[str, Any] = {"type": "string"}
 STORED = KeyTable(
     "stored_motion",
     "A motion of the library.",
-    (
-        required("name", NAME, "name of the motion"),
-        required("sha256", NAME, "hash (SHA-256, hexadecimal) of its curve"),
-        required("motion", MOTION, "the motion, as in a motion file"),
-    ),
+    required("name", NAME, "name of the motion"),
+    required("sha256", NAME, "hash (SHA-256, hexadecimal) of its curve"),
+    required("motion", MOTION, "the motion, as in a motion file"),
 )
 
 LIBRARY = KeyTable(
     "library",
     "A library of motions. A file contains no proofs: the motions are certified again when it is read.",
-    (
-        required("schema", {"const": SCHEMA}, "name and version of this format"),
-        required("made_by", NAME, "the program that wrote the file"),
-        required("robot", NAME, "name of the robot"),
-        required("robot_sha256", NAME, "hash of kinematics, joints, held joints and link geometry"),
-        required("tool_sha256", NAME, "hash of the attached objects"),
-        required("margin", PLAIN_NUMBER, "required distance between any two bodies", "m"),
-        required("joint_tolerance", list_of(PLAIN_NUMBER, 1), "deviation of each joint that is covered", "rad or m"),
-        required("obstacle_tolerance", PLAIN_NUMBER, "displacement of obstacles that is covered", "m"),
-        required("motions", list_of(STORED), "the motions"),
-    ),
+    required("schema", {"const": SCHEMA}, "name and version of this format"),
+    required("made_by", NAME, "the program that wrote the file"),
+    required("robot", NAME, "name of the robot"),
+    required("robot_sha256", NAME, "hash of kinematics, joints, held joints and link geometry"),
+    required("tool_sha256", NAME, "hash of the attached objects"),
+    required("margin", PLAIN_NUMBER, "required distance between any two bodies", "m"),
+    required("joint_tolerance", list_of(PLAIN_NUMBER, 1), "deviation of each joint that is covered", "rad or m"),
+    required("obstacle_tolerance", PLAIN_NUMBER, "displacement of obstacles that is covered", "m"),
+    required("motions", list_of(STORED), "the motions"),
 )
 
 

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free
-from pinproof.collision.certificate import checked_hash
+from pinproof.collision.certificate import checked_hash, mesh_files
 from pinproof.common.display import html_block, html_of, html_table
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory
@@ -204,7 +204,7 @@ class Monitor:
         """Return a FREE certificate of the motion and the tolerance (n,) that it covers."""
         checker, trajectory = self._checker, self._trajectory
         if given is not None:
-            if given.curve != trajectory.digest() or given.setup != checked_hash(checker):
+            if given.curve != trajectory.digest() or given.setup != checked_hash(checker, mesh_files(checker)):
                 raise InputError("the certificate is for another motion or another setup; certify this motion")
             given.or_raise()
             if given.partings or given.tube is None:

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.file_keys import KeyTable, Schema, fault_in, list_of
-from pinproof.common.files import read_text, unknown_suffix, write_text_whole
+from pinproof.common.files import csv_text, read_text, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import TrajectoryError
 from pinproof.motion.motion_keys import INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
@@ -311,13 +311,10 @@ def _time(reader: Reader, value: Any, place: str) -> int:
 
 def to_csv(record: Record) -> str:
     """The text of a CSV file."""
-    out = io.StringIO()
-    out.write(f"{_MARK}{json.dumps(record.meta())}\n")
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(_columns(record.joint_names, 1 + len(record.rates)))
-    for t, *rows in zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True):
-        writer.writerow([f"{t // NANO}.{t % NANO:09d}", *(repr(value) for row in rows for value in row)])
-    return out.getvalue()
+    columns = _columns(record.joint_names, 1 + len(record.rates))
+    lines = zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True)
+    cells = ([f"{t // NANO}.{t % NANO:09d}", *(repr(value) for row in rows for value in row)] for t, *rows in lines)
+    return csv_text(columns, cells, comment=f"{_MARK}{json.dumps(record.meta())}")
 
 
 def _columns(names: Sequence[str], kinds: int) -> list[str]:

@@ -58,11 +58,26 @@ def ur5() -> dict[str, object]:
     trajectory = pp.time_parametrise(path, arm.limits)
     wall = pp.Obstacle("wall", pp.Sphere(0.03), arm.forward_kinematics(arm.home))
     blocked = pp.CollisionChecker(arm, pp.Scene([wall]))
+    plan = pp.RrtConnect().plan(checker, arm.home, [goal], rng=0)
+    line = arm.forward_kinematics_batch(path(np.linspace(0, 1, 20)))
+    monitor = pp.Monitor(checker, trajectory, joint_tolerance=0.005)
+    library = pp.MotionLibrary(checker).add("short", trajectory)
     return {
+        "monitor": monitor,
+        "tick": monitor.update(0.1, trajectory(0.1) + 0.1 * np.eye(6)[0], np.zeros(6)),
+        "library": library,
+        "repair": library.repair("short"),
+        "stored": library["short"],
+        "optimised": pp.optimise(path, checker, rng=0, budget=2),
+        "linear": pp.plan_linear(checker, goal, arm.forward_kinematics(goal) * pp.pose((0, 0, -0.01))),
+        "simplified": pp.simplify(path, checker, rng=0),
+        "audit": pp.audit(trajectory, checker, step=0.2),
+        "exported": pp.collision.export_program(trajectory, checker, "urscript")[1],
+        "tracked": pp.track(arm, line, arm.home, times=np.arange(20.0)),
         "free": checker.check(arm.home),
         "colliding": blocked.check(arm.home),
         "pick": picks.picks[0],
-        "plan": pp.RrtConnect().plan(checker, arm.home, [goal], rng=0),
+        "plan": plan,
         "blocked": pp.RrtConnect().plan(blocked, arm.home, [goal], rng=0),
         "robot": robot,
         "arm": arm,
@@ -139,6 +154,21 @@ def test_repr_of_a_good_report_states_clearance_and_duration(ur5) -> None:
         ("pick", ("bolt_1", "approach", "yaw")),
         ("plan", ("FOUND", "nodes", "waypoints")),
         ("blocked", ("START_INVALID", "penetrates wall")),
+        ("checker", ("base_link", "checked pairs", "excluded pair")),
+        ("limits", ("velocity", "acceleration:", "3.15")),
+        ("batch", ("50 targets", "elbow_joint", "position error [m]")),
+        ("screened", ("screened", "bolt_1", "reason")),
+        ("tracked", ("elbow_joint", "rad or m over")),
+        ("optimised", ("Trajectory", "FREE")),
+        ("linear", ("CubicPath", "FREE")),
+        ("simplified", ("FREE",)),
+        ("audit", ("samples",)),
+        ("exported", ("clearance [mm]", "FREE")),
+        ("monitor", ("tube of 0.005", "elbow_joint")),
+        ("tick", ("outside the certified tube", "2 waypoints")),
+        ("library", ("short", "FREE", "1 motion of ur5")),
+        ("stored", ("short", "FREE", "largest velocity")),
+        ("repair", ("nothing was replaced",)),
     ],
 )
 def test_html_of_a_value_is_complete_and_states_its_figures(ur5, name, facts) -> None:

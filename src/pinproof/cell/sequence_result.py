@@ -8,7 +8,7 @@ from functools import cached_property
 
 from pinproof.cell.precedence import Precedence
 from pinproof.collision import Scene
-from pinproof.common.display import outline
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import NoAnswer
 from pinproof.motion import MotionProgram
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
@@ -143,6 +143,20 @@ class SequenceResult:
             (f"{step.start:.2f} s {step.pick.name}: {step.duration:.2f} s" for step in self.steps),
             total=len(self.steps),
         )
+
+    def _repr_html_(self) -> str:
+        columns = ("pick", "start [s]", "duration [s]", "phases")
+        rows = [
+            (
+                step.pick.name,
+                step.start,
+                step.duration,
+                ", ".join(f"{phase.name} {phase.duration:.2f} s" for phase in step.phases),
+            )
+            for step in self.steps
+        ]
+        left_out = (f"left out: {each.name} ({each.reason})" for each in self.left_out)
+        return html_block(self.message, html_table(columns, rows), html_list(left_out))
 
     def __iter__(self) -> Iterator[SequenceStep]:
         return iter(self.steps)

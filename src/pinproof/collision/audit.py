@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.movers import Mover, with_movers
+from pinproof.common.display import html_block, html_list
 from pinproof.errors import InputError
 from pinproof.motion import Curve, Trajectory
 
@@ -58,6 +59,10 @@ class AuditResult:
     distance: float
     geometry: str
     message: str
+
+    def _repr_html_(self) -> str:
+        found = (f"{' and '.join(bodies)} from the parameter {at:.6g}" for at, bodies in self.contacts)
+        return html_block(self.message, html_list((f"{self.samples:,} samples; {self.geometry}", *found)))
 
     @property
     def clean(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
@@ -205,6 +206,12 @@ class CollisionChecker(CheckedBodies):
         attached = "".join(f", {body.name} attached" for body in self.attached)
         margin = f"margin {self.margin * 1e3:g} mm"
         return outline(f"CollisionChecker({self.group.robot.name!r}, {counts}, {margin}{attached})")
+
+    def _repr_html_(self) -> str:
+        counts = Counter(owner for k in range(len(self.pairs)) for owner in self._owners(k))
+        table = html_table(("body", "checked pairs"), list(counts.items()))
+        excluded = html_table(("excluded pair", "reason"), [(" and ".join(p.owners), p.reason) for p in self.excluded])
+        return html_block(repr(self), table, excluded)
 
     # -- queries ----------------------------------------------------------------------------------------------------
 

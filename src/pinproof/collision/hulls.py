@@ -15,7 +15,17 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = ["Inside", "Solid", "bvh", "convex_hull", "hull_of_any", "inside", "refuse_flat", "winding_number"]
+__all__ = [
+    "Inside",
+    "Solid",
+    "bvh",
+    "convex_hull",
+    "hull_of_any",
+    "hull_triangles",
+    "inside",
+    "refuse_flat",
+    "winding_number",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -45,6 +55,17 @@ def convex_hull(points: Array, what: str) -> Any:
     except RuntimeError as error:
         raise InputError(f"{what} has no hull that coal can use ({error})") from error
     return surface.convex
+
+
+def hull_triangles(points: Array) -> npt.NDArray[np.int64]:
+    """Return (F, 3) the triangles of the hull of ``points`` (V, 3), not flat, counterclockwise seen from outside."""
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(points)
+    corners = points[hull.simplices]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0
+    return np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
 
 
 def hull_of_any(points: Array) -> Any:

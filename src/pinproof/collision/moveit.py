@@ -1,4 +1,4 @@
-"""MoveIt planning scenes (moveit_msgs/PlanningScene as YAML): obstacles and the allowed-collision matrix.
+"""MoveIt planning scenes (moveit_msgs/PlanningScene), as YAML or as a message: obstacles and the allowed collisions.
 
 MoveIt writes the values of a message as mappings (``position: {x: 0, y: 0, z: 1}``), others, such as the scenes of
 MotionBenchMaker, as lists (``position: [0, 0, 1]``); both are read. Nothing is dropped silently:
@@ -16,7 +16,7 @@ Joint positions are not read: joints outside the arm keep the values that the ar
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -26,15 +26,27 @@ import numpy as np
 import pinocchio as pin
 
 from pinproof.collision.bodies import triangles_of
-from pinproof.collision.hulls import Solid
+from pinproof.collision.hulls import Solid, hull_triangles
 from pinproof.collision.scene_file import SceneContent, numbers_of
-from pinproof.collision.shapes import ANYTHING, Box, Cone, Cylinder, HalfSpace, Mesh, Obstacle, Shape, Sphere
+from pinproof.collision.shapes import (
+    ANYTHING,
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    HalfSpace,
+    Mesh,
+    Obstacle,
+    Shape,
+    Sphere,
+)
 from pinproof.common.yaml_file import LinedMapping, refuse_unknown, require_list
 from pinproof.description.packages import locate
 from pinproof.errors import InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose
 
-__all__ = ["allowed_pairs", "is_moveit", "read_moveit_scene"]
+__all__ = ["allowed_pairs", "is_moveit", "moveit_message", "read_moveit_message", "read_moveit_scene"]
 
 OCTOMAP = "<octomap>"
 
@@ -115,6 +127,108 @@ WORLD = ("", "world")
 def is_moveit(content: Mapping[str, Any]) -> bool:
     """Whether a YAML file is a MoveIt planning scene and not a pinproof scene."""
     return "world" in content and "obstacles" not in content
+
+
+ADD = (None, 0, "ADD", "add", b"\x00", "\x00")
+"""The values of ``operation`` that add an object: by name, and as a byte of a message of ROS 2."""
+
+
+def read_moveit_message(message: Mapping[str, Any]) -> SceneContent:
+    """Return the content of a message that is given as nested mappings and lists, as :func:`read_moveit_scene` does."""
+    return read_moveit_scene(Path("moveit_msgs/PlanningScene"), _lined(message))
+
+
+def _lined(value: Any) -> Any:
+    """The same nested mappings and lists with mappings that have a line, 0."""
+    if isinstance(value, Mapping):
+        mapping = LinedMapping({key: _lined(each) for key, each in value.items()})
+        mapping.line = 0
+        return mapping
+    return [_lined(each) for each in value] if isinstance(value, (list, tuple)) else value
+
+
+def moveit_message(
+    obstacles: Sequence[Obstacle], allowed: Sequence[tuple[str, str]], disabled: Sequence[tuple[str, str]], frame: str
+) -> dict[str, Any]:
+    """Return the fields of a planning scene that adds obstacles: a difference (``is_diff``) to the present scene.
+
+    Raises
+    ------
+    InputError
+        If the message has no shape for an obstacle.
+    """
+    header = {"frame_id": frame or WORLD[1]}
+    objects = [
+        {"header": header, "id": each.name, **_pose_fields(each.pose), **_shape_fields(each)} for each in obstacles
+    ]
+    colours = [
+        {"id": each.name, "color": dict(zip("rgba", map(float, each.rgba), strict=True))}
+        for each in obstacles
+        if each.rgba is not None
+    ]
+    message: dict[str, Any] = {"is_diff": True, "world": {"collision_objects": objects}, "object_colors": colours}
+    if allowed or disabled:
+        message["allowed_collision_matrix"] = _matrix_fields(allowed, disabled)
+    return message
+
+
+def _shape_fields(obstacle: Obstacle) -> dict[str, Any]:
+    """The shapes of an obstacle, in its own frame."""
+    shape = obstacle.shape
+    if isinstance(shape, Box):
+        parts = [(1, [shape.x, shape.y, shape.z], 0.0)]
+    elif isinstance(shape, Sphere):
+        parts = [(2, [shape.radius], 0.0)]
+    elif isinstance(shape, (Cylinder, Cone)):
+        parts = [(3 if isinstance(shape, Cylinder) else 4, [shape.length, shape.radius], 0.0)]
+    elif isinstance(shape, Capsule):
+        balls = [(2, [shape.radius], side * shape.length / 2) for side in (-1, 1)]
+        parts = [(3, [shape.length, shape.radius], 0.0), *balls]
+    elif isinstance(shape, HalfSpace):
+        return {"planes": [{"coef": [0.0, 0.0, 1.0, 0.0]}], "plane_poses": [_pose_fields(pin.SE3.Identity())["pose"]]}
+    elif isinstance(shape, (Mesh, ConvexHull)):
+        return {"meshes": [_mesh_fields(shape)], "mesh_poses": [_pose_fields(pin.SE3.Identity())["pose"]]}
+    else:
+        valid = "box, sphere, cylinder, cone, capsule, half-space, mesh and convex hull"
+        raise InputError(
+            f"a planning scene has no shape for the {type(shape).__name__} {obstacle.name!r}; it has shapes for {valid}"
+        )
+    poses = [_pose_fields(pin.SE3(np.eye(3), np.array([0.0, 0.0, z])))["pose"] for _, _, z in parts]
+    return {"primitives": [{"type": k, "dimensions": sizes} for k, sizes, _ in parts], "primitive_poses": poses}
+
+
+def _mesh_fields(shape: Mesh | ConvexHull) -> dict[str, Any]:
+    if isinstance(shape, ConvexHull):
+        vertices, hull = np.asarray(shape.points), True
+    else:
+        read = triangles_of(shape)
+        vertices, triangles, hull = read.vertices, read.triangles, bool(shape.hull)
+    if hull:
+        triangles = hull_triangles(vertices)
+        used, triangles = np.unique(triangles, return_inverse=True)
+        vertices, triangles = vertices[used], triangles.reshape(-1, 3)
+    points = [dict(zip("xyz", row, strict=True)) for row in vertices.tolist()]
+    return {"vertices": points, "triangles": [{"vertex_indices": row} for row in triangles.tolist()]}
+
+
+def _matrix_fields(allowed: Sequence[tuple[str, str]], disabled: Sequence[tuple[str, str]]) -> dict[str, Any]:
+    """The allowed-collision matrix of these pairs and no others."""
+    pairs = {frozenset(pair) for pair in (*allowed, *disabled) if ANYTHING not in pair}
+    names = sorted({name for pair in pairs for name in pair})
+    anything = sorted({name for pair in allowed if ANYTHING in pair for name in pair if name != ANYTHING})
+    return {
+        "entry_names": names,
+        "entry_values": [{"enabled": [frozenset((a, b)) in pairs for b in names]} for a in names],
+        "default_entry_names": anything,
+        "default_entry_values": [True] * len(anything),
+    }
+
+
+def _pose_fields(place: pin.SE3) -> dict[str, Any]:
+    """The field ``pose``, a geometry_msgs/Pose."""
+    quaternion = pin.Quaternion(place.rotation).coeffs().tolist()  # x y z w
+    position = dict(zip("xyz", place.translation.tolist(), strict=True))
+    return {"pose": {"position": position, "orientation": dict(zip("xyzw", quaternion, strict=True))}}
 
 
 def read_moveit_scene(path: Path, content: LinedMapping) -> SceneContent:
@@ -211,7 +325,7 @@ class _Frames:
 def _shapes(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) -> list[tuple[Shape, pin.SE3]]:
     """Return the shapes of an object, each with object_from_shape."""
     refuse_unknown(SceneError, path, "key of a collision object", stated, OBJECT_KEYS, f"object {name!r}")
-    if stated.get("operation") not in (None, 0, "ADD", "add"):
+    if stated.get("operation") not in ADD:
         raise InputError(f"operation {stated['operation']!r} is not read; a scene file adds its objects")
     made: list[tuple[Shape, pin.SE3]] = []
     for key in ("primitive", "mesh", "plane"):
@@ -290,7 +404,7 @@ def _name(path: Path, stated: object) -> tuple[str, str]:
     name = stated.get("id")
     if not isinstance(name, str) or not name:
         raise SceneError(path, f"an object has the id {name!r}, which is not a text", f"line {stated.line}")
-    return name, f"line {stated.line}, object {name!r}"
+    return name, f"line {stated.line}, object {name!r}" if stated.line else f"object {name!r}"
 
 
 def _carried(stated: Mapping[str, Any]) -> str:

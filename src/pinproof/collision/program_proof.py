@@ -20,7 +20,7 @@ import numpy as np
 from pinproof.collision.certificate import Certificate, CertificateStatus
 from pinproof.collision.certify import certify
 from pinproof.collision.checker import CollisionChecker
-from pinproof.common.display import outline
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.motion.curve import Array, Curve
@@ -88,6 +88,11 @@ class ProgramCertificate:
     notes: tuple[str, ...]
     overlaps: tuple[int, ...] = ()
     outside_limits: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        rows = [(each.name, each.certificate.status.name, each.certificate.clearance * 1e3) for each in self.parts]
+        columns = ("part", "status", "clearance [mm]")
+        return html_block(self.message, html_table(columns, rows), html_list((*self.notes, *self.outside_limits)))
 
     @property
     def free(self) -> bool:

@@ -18,6 +18,7 @@ __all__ = [
     "PLOT_POINTS",
     "html_block",
     "html_list",
+    "html_of",
     "html_plot",
     "html_table",
     "markdown_table",
@@ -73,6 +74,14 @@ def outline(head: str, lines: Iterable[str] = (), *, total: int | None = None) -
 def html_block(title: str, *parts: str) -> str:
     """A title, which is escaped, and parts that are HTML already."""
     return f"<div><p><strong>{escape(title)}</strong></p>{''.join(parts)}</div>"
+
+
+def html_of(value: object) -> str:
+    """The HTML of a value that has one, otherwise its ``repr`` as a list; empty for None."""
+    if value is None:
+        return ""
+    show = getattr(value, "_repr_html_", None)
+    return str(show()) if callable(show) else html_list(repr(value).splitlines())
 
 
 def html_list(texts: Iterable[str]) -> str:

@@ -1,4 +1,4 @@
-"""Certified motions in use: a library of motions for scenes that change, and a monitor for their execution."""
+"""Certified motions in use: a library for scenes that change, a monitor of their execution, and messages of ROS 2."""
 
 from pinproof.execution.monitor import Monitor, MonitorResult, MonitorStatus
 from pinproof.execution.motion_library import MotionLibrary, RepairResult, StoredMotion

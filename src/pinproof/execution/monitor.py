@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free
 from pinproof.collision.certificate import checked_hash, mesh_files
-from pinproof.common.display import html_block, html_table
+from pinproof.common.display import html_block, html_of, html_table
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory
 from pinproof.spatial import finite
@@ -123,6 +123,9 @@ class MonitorResult:
 
     def __repr__(self) -> str:
         return f"MonitorResult({self})"
+
+    def _repr_html_(self) -> str:
+        return html_block(str(self), html_of(self.braking))
 
 
 class Monitor:
@@ -281,6 +284,27 @@ class Monitor:
         tolerance = tolerance + unknown * braking / 2
         path = JointPath([q, end] if (end != q).any() else [q], self._trajectory.joint_names)
         return path, tolerance, latency + braking
+
+    def stop_trajectory(self, q: npt.ArrayLike, dq: npt.ArrayLike) -> Trajectory:
+        """Return the stop of a result as a motion for a controller: at dq until the latency has passed, then to rest.
+
+        Raises
+        ------
+        InputError
+            If a shape is wrong or a number is not finite.
+        """
+        n = len(self._trajectory.joint_names)
+        at, rate = finite("q", q, (n,)), finite("dq", dq, (n,))
+        path, _, stop = self.stopping(at, rate)
+        note = "limits: the stop of a monitor"
+        if not rate.any():
+            return Trajectory([0.0], [at], [rate], path.joint_names, note)
+        times, points, rates = [0.0, stop], [at, path.end], [rate, 0 * rate]
+        if self._latency > 0.0:
+            times.insert(1, self._latency)
+            points.insert(1, at + rate * self._latency)
+            rates.insert(1, rate)
+        return Trajectory(times, points, rates, path.joint_names, note)
 
     def _estimated(self, time: float, q: Array) -> Array:
         if self._last is None or not time > self._last[0]:

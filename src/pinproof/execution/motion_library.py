@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CollisionChecker, Scene, certify
 from pinproof.collision.assembly import only_arm
 from pinproof.collision.reuse import SetupChange, StoredProof
-from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.display import html_block, html_of, html_table, outline
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.execution import library_file
 from pinproof.motion import Trajectory, time_parametrise
@@ -67,6 +67,12 @@ class StoredMotion:
         """Whether the motion is proven collision-free in the scene of the library."""
         return self.certificate.free
 
+    def __repr__(self) -> str:
+        return outline(f"StoredMotion({self.name!r}: {self.certificate.message})", (repr(self.trajectory),))
+
+    def _repr_html_(self) -> str:
+        return html_block(self.name, html_of(self.certificate), html_of(self.trajectory))
+
 
 @dataclass(frozen=True, eq=False)
 class RepairResult:
@@ -111,6 +117,9 @@ class RepairResult:
 
     def __repr__(self) -> str:
         return f"RepairResult({self.message})"
+
+    def _repr_html_(self) -> str:
+        return html_block(self.message, html_of(self.motion))
 
 
 class MotionLibrary:

@@ -293,6 +293,14 @@ class IkBatch:
         found = ", ".join(f"{count:,} {status}" for status, count in counts.most_common())
         return f"IkBatch({len(self.codes):,} targets{': ' if found else ''}{found})"
 
+    def _repr_html_(self) -> str:
+        columns = ("target", "status", *self.arm.joint_names, "position error [m]", "orientation error [rad]")
+        rows = (
+            (k, STATUSES[code].value, *self.q[k].tolist(), self.position_error[k], self.orientation_error[k])
+            for k, code in enumerate(self.codes.tolist())
+        )
+        return html_block(repr(self), html_table(columns, rows, total=len(self.codes)))
+
     @classmethod
     def of(cls, results: Sequence[IkResult], arm: Arm, engine: str) -> IkBatch:
         """Combine single results (possibly none) for an arm."""

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Tracker as CompiledTracker
+from pinproof.common.display import html_block, html_plot
 from pinproof.common.validation import freeze_arrays, require_positive
 from pinproof.errors import InputError
 from pinproof.ik.result import AT_LIMIT, IkOutcome
@@ -75,6 +76,10 @@ class TrackResult(IkOutcome):
 
     def __repr__(self) -> str:
         return f"TrackResult({self.message})"
+
+    def _repr_html_(self) -> str:
+        lines = dict(zip(self.arm.joint_names, self.q.T, strict=True)) if len(self.times) else {}
+        return html_block(self.message, html_plot(self.times, lines, "rad or m") if lines else "")
 
     def __post_init__(self) -> None:
         errors = slips(self.arm, self.task, self.poses, self.q)

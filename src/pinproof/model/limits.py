@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.display import outline
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.file_keys import BOOLEAN, PLAIN_NUMBER, FileKey, KeyTable, mapping_to, required
 from pinproof.common.validation import named_arguments
 from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown
@@ -44,6 +44,10 @@ def distinct(*values: float) -> list[str]:
         if len(set(texts)) == len({float(value) for value in values}):
             return texts
     return texts
+
+
+SHOWN_KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
+"""The kinds of limits, in the order in which they are displayed."""
 
 
 @named_arguments
@@ -83,10 +87,17 @@ class JointLimits:
     jerk_source: str = field(default="", kw_only=True)
 
     def __repr__(self) -> str:
-        kinds = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
-        known = [(kind, getattr(self, kind)) for kind in kinds if getattr(self, kind) is not None]
+        known = [(kind, getattr(self, kind)) for kind in SHOWN_KINDS if getattr(self, kind) is not None]
         rows = (f"{kind}: {', '.join(f'{value:.6g}' for value in values)}" for kind, values in known)
         return outline(f"JointLimits({len(self.lower)} joints, acceleration: {self.acceleration_source})", rows)
+
+    def _repr_html_(self) -> str:
+        kinds = [kind for kind in SHOWN_KINDS if getattr(self, kind) is not None]
+        rows = zip(*(getattr(self, kind) for kind in kinds), strict=True)
+        notes = html_list(filter(None, (f"acceleration: {self.acceleration_source}", self.jerk_source)))
+        return html_block(
+            f"Limits of {len(self.lower)} joints (rad or m, s, N m)", html_table(kinds, list(rows)), notes
+        )
 
     def __post_init__(self) -> None:
         source = self.acceleration_source or "given by the caller"

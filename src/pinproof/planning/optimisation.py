@@ -25,7 +25,7 @@ from pinproof._core import Manifold, RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
 from pinproof.collision.certify import is_proven_free
 from pinproof.collision.path_constraints import check_constraints
-from pinproof.common.display import outline
+from pinproof.common.display import html_block, html_of, outline
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import Curve, JointPath, MotionLimits, TorqueLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds
@@ -144,6 +144,9 @@ class OptimiseResult:
 
     def __repr__(self) -> str:
         return outline(f"OptimiseResult({self.message})", (repr(self.trajectory), f"{self.evaluations} evaluations"))
+
+    def _repr_html_(self) -> str:
+        return html_block(self.message, html_of(self.trajectory), html_of(self.certificate))
 
 
 def optimise(

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Contact
-from pinproof.common.display import html_block, html_list, outline
+from pinproof.common.display import html_block, html_list, html_of, outline
 from pinproof.errors import PlanFailed
 from pinproof.motion import BlendedPath, CubicPath, JointPath
 
@@ -86,6 +86,9 @@ class _Outcome:
         if not self.ok:
             raise PlanFailed(self.message, self)
         return self
+
+    def _repr_html_(self) -> str:
+        return html_block(self.message, *(html_of(getattr(self, name)) for name in ("path", "certificate")))
 
 
 @dataclass(frozen=True, eq=False)

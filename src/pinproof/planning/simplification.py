@@ -18,6 +18,7 @@ import numpy as np
 from pinproof._core import shortcut as shorten
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
 from pinproof.collision.path_constraints import check_constraints
+from pinproof.common.display import html_block, html_of
 from pinproof.errors import InputError
 from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier
 from pinproof.planning.blending import blend as round_corners
@@ -57,6 +58,9 @@ class SimplifyResult:
     length_before: float
     length_after: float
     message: str
+
+    def _repr_html_(self) -> str:
+        return html_block(self.message, html_of(self.path), html_of(self.certificate))
 
     @property
     def ok(self) -> bool:

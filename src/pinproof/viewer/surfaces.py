@@ -36,6 +36,7 @@ from pinproof.collision import (
     Sphere,
 )
 from pinproof.collision.bodies import triangles_of
+from pinproof.collision.hulls import hull_triangles
 from pinproof.collision.surfaces import cell_faces, ground_surface
 from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description import LinkGeometry, meshes
@@ -423,13 +424,7 @@ def _half_space(_: HalfSpace) -> Triangles:
 
 
 def _hull(shape: ConvexHull) -> Triangles:
-    from scipy.spatial import ConvexHull as Hull
-
-    hull = Hull(shape.points)
-    corners = shape.points[hull.simplices]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0
-    return shape.points, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
+    return shape.points, hull_triangles(shape.points)
 
 
 def _mesh_triangles(shape: Mesh) -> Triangles:

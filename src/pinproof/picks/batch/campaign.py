@@ -24,6 +24,7 @@ import numpy.typing as npt
 from pinproof import _core
 from pinproof.collision import Scene
 from pinproof.common.content_hash import LENGTH, digest
+from pinproof.common.display import html_block, html_list, html_table
 from pinproof.common.files import os_errors
 from pinproof.common.validation import require_integer
 from pinproof.errors import CampaignError, FileError, InputError
@@ -196,6 +197,12 @@ class CampaignResult:
 
     def __repr__(self) -> str:
         return f"CampaignResult({self.summary}; {str(self.path)!r})"
+
+    def _repr_html_(self) -> str:
+        rows = [*self.verdicts.items(), *((f"failed at {stage}", count) for stage, count in self.failed_at.items())]
+        return html_block(
+            self.summary, html_table(("verdict", "picks"), rows), html_list((str(self.path), *self.notes))
+        )
 
     @classmethod
     def open(cls, folder: str | Path, *, resumed: int = 0, damaged: int = 0) -> CampaignResult:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
+from pinproof.common.display import html_block, html_table
 from pinproof.common.files import csv_text, figure, save_as
 from pinproof.common.validation import freeze_arrays, require_integer
 from pinproof.picks.batch.proposals import Wanted, proposals_for
@@ -285,6 +286,15 @@ class ScreenResult:
 
     def __repr__(self) -> str:
         return f"ScreenResult({self.summary})"
+
+    def _repr_html_(self) -> str:
+        rows = (
+            (name, status.name, *self.q[k].tolist(), self.reason(k))
+            for k, (name, status) in enumerate(zip(self.names, self.status, strict=True))
+        )
+        return html_block(
+            self.summary, html_table(("pick", "status", *self.joint_names, "reason"), rows, total=len(self))
+        )
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "codes", "q", "member", "limit_margin", "manipulability", "clearance")

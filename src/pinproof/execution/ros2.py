@@ -1,0 +1,251 @@
+"""Messages of ROS 2 as nested dictionaries, without ROS: trajectories, planning scenes, point clouds, joint states.
+
+The keys are the fields of the message definitions, so that ``rosidl_runtime_py.set_message.set_message_fields`` fills a
+message from a dictionary of this module, and a dictionary of ``rosidl_runtime_py.message_to_ordereddict`` can be read.
+Fields that are not written keep their defaults.
+
+Sources of the definitions, as of ROS 2 Jazzy: the packages builtin_interfaces and std_msgs (``Duration``, ``Header``),
+trajectory_msgs (``JointTrajectory``), sensor_msgs (``JointState``, ``PointCloud2``, ``PointField``), shape_msgs,
+geometry_msgs, and moveit_msgs (``RobotTrajectory``, ``RobotState``, ``DisplayTrajectory``, ``PlanningScene``,
+``CollisionObject``, ``AllowedCollisionMatrix``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import PointCloud, Scene
+from pinproof.collision.moveit import moveit_message, read_moveit_message
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.motion import Trajectory
+from pinproof.motion.trajectory_files import Reader, from_message, to_message
+from pinproof.spatial import finite
+
+__all__ = [
+    "display_trajectory",
+    "joint_trajectory",
+    "planning_scene",
+    "point_cloud2",
+    "read_display_trajectory",
+    "read_joint_state",
+    "read_joint_trajectory",
+    "read_planning_scene",
+    "read_point_cloud2",
+    "read_robot_trajectory",
+    "robot_trajectory",
+]
+
+Array = npt.NDArray[np.float64]
+Message = dict[str, Any]
+
+POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""The numbers of sensor_msgs/PointField, as types of NumPy."""
+
+FLOAT32 = 7
+
+
+def joint_trajectory(trajectory: Trajectory, *, frame: str = "") -> Message:
+    """Return a trajectory_msgs/JointTrajectory; its header has the time 0, which starts the motion on arrival."""
+    message = to_message(trajectory.record())
+    return {"header": _header(frame), "joint_names": message["joint_names"], "points": message["points"]}
+
+
+def read_joint_trajectory(message: Mapping[str, Any]) -> Trajectory:
+    """Read a trajectory_msgs/JointTrajectory with positions and velocities; the time of its header is ignored.
+
+    Raises
+    ------
+    TrajectoryError
+        If a field is missing or invalid; the message names its place, such as ``points[3].velocities``.
+    """
+    return Trajectory.of_record(from_message(Reader(Path("trajectory_msgs/JointTrajectory")), dict(message)))
+
+
+def robot_trajectory(trajectory: Trajectory) -> Message:
+    """Return a moveit_msgs/RobotTrajectory."""
+    return {"joint_trajectory": joint_trajectory(trajectory)}
+
+
+def read_robot_trajectory(message: Mapping[str, Any]) -> Trajectory:
+    """Read a moveit_msgs/RobotTrajectory; one that moves joints of several degrees of freedom is refused.
+
+    Raises
+    ------
+    InputError
+        If it moves such joints or has no joint_trajectory.
+    TrajectoryError
+        As for :func:`read_joint_trajectory`.
+    """
+    if (message.get("multi_dof_joint_trajectory") or {}).get("points"):
+        raise InputError("the RobotTrajectory moves joints of several degrees of freedom, which are not supported")
+    return read_joint_trajectory(_field(message, "joint_trajectory", "RobotTrajectory"))
+
+
+def display_trajectory(
+    trajectories: Sequence[Trajectory], *, model: str = "", held: Mapping[str, float] | None = None
+) -> Message:
+    """Return a moveit_msgs/DisplayTrajectory, as RViz shows it.
+
+    Parameters
+    ----------
+    trajectories
+        The motions, one after the other.
+    model
+        The name of the robot model of MoveIt.
+    held
+        Positions (rad or m) of other joints at the start, such as the fingers.
+    """
+    if not trajectories:
+        raise InputError("display_trajectory needs at least one trajectory")
+    first = trajectories[0]
+    state = {**(held or {}), **dict(zip(first.joint_names, first.start.tolist(), strict=True))}
+    joints = {"header": _header(""), "name": list(state), "position": [float(value) for value in state.values()]}
+    return {
+        "model_id": model,
+        "trajectory": [robot_trajectory(each) for each in trajectories],
+        "trajectory_start": {"joint_state": joints},
+    }
+
+
+def read_display_trajectory(message: Mapping[str, Any]) -> tuple[Trajectory, ...]:
+    """Read the motions of a moveit_msgs/DisplayTrajectory; errors as for :func:`read_robot_trajectory`."""
+    return tuple(map(read_robot_trajectory, _field(message, "trajectory", "DisplayTrajectory")))
+
+
+def planning_scene(scene: Scene, *, frame: str = "") -> Message:
+    """Return a moveit_msgs/PlanningScene that adds the obstacles of a scene to that of MoveIt (``is_diff``).
+
+    MoveIt replaces its allowed-collision matrix by that of a message, which contains the pairs of ``scene.allowed`` and
+    ``scene.disabled`` only. A scene without such pairs leaves it unchanged.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    frame
+        The frame of the poses; default that of the scene, or ``"world"``.
+
+    Raises
+    ------
+    InputError
+        If the message has no shape for an obstacle, such as a height map.
+    """
+    return moveit_message(scene.obstacles, scene.allowed, scene.disabled, frame or scene.frame)
+
+
+def read_planning_scene(message: Mapping[str, Any]) -> Scene:
+    """Read a moveit_msgs/PlanningScene, with the rules of :mod:`pinproof.collision.moveit`.
+
+    Raises
+    ------
+    SceneError
+        If something is not supported, such as attached objects or an octomap; the message names it.
+    """
+    return Scene(**read_moveit_message(message)._asdict())
+
+
+def point_cloud2(points: npt.ArrayLike, *, frame: str = "world") -> Message:
+    """Return a sensor_msgs/PointCloud2 of points (N, 3) in metres, as 32-bit floats in the fields x, y and z."""
+    stated = finite("points", points, (None, 3)).astype("<f4")
+    fields = [{"name": name, "offset": 4 * k, "datatype": FLOAT32, "count": 1} for k, name in enumerate("xyz")]
+    return {
+        "header": _header(frame),
+        "height": 1,
+        "width": len(stated),
+        "fields": fields,
+        "is_bigendian": False,
+        "point_step": 12,
+        "row_step": 12 * len(stated),
+        "data": list(stated.tobytes()),
+        "is_dense": True,
+    }
+
+
+def read_point_cloud2(message: Mapping[str, Any], resolution: float) -> PointCloud:
+    """Read the fields x, y and z of a sensor_msgs/PointCloud2 as a :class:`~pinproof.PointCloud`.
+
+    The points are in the frame ``message["header"]["frame_id"]``: the pose of the obstacle is that of this frame.
+    Points that are not finite are dropped and counted (:attr:`PointCloud.dropped <pinproof.PointCloud.dropped>`).
+
+    Parameters
+    ----------
+    message
+        The message; ``data`` may be bytes, an array or a list of integers.
+    resolution
+        The side (m) of a cell.
+
+    Raises
+    ------
+    InputError
+        If a field is missing, its type is unknown, or the data have another size than the fields state.
+    """
+    where = "PointCloud2"
+    step, width, height, row = (
+        int(_field(message, key, where)) for key in ("point_step", "width", "height", "row_step")
+    )
+    fields = {str(each["name"]): each for each in _field(message, "fields", where)}
+    order = ">" if message.get("is_bigendian") else "<"
+    formats, offsets = [], []
+    for name in "xyz":
+        if name not in fields:
+            raise UnknownNameError("field", name, fields, f"the {where}")
+        kind, offset = POINT_TYPES.get(int(fields[name]["datatype"])), int(fields[name]["offset"])
+        if kind is None or not kind.startswith("f"):
+            raise InputError(f"the field {name} of the {where} has the datatype {fields[name]['datatype']}, not 7 or 8")
+        if offset < 0 or offset + int(kind[1]) > step:
+            raise InputError(f"the field {name} of the {where} is beyond point_step = {step}")
+        formats.append(order + kind)
+        offsets.append(offset)
+    stated = _field(message, "data", where)
+    data = np.frombuffer(stated if isinstance(stated, (bytes, bytearray)) else bytes(stated), dtype=np.uint8)
+    if min(width, height) < 0 or row < width * step or len(data) != row * height:
+        raise InputError(
+            f"the {where} has {len(data)} bytes; {height} rows of {row} bytes with {width} points of {step} bytes were "
+            "expected"
+        )
+    layout = np.dtype({"names": list("xyz"), "formats": formats, "offsets": offsets, "itemsize": step})
+    rows = np.ascontiguousarray(data.reshape(height, row)[:, : width * step]).view(layout).reshape(-1)
+    return PointCloud(np.column_stack([rows[name].astype(float) for name in "xyz"]), resolution)
+
+
+def read_joint_state(message: Mapping[str, Any], joint_names: Sequence[str]) -> tuple[Array, Array | None]:
+    """Return positions (n,) and, if the message has them, velocities (n,) of a sensor_msgs/JointState, by name.
+
+    Values that are not finite are returned as they are; :meth:`pinproof.Monitor.update` reports them.
+
+    Raises
+    ------
+    UnknownNameError
+        If a joint is missing.
+    InputError
+        If the numbers of names and values differ.
+    """
+    names = [str(name) for name in _field(message, "name", "JointState")]
+    order = []
+    for name in joint_names:
+        if name not in names:
+            raise UnknownNameError("joint", name, names, "the JointState")
+        order.append(names.index(name))
+    found = []
+    for key in ("position", "velocity"):
+        values = np.asarray(message.get(key, ()), dtype=float)
+        if len(values) not in (len(names), 0 if key == "velocity" else len(names)):
+            raise InputError(f"the JointState has {len(names)} names and {len(values)} values of {key}")
+        found.append(values[order] if len(values) else None)
+    position, velocity = found
+    return np.zeros(0) if position is None else position, velocity
+
+
+def _header(frame: str) -> Message:
+    return {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
+
+
+def _field(message: Mapping[str, Any], key: str, where: str) -> Any:
+    if key not in message:
+        raise InputError(f"the {where} has no field {key!r}; it has {', '.join(map(str, message)) or 'none'}")
+    return message[key]

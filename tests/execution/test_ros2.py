@@ -1,0 +1,240 @@
+"""Messages of ROS 2 as dictionaries: round trips, refusals, and the node of the manual with a stub of rclpy."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.errors import InputError, SceneError, TrajectoryError, UnknownNameError
+from pinproof.execution import ros2
+
+from .conftest import HIGH, LOW
+
+PAGE = Path(__file__).parents[2] / "docs" / "ros2.md"
+
+# The fields of the definitions: a key that is not among them would be refused by set_message_fields.
+FIELDS = {
+    "trajectory": {"header", "joint_names", "points"},
+    "point": {"positions", "velocities", "accelerations", "effort", "time_from_start"},
+    "scene": {
+        "name", "robot_state", "robot_model_name", "fixed_frame_transforms", "allowed_collision_matrix", "link_padding",
+        "link_scale", "object_colors", "world", "is_diff",
+    },
+    "object": {
+        "header", "pose", "id", "type", "primitives", "primitive_poses", "meshes", "mesh_poses", "planes",
+        "plane_poses",
+        "subframe_names", "subframe_poses", "operation",
+    },
+    "cloud": {"header", "height", "width", "fields", "is_bigendian", "point_step", "row_step", "data", "is_dense"},
+    "display": {"model_id", "trajectory", "trajectory_start"},
+    "robot": {"joint_trajectory", "multi_dof_joint_trajectory"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("jerk", [None, 100.0])
+def test_trajectories_are_restored_exactly(checker, swing, jerk) -> None:
+    motion = swing if jerk is None else pp.time_parametrise(
+        pp.JointPath([HIGH, LOW], checker.arm.joint_names), checker.arm.limits, jerk=jerk
+    )  # fmt: skip
+    message = ros2.joint_trajectory(motion, frame="base_link")
+    assert set(message) <= FIELDS["trajectory"]
+    assert all(set(point) <= FIELDS["point"] for point in message["points"])
+    for point in message["points"]:
+        point.setdefault("accelerations", [])  # as message_to_ordereddict writes empty fields
+        point["effort"] = []
+    assert ros2.read_joint_trajectory(message).digest() == motion.digest()
+    shown = ros2.display_trajectory([motion, motion], model="ur5", held={"finger": 0.02})
+    assert set(shown) <= FIELDS["display"]
+    assert set(shown["trajectory"][0]) <= FIELDS["robot"]
+    assert shown["trajectory_start"]["joint_state"]["position"] == [0.02, *motion.start]
+    assert [each.digest() for each in ros2.read_display_trajectory(shown)] == [motion.digest()] * 2
+
+
+def test_a_damaged_trajectory_is_refused_with_its_place(swing) -> None:
+    message = ros2.joint_trajectory(swing)
+    message["points"][2]["velocities"] = []
+    with pytest.raises(TrajectoryError, match=r"points\[2\]"):
+        ros2.read_joint_trajectory(message)
+    with pytest.raises(InputError, match="no field 'joint_trajectory'"):
+        ros2.read_robot_trajectory({"joint_trajectry": message})
+
+
+def test_planning_scenes_are_restored() -> None:
+    corners = [[x, y, z] for x in (0, 0.1) for y in (0, 0.2) for z in (0, 0.3)]
+    hull = pp.ConvexHull([*corners, [0.05, 0.1, 0.15]])
+    placed = pp.pose((0.3, 0.3, -0.9), (0.1, 0.2, 0.3))
+    shapes = {
+        "box": pp.Box(0.1, 0.2, 0.3), "ball": pp.Sphere(0.1), "can": pp.Cylinder(0.1, 0.4), "cone": pp.Cone(0.1, 0.4),
+        "ground": pp.HalfSpace(), "hull": hull, "pill": pp.Capsule(0.05, 0.2),
+    }  # fmt: skip
+    scene = pp.Scene(
+        [pp.Obstacle(name, shape, placed, (1, 0, 0, 1)) for name, shape in shapes.items()],
+        allowed=[("base_link", "box"), ("*", "ground")],
+        disabled=[("wrist_1_link", "wrist_3_link")],
+    )
+    message = ros2.planning_scene(scene)
+    assert set(message) <= FIELDS["scene"]
+    assert all(set(each) <= FIELDS["object"] for each in message["world"]["collision_objects"])
+    for each in message["world"]["collision_objects"]:
+        each["operation"] = "\x00"  # as message_to_ordereddict writes the byte of ADD
+    again = ros2.read_planning_scene(message)
+    assert again.names == (*list(shapes)[:-1], "pill/1", "pill/2", "pill/3")
+    for name in list(shapes)[:5]:
+        assert again[name].shape == scene[name].shape
+        assert np.abs(again[name].pose.homogeneous - placed.homogeneous).max() < 1e-12
+    assert len(again["hull"].shape.vertices) == 8, "points inside the hull are not written"
+    assert set(again.allowed) == {("base_link", "box"), ("*", "ground")}
+    assert again.disabled == (("wrist_1_link", "wrist_3_link"),)
+    arm = pp.load_robot("ur5").arm()
+    one, other = (pp.CollisionChecker(arm, pp.Scene(each.obstacles)) for each in (scene, again))
+    Q = np.random.default_rng(0).uniform(-3, 3, (200, 6))
+    separated = (clearances := one.clearance_batch(Q)) > 0
+    assert separated.any()
+    assert np.abs(clearances - other.clearance_batch(Q))[separated].max() < 1e-8
+
+
+def test_shapes_and_contents_without_equivalent_are_refused_by_name() -> None:
+    cloud = pp.Obstacle("scan", pp.PointCloud([[0, 0, 0]], 0.1), pp.pose((0, 0, 0)))
+    with pytest.raises(InputError, match="PointCloud 'scan'"):
+        ros2.planning_scene(pp.Scene([cloud]))
+    attached = {"link_name": "tool0", "object": {"id": "part"}}
+    with pytest.raises(SceneError, match="'part' on 'tool0'"):
+        ros2.read_planning_scene({"world": {}, "robot_state": {"attached_collision_objects": [attached]}})
+    broken = {"world": {"collision_objects": [{"id": "box", "primitives": [{"type": 9, "dimensions": [1]}]}]}}
+    with pytest.raises(SceneError, match="object 'box'"):
+        ros2.read_planning_scene(broken)
+
+
+@pytest.mark.parametrize("kind", ["<f4", ">f8"])
+def test_point_clouds_with_other_fields_and_padding(kind) -> None:
+    points = np.random.default_rng(0).normal(size=(6, 3)).astype(kind)
+    points[2, 1] = np.nan
+    size = points.dtype.itemsize
+    layout = np.dtype(
+        {"names": ["x", "y", "z", "rgb"], "formats": [kind] * 3 + ["u4"], "offsets": [4, 4 + size, 4 + 2 * size, 0],
+         "itemsize": 40}
+    )  # fmt: skip
+    rows = np.zeros((2, 3), layout)
+    for k, name in enumerate("xyz"):
+        rows[name] = points[:, k].reshape(2, 3)
+    data = b"".join(row.tobytes() + b"\xff" * 8 for row in rows)  # 8 bytes of padding after each row
+    number = {"f4": 7, "f8": 8}[kind[1:]]
+    fields = [{"name": n, "offset": layout.fields[n][1], "datatype": number, "count": 1} for n in "xyz"]
+    message = {
+        "header": {}, "height": 2, "width": 3, "fields": fields, "is_bigendian": kind[0] == ">", "point_step": 40,
+        "row_step": 128, "data": data, "is_dense": False,
+    }  # fmt: skip
+    assert set(message) == FIELDS["cloud"]
+    cloud = ros2.read_point_cloud2(message, 0.01)
+    assert cloud.dropped == 1
+    assert np.array_equal(cloud.points, np.delete(points, 2, axis=0).astype(float))
+    with pytest.raises(InputError, match="255 bytes; 2 rows of 128 bytes"):
+        ros2.read_point_cloud2({**message, "data": data[:-1]}, 0.01)
+    with pytest.raises(UnknownNameError, match="field 'y'"):
+        ros2.read_point_cloud2({**message, "fields": [fields[0], fields[2]]}, 0.01)
+    with pytest.raises(InputError, match="beyond point_step"):
+        ros2.read_point_cloud2({**message, "point_step": 8}, 0.01)
+
+
+def test_point_cloud_round_trip_in_single_precision() -> None:
+    points = np.random.default_rng(0).normal(size=(100, 3))
+    message = ros2.point_cloud2(points, frame="camera")
+    assert set(message) == FIELDS["cloud"]
+    assert np.array_equal(ros2.read_point_cloud2(message, 0.01).points, points.astype("f4").astype(float))
+
+
+def test_joint_states_are_matched_by_name() -> None:
+    message = {"name": ["b", "finger", "a"], "position": [2.0, 9.0, 1.0], "velocity": []}
+    q, dq = ros2.read_joint_state(message, ("a", "b"))
+    assert q.tolist() == [1.0, 2.0]
+    assert dq is None
+    assert ros2.read_joint_state({**message, "velocity": [0.2, 0, 0.1]}, ("a", "b"))[1].tolist() == [0.1, 0.2]
+    with pytest.raises(UnknownNameError, match="unknown joint 'c'"):
+        ros2.read_joint_state(message, ("a", "c"))
+    with pytest.raises(InputError, match="3 names and 2 values"):
+        ros2.read_joint_state({**message, "position": [1.0, 2.0]}, ("a",))
+
+
+class StubNode:
+    """A node without ROS: it records what is published and logged, and has a clock that the test sets."""
+
+    def __init__(self, _name: str) -> None:
+        self.published, self.logged, self.callbacks, self.time = [], [], {}, 0.0
+
+    def create_publisher(self, _kind, _topic, _depth):
+        return SimpleNamespace(publish=self.published.append)
+
+    def create_subscription(self, _kind, topic, callback, _depth) -> None:
+        self.callbacks[topic] = callback
+
+    def get_clock(self):
+        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=int(self.time * 1e9)))
+
+    def get_logger(self):
+        return SimpleNamespace(info=self.logged.append, error=self.logged.append)
+
+
+class Message(dict):
+    """A message whose dictionary is itself."""
+
+    is_diff = False
+
+
+def stub(monkeypatch, name: str, **attributes: object) -> None:
+    module = ModuleType(name)
+    for key, value in attributes.items():
+        setattr(module, key, value)
+    monkeypatch.setitem(sys.modules, name, module)
+
+
+def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checker, swing) -> None:
+    stub(monkeypatch, "rclpy")
+    stub(monkeypatch, "rclpy.node", Node=StubNode)
+    for package, kinds in {
+        "moveit_msgs": ("DisplayTrajectory", "PlanningScene"), "sensor_msgs": ("JointState",),
+        "trajectory_msgs": ("JointTrajectory",),
+    }.items():  # fmt: skip
+        stub(monkeypatch, package)
+        stub(monkeypatch, f"{package}.msg", **dict.fromkeys(kinds, Message))
+    stub(monkeypatch, "rosidl_runtime_py", message_to_ordereddict=dict)
+    stub(
+        monkeypatch, "rosidl_runtime_py.set_message", set_message_fields=lambda message, fields: message.update(fields)
+    )
+    source = re.search(r"```py\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
+    names: dict[str, object] = {"__name__": "certified_execution"}
+    exec(compile(source, "certified_execution.py", "exec"), names)
+    node = names["CertifiedExecution"]()
+
+    node.callbacks["/monitored_planning_scene"](Message(ros2.planning_scene(checker.scene)))
+    assert node.checker.scene.names == checker.scene.names
+    node.callbacks["/display_planned_path"](Message(ros2.display_trajectory([swing])))
+    assert ros2.read_joint_trajectory(node.published[0]).digest() == swing.digest()
+
+    def state(time: float, off: float) -> None:
+        node.time = time
+        velocity = swing.velocity(time)
+        q = {name: value + off for name, value in zip(swing.joint_names, swing(time), strict=True)}
+        node.callbacks["/joint_states"](
+            Message(name=list(q), position=list(q.values()), velocity=velocity.tolist(), effort=[])
+        )
+
+    state(0.2, 0.001)
+    assert len(node.published) == 1
+    state(0.3, 0.05)
+    stop = ros2.read_joint_trajectory(node.published[1])
+    assert np.abs(stop.start - swing(0.3) - 0.05).max() < 1e-12
+    assert not stop.velocities[-1].any()
+    assert (stop.max_acceleration() <= checker.arm.limits.acceleration * (1 + 1e-9)).all()
+    assert node.monitor is None
+
+    ball = pp.Obstacle("ball", pp.Sphere(0.05), checker.arm.forward_kinematics(swing(1.9)))
+    node.callbacks["/monitored_planning_scene"](Message(ros2.planning_scene(checker.scene.add(ball))))
+    node.callbacks["/display_planned_path"](Message(ros2.display_trajectory([swing])))
+    assert len(node.published) == 2, "a motion in collision is not sent"
+    assert "ball" in node.logged[-1]

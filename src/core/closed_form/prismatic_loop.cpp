@@ -40,8 +40,13 @@ constexpr double kFarthest = 1e6;
 constexpr int kUnlimited = EliminationResult::kMost + 1;
 
 // Below this determinant of their unit directions, prismatic joints may have a self-motion at this target; below the second
-// value, they have one if the remaining translation (lengths of the arm) is below the third.
-constexpr double kDependent = 1e-6, kParallelRails = 1e-14, kNoTranslation = 1e-9;
+// value, their travels are not computed.
+constexpr double kDependent = 1e-6, kUndetermined = 1e-20;
+
+// Two prismatic joints are parallel at a root, and there is no configuration close to it, if the translation that remains
+// across them is longer (lengths of the arm). At a configuration whose joints are this close (rad) to the root, it would be a
+// few times shorter.
+constexpr double kAcrossRails = 0.05, kCloseToRoot = 1e-3;
 
 // At a smaller discriminant (relative) of three revolute joints, both values of the middle one may be a double root.
 constexpr double kDouble = 1e-9;
@@ -226,7 +231,7 @@ void PrismaticLoop::classify(double nearly_real, EliminationResult& out) {
     for (int i = 0; i < roots_; ++i) {
         bool at_infinity = false;
         if (std::abs(std::log(std::abs(root_[i]))) < nearly_real)
-            at_infinity = !start_from_second(std::arg(root_[i]), out);
+            at_infinity = !start_from_second(std::arg(root_[i]), out) && radius[i] < kCloseToRoot;
         existing += perhaps_real[i] && !at_infinity;
     }
     if (out.existing != kUnlimited) out.existing = existing;
@@ -304,15 +309,14 @@ bool PrismaticLoop::complete(double (&value)[6], EliminationResult& out) const {
     const Vec3 gap = cut_.loop.translation - moved.translation;
     if (prismatic_count_ == 2) direction[2] = cross(direction[0], direction[1]);
     const double determinant = triple_product(direction[0], direction[1], direction[2]);
-    if (!(std::abs(determinant) > kParallelRails)) {
-        if (norm(gap) > kNoTranslation) return false;
-    } else {
-        for (int p = 0; p < prismatic_count_; ++p) {
-            const double travel = triple_product(gap, direction[(p + 1) % 3], direction[(p + 2) % 3]) / determinant;
-            if (!(std::abs(travel) < kFarthest)) return false;
-            value[prismatic_[p]] = travel;
-        }
+    bool far = !(std::abs(determinant) > kUndetermined);
+    for (int p = 0; p < prismatic_count_ && !far; ++p) {
+        value[prismatic_[p]] = triple_product(gap, direction[(p + 1) % 3], direction[(p + 2) % 3]) / determinant;
+        far = !(std::abs(value[prismatic_[p]]) < kFarthest);
     }
+    if (far && prismatic_count_ == 2 && norm(cross(gap, direction[0])) > kAcrossRails) return false;
+    if (far)
+        for (int p = 0; p < prismatic_count_; ++p) value[prismatic_[p]] = 0.0;
     if (!(std::abs(determinant) > kDependent)) out.existing = kUnlimited;
     double* const start = out.start[out.count++];
     for (int k = 0; k < 6; ++k) start[cut_.source[k]] = value[k];

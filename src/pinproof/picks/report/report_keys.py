@@ -120,8 +120,10 @@ INTERCEPT = report_table(
     required("start_time", PLAIN_NUMBER, "start of the motion on the clock of the conveyor", "s"),
     required("time", PLAIN_NUMBER, "time on that clock at which the tool is at the part", "s"),
     required("travel", PLAIN_NUMBER, "distance that the part has moved until then", "m"),
-    required("position_deviation", LENGTH, "upper bound of the deviation of the tcp while the gripper closes", "m"),
-    required("rotation_deviation", LENGTH, "upper bound of the deviation of its orientation", "rad"),
+    required(
+        "position_deviation", NOT_NEGATIVE, "upper bound of the deviation of the tcp while the gripper closes", "m"
+    ),
+    required("rotation_deviation", NOT_NEGATIVE, "upper bound of the deviation of its orientation", "rad"),
 )
 
 VERDICT = report_table(

@@ -133,6 +133,7 @@ def test_a_payload_is_frozen_and_pickles():
         ({"mass": 1.0, "inertia": np.full((3, 3), float("nan"))}, "inertia"),
         ({"mass": 1.0, "inertia": np.diag([0.01, 0.01, -0.01])}, "positive definite"),
         ({"mass": 1.0, "inertia": [0.01, 0.01, 0.03]}, "sum of the others"),
+        ({"mass": 1.0, "inertia": [[0.02, 0.0, 0.0], 0.02, 0.02]}, "shape"),
         ({"mass": 1.0, "inertia": [[0.02, 0.01, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02]]}, "symmetric"),
         ({"mass": 1.0, "frame": 3}, "frame"),
         ({"mass": 1.0, "centre": (0.0, 0.0, 0.0)}, "center_of_mass"),

@@ -114,8 +114,11 @@ class Payload:
 
 
 def _checked_inertia(value: npt.ArrayLike) -> Array:
-    given = np.asarray(value)
-    inertia = np.diag(finite("inertia", value, (3,))) if given.ndim == 1 else finite("inertia", value, (3, 3))
+    try:
+        moments_given = np.ndim(value) == 1
+    except ValueError:  # rows of different lengths
+        moments_given = False
+    inertia = np.diag(finite("inertia", value, (3,))) if moments_given else finite("inertia", value, (3, 3))
     size = float(np.abs(inertia).max())
     if np.abs(inertia - inertia.T).max() > INERTIA_TOLERANCE * size:
         raise InputError(f"the inertia of a payload must be symmetric, not {inertia.tolist()}")

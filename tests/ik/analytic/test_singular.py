@@ -175,3 +175,24 @@ def test_parallel_axes_beside_a_prismatic_joint_have_families_and_are_never_impo
         found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(one))
         assert found.families
         assert len(found.branches)
+
+
+def test_parallel_prismatic_joints_at_a_target_are_never_impossible():
+    """Joints 2 and 4 are parallel at q3 = pi/2, and move against each other."""
+    half, third = np.pi / 2, np.pi / 3
+    rows = [
+        pp.DhRow("j1", half, -0.034, 0.0, half, "revolute", -3.1, 3.1, 1.0),
+        pp.DhRow("j2", 2.961, 0.0, 0.195, third, "prismatic", -0.5, 0.5, 1.0),
+        pp.DhRow("j3", half, 0.0, 0.083, third, "revolute", -3.1, 3.1, 1.0),
+        pp.DhRow("j4", 0.0, 0.0, 0.063, half, "prismatic", -0.5, 0.5, 1.0),
+        pp.DhRow("j5", 0.0, -0.014, -0.105, third, "revolute", -3.1, 3.1, 1.0),
+        pp.DhRow("j6", half, 0.0, 0.0, 0.0, "revolute", -3.1, 3.1, 1.0),
+    ]
+    arm = load_robot_from_text(pp.dh_to_urdf(pp.DhTable(rows, convention="standard", name="rails"))).arm()
+    q = random_configurations(arm, 30, seed=4)
+    assert all(len(pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(one)).branches) for one in q)
+    q[:, 2] = half
+    for one in q:
+        found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(one))
+        assert len(found.branches)
+        assert not found.complete

@@ -19,7 +19,7 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 EXTRAS = ("dask", "ompl", "xacro")
 
 only_in_ci = pytest.mark.skipif(
-    not os.environ.get("CI"), reason="takes 20 s of CPU time; outside CI only the oldest Python is tested"
+    not os.environ.get("CI"), reason="takes 15 s of CPU time; outside CI test_wheel.py installs for the current Python"
 )
 
 
@@ -37,7 +37,8 @@ def index(tmp_path_factory: pytest.TempPathFactory) -> None:
         pytest.skip("the package index is not reachable")
 
 
-@pytest.mark.parametrize("python", ["3.10", *(pytest.param(f"3.{k}", marks=only_in_ci) for k in (11, 12, 13))])
+@only_in_ci
+@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13"])
 def test_all_requirements_have_wheels(python: str, index: None, tmp_path: Path) -> None:
     assert f"Programming Language :: Python :: {python}" in PROJECT["classifiers"]
     wanted = [*PROJECT["dependencies"], *(one for extra in EXTRAS for one in PROJECT["optional-dependencies"][extra])]

@@ -63,12 +63,13 @@ def test_the_wheel_contains_robots_types_and_licence(wheel: Path) -> None:
 
 def test_wheel_runs_the_demo_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
     home = tmp_path / "clean"
-    venv.create(home, with_pip=True)
+    venv.create(home)
     python = home / "bin" / "python"
+    pip = sys.executable, "-m", "pip", "--python", python, "--disable-pip-version-check"
     # The dependencies come from the index, so that an undeclared import fails.
-    run(python, "-m", "pip", "install", "-qq", "--disable-pip-version-check", "--no-compile", wheel, cwd=tmp_path)
+    run(*pip, "install", "-qq", "--no-compile", wheel, cwd=tmp_path)
     assert wheel.name.split("-")[1] in run(python, "-I", SMOKE, cwd=tmp_path)
-    run(python, "-m", "pip", "check", cwd=tmp_path)
+    run(*pip, "check", cwd=tmp_path)
     report = json.loads(run(home / "bin" / "pinproof", "demo", "--html", "pick.html", "--json", cwd=tmp_path))
     assert sum(pick["verdict"] == "good" for pick in report["picks"]) == 4
     assert report["written"] == ["pick.html", "pick.json"]

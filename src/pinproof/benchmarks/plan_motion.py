@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import process_time
+from time import process_time_ns
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
+from pinproof.benchmarks.plan_methods import Stopwatch
 from pinproof.benchmarks.plan_problems import PlanProblem, ProblemName, select_sets
 from pinproof.benchmarks.plan_run import motion_faults
 from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
@@ -62,8 +63,6 @@ LIMIT_ROUNDING = 1e-9
 """Relative excess over a limit that is attributed to rounding."""
 
 STEPS = ("goals", "plan", "optimise")
-
-MS = 1e3
 
 
 @dataclass(frozen=True)
@@ -219,13 +218,13 @@ def _solve(
     constraints: Sequence[RateConstraint],
     seed: int,
 ) -> MotionRow:
-    clock, ms = _Clock(), dict[str, float]()
     arm, start = problem.arm, problem.start
     limits = replace(arm.limits, acceleration=np.full(arm.dof, ACCELERATION), acceleration_source="of the benchmark")
     pose = arm.forward_kinematics(problem.goals[0])
-    clock.restart()
+    watch = Stopwatch(process_time_ns)
+    ms = watch.ms
     goals = pose_goals(checker, pose, rng=seed)
-    ms["goals"] = clock.lap()
+    watch.lap("goals")
     if not len(goals):
         return _failure(problem, variant, 0, ms, "no free IK solution of the goal pose was found")
     distances = np.abs(goals - start) / limits.velocity
@@ -235,24 +234,19 @@ def _solve(
         return _failure(problem, variant, len(goals), ms, plan.message)
     used = plan.checker or checker
     path = shortcut(plan.path, used, rng=seed)
-    ms["plan"] = clock.lap()
+    watch.lap("plan")
     try:
         result = optimise(path, used, limits=limits, jerk=JERK, goals=goals, rate_limits=constraints, rng=seed)
     except TimingError as error:
         return _failure(problem, variant, len(goals), ms, str(error))
-    ms["optimise"] = clock.lap()
-    at_goal = PlanProblem(
-        problem.collection, problem.set_name, problem.number, arm, problem.scene, start, goals, problem.notes
-    )
+    watch.lap("optimise")
     excess = limit_excess(result.trajectory, limits, JERK)
-    faults = motion_faults(result.trajectory, at_goal, meshes)
+    faults = motion_faults(result.trajectory, replace(problem, goals=goals), meshes)
     if excess > LIMIT_ROUNDING:
         faults = (*faults, f"exceeds a limit by a factor of {1.0 + excess:.12g}")
     free = result.certificate.free
     return MotionRow(
-        problem.collection,
-        problem.set_name,
-        problem.number,
+        *problem.origin,
         variant=variant,
         goals=len(goals),
         certified=free,
@@ -267,8 +261,7 @@ def _solve(
 
 
 def _failure(problem: PlanProblem, variant: str, goals: int, ms: dict[str, float], message: str) -> MotionRow:
-    names = (problem.collection, problem.set_name, problem.number)
-    return MotionRow(*names, variant, goals, False, (), None, None, None, None, ms, message)
+    return MotionRow(*problem.origin, variant, goals, False, (), None, None, None, None, ms, message)
 
 
 def limit_excess(trajectory: Trajectory, limits: JointLimits, jerk: float) -> float:
@@ -280,21 +273,6 @@ def limit_excess(trajectory: Trajectory, limits: JointLimits, jerk: float) -> fl
         trajectory.jerk(times) / jerk,
     )
     return max(float(np.abs(rate).max()) for rate in rates) - 1.0
-
-
-class _Clock:
-    """CPU time of this process in milliseconds since the last lap."""
-
-    def __init__(self) -> None:
-        self.restart()
-
-    def restart(self) -> None:
-        self._last = process_time()
-
-    def lap(self) -> float:
-        now = process_time()
-        passed, self._last = MS * (now - self._last), now
-        return passed
 
 
 # -- page ------------------------------------------------------------------------------------------------------------

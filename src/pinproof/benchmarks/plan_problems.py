@@ -73,6 +73,11 @@ class ProblemName:
     number: int
 
     @property
+    def origin(self) -> tuple[str, str, int]:
+        """The collection, the set and the number."""
+        return self.collection, self.set_name, self.number
+
+    @property
     def full_set(self) -> str:
         """``"ur5/shelf"``."""
         return f"{self.collection}/{self.set_name}"

@@ -209,9 +209,7 @@ class _Run:
         """Add the row of a problem; return whether its start and goals are free by the meshes."""
         self.remarks |= {f"{body.owner}: {body.remark}" for body in mesh_checker.bodies if body.remark}
         row = ProblemRow(
-            collection=problem.collection,
-            set_name=problem.set_name,
-            number=problem.number,
+            *problem.origin,
             robot=problem.group.robot.name,
             hull_faults=end_faults(problem, hull_checker),
             mesh_faults=end_faults(problem, mesh_checker),
@@ -242,9 +240,7 @@ class _Run:
         best = min(answers, key=lambda answer: sum(answer.ms.values()))
         same = [_equal(a.curve, b.curve) for a, b in pairwise(answers)]
         return PlanRow(
-            collection=problem.collection,
-            set_name=problem.set_name,
-            number=problem.number,
+            *problem.origin,
             method=method.key,
             label=method.label,
             solved=best.curve is not None,

@@ -78,7 +78,7 @@ class Job:
     options
         The options; empty if the pick fails in the scene without the other parts.
     before, after
-        The part before the pick and at its place, as obstacles; None if there is none.
+        The part before the pick and at its place, as obstacles; None without one.
     failed
         The verdict on a pick without options.
     """

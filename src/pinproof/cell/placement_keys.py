@@ -84,7 +84,7 @@ PROVEN = report_table(
 
 FLOOR = report_table(
     "floor_map",
-    "The best values over z and yaw at each x and y, for one choice; null where there is none.",
+    "The best values over z and yaw at each x and y, for one choice; null where no value exists.",
     required("choice", ANY_TEXT, "name of the discrete choice"),
     required("share", GRID, "share of the picks that work at the grasp, for each x a list over y"),
     required("seconds", GRID, "estimated cycle time", "s"),

@@ -188,7 +188,7 @@ class PlacementMap:
         return np.asarray(np.isfinite(self.estimate))
 
     def over_floor(self, values: Array, choice: int, best: Any = np.nanmax) -> Array:
-        """(nx, ny) the best of values (N,) over z and yaw at each x and y; NaN where there is none."""
+        """(nx, ny) the best of values (N,) over z and yaw at each x and y; NaN where no value exists."""
         grid = values[self.choice == choice].reshape(*(len(axis) for axis in self.axes))
         flat = grid.reshape(*grid.shape[:2], -1)
         known = np.isfinite(flat).any(axis=2)
@@ -378,7 +378,7 @@ class PlacementResult:
 
     @property
     def best(self) -> CertifiedPlacement | None:
-        """The best placement at which every pick is good; None if there is none."""
+        """The best placement at which every pick is good; None without one."""
         return self.candidates[0] if self.ok else None
 
     @property
@@ -392,7 +392,7 @@ class PlacementResult:
         Raises
         ------
         InputError
-            If there is none; the message states which picks fail and why.
+            If no such placement exists; the message states which picks fail and why.
         """
         if not self.ok:
             raise InputError(self.message)

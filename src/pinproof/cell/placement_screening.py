@@ -360,7 +360,7 @@ class Branches:
         return self.closed and self._arm.dof <= 6
 
     def __call__(self, targets: Array) -> Array:
-        """(N, k, n) solutions within the limits for targets (N, 4, 4), NaN where there is none."""
+        """(N, k, n) solutions within the limits for targets (N, 4, 4), NaN where no solution exists."""
         targets = np.ascontiguousarray(targets)
         if self.closed:
             return np.asarray(self._solver.solve_all_batch(self._arm, targets, self._home).q)

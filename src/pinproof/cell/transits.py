@@ -166,7 +166,7 @@ class CertifiedMotions:
         return Trajectory.join(*(time_parametrise(curve, part.checker.arm.limits) for curve in part.curves))
 
     def _again(self, part: MotionPart, key: Key) -> PickMotion | None:
-        """A known trajectory of a part, certified again; None if there is none or it is not proven free."""
+        """A known trajectory of a part, certified again; None if it does not exist or is not proven free."""
         trajectory = self._known.get((key, part.name))
         if trajectory is None:
             return None

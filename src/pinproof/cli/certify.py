@@ -129,13 +129,7 @@ def certify_motion(
     arm = None if robot is None else chain.arm(robot, tool=tool)
     sampled_or_written = bool(proof.save_proof or html or audit_options.with_audit or tolerances != ToleranceOptions())
     if proof.verify is not None:
-        if rates != RateOptions():
-            raise InputError("--payload, --torque and --tool-speed are not part of a proof; use them without --verify")
-        if sampled_or_written:
-            raise InputError(
-                "--verify uses the tolerances of the proof and writes no file; remove --save-proof, --html, --audit, "
-                "--joint-tolerance and --obstacle-tolerance"
-            )
+        _refuse_with_verify(rates, sampled_or_written)
         _verify(proof.verify, arm, motion, scene_options, tool, constraint_options, as_json)
         return
     if arm is None or motion is None:
@@ -171,6 +165,16 @@ def certify_motion(
         certificate.save(proof.save_proof)
     if not _report(certificate, trajectory, checker, rates, audit, proof.save_proof, as_json):
         raise typer.Exit(1)
+
+
+def _refuse_with_verify(rates: RateOptions, sampled_or_written: bool) -> None:
+    if rates != RateOptions():
+        raise InputError("--payload, --torque and --tool-speed are not part of a proof; use them without --verify")
+    if sampled_or_written:
+        raise InputError(
+            "--verify uses the tolerances of the proof and writes no file; remove --save-proof, --html, --audit, "
+            "--joint-tolerance and --obstacle-tolerance"
+        )
 
 
 def _report(

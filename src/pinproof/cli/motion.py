@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NoReturn
 
 import typer
 
@@ -140,11 +140,7 @@ def plan(
         heavy = rates.torque_limits(arm)
         result = search.plan(checker, *ends, constraints=kept, torque_limits=heavy, rng=seed)
         if result.path is None:
-            if as_json:
-                print_json({"ok": False, "status": result.status.name, "message": result.message})
-            else:
-                print_line(result.message)
-            raise typer.Exit(1)
+            _fail(result, as_json)
         checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(
             result.path,
@@ -188,6 +184,15 @@ def plan(
     )
     if not certificate.free:
         raise typer.Exit(1)
+
+
+def _fail(result: pp.PlanResult, as_json: bool) -> NoReturn:
+    """Print why no path was found."""
+    if as_json:
+        print_json({"ok": False, "status": result.status.name, "message": result.message})
+    else:
+        print_line(result.message)
+    raise typer.Exit(1)
 
 
 def _show(

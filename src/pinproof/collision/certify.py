@@ -399,7 +399,7 @@ class _Proof:
 
     @property
     def _tolerances(self) -> str:
-        """The allowed deviations as text; empty if there are none."""
+        """The allowed deviations as text; empty without any."""
         deviations = []
         if self._joints.any():
             low, high = float(self._joints.min()), float(self._joints.max())

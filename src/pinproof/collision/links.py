@@ -174,11 +174,6 @@ class LinkBodies:
         """Return the representation of a link's meshes."""
         return self._meshes[link]
 
-    @property
-    def solid_links(self) -> frozenset[str]:
-        """The links that have collision geometry."""
-        return frozenset(geometry.link for geometry in self._geometries)
-
     def can_be_finer(self, owner: str) -> bool:
         """Whether it is a link with a mesh that is not represented by its triangles yet."""
         return any(

@@ -281,7 +281,7 @@ def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
 
 
 def _smaller(blend: Blend | None) -> Blend | None:
-    """The next smaller blend; None, a stop, if there is none that is worthwhile."""
+    """The next smaller blend; None, a stop, if no worthwhile one exists."""
     if blend is None or blend.radius is None or blend.radius / 2 < SMALLEST_RADIUS:
         return None
     return Blend(blend.radius / 2)

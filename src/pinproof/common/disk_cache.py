@@ -61,7 +61,7 @@ def content_digest(*parts: bytes | npt.NDArray[Any] | str | float | None) -> str
 def cached(
     kind: str, key: str, make: Callable[[], Arrays], *, code: Sequence[str], libraries: Sequence[str] = ()
 ) -> Arrays:
-    """The arrays of an entry, computed by ``make`` if there is none.
+    """The arrays of an entry, computed by ``make`` if it does not exist.
 
     Parameters
     ----------

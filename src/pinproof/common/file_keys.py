@@ -74,7 +74,7 @@ class FileKey:
     unit
         Its unit, such as ``"m"``; empty if it has none.
     default
-        The value that applies if the key is omitted; None if there is none.
+        The value that applies if the key is omitted; None without one.
     required
         Whether the key must be stated.
     """

@@ -382,7 +382,7 @@ class Urdf:
 
 
 def moved_by(urdf: Urdf, link: str, joints: Collection[str]) -> str:
-    """The joint that moves a link, of the given joints and their mimic followers; empty if there is none."""
+    """The joint that moves a link, of the given joints and their mimic followers; empty without one."""
     while (joint := urdf.parent_joint(link)) is not None:
         if joint.name in joints or (joint.mimic is not None and joint.mimic.leader in joints):
             return joint.name

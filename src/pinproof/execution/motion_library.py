@@ -54,7 +54,7 @@ class StoredMotion:
     certificate
         The certificate for the checker of the library: FREE, COLLIDING or UNDECIDED.
     proof
-        Its latest FREE certificate with evidence, in this scene or in an earlier one; None if there is none.
+        Its latest FREE certificate with evidence, in this scene or in an earlier one; None without one.
     """
 
     name: str

@@ -118,7 +118,7 @@ def moving_joints(urdf: Urdf, base: str, tip: str) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        If there is none, or one is floating or planar.
+        If no joint moves it, or one is floating or planar.
     """
     names: dict[str, None] = {}
     for joint in link_path(urdf, base, tip):

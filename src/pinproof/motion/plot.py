@@ -70,7 +70,7 @@ class Panel:
     values
         (N, m) values at the times of the plot.
     lower, upper
-        (m,) the limits, infinite where there is none.
+        (m,) the limits, infinite without a limit.
     """
 
     name: str
@@ -163,7 +163,7 @@ def _lines(limits: DrawnLimits | None, jerk: npt.ArrayLike | None, n: int) -> li
 
 
 def _rates(name: str, value: npt.ArrayLike, n: int) -> Array:
-    """The limits (n,) of a rate, infinite where there is none."""
+    """The limits (n,) of a rate, infinite without a limit."""
     given = np.asarray(value, dtype=float)
     unlimited = np.isposinf(given)
     rates = finite(name, np.where(unlimited, 1.0, given), (n,))

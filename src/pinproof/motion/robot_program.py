@@ -433,7 +433,7 @@ def _read_header(source: str, header: Sequence[str], dialect: str) -> _Header:
 
 
 def _changed_line(hashes: Sequence[str], body: Sequence[tuple[int, str]]) -> int | None:
-    """The index of the first line that differs from what was written; None if there is none."""
+    """The index of the first line that differs from what was written; None without one."""
     found = [_hash(words) for _, words in body]
     for i, (stated, present) in enumerate(zip(hashes, found, strict=False)):
         if stated != present:

@@ -34,7 +34,7 @@ class CoordinationResult:
     trajectory
         The motion of the joint group; None if no delays were found.
     certificate
-        The certificate of it; if there is none, that of the last delays that were tried.
+        The certificate of it; otherwise that of the last delays that were tried.
     delays
         Seconds by which each arm starts later, by name.
     message

@@ -63,7 +63,7 @@ class _Excess:
 
     @property
     def factor(self) -> float:
-        """The factor of ``beta`` at which the row is satisfied; 0 or less if there is none."""
+        """The factor of ``beta`` at which the row is satisfied; 0 or less if no such factor exists."""
         return (SHARE * self.bound - math.copysign(1.0, self.beta) * self.gamma) / abs(self.beta)
 
 

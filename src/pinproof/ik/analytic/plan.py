@@ -130,7 +130,7 @@ _PLANS: weakref.WeakKeyDictionary[Arm, _PlansOfArm | str] = weakref.WeakKeyDicti
 
 
 def plan_for(arm: Arm, position_tolerance: float, orientation_tolerance: float) -> Plan:
-    """The plan of an arm for tolerances in m and rad; it is cached, as is the reason why there is none.
+    """The plan of an arm for tolerances in m and rad; it is cached, as is the reason why no plan exists.
 
     Raises
     ------

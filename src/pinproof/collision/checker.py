@@ -572,7 +572,8 @@ class CollisionChecker(CheckedBodies):
 
     def _forget(self) -> None:
         """Drop what is computed on first access."""
-        self._still, self._padded, self._on_levels = None, None, {}
+        self._still = self._padded = None
+        self._on_levels = {}
         self._threads = threading.local()
 
     @property

@@ -147,3 +147,28 @@ def test_no_result_depends_on_earlier_queries(ur5):
     for order in (np.arange(300), np.random.default_rng(1).permutation(300)):
         assert [checker.is_free(q) for q in many[order]] == [fresh[i] for i in order]
         assert checker.is_free_batch(many[order]).tolist() == [fresh[i] for i in order]
+
+
+def test_a_padded_checker_is_that_of_its_own_margins(ur5):
+    checker = CollisionChecker(ur5, Scene([BALL]), margin=0.01)
+    assert checker.padded(0.005) is checker.padded(0.005)
+    assert checker.padded(0.001).margin == 0.011
+    assert checker.with_margin(0.02).padded(0.001).margin == 0.021
+    same(checker.padded(0.005), CollisionChecker(ur5, checker.scene, margin=0.015), ur5)
+
+
+def test_checkers_of_one_robot_share_convex_bodies_until_a_mesh_file_changes(tmp_path):
+    def write(side: float) -> None:
+        trimesh.creation.box((side, side, side)).export(tmp_path / "part.stl")
+
+    write(0.1)
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"><collision><geometry><mesh filename="part.stl"/></geometry></collision>'
+        '</link><link name="tip"/><joint name="turn" type="revolute"><parent link="base"/><child link="tip"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    arm = load_robot(tmp_path / "arm.urdf").arm("tip")
+    first, second = (CollisionChecker(arm, Scene([BALL])).bodies[0] for _ in range(2))
+    assert first is second
+    write(0.3)
+    assert CollisionChecker(arm, Scene([BALL])).bodies[0].box[1, 0] == pytest.approx(0.15)

@@ -343,7 +343,7 @@ class Search:
         """Whether a goal shifted by multiples of 2 pi is inside the limits and is not itself a goal."""
         goals = self._given.goals
         others = with_turns(self._checker.group, self._given.start, goals)[0][len(goals) :]
-        return any(np.abs(goals - other).max(axis=1).min() > SAME_GOAL for other in others)
+        return bool((np.abs(goals[:, None] - others).max(axis=2).min(axis=0) > SAME_GOAL).any())
 
     def _result(self, status: PlanStatus, message: str, *, gap: float) -> PlanResult:
         return PlanResult(

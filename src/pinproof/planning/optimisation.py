@@ -41,7 +41,7 @@ __all__ = ["BUDGET", "OptimiseResult", "optimise"]
 
 Array = npt.NDArray[np.float64]
 
-BUDGET = 600
+BUDGET = 500
 """Default number of evaluations: about 20 ms for an arm of seven joints between shelves."""
 
 RESOLUTION = 0.06
@@ -62,7 +62,7 @@ GOALS = 6
 DISTINCT = 0.15
 """Goals that differ by at most this (rad or m) in each joint count as one: their motions are similar."""
 
-PLANS, PER_PLAN = 5, 50
+PLANS, PER_PLAN = 10, 33
 """Number of further paths that are compared with the given one, at most one for so many evaluations."""
 
 PLAN_STEP, PLAN_SAMPLES, PLAN_CHECKS, PLAN_DRAWS = 0.7, 2000, 5000, 64
@@ -93,9 +93,8 @@ TOLERANCE_SHARE = 0.99
 BACKTRACKS = 4
 """Number of earlier motions of a phase that are tried if its result is not proven."""
 
-CONNECT, DETOUR = 0.45, 0.25
-"""Shares of the budget for shortening the first motions, and for detours from the direct motion to a goal; the rest is
-for the best motion."""
+CONNECT = 0.75
+"""Share of the budget for shortening the first motions; the rest is for the best motion."""
 
 MOVING_SHARE = 0.999
 """Share of the acceleration limits of motions that do not end at rest, which cannot be slowed down afterwards."""
@@ -389,8 +388,6 @@ class _Search:
         if self._best.duration > self._enough:
             self._shorten_first_motions(int(CONNECT * budget))
             self._prove()
-            self._try_detours(int(DETOUR * budget))
-            self._prove()
         self._best = self._improve(self._best, self._goal, self._left // 2)
         self._prove()
         self._best = self._improve(self._best, self._goal, self._left)
@@ -503,29 +500,6 @@ class _Search:
             )
             kept.append(first)
         return q[kept], goals[backward[-1]]
-
-    def _try_detours(self, budget: int) -> None:
-        """Moves to a goal through one state beside the direct move."""
-        goals = self._promising(GOALS)
-        directs = {}
-        until = self._left - budget
-        while goals and self._left > until:
-            goal = goals[int(self._rng.integers(len(goals)))]
-            if self._bound_of[goal] >= self._limit(self._best.duration):
-                goals.remove(goal)
-                continue
-            if goal not in directs:
-                move = self._steering.move(rest(self._start), rest(self._goals[goal]))
-                directs[goal] = None if move is None else MoveSequence([move])
-            direct = directs[goal]
-            if direct is None:
-                goals.remove(goal)
-                continue
-            time = self._rng.uniform(0.1, 0.9) * direct.duration
-            state = self._modified(direct.state(time), True, 0.5 * self._rng.random())
-            moves = self._connect([rest(self._start), state, rest(self._goals[goal])], self._best.duration)
-            if moves is not None:
-                self._best, self._goal = MoveSequence(moves), goal
 
     def _improve(self, motion: MoveSequence, goal: int, budget: int) -> MoveSequence:
         """Replace random parts of a motion by shortcuts and by moves through modified states."""

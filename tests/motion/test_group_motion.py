@@ -7,6 +7,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.motion import JointPath, separate, synchronise, time_parametrise
+from pinproof.motion.group_motion import TimedColumns, merged
 
 
 @pytest.fixture(scope="module")
@@ -63,3 +64,13 @@ def test_group_with_a_shared_joint_is_not_separated() -> None:
     group = pp.load_robot("tiago_dual_left").arms("left", "right", base="torso_fixed_link")
     with pytest.raises(pp.InputError, match="torso_lift_joint"):
         separate(timed(group.joint_names, 0.0, 0.1), group)
+
+
+def test_quintic_and_a_cubic_with_jumping_acceleration_are_not_combined() -> None:
+    quintic = pp.Trajectory([0.0, 1.0], [[0.0], [1.0]], np.zeros((2, 1)), ["a"], accelerations=np.zeros((2, 1)))
+    jumping = pp.Trajectory([0.0, 0.5, 1.0], [[0.0], [1.0], [1.5]], np.zeros((3, 1)), ["b"])
+    parts = [
+        TimedColumns(name, each, [0], np.array([k])) for k, (name, each) in enumerate((("x", quintic), ("y", jumping)))
+    ]
+    with pytest.raises(pp.InputError, match="jump"):
+        merged(parts, ("a", "b"))

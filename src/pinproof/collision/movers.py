@@ -130,6 +130,16 @@ class Mover:
         trajectory = Trajectory([0.0, end], q, np.full((2, 1), rate), [str(name)])
         return cls(name, tuple(obstacles), trajectory, type, axis, point, tolerance)
 
+    def after(self, time: float) -> Mover:
+        """Return the mover whose time 0 is ``time`` (s) of this one, for a motion that starts then.
+
+        Raises
+        ------
+        InputError
+            If the time is negative or not finite.
+        """
+        return replace(self, trajectory=self.trajectory.after(time))
+
 
 def _constant(array: Array) -> Array:
     array.setflags(write=False)

@@ -8,7 +8,7 @@ specification. Kinematics are computed in :mod:`pinproof.model`.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -41,6 +41,7 @@ __all__ = [
     "Urdf",
     "UrdfJoint",
     "check_mimics",
+    "moved_by",
     "origin",
     "read_joint",
     "read_links",
@@ -378,6 +379,15 @@ class Urdf:
     def parent_joint(self, link: str) -> UrdfJoint | None:
         """The parent joint of a link; None for the root."""
         return next((joint for joint in self.joints.values() if joint.child == link), None)
+
+
+def moved_by(urdf: Urdf, link: str, joints: Collection[str]) -> str:
+    """The joint that moves a link, of the given joints and their mimic followers; empty if there is none."""
+    while (joint := urdf.parent_joint(link)) is not None:
+        if joint.name in joints or (joint.mimic is not None and joint.mimic.leader in joints):
+            return joint.name
+        link = joint.parent
+    return ""
 
 
 def read_urdf(

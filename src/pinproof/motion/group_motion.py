@@ -136,9 +136,13 @@ def merged(
         velocities[np.ix_(known, columns)] = each.velocities[at[known]][:, order]
         accelerations[np.ix_(known, columns)] = own[at[known]][:, order]
     note = "; ".join(dict.fromkeys(part.trajectory.limits_note for part in parts if part.trajectory.limits_note))
-    return Trajectory(
+    whole = Trajectory(
         seconds(times), q, velocities, joint_names, note, accelerations=accelerations if quintic else None
     )
+    if quintic:
+        for part in parts:
+            _check_same(part, whole)
+    return whole
 
 
 SAME_CURVE = 1e-9

@@ -167,6 +167,37 @@ class Trajectory:
             )
         return parts[0], parts[1]
 
+    def after(self, time: float) -> Trajectory:
+        """The motion from ``time`` (s) on, at which it may move; after its end, a single point.
+
+        Between its points it is the same motion up to rounding.
+
+        Raises
+        ------
+        InputError
+            If the time is negative or not finite, or after the end of a trajectory that does not rest there.
+        """
+        if not 0.0 <= time < math.inf:
+            raise InputError(f"time = {time!r}; it must be 0 s or more")
+        if time >= self.duration and any(rates[-1].any() for rates in self._points[2:]):
+            raise InputError(
+                f"the trajectory of {', '.join(self.joint_names)} ends at {self.duration:.6g} s, still moving; "
+                f"{time:.6g} s is not before its end"
+            )
+        clock, now = whole_nanoseconds(self.times), round(min(time, self.duration) * trajectory_files.NANO)
+        at, rows = now / trajectory_files.NANO, clock > now
+        curvature = self.accelerations
+        if curvature is not None:
+            curvature = np.vstack([self.acceleration(at), curvature[rows]])
+        return Trajectory(
+            seconds(np.concatenate([[0], clock[rows] - now])),
+            np.vstack([self(at), self.q[rows]]),
+            np.vstack([self.velocity(at), self.velocities[rows]]),
+            self.joint_names,
+            self.limits_note,
+            accelerations=curvature,
+        )
+
     def slowed(self, factor: float) -> Trajectory:
         """The same motion with ``factor`` times the duration; accelerations are divided by the square of the factor.
 

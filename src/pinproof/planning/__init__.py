@@ -1,5 +1,6 @@
 """Planning: RRT-Connect, OMPL, simplification of paths, and Cartesian moves; every path has a certificate."""
 
+from pinproof.planning.among_movers import TimedPlanResult, plan_among_movers
 from pinproof.planning.blending import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.coordination import CoordinationResult, coordinate
@@ -31,11 +32,13 @@ __all__ = [
     "PosesPlanResult",
     "RrtConnect",
     "SimplifyResult",
+    "TimedPlanResult",
     "blend",
     "coordinate",
     "make_planner",
     "ompl_planners",
     "optimise",
+    "plan_among_movers",
     "plan_linear",
     "plan_poses",
     "shortcut",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pinproof.collision import Obstacle, Scene, Upright
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.validation import ReadOnlyDict, require_positive
-from pinproof.description import Urdf
+from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Payload, load_robot
 from pinproof.model.dynamics import checked_payloads
@@ -218,15 +218,6 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
     if moving := moved_by(arm.robot.urdf, name, (*arm.joint_names, *arm.followers)):
         raise InputError(f"the frame {name!r} is a link that joint {moving} moves; picks need a fixed frame")
     return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
-
-
-def moved_by(urdf: Urdf, link: str, joints: Collection[str]) -> str:
-    """The joint that moves a link, of the given joints and their mimic followers; empty if there is none."""
-    while (joint := urdf.parent_joint(link)) is not None:
-        if joint.name in joints or (joint.mimic is not None and joint.mimic.leader in joints):
-            return joint.name
-        link = joint.parent
-    return ""
 
 
 @dataclass(frozen=True, eq=False)

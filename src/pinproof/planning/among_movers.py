@@ -1,0 +1,542 @@
+"""Planning among obstacles that move with time: paths with waits, found over safe intervals, and certified.
+
+The search runs on a roadmap whose edges are motions from rest to rest within the limits of the joints. At each
+configuration of the roadmap the time is divided into safe intervals, in which the arm can rest there. A state of the
+search is a configuration with one of its intervals, and only its earliest arrival matters, since the arm can wait. The
+roadmap begins with paths that RRT-Connect plans without the movers, and grows by random configurations, near the known
+ones and anywhere. Samples steer the search; the complete motion is certified among the movers, and a part that fails
+the proof is removed.
+
+Sources: M. Phillips, M. Likhachev (2011), "SIPP: safe interval path planning for dynamic environments", ICRA; M.
+Hueppi, L. Bartolomei, R. Mascaro, M. Chli (2022), "T-PRM: temporal probabilistic roadmap for path planning in dynamic
+environments", IROS.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Mover, certify, with_movers
+from pinproof.common.display import outline
+from pinproof.common.validation import require_positive
+from pinproof.description.urdf import moved_by
+from pinproof.errors import InputError
+from pinproof.motion import JointPath, Trajectory, time_parametrise
+from pinproof.planning.ends import Ends, read_ends
+from pinproof.planning.result import PlanResult, PlanStatus, _Outcome
+from pinproof.planning.rrt_connect import SEARCH_PAD, RrtConnect, sampling_box
+from pinproof.planning.simplification import shortcut
+
+__all__ = ["TimedPlanResult", "plan_among_movers"]
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+STEP = 0.05
+"""Seconds between the departures that are tried."""
+
+LONGEST = 120.0
+"""Seconds. By default, a goal that is not reached within this time is not searched."""
+
+MOTION = 0.03
+"""Largest motion of a joint (rad or m) between two samples of an edge. Samples only steer the search."""
+
+BATCH = 40
+"""Number of random configurations after which the search runs again."""
+
+NEIGHBOURS = 8
+"""Number of nearest configurations to which a new one is connected."""
+
+NEARBY = 0.5
+"""Standard deviation (rad or m) of random configurations around those of the roadmap."""
+
+STOPS = 4
+"""Number of equal parts of an edge of a planned path, between which the arm may wait."""
+
+STATIC_PATHS = 3
+"""Number of paths without movers, with different samples, that begin the roadmap."""
+
+MOST_PROOFS = 30
+"""Number of motions that may fail the proof before the search ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimedPlanResult(_Outcome):
+    """A certified motion among movers, or the reason of the failure; result of :func:`plan_among_movers`.
+
+    Parameters
+    ----------
+    status
+        FOUND, or the reason of the failure.
+    trajectory
+        The motion, from rest to rest; None unless FOUND. Its time 0 is ``start_time``.
+    certificate
+        The FREE certificate of it among :attr:`movers`; None unless FOUND.
+    goal
+        The index of the goal that was reached; None unless FOUND.
+    message
+        The outcome and the remedy as text.
+    start_time
+        Seconds on the clock of the given movers.
+    movers
+        The movers as seen from the start, with which :func:`pinproof.certify` and audits check the motion.
+    waiting
+        Total time (s) that the arm waits.
+    samples
+        Number of random configurations.
+    """
+
+    status: PlanStatus
+    trajectory: Trajectory | None
+    certificate: Certificate | None
+    goal: int | None
+    message: str
+    start_time: float = 0.0
+    movers: tuple[Mover | Trajectory, ...] = ()
+    waiting: float = 0.0
+    samples: int = 0
+
+    def __repr__(self) -> str:
+        return outline(f"TimedPlanResult({self.status.name}: {self.message})", [])
+
+    @property
+    def ok(self) -> bool:
+        """Whether a certified motion was found."""
+        return self.status is PlanStatus.FOUND
+
+
+def plan_among_movers(
+    checker: CollisionChecker,
+    start: npt.ArrayLike,
+    goals: npt.ArrayLike,
+    movers: Sequence[Mover | Trajectory],
+    *,
+    start_time: float = 0.0,
+    window: tuple[float, float] | None = None,
+    jerk: npt.ArrayLike | None = None,
+    samples: int = 400,
+    planner: RrtConnect | None = None,
+    rng: int | np.random.Generator = 0,
+) -> TimedPlanResult:
+    """Plan a motion from ``start`` (n,) to one of ``goals`` (n,) or (g, n) among moving obstacles, with waits.
+
+    The goal that can be reached first is reached as early as the roadmap allows; this is not the earliest time that
+    exists. The same ``rng`` gives the same motion.
+
+    Parameters
+    ----------
+    checker
+        Defines the bodies and margins, with the obstacles of the movers in its scene.
+    start, goals
+        The first configuration and the goals, inside the limits of the joints. The arm rests at both.
+    movers
+        Moving obstacles and trajectories of other joints, as for :func:`pinproof.certify`.
+    start_time
+        The time (s) on the clock of the movers at which the arm may start.
+    window
+        The earliest and the latest time (s), on the clock of the movers, at which the motion ends at a goal. By default
+        at any time that the movers cover, up to 120 s after the start.
+    jerk
+        Limits of jerk, as for :func:`pinproof.time_parametrise`.
+    samples
+        Largest number of random configurations.
+    planner
+        Plans the paths without movers.
+    rng
+        Seed or Generator of the samples.
+
+    Raises
+    ------
+    InputError
+        If there is no mover, a mover does not cover the time from the start to the end of the window, or a number is
+        invalid.
+    """
+    if not movers:
+        raise InputError("there is no mover; plan with RrtConnect")
+    if samples < 0:
+        raise InputError(f"samples = {samples}; it must be 0 or more")
+    require_positive("start_time", start_time, zero=True)
+    shifted = tuple(each.after(start_time) for each in movers)
+    first, last = _window(shifted, start_time, window)
+    group = checker.group
+    at_start = group.configuration(start, "start")
+    clock = _rest(at_start, last, group.joint_names)
+    whole = with_movers(clock, checker, shifted)
+    still = _without_movers(checker, shifted)
+    ends = read_ends(still, start, goals, turns=False)
+
+    def failed(status: PlanStatus, message: str, tried: int = 0) -> TimedPlanResult:
+        return TimedPlanResult(status, None, None, None, message, start_time, shifted, samples=tried)
+
+    if isinstance(ends, PlanResult):
+        return failed(ends.status, ends.message)
+    found = whole.checker.check(whole.trajectory.start)
+    if found.contacts:
+        return failed(PlanStatus.START_INVALID, f"the start is invalid at {start_time:.4g} s: {found}")
+    generator = np.random.default_rng(rng)
+    times = _Times(whole.trajectory, whole.checker, group.dof, last, first)
+    search = _Roadmap(times, still, ends, jerk)
+    plans = planner or RrtConnect()
+    tried, rounds = 0, 0
+    while True:
+        if rounds < STATIC_PATHS:
+            plan = plans.plan(still, ends.start, ends.goals, rng=generator)
+            if plan.path is None and rounds == 0 and plan.status is not PlanStatus.OUT_OF_BUDGET:
+                return failed(plan.status, f"without the movers: {plan.message}")
+            if plan.path is not None:
+                search.add_path(shortcut(plan.path, still, rng=generator).q)
+        elif tried >= samples or search.failures > MOST_PROOFS:
+            return failed(*search.reason(start_time, tried), tried)
+        else:
+            tried += search.grow(min(BATCH, samples - tried), generator)
+        rounds += 1
+        while (route := search.earliest()) is not None and search.failures <= MOST_PROOFS:
+            trajectory, steps = search.motion(route)
+            certificate = certify(trajectory, checker, movers=shifted)
+            if certificate.status is CertificateStatus.FREE:
+                waiting = sum(step.end - step.start for step in steps if step.edge is None)
+                message = f"reached goal {ends.indices[route.goal]} at {start_time + trajectory.duration:.4g} s after "
+                message += f"waiting {waiting:.3g} s; {certificate.message}"
+                return TimedPlanResult(
+                    PlanStatus.FOUND, trajectory, certificate, ends.indices[route.goal], message, start_time, shifted,
+                    waiting, tried,
+                )  # fmt: skip
+            search.refuse(certificate, steps)
+
+
+def _window(
+    movers: Sequence[Mover | Trajectory], start_time: float, window: tuple[float, float] | None
+) -> tuple[float, float]:
+    """The window in seconds after the start; the end of time that is searched is its end."""
+    covered = min((_covered(each) for each in movers if not (isinstance(each, Mover) and each.rests)), default=math.inf)
+    if window is None:
+        rested = max(_covered(each) for each in movers) + LONGEST / 4
+        last = min(covered, LONGEST, rested if math.isinf(covered) else math.inf)
+        if not last > 0.0:
+            raise InputError(f"the movers end before start_time = {start_time:g} s; give their motion until later")
+        return 0.0, last
+    first, last = float(window[0]) - start_time, float(window[1]) - start_time
+    if not (last > 0.0 and first <= last < math.inf):
+        raise InputError(
+            f"window = {window}; it must be two times in increasing order that end after start_time = {start_time:g} s"
+        )
+    return max(first, 0.0), last
+
+
+def _covered(mover: Mover | Trajectory) -> float:
+    return mover.trajectory.duration if isinstance(mover, Mover) else mover.duration
+
+
+def _rest(q: Array, duration: float, names: tuple[str, ...], *, quintic: bool = False) -> Trajectory:
+    still = np.zeros((2, len(q)))
+    return Trajectory([0.0, duration], np.array([q, q]), still, names, accelerations=still if quintic else None)
+
+
+def _without_movers(checker: CollisionChecker, movers: Sequence[Mover | Trajectory]) -> CollisionChecker:
+    """The checker without the obstacles that move and without the links of other joints that move."""
+    gone = {name for mover in movers if isinstance(mover, Mover) for name in mover.obstacles}
+    others = {name for each in movers if isinstance(each, Trajectory) for name in each.joint_names}
+    still = checker.with_scene(checker.scene.remove(*gone)) if gone else checker
+    if not others:
+        return still
+    urdf = checker.group.robot.urdf
+    moving = {link for link in urdf.links if moved_by(urdf, link, others)}
+    pairs = [k for k, pair in enumerate(still.pairs) if any(still.bodies[i].link in moving for i in pair)]
+    return still.without_pairs(pairs)
+
+
+class _Times:
+    """The clock of a search: which configurations are free at which time.
+
+    Parameters
+    ----------
+    clock
+        A motion of the joint group with the movers, of which only the columns of the movers are used.
+    checker
+        The checker of that group.
+    dof
+        Number of joints of the arm.
+    last, first
+        The window (s) of the arrival.
+    """
+
+    def __init__(self, clock: Trajectory, checker: CollisionChecker, dof: int, last: float, first: float) -> None:
+        self.clock, self.checker, self.dof, self.first, self.last = clock, checker, dof, first, last
+        self.grid = np.append(np.arange(0.0, last - STEP / 2, STEP), last)
+        self.steering = checker.padded(SEARCH_PAD)
+        self._at_grid = clock(self.grid)[:, dof:]
+
+    def free_at(self, q: Array, *, padded: bool = True) -> Flags:
+        """(K,) whether q (n,) is free at each time of the grid."""
+        rows = np.hstack([np.tile(q, (len(self.grid), 1)), self._at_grid])
+        return np.asarray((self.steering if padded else self.checker).is_free_batch(rows))
+
+    def crossings(self, samples: Array, offsets: Array, departures: Array) -> Flags:
+        """(D,) whether an edge with the given samples (M, n), at ``offsets`` (s), is free at each departure (s)."""
+        at = np.minimum(departures[:, None] + offsets, self.last).ravel()
+        rows = np.hstack([np.tile(samples, (len(departures), 1)), self.clock(at)[:, self.dof :]])
+        return np.asarray(self.steering.is_free_batch(rows).reshape(len(departures), -1).all(axis=1))
+
+
+class _Edge:
+    """The motion from rest to rest along a straight edge."""
+
+    def __init__(self, motion: Trajectory) -> None:
+        self.motion, self.duration = motion, motion.duration
+        count = max(2, math.ceil(float(np.abs(motion.end - motion.start).max()) / MOTION) + 1)
+        self.offsets = np.linspace(0.0, self.duration, count)
+        self.samples = motion(self.offsets)
+
+
+class _Step(NamedTuple):
+    """A part of a motion: an edge between two configurations, or a wait at one of them (``edge`` is None)."""
+
+    start: float
+    end: float
+    edge: tuple[int, int] | None
+    at: int
+
+
+class _Route(NamedTuple):
+    """The configurations of a motion, with the times of arrival and of departure, and the index of the goal."""
+
+    goal: int
+    places: list[int]
+    arrivals: list[float]
+    departures: list[float]
+    end: float
+
+
+class _Roadmap:
+    """The configurations, edges and safe intervals, and the search for the earliest arrival."""
+
+    def __init__(self, times: _Times, still: CollisionChecker, ends: Ends, jerk: npt.ArrayLike | None) -> None:
+        self._times, self._still, self._jerk = times, still, jerk
+        self._steering = still.padded(SEARCH_PAD)
+        self._group, self._limits = still.group, still.group.limits
+        self.q: list[Array] = []
+        self._free: list[Flags] = []
+        self._near: list[list[int]] = []
+        self._edges: dict[tuple[int, int], _Edge | None] = {}
+        self._refused: set[tuple[int, int, int]] = set()
+        self._reached: set[int] = set()
+        self.failures, self._last_failure = 0, ""
+        self._start = self._add(ends.start)
+        self._free[self._start][0] = True  # it is free, possibly by less than the pad
+        self._goals = [self._add(goal) for goal in ends.goals]
+        self._box = sampling_box(self._group, np.vstack([ends.start, ends.goals]))
+
+    # -- growth -------------------------------------------------------------------------------------------------------
+
+    def _add(self, q: Array) -> int:
+        for k, known in enumerate(self.q):
+            if np.array_equal(known, q):
+                return k
+        self.q.append(q)
+        self._free.append(self._times.free_at(q))
+        self._near.append([])
+        return len(self.q) - 1
+
+    def _connect(self, a: int, b: int) -> None:
+        if a != b and b not in self._near[a]:
+            self._near[a].append(b)
+            self._near[b].append(a)
+
+    def add_path(self, q: Array) -> None:
+        """Add a path (m, n): its waypoints, and stops on each of its edges, which are connected with each other."""
+        for first, last in pairwise(q):
+            places = [self._add(first + share * (last - first)) for share in np.linspace(0.0, 1.0, STOPS + 1)[:-1]]
+            places.append(self._add(last))
+            for k, a in enumerate(places):
+                for b in places[k + 1 :]:
+                    self._connect(a, b)
+
+    def grow(self, count: int, rng: np.random.Generator) -> int:
+        """Add up to ``count`` random configurations that are free without the movers; return ``count``."""
+        low, high = self._box
+        near = np.array(self.q)[rng.integers(len(self.q), size=count)]
+        near = np.clip(near + NEARBY * rng.standard_normal(near.shape), low, high)
+        drawn = np.where(rng.random((count, 1)) < 0.5, near, low + (high - low) * rng.random(near.shape))
+        for q in drawn[self._steering.is_free_batch(drawn)]:
+            nearest = np.argsort(self._least(np.array(self.q), q), kind="stable")[:NEIGHBOURS].tolist()
+            new = self._add(q)
+            for other in nearest:
+                self._connect(new, other)
+        return count
+
+    def _least(self, q: Array, to: Array) -> Array:
+        """(k,) lower bounds (s) of the time from each of q (k, n) to ``to`` (n,)."""
+        velocity = np.where(np.isfinite(self._limits.velocity), self._limits.velocity, 1.0)
+        return np.asarray((np.abs(q - to) / velocity).max(axis=-1))
+
+    def _edge(self, a: int, b: int) -> _Edge | None:
+        """The motion from a to b; None if its samples are in contact without the movers."""
+        if (a, b) not in self._edges:
+            path = JointPath(np.array([self.q[a], self.q[b]]), self._group.joint_names)
+            edge = _Edge(time_parametrise(path, self._limits, jerk=self._jerk))
+            inner = edge.samples[1:-1]
+            self._edges[a, b] = edge if self._steering.is_free_batch(inner).all() else None
+        return self._edges[a, b]
+
+    # -- the search ---------------------------------------------------------------------------------------------------
+
+    def _intervals(self, place: int) -> list[tuple[int, int]]:
+        """The first and last grid times of the intervals in which the arm can rest at a configuration."""
+        edges = np.flatnonzero(np.diff(self._free[place].astype(np.int8), prepend=0, append=0))
+        return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
+
+    def earliest(self) -> _Route | None:
+        """The motion that ends first at a goal within the window; None if the roadmap has none."""
+        times, grid = self._times, self._times.grid
+        goals = np.array([self.q[goal] for goal in self._goals])
+        bound = [float(self._least(goals, q).min()) for q in self.q]
+        if not self._free[self._start][0]:
+            return None
+        self._reached = set()
+        best = {(self._start, 0): 0.0}
+        came: dict[tuple[int, int], tuple[tuple[int, int], float]] = {}
+        heap = [(bound[self._start], 0.0, self._start, 0)]
+        done: set[tuple[int, int]] = set()
+        ending: tuple[float, tuple[int, int]] | None = None
+        while heap:
+            reach, now, place, interval = heapq.heappop(heap)
+            if ending is not None and reach >= ending[0]:
+                break
+            if (place, interval) in done:
+                continue
+            done.add((place, interval))
+            self._reached.add(place)
+            until = self._intervals(place)[interval][1]
+            if place in self._goals:
+                end = max(now, times.first)
+                if end <= min(times.last, grid[until] if until < len(grid) - 1 else times.last) and (
+                    ending is None or end < ending[0]
+                ):
+                    ending = end, (place, interval)
+            for other in self._near[place]:
+                for k, arrival, departure in self._arrivals(place, other, now, until):
+                    key = other, k
+                    if key not in done and arrival < best.get(key, math.inf):
+                        best[key], came[key] = arrival, ((place, interval), departure)
+                        heapq.heappush(heap, (max(arrival, times.first) + bound[other], arrival, other, k))
+        return None if ending is None else self._route(ending, came, best)
+
+    def _arrivals(self, a: int, b: int, now: float, until: int) -> list[tuple[int, float, float]]:
+        """The intervals of b that can be reached from a after ``now``: with the earliest arrival and its departure."""
+        edge = self._edge(a, b)
+        if edge is None:
+            return []
+        grid, found = self._times.grid, []
+        first = math.ceil(round(now / STEP, 6))
+        for k, (low, high) in enumerate(self._intervals(b)):
+            # The arm leaves a while it is safe there, and rests at b within the interval.
+            begin = max(first, math.ceil(round((grid[low] - edge.duration) / STEP, 6)))
+            end = min(until, math.floor(round((grid[high] - edge.duration) / STEP, 6)))
+            departure = self._departure(a, b, edge, begin, end)
+            if departure is not None:
+                found.append((k, departure * STEP + edge.duration, departure * STEP))
+        return found
+
+    def _departure(self, a: int, b: int, edge: _Edge, begin: int, end: int) -> int | None:
+        """The first grid time from ``begin`` to ``end`` at which the edge is free; tried in growing groups."""
+        size = 1
+        while begin <= end:
+            tried = np.arange(begin, min(begin + size, end + 1))
+            free = self._times.crossings(edge.samples, edge.offsets, STEP * tried.astype(float))
+            for k in tried[free].tolist():
+                if (a, b, k) not in self._refused:
+                    return int(k)
+            begin, size = begin + size, 4 * size
+        return None
+
+    def _route(
+        self,
+        ending: tuple[float, tuple[int, int]],
+        came: dict[tuple[int, int], tuple[tuple[int, int], float]],
+        best: dict[tuple[int, int], float],
+    ) -> _Route:
+        end, key = ending
+        goal, places, arrivals, departures = self._goals.index(key[0]), [key[0]], [best[key]], list[float]()
+        while key in came:
+            key, departure = came[key]
+            places.append(key[0])
+            arrivals.append(best[key])
+            departures.append(departure)
+        return _Route(goal, places[::-1], arrivals[::-1], departures[::-1], end)
+
+    # -- the motion ---------------------------------------------------------------------------------------------------
+
+    def motion(self, route: _Route) -> tuple[Trajectory, list[_Step]]:
+        """The trajectory of a route, and its parts."""
+        parts: list[Trajectory] = []
+        steps: list[_Step] = []
+
+        def wait(place: int, arrival: float, until: float) -> None:
+            if until - arrival > STEP * 1e-6:
+                names, quintic = self._group.joint_names, self._jerk is not None
+                parts.append(_rest(self.q[place], until - arrival, names, quintic=quintic))
+                steps.append(_Step(arrival, until, None, place))
+
+        for k, departure in enumerate(route.departures):
+            a, b = route.places[k], route.places[k + 1]
+            wait(a, route.arrivals[k], departure)
+            edge = self._edges[a, b]
+            if edge is None:
+                raise InputError("a route has an edge in contact")
+            parts.append(edge.motion)
+            steps.append(_Step(departure, departure + edge.duration, (a, b), a))
+        wait(route.places[-1], route.arrivals[-1], route.end)
+        if not parts:
+            here = self.q[self._start]
+            return Trajectory([0.0], here[None], np.zeros((1, len(here))), self._group.joint_names), []
+        return Trajectory.join(*parts), steps
+
+    def refuse(self, certificate: Certificate, steps: Sequence[_Step]) -> None:
+        """Remove the part of a motion that is not proven."""
+        self.failures, self._last_failure = self.failures + 1, certificate.message
+        if certificate.first_contact is not None:
+            time = certificate.first_contact.time
+        else:
+            time = 0.0 if certificate.undecided is None else certificate.undecided.start
+        failed = next((step for step in steps if time <= step.end + STEP * 1e-3), None)
+        if failed is None:  # at rest at the goal
+            self._free[self._start][0] = False
+        elif failed.edge is not None:
+            self._refused.add((*failed.edge, round(failed.start / STEP)))
+        else:
+            self._free[failed.at][min(round(time / STEP), len(self._times.grid) - 1)] = False
+
+    def reason(self, start_time: float, tried: int) -> tuple[PlanStatus, str]:
+        """Why no motion was found."""
+        times, grid = self._times, self._times.grid
+        inside = np.flatnonzero(grid >= times.first)
+        if not any(times.free_at(self.q[goal], padded=False)[inside].any() for goal in self._goals):
+            span = f"from {start_time + times.first:.4g} s to {start_time + times.last:.4g} s"
+            found = self._contacts(self._goals[0], int(inside[0]))
+            message = f"no goal is free of the movers {span}; goal 0 at {start_time + grid[inside[0]]:.4g} s: {found}"
+            return PlanStatus.GOAL_INVALID, message
+        message = f"no goal was reached before {start_time + times.last:.4g} s"
+        blocked = np.flatnonzero(~self._free[self._start])
+        if len(blocked):
+            alone = "" if self._reached - {self._start} else ", and no waiting place is free"
+            at, found = start_time + grid[blocked[0]], self._contacts(self._start, int(blocked[0]))
+            message += f"; the arm must leave its start before {at:.4g} s ({found}){alone}"
+        message += f"; {len(self._reached)} of {len(self.q)} configurations were reached in time"
+        if self.failures:
+            message += f"; {self.failures} motions failed the proof, the last: {self._last_failure}"
+        message += f"; {tried} samples were tried. Try more samples, another rng or a later window"
+        return PlanStatus.OUT_OF_BUDGET, message
+
+    def _contacts(self, place: int, index: int) -> str:
+        """The contacts of a configuration at a time of the grid."""
+        times = self._times
+        movers = times.clock(times.grid[index])[times.dof :]
+        return str(times.steering.check(np.concatenate([self.q[place], movers])))

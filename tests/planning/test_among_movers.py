@@ -1,0 +1,192 @@
+"""Plans among moving obstacles: each is certified, and audited at dense samples in space and time."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision import audit
+from pinproof.errors import PlanFailed
+from pinproof.planning import PlanStatus, plan_among_movers
+
+STEP = 0.005
+"""rad or m between the samples of an audit."""
+
+
+@cache
+def ur5():
+    return pp.load_robot("ur5").arm(tcp="tool0")
+
+
+def reaching(arm, *poses):
+    """For each pose the solution nearest to the one before, beginning with the first of the first pose."""
+    found = [pp.AnalyticIk().solve_all(arm, poses[0]).q[0]]
+    for pose in poses[1:]:
+        many = pp.AnalyticIk().solve_all(arm, pose).q
+        found.append(many[np.abs(many - found[-1]).max(axis=1).argmin()])
+    return found
+
+
+def down(x, y, z):
+    return pp.pose((x, y, z), (np.pi, 0, 0))
+
+
+def checked(result, checker, movers, start=0.0):
+    """The motion of a plan, after independent checks of its certificate, its limits and its contacts."""
+    motion = result.or_raise().trajectory
+    seen = [mover.after(start) for mover in movers]
+    assert pp.certify(motion, checker, movers=seen).status is pp.CertificateStatus.FREE
+    assert audit(motion, checker, step=STEP, measure=False, movers=seen).clean
+    limits = checker.group.limits
+    assert (motion.max_velocity() <= limits.velocity * (1 + 1e-9)).all()
+    assert (motion.max_acceleration() <= limits.acceleration * (1 + 1e-6)).all()
+    assert not motion.velocities[[0, -1]].any()
+    return motion
+
+
+def opening(name, obstacle, begins, travel=0.8):
+    """A door that opens upwards from a time on, within a second."""
+    rest = pp.Trajectory([0.0, begins, begins + 1.0], [[0.0], [0.0], [travel]], np.zeros((3, 1)), [name])
+    return pp.Mover(name, (obstacle,), rest, axis=(0, 0, 1), rests=True)
+
+
+def behind_a_door():
+    scene = pp.Scene(
+        [
+            pp.Obstacle("wall_left", pp.Box(0.04, 1.0, 1.4), pp.pose((0.35, 0.75, 0.4))),
+            pp.Obstacle("wall_right", pp.Box(0.04, 1.0, 1.4), pp.pose((0.35, -0.75, 0.4))),
+            pp.Obstacle("lintel", pp.Box(0.04, 2.5, 0.8), pp.pose((0.35, 0, 1.4))),
+            pp.Obstacle("sill", pp.Box(0.04, 2.5, 0.2), pp.pose((0.35, 0, 0.0))),
+            pp.Obstacle("door", pp.Box(0.02, 0.6, 0.9), pp.pose((0.38, 0, 0.55))),
+        ]
+    )
+    arm = ur5()
+    forward = pp.pose((0.6, 0.1, 0.5), (0, np.pi / 2, 0))
+    still = pp.CollisionChecker(arm, scene.remove("door"), margin=0.002)
+    goals = pp.AnalyticIk().solve_all(arm, forward).q
+    return pp.CollisionChecker(arm, scene, margin=0.002), goals[still.is_free_batch(goals)]
+
+
+@pytest.mark.slow
+def test_arm_waits_until_a_door_opens() -> None:
+    checker, goals = behind_a_door()
+    start = np.array([0.0, -2.2, 2.2, -1.57, -1.57, 0.0])
+    door = opening("opening", "door", 3.0)
+    result = plan_among_movers(checker, start, goals, [door])
+    motion = checked(result, checker, [door])
+    assert 3.0 < motion.duration < 7.0
+    assert result.waiting > 1.0
+    assert 0 <= result.goal < len(goals)
+    # the same seed gives the same motion, and a later start waits less by the difference
+    assert plan_among_movers(checker, start, goals, [door]).trajectory.digest() == motion.digest()
+    later = plan_among_movers(checker, start, goals, [door], start_time=2.0)
+    assert checked(later, checker, [door], 2.0).duration < motion.duration - 1.5
+
+
+def test_goal_is_reached_within_its_window_or_the_reason_is_given() -> None:
+    checker, goals = behind_a_door()
+    start = np.array([0.0, -2.2, 2.2, -1.57, -1.57, 0.0])
+    door = opening("opening", "door", 3.0)
+    late = plan_among_movers(checker, start, goals, [door], window=(8.0, 9.0))
+    assert checked(late, checker, [door]).duration == pytest.approx(8.0)
+    early = plan_among_movers(checker, start, goals, [door], window=(0.0, 2.5), samples=40)
+    assert early.status in (PlanStatus.OUT_OF_BUDGET, PlanStatus.GOAL_INVALID)
+    assert early.trajectory is None
+
+
+@pytest.mark.slow
+def test_arm_passes_between_the_posts_of_a_rotary_table() -> None:
+    arm = ur5()
+    angles = np.arange(4) * np.pi / 2
+    posts = [
+        pp.Obstacle(f"post{k}", pp.Box(0.08, 0.08, 0.5), pp.pose((0.55 + 0.2 * np.cos(a), 0.2 * np.sin(a), 0.25)))
+        for k, a in enumerate(angles)
+    ]
+    checker = pp.CollisionChecker(arm, pp.Scene(posts), margin=0.002)
+    start, goal = reaching(arm, down(0.5, -0.5, 0.15), down(0.5, 0.5, 0.15))
+    table = pp.Mover.constant(
+        "table", [post.name for post in posts], 0.6, 60.0, type="revolute", axis=(0, 0, 1), point=(0.55, 0, 0)
+    )
+    direct = pp.time_parametrise(pp.JointPath(np.array([start, goal]), arm.joint_names), arm.limits)
+    assert pp.certify(direct, checker, movers=[table]).status is pp.CertificateStatus.COLLIDING
+    checked(plan_among_movers(checker, start, goal, [table], rng=1), checker, [table])
+
+
+@pytest.mark.slow
+def test_arm_keeps_clear_of_another_arm_on_its_trajectory() -> None:
+    facing = pp.pose((0.9, 0, 0), (0, 0, np.pi))
+    cell = pp.assemble({"a": (ur5(), np.eye(4)), "b": (ur5(), facing)})
+    checker = pp.CollisionChecker(cell.arms["a"], margin=0.005)
+    names = [f"b/{name}" for name in ur5().joint_names]
+    over, aside = reaching(ur5(), down(0.45, 0.0, 0.3), down(0.45, 0.4, 0.3))
+    # the other arm is over the middle for two seconds, and then moves aside
+    there = pp.time_parametrise(pp.JointPath(np.array([over, aside]), names), ur5().limits)
+    parts = [rest(over, 2.0, names), there, rest(aside, 30.0, names)]
+    crossing = pp.Trajectory.join(*parts)
+    start, goal = reaching(ur5(), down(0.45, -0.4, 0.3), down(0.45, 0.0, 0.3))
+    direct = pp.time_parametrise(pp.JointPath(np.array([start, goal]), cell.arms["a"].joint_names), ur5().limits)
+    assert pp.certify(direct, checker, movers=[crossing]).status is pp.CertificateStatus.COLLIDING
+    motion = checked(plan_among_movers(checker, start, goal, [crossing]), checker, [crossing])
+    assert motion.duration > 2.0
+
+
+def rest(q, duration, names):
+    return pp.Trajectory([0.0, duration], np.array([q, q]), np.zeros((2, len(q))), names)
+
+
+def wall_of(speed, duration=60.0):
+    wall = pp.Obstacle("wall", pp.Box(3.0, 0.05, 3.0), pp.pose((0, -1.5, 0)))
+    checker = pp.CollisionChecker(ur5(), pp.Scene([wall]))
+    return checker, pp.Mover.constant("wall_drive", ["wall"], speed, duration, axis=(0, 1, 0))
+
+
+@pytest.mark.slow
+def test_reason_names_what_drives_the_arm_from_its_start_if_no_waiting_place_is_free() -> None:
+    checker, drive = wall_of(0.5)
+    (start,) = reaching(ur5(), down(0.1, -0.5, 0.3))
+    (goal,) = reaching(ur5(), down(0.1, 0.6, 0.3))
+    result = plan_among_movers(checker, start, goal, [drive], window=(8.0, 10.0), samples=80)
+    assert result.status in (PlanStatus.GOAL_INVALID, PlanStatus.OUT_OF_BUDGET)
+    assert "wall" in result.message
+    with pytest.raises(PlanFailed):
+        result.or_raise()
+
+
+def test_start_in_the_path_of_a_mover_is_invalid_at_that_time_only() -> None:
+    checker, drive = wall_of(0.5)
+    start, goal = reaching(ur5(), down(0.1, -0.5, 0.3), down(0.1, -0.45, 0.3))
+    assert plan_among_movers(checker, start, goal, [drive]).ok
+    blocked = plan_among_movers(checker, start, goal, [drive], start_time=2.0)
+    assert blocked.status is PlanStatus.START_INVALID
+    assert "wall" in blocked.message
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"window": (0.0, 8.0)}, "wall_drive"),
+        ({"window": (3.0, 2.0)}, "window"),
+        ({"start_time": 9.0}, "wall_drive ends at 5 s"),
+        ({"start_time": -1.0}, "start_time"),
+        ({"samples": -1}, "samples"),
+        ({"movers": []}, "mover"),
+    ],
+)
+def test_invalid_times_and_movers_are_refused(changes, named) -> None:
+    checker, drive = wall_of(0.1, duration=5.0)
+    (start,) = reaching(ur5(), down(0.1, 0.5, 0.3))
+    with pytest.raises(pp.InputError, match=named):
+        plan_among_movers(checker, start, start, **{"movers": [drive], **changes})
+
+
+def test_mover_seen_from_a_later_start_is_the_same_motion() -> None:
+    lift = opening("lift", "wall", 1.5)
+    for time in (0.0, 1.0, 1.9, 4.0):
+        seen = lift.after(time)
+        assert seen.trajectory.duration == pytest.approx(max(lift.trajectory.duration - time, 0.0))
+        at = np.linspace(0.0, seen.trajectory.duration, 7)
+        expected = lift.trajectory(np.minimum(at + time, lift.trajectory.duration))
+        assert np.abs(seen.trajectory(at) - expected).max() < 1e-12

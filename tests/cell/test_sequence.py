@@ -14,6 +14,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.cell import SequenceResult
+from pinproof.cell.exchanges import exchanged
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.tour import TourProblem
 from pinproof.errors import UnknownNameError
@@ -81,6 +82,34 @@ def test_search_finds_the_optimum_of_a_line_of_jobs(pairs: int) -> None:
     assert problem.lower_bound() <= 25.0 + 1e-9
     assert problem.lower_bound() >= 0.95 * 25.0
     assert problem.precedence.allows(found.order)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_allowed_reversal_or_move_makes_an_exchanged_order_shorter(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    n = int(random.integers(3, 11))
+    times = random.random((n + 2, n + 2))
+    pairs = [(a, b) for a in range(n) for b in range(a + 1, n) if random.random() < 0.1]
+
+    def total(order: list[int]) -> float:
+        stops = [0, *(k + 1 for k in order), n + 1]
+        return float(times[stops[:-1], stops[1:]].sum())
+
+    def allowed(order: list[int]) -> bool:
+        return all(order.index(a) < order.index(b) for a, b in pairs)
+
+    before, after = (np.array([pair[k] for pair in pairs], dtype=np.int64) for k in (0, 1))
+    found = exchanged(times, before, after).tolist()
+    assert allowed(found)
+    assert total(found) <= total(list(range(n)))
+    for i in range(n):
+        for length in range(1, n - i + 1):
+            part = found[i : i + length]
+            rest = [k for k in found if k not in part]
+            others = [[*found[:i], *part[::-1], *found[i + length :]]]
+            if length <= 8 and not any(a in part and b in part for a, b in pairs):
+                others += [[*rest[:k], *part, *rest[k:]] for k in range(len(rest) + 1)]
+            assert not any(allowed(other) and total(other) < total(found) - 1e-9 for other in others)
 
 
 def test_contradictory_precedence_names_a_cycle() -> None:

@@ -27,6 +27,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.cell.exchanges import exchanged
 from pinproof.cell.precedence import Precedence
 from pinproof.errors import InputError
 
@@ -41,7 +42,7 @@ EXACT = 10
 MICRO = 1e6
 """Integer costs of OR-Tools are microseconds."""
 
-SEARCH = 600
+SEARCH = 300
 """Default number of disturbed tours from which the search starts again; a number, so that the result needs no clock."""
 
 KICK, WINDOW = 4, 12
@@ -228,7 +229,23 @@ class TourProblem:
             before = tuple(chosen)
             if self._move(chosen, job):
                 queue |= dict.fromkeys(int(self.job[chosen[k]]) for k in _changed(before, chosen))
-        return self.best_options(tuple(int(self.job[each]) for each in chosen))
+        return self._exchanged(self.best_options(tuple(int(self.job[each]) for each in chosen)))
+
+    def _exchanged(self, tour: Tour) -> Tour:
+        """The tour after reversals and moves of its parts, with the best options for the new order."""
+        chosen = np.array(tour.options)
+        n = len(chosen)
+        times = np.full((n + 2, n + 2), np.inf)
+        times[1:-1, 1:-1] = self.between[np.ix_(chosen, chosen)]
+        times[0, 1:-1], times[1:-1, -1] = self.start[chosen], self.end[chosen]
+        place = np.argsort(tour.order)
+        changed = exchanged(times, *(place[list(jobs)] for jobs in self._pairs))
+        return min(tour, self.best_options(tuple(tour.order[k] for k in changed)), key=lambda each: each.seconds)
+
+    @cached_property
+    def _pairs(self) -> tuple[list[int], list[int]]:
+        pairs = list(self.precedence.reasons)
+        return [a for a, _ in pairs], [b for _, b in pairs]
 
     def exact(self) -> Tour:
         """The optimum, by dynamic programming over subsets of jobs."""
@@ -269,7 +286,7 @@ class TourProblem:
             moved = False
             for job in range(self.count):
                 moved = self._move(chosen, job) or moved
-            found = self.best_options(tuple(int(self.job[each]) for each in chosen))
+            found = self._exchanged(self.best_options(tuple(int(self.job[each]) for each in chosen)))
             if not moved or found.seconds >= best.seconds - GAIN:
                 return min(best, found, key=lambda each: each.seconds)
             best = found

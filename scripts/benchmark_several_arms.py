@@ -27,7 +27,6 @@ from typing import Any, ClassVar
 import numpy as np
 from collision_edges import EdgeRow, check_edges
 from mover_edges import FASTEST, SAMPLE_STEP, mover_edge_rows
-
 from shared_bin import AUDIT_STEP as BIN_AUDIT_STEP
 from shared_bin import SharedBinRow, measure_shared_bin
 

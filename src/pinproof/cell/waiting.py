@@ -88,18 +88,23 @@ def shortest_waits(first: Progress, second: Progress, blocked: Mask) -> tuple[li
     seconds = _arrival(first.rests, second.rests, blocked)
     if seconds[-1, -1] >= NEVER:
         return None
-    i, j = (size - 1 for size in seconds.shape)
+    last = seconds.shape[0] - 1, seconds.shape[1] - 1
+    i, j = last
     waits: tuple[dict[int, int], dict[int, int]] = ({}, {})
     while i or j:
         before = seconds[i, j] - 1
-        if i and j and seconds[i - 1, j - 1] == before:
-            i, j = i - 1, j - 1
-        elif i and second.rests[j] and seconds[i - 1, j] == before:
+        both = bool(i and j and seconds[i - 1, j - 1] == before)
+        second_waits = bool(i and second.rests[j] and seconds[i - 1, j] == before)
+        first_waits = bool(j and first.rests[i] and seconds[i, j - 1] == before)
+        # An arm that has finished does not wait: it finishes as early as possible.
+        if (second_waits and j == last[1]) or not (both or first_waits):
             waits[1][j] = waits[1].get(j, 0) + 1
             i -= 1
-        else:
+        elif (first_waits and i == last[0]) or not both:
             waits[0][i] = waits[0].get(i, 0) + 1
             j -= 1
+        else:
+            i, j = i - 1, j - 1
     found = []
     for axis, ticks in zip((first, second), waits, strict=True):
         last = len(axis.times) - 1

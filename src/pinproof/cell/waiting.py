@@ -88,8 +88,7 @@ def shortest_waits(first: Progress, second: Progress, blocked: Mask) -> tuple[li
     seconds = _arrival(first.rests, second.rests, blocked)
     if seconds[-1, -1] >= NEVER:
         return None
-    last = seconds.shape[0] - 1, seconds.shape[1] - 1
-    i, j = last
+    i, j = ends = seconds.shape[0] - 1, seconds.shape[1] - 1
     waits: tuple[dict[int, int], dict[int, int]] = ({}, {})
     while i or j:
         before = seconds[i, j] - 1
@@ -97,10 +96,10 @@ def shortest_waits(first: Progress, second: Progress, blocked: Mask) -> tuple[li
         second_waits = bool(i and second.rests[j] and seconds[i - 1, j] == before)
         first_waits = bool(j and first.rests[i] and seconds[i, j - 1] == before)
         # An arm that has finished does not wait: it finishes as early as possible.
-        if (second_waits and j == last[1]) or not (both or first_waits):
+        if (second_waits and j == ends[1]) or not (both or first_waits):
             waits[1][j] = waits[1].get(j, 0) + 1
             i -= 1
-        elif (first_waits and i == last[0]) or not both:
+        elif (first_waits and i == ends[0]) or not both:
             waits[0][i] = waits[0].get(i, 0) + 1
             j -= 1
         else:

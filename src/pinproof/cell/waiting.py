@@ -1,6 +1,6 @@
 """Where two arms wait on their fixed paths, so that they finish as early as possible without meeting.
 
-A state of the coordination diagram of two arms is a pair of their own times. From a state, both arms advance by a tick,
+A state of the coordination diagram of two arms is a pair of times, one of each arm without its waits. From a state, both arms advance by a tick,
 or one waits while the other advances; an arm waits only where its path rests. The path through the free states that
 takes the shortest time is found by dynamic programming over the whole diagram, so that a deadlock cannot occur.
 
@@ -76,7 +76,7 @@ class Progress:
 
 
 def shortest_waits(first: Progress, second: Progress, blocked: Mask) -> tuple[list[Wait], list[Wait]] | None:
-    """Where each arm waits in the fastest path from the start of both to the end of both; None if there is none.
+    """Where each arm waits in the fastest path from the start of both to the end of both; None if no such path exists.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ def plan_arms(
     step: float = STEP,
     rng: Rng = 0,
 ) -> CoordinationResult:
-    """Plan the motion of several arms in two ways, and return the shorter certified one.
+    """Plan the motion of several arms by two methods, and return the shorter certified one.
 
     The arms are planned together in the space of all joints, and one after the other: each arm is planned with those
     of higher priority at their goals and the others at their starts, and :func:`coordinate` lets them wait. Each order

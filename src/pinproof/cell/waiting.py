@@ -1,8 +1,9 @@
 """Where two arms wait on their fixed paths, so that they finish as early as possible without meeting.
 
-A state of the coordination diagram of two arms is a pair of times, one of each arm without its waits. From a state, both arms advance by a tick,
-or one waits while the other advances; an arm waits only where its path rests. The path through the free states that
-takes the shortest time is found by dynamic programming over the whole diagram, so that a deadlock cannot occur.
+A state of the coordination diagram of two arms is a pair of times, one of each arm without its waits. From a state,
+both arms advance by a tick, or one waits while the other advances; an arm waits only where its path rests. The path
+through the free states that takes the shortest time is found by dynamic programming over the whole diagram, so that a
+deadlock cannot occur.
 
 Sources: P. O'Donnell, T. Lozano-Perez (1989), "Deadlock-free and collision-free coordination of two robot
 manipulators", ICRA; K. Kant, S. W. Zucker (1986), "Toward efficient trajectory planning: the path-velocity

@@ -4,8 +4,10 @@
 python scripts/benchmark_several_arms.py --mbm FOLDER            MotionBenchMaker problems of both arms of a Baxter
 python scripts/benchmark_several_arms.py --edges 10000           certifies random edges and checks every verdict
 python scripts/benchmark_several_arms.py --mover-edges 10000     the same among moving obstacles
-python scripts/benchmark_several_arms.py --mbm FOLDER --edges 10000 --mover-edges 10000 --docs
-                                                                 all, and rewrites docs/benchmarks/several_arms.*
+python scripts/benchmark_several_arms.py --shared-bin            two UR5 over one bin with 40 parts
+python scripts/benchmark_several_arms.py --mbm FOLDER --edges 10000 --mover-edges 10000 --shared-bin --docs
+                                                                 all, and rewrites docs/benchmarks/several_arms.*;
+                                                                 with --keep, parts that are not measured are kept
 python scripts/benchmark_several_arms.py --render                rewrites the page from several_arms.json
 
 Exit code 1 if a motion is in collision or a verdict on an edge is wrong.
@@ -25,6 +27,8 @@ from typing import Any, ClassVar
 import numpy as np
 from collision_edges import EdgeRow, check_edges
 from mover_edges import FASTEST, SAMPLE_STEP, mover_edge_rows
+from shared_bin import AUDIT_STEP as BIN_AUDIT_STEP
+from shared_bin import SharedBinRow, measure_shared_bin
 
 import pinproof as pp
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
@@ -76,18 +80,21 @@ class SeveralArmsTable(BenchmarkTable):
     motions: tuple[MotionOfTwoRow, ...]
     edges: tuple[EdgeRow, ...]
     mover_edges: tuple[EdgeRow, ...]
+    cells: tuple[SharedBinRow, ...]
 
     topic: ClassVar[str] = "several arms"
     row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {
         "motions": MotionOfTwoRow,
         "edges": EdgeRow,
         "mover_edges": EdgeRow,
+        "cells": SharedBinRow,
     }
 
     @property
     def wrong(self) -> list[str]:
         """Motions in collision, and wrong verdicts on edges, as sentences."""
         unsafe = [f"{row.problem}: {row.audit}" for row in self.motions if row.audit]
+        unsafe += [f"{row.cell}: {text}" for row in self.cells for text in row.unsafe]
         return [*unsafe, *(text for row in (*self.edges, *self.mover_edges) for text in row.wrong)]
 
 
@@ -189,6 +196,7 @@ def page(table: SeveralArmsTable) -> str:
         "# Benchmark of several arms",
         "",
         *wrapped(provenance_text(table, coal=table.settings["coal"])),
+        *wrapped(_other_runs(table)),
         "",
     ]
     if table.motions:
@@ -197,6 +205,8 @@ def page(table: SeveralArmsTable) -> str:
         lines += ["## Certificates of random edges", "", *_edges(table), ""]
     if table.mover_edges:
         lines += ["## Certificates among moving obstacles", "", *_mover_edges(table), ""]
+    if table.cells:
+        lines += ["## Picks of two arms over one bin", "", *_cells(table), ""]
     lines += bullet_section("Wrong verdicts", table.wrong)
     return "\n".join(lines).rstrip() + "\n"
 
@@ -281,6 +291,57 @@ def _mover_edges(table: SeveralArmsTable) -> list[str]:
     return [*wrapped(text), "", *_edge_table("robot", table.mover_edges)]
 
 
+def _other_runs(table: SeveralArmsTable) -> str:
+    """The commits of parts that were measured by another run."""
+    own = table.provenance["commit"]
+    kept = {part: commit for part, commit in table.settings.get("measured", {}).items() if commit != own}
+    if not kept:
+        return ""
+    parts = "; ".join(f"{PARTS[part]}: {commit[:12]}" for part, commit in kept.items())
+    return f"Parts that were measured at another commit: {parts}."
+
+
+PARTS = {
+    "motions": "motions of both arms",
+    "edges": "random edges",
+    "mover_edges": "edges among moving obstacles",
+    "cells": "picks of two arms",
+}
+"""The parts of the page, which can be measured in separate runs."""
+
+
+def _cells(table: SeveralArmsTable) -> list[str]:
+    text = (
+        "Two UR5 move 40 parts from one bin to two trays (`robots/two_ur5`). `pp.cell.allocate` judges every pick for "
+        "both arms, allocates and orders the picks, and lets the arms wait for each other. Every motion is certified, "
+        "and so are the pairs of bodies of the two arms in each interval of the common clock without a grip or a "
+        "release. One arm is the shorter time in which one of them executes all picks, with the other at home. The "
+        "audit checks all bodies of both arms on exact meshes, among the parts that are in the scene at each time, at "
+        f"common times between which no joint moves more than {BIN_AUDIT_STEP:g} rad. The last column is the processor "
+        "time of everything but the audit, the sequences of one arm included."
+    )
+    columns = ("cell", "picks", "makespan", "one arm", "ratio", "waiting", "utilisation", "certified")
+    columns = (*columns, "clearance, mm", "audited samples", "unsafe", "time")
+    cells = [
+        [
+            row.cell,
+            str(row.picks),
+            f"{row.makespan:.1f} s",
+            f"{row.one_arm:.1f} s",
+            f"{row.ratio:.3f}",
+            " / ".join(f"{each:.1f} s" for each in row.waiting),
+            " / ".join(f"{100 * each:.0f} %" for each in row.utilisation),
+            f"{row.status}, {row.intervals} intervals",
+            f"{1e3 * row.clearance:.1f}",
+            f"{row.samples:,}",
+            str(len(row.unsafe)),
+            f"{row.seconds:.0f} s",
+        ]
+        for row in table.cells
+    ]
+    return [*wrapped(text), "", *markdown_table(columns, cells)]
+
+
 def _edge_table(name: str, rows: Sequence[EdgeRow]) -> list[str]:
     columns = (name, "edges", "FREE", "COLLIDING", "UNDECIDED", "configurations checked", "mean, ms", "wrong")
     cells = [
@@ -311,6 +372,8 @@ def main() -> None:
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
     parser.add_argument("--edges", type=int, default=0, metavar="N", help="number of random edges")
     parser.add_argument("--mover-edges", type=int, default=0, metavar="N", help="number of random edges among movers")
+    parser.add_argument("--shared-bin", action="store_true", help="the picks of two arms over one bin")
+    parser.add_argument("--keep", action="store_true", help="keep the parts of the page that are not measured")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/several_arms.*")
     parser.add_argument("--render", action="store_true", help="rewrite the page from several_arms.json")
@@ -325,8 +388,17 @@ def main() -> None:
                 motions.append(measure_problem(problem, options.seed))
         edges = measure_edges(options.edges, options.seed, _progress) if options.edges else []
         mover_edges = mover_edge_rows(options.mover_edges, options.seed, _progress) if options.mover_edges else []
-        settings = {"mbm": options.mbm is not None, "edges": options.edges, "coal": installed_version("coal")}
-        table = SeveralArmsTable(settings, origin, tuple(motions), tuple(edges), tuple(mover_edges))
+        cells = [measure_shared_bin(options.seed, _progress)] if options.shared_bin else []
+        rows = {"motions": motions, "edges": edges, "mover_edges": mover_edges, "cells": cells}
+        measured = {part: origin["commit"] for part, found in rows.items() if found}
+        if options.keep:
+            before = SeveralArmsTable.load(FOLDER / "several_arms.json")
+            kept = [part for part in rows if not rows[part] and getattr(before, part)]
+            earlier = before.settings.get("measured", {})
+            measured |= {part: earlier.get(part, before.provenance["commit"]) for part in kept}
+            rows |= {part: getattr(before, part) for part in kept}
+        settings = {"coal": installed_version("coal"), "measured": measured}
+        table = SeveralArmsTable(settings, origin, **{part: tuple(found) for part, found in rows.items()})
     text = page(table)
     if options.docs or options.render:
         table.write(FOLDER, "several_arms", text)

@@ -192,3 +192,14 @@ def test_wrong_robots_of_a_file_are_refused(tmp_path, old, new, words) -> None:
     (tmp_path / "picks.yaml").write_text(text.replace(old, new))
     with pytest.raises(pp.FileError, match=words):
         pp.read_picks(tmp_path / "picks.yaml")
+
+
+def test_table_with_arms_needs_robots(tmp_path) -> None:
+    (tmp_path / "picks.csv").write_text("name,x,y,z,roll,pitch,yaw,arm\na,0.1,0.2,0.3,3.1,0,0,left\n")
+    with pytest.raises(pp.FileError, match="column arm"):
+        pp.read_picks(tmp_path / "picks.csv")
+    text = FILE.read_text()
+    text = text[: text.index("picks:\n")].replace("scene: scene.yaml\n", "") + "picks: picks.csv\n"
+    (tmp_path / "picks.yaml").write_text(text)
+    (pick,) = pp.read_picks(tmp_path / "picks.yaml")
+    assert pick.arm == "left"

@@ -8,7 +8,7 @@ import pytest
 import pinproof as pp
 from pinproof.collision import audit
 from pinproof.motion import JointPath, separate
-from pinproof.planning import coordinate
+from pinproof.planning import coordinate, plan_arms
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +69,31 @@ def test_motion_that_does_not_rest_at_its_ends_is_refused(cell) -> None:
     moving = pp.Trajectory([0.0, 0.1], np.zeros((2, 6)), np.array([np.zeros(6), np.ones(6)]), names)
     with pytest.raises(pp.InputError, match="'a' does not rest"):
         coordinate(pp.CollisionChecker(cell), {"a": moving, "b": visit(cell, "b")})
+
+
+@pytest.mark.slow
+def test_arms_that_swap_sides_get_the_shorter_of_two_certified_motions(cell) -> None:
+    checker = pp.CollisionChecker(cell)
+    ends = {}
+    for name in ("a", "b"):
+        motion = visit(cell, name)
+        ends[name] = motion.start, motion.start * np.array([-1, 1, 1, 1, 1, 1])
+    start, goal = (np.concatenate([ends[name][k] for name in ("a", "b")]) for k in (0, 1))
+    result = plan_arms(checker, start, goal)
+    assert result.ok
+    assert np.allclose(result.trajectory.start, start)
+    assert np.allclose(result.trajectory.end, goal)
+    assert result.certificate.matches(result.trajectory, cell, checker.scene)
+    assert audit(result.trajectory, checker, step=0.01, measure=False).clean
+    seed = int(np.random.default_rng(0).integers(2**31))
+    joint = pp.RrtConnect().plan(checker, start, goal, rng=seed).or_raise()
+    together = pp.time_parametrise(pp.shortcut(joint.path, checker, rng=seed), cell.limits)
+    assert result.trajectory.duration <= together.duration + 1e-9
+
+
+def test_goal_in_collision_is_refused_with_the_reason_of_both_methods(cell) -> None:
+    checker = pp.CollisionChecker(cell)
+    middle = np.concatenate([separate_half(visit(cell, name)).end for name in ("a", "b")])
+    start = np.concatenate([visit(cell, name).start for name in ("a", "b")])
+    with pytest.raises(pp.PinproofError, match=r"a/.*b/"):
+        plan_arms(checker, start, middle)

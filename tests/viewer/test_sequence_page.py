@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cell import write_sequence_page
+from pinproof.cell import write_allocation_page, write_sequence_page
 from pinproof.picks import PickBudget, PickSetup, PlaceTarget, SuctionCup
 
 from .browser import Browser
@@ -66,4 +67,26 @@ def test_page_shows_the_cell_at_any_time_of_the_cycle(browser: Browser, pages: C
     assert page.canvas().std() > 10
     assert page.complaints == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    page.close()
+
+
+def test_page_shows_two_arms_on_the_common_clock(browser: Browser, pages: Callable[[str], Path]) -> None:
+    picks = pp.read_picks(Path(__file__).parents[2] / "robots" / "two_ur5" / "picks.yaml")
+    few = replace(picks, picks=tuple(pick for pick in picks if pick.name in ("part_1_1", "part_6_3")))
+    result = pp.cell.allocate(picks.load_cell(), pp.Scene.load(picks.scene), few, compare=False, grip_dwell=0.3)
+    path = pages("allocation")
+    write_allocation_page(result, path)
+    page = browser.open(path.as_uri())
+    assert page.evaluate("document.querySelectorAll('#rows tr').length") == 2
+    part = result.parts["part_6_3"]
+    for time, at in ((0.0, part.before), (part.gripped - 0.1, part.before), (part.released + 0.1, part.after)):
+        page.evaluate(f"pinproof.seek({time})")
+        shown = page.evaluate("pinproof.viewer.scene_tree.find(['scene', 'part_6_3']).object.position.toArray()")
+        assert shown == pytest.approx(at.pose.translation.tolist(), abs=1e-3), time
+    page.evaluate(f"pinproof.seek({part.gripped - 0.1})")
+    page.wait_for("document.querySelector('#now').textContent.includes('right: part_6_3, grip')")
+    assert page.evaluate("document.querySelector('#now').textContent").startswith("left: part_1_1")
+    assert page.evaluate("document.querySelectorAll('#rows tr[aria-selected=true]').length") == 2
+    assert page.canvas().std() > 10
+    assert page.complaints == []
     page.close()

@@ -39,7 +39,7 @@ REPAIRS = 200
 """Largest number of states around failed certificates that are avoided."""
 
 SAME_PLACE = 6
-"""Decimals (m) of the poses of carried parts that are told apart at the sampled states; proofs use the exact ones."""
+"""Decimals (m) of the poses of carried parts that are distinguished at sampled states; proofs use exact ones."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,9 @@
 """Where two arms wait on their fixed paths, so that they finish as early as possible without meeting.
 
-A state of the coordination diagram of two arms is a pair of their own times. From a state, both arms advance by a tick,
-or one waits while the other advances; an arm waits only where its path rests. The path through the free states that
-takes the shortest time is found by dynamic programming over the whole diagram, so that a deadlock cannot occur.
+A state of the coordination diagram of two arms is a pair of times, one of each arm without its waits. From a state,
+both arms advance by a tick, or one waits while the other advances; an arm waits only where its path rests. The path
+through the free states that takes the shortest time is found by dynamic programming over the whole diagram, so that a
+deadlock cannot occur.
 
 Sources: P. O'Donnell, T. Lozano-Perez (1989), "Deadlock-free and collision-free coordination of two robot
 manipulators", ICRA; K. Kant, S. W. Zucker (1986), "Toward efficient trajectory planning: the path-velocity
@@ -76,7 +77,7 @@ class Progress:
 
 
 def shortest_waits(first: Progress, second: Progress, blocked: Mask) -> tuple[list[Wait], list[Wait]] | None:
-    """Where each arm waits in the fastest path from the start of both to the end of both; None if there is none.
+    """Where each arm waits in the fastest path from the start of both to the end of both; None if no such path exists.
 
     Parameters
     ----------
@@ -88,18 +89,22 @@ def shortest_waits(first: Progress, second: Progress, blocked: Mask) -> tuple[li
     seconds = _arrival(first.rests, second.rests, blocked)
     if seconds[-1, -1] >= NEVER:
         return None
-    i, j = (size - 1 for size in seconds.shape)
+    i, j = ends = seconds.shape[0] - 1, seconds.shape[1] - 1
     waits: tuple[dict[int, int], dict[int, int]] = ({}, {})
     while i or j:
         before = seconds[i, j] - 1
-        if i and j and seconds[i - 1, j - 1] == before:
-            i, j = i - 1, j - 1
-        elif i and second.rests[j] and seconds[i - 1, j] == before:
+        both = bool(i and j and seconds[i - 1, j - 1] == before)
+        second_waits = bool(i and second.rests[j] and seconds[i - 1, j] == before)
+        first_waits = bool(j and first.rests[i] and seconds[i, j - 1] == before)
+        # An arm that has finished does not wait: it finishes as early as possible.
+        if (second_waits and j == ends[1]) or not (both or first_waits):
             waits[1][j] = waits[1].get(j, 0) + 1
             i -= 1
-        else:
+        elif (first_waits and i == ends[0]) or not both:
             waits[0][i] = waits[0].get(i, 0) + 1
             j -= 1
+        else:
+            i, j = i - 1, j - 1
     found = []
     for axis, ticks in zip((first, second), waits, strict=True):
         last = len(axis.times) - 1

@@ -82,8 +82,8 @@ def cell_allocate(
 def _print(result: pp.cell.AllocationResult) -> None:
     for each in result.arms:
         print_line(
-            f"{each.arm}: {len(each.picks)} picks in {each.duration:.2f} s, waits {each.waiting:.2f} s: "
-            f"{', '.join(each.picks)}"
+            f"{each.arm}: {', '.join(each.picks) or 'no pick'}; {each.duration:.2f} s, of which it waits "
+            f"{each.waiting:.2f} s"
         )
     print_line(result.message)
     for alone in result.alone:

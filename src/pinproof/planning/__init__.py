@@ -3,7 +3,7 @@
 from pinproof.planning.among_movers import TimedPlanResult, plan_among_movers
 from pinproof.planning.blending import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
-from pinproof.planning.coordination import CoordinationResult, coordinate
+from pinproof.planning.coordination import CoordinationResult, coordinate, plan_arms
 from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
 from pinproof.planning.optimisation import OptimiseResult, optimise
 from pinproof.planning.planners import DEFAULT_PLANNER, Planner, make_planner
@@ -39,6 +39,7 @@ __all__ = [
     "ompl_planners",
     "optimise",
     "plan_among_movers",
+    "plan_arms",
     "plan_linear",
     "plan_poses",
     "shortcut",

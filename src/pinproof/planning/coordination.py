@@ -3,23 +3,33 @@
 The arms are coordinated in the order of their priority: the motion of an arm starts as early as the certificate of all
 motions so far allows. Delays are searched on a grid, so that the result is not the best one that exists.
 
+:func:`plan_arms` plans the paths too: of all arms together in the space of all joints, and one arm after the other with
+waiting; the shorter certified motion is returned.
+
 Sources: M. Erdmann, T. Lozano-Perez (1987), "On multiple moving objects", Algorithmica 2 (prioritised planning); K.
 Kant, S. W. Zucker (1986), "Toward efficient trajectory planning: the path-velocity decomposition", IJRR 5(3).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, certify
 from pinproof.common.display import outline
-from pinproof.errors import InputError
-from pinproof.motion import Trajectory, synchronise
+from pinproof.common.validation import Rng
+from pinproof.errors import InputError, NoAnswer
+from pinproof.motion import JointPath, Trajectory, synchronise, time_parametrise
+from pinproof.planning.planners import Planner
+from pinproof.planning.rrt_connect import RrtConnect
+from pinproof.planning.simplification import shortcut
 
-__all__ = ["CoordinationResult", "coordinate"]
+__all__ = ["CoordinationResult", "coordinate", "plan_arms"]
 
 STEP = 0.05
 """Seconds between the delays that are tried: a small part of a usual motion."""
@@ -39,12 +49,15 @@ class CoordinationResult:
         Seconds by which each arm starts later, by name.
     message
         The result as a sentence.
+    method
+        ``"prioritised"``, or ``"joint"`` if :func:`plan_arms` planned all arms in the space of all joints.
     """
 
     trajectory: Trajectory | None
     certificate: Certificate
     delays: dict[str, float]
     message: str
+    method: Literal["joint", "prioritised"] = "prioritised"
 
     @property
     def ok(self) -> bool:
@@ -107,6 +120,108 @@ def coordinate(
     waits = ", ".join(f"{name} waits {delay:.3g} s" for name, delay in delays.items() if delay > 0.0)
     message = f"{len(delays)} arms in {whole.duration:.3g} s; {waits or 'none waits'}; {certificate.message}"
     return CoordinationResult(whole, certificate, delays, message)
+
+
+def plan_arms(
+    checker: CollisionChecker,
+    start: npt.ArrayLike,
+    goals: npt.ArrayLike,
+    *,
+    planner: Planner | None = None,
+    step: float = STEP,
+    rng: Rng = 0,
+) -> CoordinationResult:
+    """Plan the motion of several arms by two methods, and return the shorter certified one.
+
+    The arms are planned together in the space of all joints, and one after the other: each arm is planned with those
+    of higher priority at their goals and the others at their starts, and :func:`coordinate` lets them wait. Each order
+    of up to three arms is tried, and the given order of more.
+
+    Parameters
+    ----------
+    checker
+        The checker of the joint group.
+    start
+        (n,) the configuration of the group at the start.
+    goals
+        (n,) or (k, n) configurations, one of which is reached.
+    planner
+        The planner of both; by default RRT-Connect.
+    step
+        Seconds between the delays that are tried.
+    rng
+        Seed or Generator.
+
+    Raises
+    ------
+    InputError
+        If the start or no goal is valid, or arms share joints.
+    NoAnswer
+        If neither finds a motion; the message has the reason of both.
+    """
+    group, search = checker.group, planner or RrtConnect()
+    if group.shared_joints:
+        raise InputError(
+            f"the joints {', '.join(group.shared_joints)} are shared, so that arms cannot wait for each other"
+        )
+    seed = int(np.random.default_rng(rng).integers(2**31))
+    plan = search.plan(checker, start, goals, rng=seed)
+    found: list[CoordinationResult] = []
+    reasons = [f"joint: {plan.message}"]
+    if plan.path is not None:
+        motion = time_parametrise(shortcut(plan.path, checker, rng=seed), group.limits)
+        certificate = certify(motion, checker)
+        message = f"{len(group.ends)} arms in {motion.duration:.3g} s, planned together; {certificate.message}"
+        reasons = [f"joint: {certificate.message}"]
+        if certificate.free:
+            found.append(CoordinationResult(motion, certificate, dict.fromkeys(group.ends, 0.0), message, "joint"))
+    begin = group.configuration(start, "start")
+    # One goal for both, so that the order of the arms does not decide which one is reached.
+    goal = np.atleast_2d(np.asarray(goals, dtype=float))[0] if plan.path is None else np.asarray(plan.path.q[-1])
+    orders = list(permutations(group.ends)) if len(group.ends) <= MOST_ORDERED else [tuple(group.ends)]
+    for order in orders:
+        motions, reason = _one_after_the_other(checker, begin, goal, order, search, seed)
+        result = None if reason else coordinate(checker, motions, step=step)
+        if result is not None and result.ok:
+            found.append(result)
+        else:
+            reasons.append(f"{', '.join(order)}: {reason or (result.message if result else '')}")
+    if not found:
+        raise NoAnswer(f"no motion of all arms was found: {'; '.join(reasons)}")
+    return min(found, key=lambda each: np.inf if each.trajectory is None else each.trajectory.duration)
+
+
+def _one_after_the_other(
+    checker: CollisionChecker,
+    start: npt.NDArray[np.float64],
+    goal: npt.NDArray[np.float64],
+    order: Sequence[str],
+    planner: Planner,
+    seed: int,
+) -> tuple[dict[str, Trajectory], str]:
+    """The motion of each arm with those before it at the goal and those after it at the start, or the reason."""
+    group, now, motions = checker.group, start.copy(), {}
+    for name in order:
+        own = group.indices(name)
+        then = now.copy()
+        then[own] = goal[own]
+        others = np.setdiff1d(np.arange(group.dof), own)
+        lower, upper = group.limits.lower.copy(), group.limits.upper.copy()
+        lower[others] = upper[others] = now[others]
+        still = group.with_limits(replace(group.limits, lower=lower, upper=upper))
+        alone = checker.on_group(still, checker.scene, checker.attached)
+        plan = planner.plan(alone, now, then, rng=seed)
+        if plan.path is None:
+            return {}, f"{name}: {plan.message}"
+        path = shortcut(plan.path, alone, rng=seed)
+        names = [group.joint_names[i] for i in own]
+        motions[name] = time_parametrise(JointPath(path.q[:, own], names), group.limits.select(own))
+        now = then
+    return motions, ""
+
+
+MOST_ORDERED = 3
+"""Largest number of arms of which every order is tried."""
 
 
 def _require_rest(name: str, trajectory: Trajectory) -> None:

@@ -248,6 +248,10 @@ class PickTable(PickSource):
         with os_errors(self.path, "cannot be read", PicksError), self.path.open("rb") as file:
             self._stamp = _stamp(file)
             self._columns, at = self._header(file, content)
+            if "arm" in self._columns and not self.shared.robots:
+                raise PicksError(
+                    self.path, "has the column arm but states no robots; a picks file with robots can name it"
+                )
             self._where = _where(self._columns)
             for line in self._lines(file):
                 content.update(line)

@@ -269,7 +269,8 @@ class _Times:
     """
 
     def __init__(self, clock: Trajectory, checker: CollisionChecker, dof: int, last: float, first: float) -> None:
-        self.clock, self.checker, self.dof, self.first, self.last = clock, checker, dof, first, last
+        last = min(last, clock.duration)  # times of trajectories are rounded to nanoseconds
+        self.clock, self.checker, self.dof, self.first, self.last = clock, checker, dof, min(first, last), last
         self.grid = np.append(np.arange(0.0, last - STEP / 2, STEP), last)
         self.steering = checker.padded(SEARCH_PAD)
         self._at_grid = clock(self.grid)[:, dof:]

@@ -54,7 +54,17 @@ READERS: dict[str, Callable[[Path], object]] = {
     "program": pp.motion.MotionProgram.load,
 }
 
-WRITTEN_AS_JSON = ("motion", "program", "proof", "report", "sequence", "placement", "comparison", "tolerance")
+WRITTEN_AS_JSON = (
+    "motion",
+    "library",
+    "program",
+    "proof",
+    "report",
+    "sequence",
+    "placement",
+    "comparison",
+    "tolerance",
+)
 
 EVERY_WAY = {
     "approach": 0.1,
@@ -456,6 +466,7 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     motion.save(folder / "motion.json", certificate=certificate)
     program().save(folder / "program.json")
     certificate.save(folder / "proof.json")
+    pp.MotionLibrary(checker).save(folder / "library.json")
     scene.save(folder / "written_scene.yaml")
     Attachments(tuple(checker.attached), (("tool", "table"),), {"rail": 0.5}, pp.pose((0, 0, 1))).save(
         folder / "written_attached.yaml"

@@ -31,6 +31,7 @@ PACKAGES = (
     "ik",
     "collision",
     "planning",
+    "execution",
     "viewer",
     "picks",
     "cell",

@@ -86,6 +86,7 @@ _HOME = {  # package: the names that the top level exports
         "simplify",
     ),
     "pinproof.viewer": ("show", "write_html", "write_png"),
+    "pinproof.execution": ("Monitor", "MotionLibrary"),
     "pinproof.picks": (
         "Campaign",
         "Pick",
@@ -109,6 +110,7 @@ _PACKAGES = (
     "cell",
     "collision",
     "errors",
+    "execution",
     "formats",
     "ik",
     "model",
@@ -159,6 +161,7 @@ if TYPE_CHECKING:
         PinproofError as PinproofError,
         UnknownNameError as UnknownNameError,
     )
+    from pinproof.execution import Monitor as Monitor, MotionLibrary as MotionLibrary
     from pinproof.formats import (
         file_schema as file_schema,
     )

@@ -21,6 +21,7 @@ FORMATS = {
     "dh": ("pinproof.description.dh_keys", "TABLE"),
     "limits": ("pinproof.model.limits", "FILE"),
     "motion": ("pinproof.motion.motion_keys", "MOTION"),
+    "library": ("pinproof.execution.library_file", "LIBRARY"),
     "program": ("pinproof.motion.motion_keys", "PROGRAM"),
     "report": ("pinproof.picks.report.report_keys", "REPORT"),
     "sequence": ("pinproof.cell.sequence_keys", "SEQUENCE"),

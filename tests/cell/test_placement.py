@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -146,9 +148,9 @@ def test_screened_grid_agrees_with_screen_picks(
 def test_workers_do_not_change_the_result(
     arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, found: PlacementResult
 ) -> None:
-    again = place_base(
-        arm, scene, bolts, found.region, placement_budget=replace(SMALL, proofs=50), budget=QUICK, workers=2
-    )
+    budgets = {"placement_budget": replace(SMALL, proofs=50), "budget": QUICK}
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:  # one start for all stages
+        again = place_base(arm, scene, bolts, found.region, executor=executor, **budgets)
     assert again.to_dict() == found.to_dict()
 
 

@@ -455,6 +455,13 @@ REFUSED: dict[str, Callable[[], Any]] = {
         route(), np.zeros(2), np.zeros(DOF)
     ),
     "a route that is followed from one joint": lambda: follower().follow(route(), UNIT, np.zeros(1)),
+    "a route that is followed from above a limit": lambda: follower().follow(route(), UNIT, np.full(DOF, 3.01)),
+    "a route that is followed from below a limit of the poses": lambda: follower(tracked_lower=[-2.0] * DOF).follow(
+        route(), UNIT, np.full(DOF, -2.01)
+    ),
+    "a route that is followed within limits that are not numbers": lambda: follower(upper=[NAN] * DOF).follow(
+        route(), UNIT, np.zeros(DOF)
+    ),
     "a follower with limits of one joint": lambda: follower(lower=[0.0]),
     "a follower with a deviation of zero": lambda: follower(deviation=0.0),
     "deviations of a curve that is not cubic": lambda: follower().deviations(route(), UNIT, np.zeros((1, 3, DOF))),
@@ -503,7 +510,8 @@ def test_the_arguments_without_a_mistake_are_accepted() -> None:
     assert _core.Workspace(world()).judge(np.zeros(2)) == 0
     assert prove(UNIT, STRAIGHT, np.zeros(2)).free
     assert departure().follow(UNIT, STRAIGHT, 0.1, 1e-4, 10).end == 1.0
-    assert follower().follow(route(), UNIT, np.zeros(DOF)).q.shape[1] == DOF
+    for first in (np.zeros(DOF), np.full(DOF, 3.0 + 1e-10)):
+        assert follower().follow(route(), UNIT, first).q.shape[1] == DOF
     assert np.allclose(_core.spline_slopes(UNIT, np.eye(2)), [[-1.0, 1.0]] * 2)
     assert prove_by([(0.2, 0.1)]).free
     assert not prove_by([(NAN, NAN)]).free

@@ -291,7 +291,8 @@ void bind_certificate(nb::module_& module) {
             nb::arg("goal_share") = 0.0, nb::arg("look_ahead") = 0, nb::arg("wants_tubes") = false,
             nb::arg("record") = false)
         .def_ro("tolerance", &ProofSettings::tolerance)
-        .def_ro("max_intervals", &ProofSettings::max_intervals);
+        .def_ro("max_intervals", &ProofSettings::max_intervals)
+        .def_ro("record", &ProofSettings::record);
     nb::class_<FoundContact>(module, "FoundContact", "A contact at a configuration of a curve.")
         .def_ro("time", &FoundContact::time)
         .def_ro("pair", &FoundContact::pair)

@@ -185,6 +185,8 @@ void bind_routes(nb::module_& module) {
                 require_increasing(knots);
                 require_size("first", first.shape(0), self.dof());
                 require_finite("first", first.data(), first.shape(0));
+                if (const std::size_t joint = self.outside({first.data(), first.size()}); joint < self.dof())
+                    throw std::invalid_argument("first is outside the limits of joint " + std::to_string(joint));
                 nb::gil_scoped_release release;
                 return self.follow(route, {knots.data(), knots.data() + knots.size()},
                                    {first.data(), first.data() + first.size()});

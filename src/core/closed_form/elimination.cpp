@@ -142,7 +142,7 @@ double value_from_powers(bool prismatic, const double* power, int count) {
 
 }  // namespace
 
-void Elimination::cut_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut) {
+CutLoop cut_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut) {
     // Lines up to the dropped one are moved behind the others: E_{d+1} ... E_5 (G^-1 E_0 G) ... (G^-1 E_d G) = G.
     const Transform g_inverse = inverse(g);
     LoopLine ordered[6];
@@ -154,39 +154,41 @@ void Elimination::cut_loop(const LoopLine (&lines)[6], const Transform& g, const
         if (j <= cut.dropped && cut.dropped != 5)
             ordered[k] = {g_inverse.rotation * lines[j].direction, g_inverse * lines[j].point, lines[j].prismatic};
     }
-    loop_ = g;
+    CutLoop out;
+    out.loop = g;
     if (!cut.reversed) {
-        std::copy(ordered, ordered + 6, line_);
-        std::copy(source, source + 6, source_);
-        return;
+        std::copy(ordered, ordered + 6, out.line);
+        std::copy(source, source + 6, out.source);
+        return out;
     }
     // E_1 ... E_6 = G is E_5^-1 ... E_1^-1 (G E_6^-1 G^-1) = G^-1.
     for (int k = 0; k < 5; ++k) {
-        line_[k] = {-ordered[4 - k].direction, ordered[4 - k].point, ordered[4 - k].prismatic};
-        source_[k] = source[4 - k];
+        out.line[k] = {-ordered[4 - k].direction, ordered[4 - k].point, ordered[4 - k].prismatic};
+        out.source[k] = source[4 - k];
     }
-    line_[5] = {-(g.rotation * ordered[5].direction), g * ordered[5].point, ordered[5].prismatic};
-    source_[5] = source[5];
-    loop_ = g_inverse;
+    out.line[5] = {-(g.rotation * ordered[5].direction), g * ordered[5].point, ordered[5].prismatic};
+    out.source[5] = source[5];
+    out.loop = g_inverse;
+    return out;
 }
 
 void Elimination::expand_sides() {
-    const LineFrame frame(line_[2]);
-    const Sampled last{line_[5].point, line_[5].direction};
-    const ThreeMotions fourth(line_[3], 1.0), fifth(line_[4], 1.0);
+    const LineFrame frame(cut_.line[2]);
+    const Sampled last{cut_.line[5].point, cut_.line[5].direction};
+    const ThreeMotions fourth(cut_.line[3], 1.0), fifth(cut_.line[4], 1.0);
     for (int b = 0; b < 3; ++b) {
         const Sampled moved = fifth(b, last);
         for (int a = 0; a < 3; ++a) write_functions(frame, fourth(a, moved), left_, 3 * a + b);
     }
-    convert_samples(left_, kFunctions, line_[3].prismatic, line_[4].prismatic, to_powers);
+    convert_samples(left_, kFunctions, cut_.line[3].prismatic, cut_.line[4].prismatic, to_powers);
 
-    const Sampled target{loop_ * last.point, loop_.rotation * last.direction};
-    const ThreeMotions first(line_[0], -1.0), second(line_[1], -1.0);
+    const Sampled target{cut_.loop * last.point, cut_.loop.rotation * last.direction};
+    const ThreeMotions first(cut_.line[0], -1.0), second(cut_.line[1], -1.0);
     for (int a = 0; a < 3; ++a) {
         const Sampled moved = first(a, target);
         for (int b = 0; b < 3; ++b) write_functions(frame, second(b, moved), right_, 3 * a + b);
     }
-    convert_samples(right_, kFunctions, line_[0].prismatic, line_[1].prismatic, to_states);
+    convert_samples(right_, kFunctions, cut_.line[0].prismatic, cut_.line[1].prismatic, to_states);
 }
 
 // Eliminate the eight products from the 14 equations `functions = right_`. In the first eight rows remains one product,
@@ -244,7 +246,7 @@ bool Elimination::eliminate() {
         }
         // (1 + x^2)(1 + y^2), or 1 instead of a factor for a prismatic joint
         for (int m : {0, 2, 6, 8})
-            if ((m < 6 || !line_[3].prismatic) && (m % 3 == 0 || !line_[4].prismatic)) constant_[r][m] -= constant;
+            if ((m < 6 || !cut_.line[3].prismatic) && (m % 3 == 0 || !cut_.line[4].prismatic)) constant_[r][m] -= constant;
     }
     return true;
 }
@@ -359,40 +361,40 @@ void Elimination::start_from(double eigenvalue, EliminationResult& out) const {
     }
     double value[6];
     value[2] = shift_ + 2.0 * std::atan2(1.0, eigenvalue);
-    value[4] = value_from_powers(line_[4].prismatic, v + 3 * row, 3);
+    value[4] = value_from_powers(cut_.line[4].prismatic, v + 3 * row, 3);
     const double powers[4] = {v[column], v[3 + column], v[6 + column], v[9 + column]};
-    value[3] = value_from_powers(line_[3].prismatic, powers, 4);
+    value[3] = value_from_powers(cut_.line[3].prismatic, powers, 4);
 
     // The functions at joints 3 to 5, and the products of joints 1 and 2 from the first rows.
-    const Transform third = motion_of(line_[2], value[2]);
-    const Transform behind = third * motion_of(line_[3], value[3]) * motion_of(line_[4], value[4]);
+    const Transform third = motion_of(cut_.line[2], value[2]);
+    const Transform behind = third * motion_of(cut_.line[3], value[3]) * motion_of(cut_.line[4], value[4]);
     double functions[kFunctions][9];
-    write_functions(LineFrame(line_[2]), {behind * line_[5].point, behind.rotation * line_[5].direction}, functions, 0);
+    write_functions(LineFrame(cut_.line[2]), {behind * cut_.line[5].point, behind.rotation * cut_.line[5].direction}, functions, 0);
     double products[9] = {};
     for (int k = 0; k < kProducts; ++k)
         for (int i = 0; i < kFunctions; ++i)
             products[product_[k]] += reduced_[k][kProducts + i] * (functions[i][0] - right_[i][0]);
     // The products of one state with 1: sine and cosine, or d and d^2.
-    value[0] = line_[0].prismatic ? products[3] : std::atan2(products[6], products[3]);
-    value[1] = line_[1].prismatic ? products[1] : std::atan2(products[2], products[1]);
+    value[0] = cut_.line[0].prismatic ? products[3] : std::atan2(products[6], products[3]);
+    value[1] = cut_.line[1].prismatic ? products[1] : std::atan2(products[2], products[1]);
 
-    const Mat3 before = (motion_of(line_[0], value[0]) * motion_of(line_[1], value[1]) * behind).rotation;
-    const Vec3& axis = line_[5].direction;
-    const Vec3 from = unit_perpendicular(axis), to = transposed_times(before, loop_.rotation * from);
+    const Mat3 before = (motion_of(cut_.line[0], value[0]) * motion_of(cut_.line[1], value[1]) * behind).rotation;
+    const Vec3& axis = cut_.line[5].direction;
+    const Vec3 from = unit_perpendicular(axis), to = transposed_times(before, cut_.loop.rotation * from);
     value[5] = std::atan2(dot(axis, cross(from, to)), dot(from, to));
 
     for (double one : value)
         if (!(std::abs(one) < kFarthest)) return;  // also NaN: a prismatic joint at infinity
     double* const start = out.start[out.count++];
-    for (int k = 0; k < 6; ++k) start[source_[k]] = value[k];
+    for (int k = 0; k < 6; ++k) start[cut_.source[k]] = value[k];
 }
 
 void Elimination::solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
                         EliminationResult& out) {
-    out.count = out.surely_complex = 0;
+    out.count = out.existing = 0;
     out.usable = false;
-    cut_loop(lines, g, cut);
-    if (line_[2].prismatic || line_[5].prismatic) return;
+    cut_ = cut_loop(lines, g, cut);
+    if (cut_.line[2].prismatic || cut_.line[5].prismatic) return;
     expand_sides();
     if (!eliminate() || !choose_shift(cut.shifted)) return;
     make_matrix();
@@ -404,6 +406,7 @@ void Elimination::solve(const LoopLine (&lines)[6], const Transform& g, const Cu
     Eigenvalue values[kEigenRows];
     if (!hessenberg_.eigenvalues(values)) return;
     const double error = kBackwardError * kEpsilon * hessenberg_.norm() * condition_;
+    out.existing = kEigenRows;
     for (int k = 0; k < kEigenRows; ++k) {
         const auto [real, imaginary] = values[k];
         if (imaginary == 0.0) {
@@ -414,7 +417,7 @@ void Elimination::solve(const LoopLine (&lines)[6], const Transform& g, const Cu
         const double distance = std::abs(imaginary);
         const bool sure = distance > kSafety * kLargeCondition * error ||
                           distance > kSafety * error * hessenberg_.condition(values[k]);
-        if (sure) out.surely_complex += 2;
+        if (sure) out.existing -= 2;
         if (2.0 * distance < nearly_real * (1.0 + real * real)) start_from(real, out);
         ++k;
     }

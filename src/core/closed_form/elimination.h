@@ -27,8 +27,9 @@
 // remaining rotation. Every real configuration is an eigenvector with a real eigenvalue, and multiple solutions are
 // multiple eigenvalues: if all 16 eigenvalues are known to be complex or to belong to a solution, no solution is missing.
 //
-// Joints 1, 2, 4 and 5 may be prismatic. The functions are then linear in (1, d, d^2) of their value d, which takes the
-// place of (1, cos, sin), and of the powers of x or y. With two prismatic joints, A is singular everywhere.
+// One of joints 1, 2, 4 and 5 may be prismatic. The functions are then linear in (1, d, d^2) of its value d, which takes the
+// place of (1, cos, sin), and of the powers of x or y. With two prismatic joints, A is singular everywhere
+// (prismatic_loop.h).
 //
 // Sources: Raghavan and Roth (1993), "Inverse kinematics of the general 6R manipulator and related linkages"; Manocha and
 // Canny (1994), "Efficient inverse kinematics for general 6R manipulators", for eigenvalues instead of a determinant.
@@ -47,6 +48,15 @@ struct Cut {
     bool shifted = false;  // with other values of t_0: another matrix for the same equations
 };
 
+// A loop that is cut: E_0 ... E_5 = loop for its lines, and the joint of the arm that each of them belongs to.
+struct CutLoop {
+    LoopLine line[6];
+    int source[6];
+    Transform loop;
+};
+
+CutLoop cut_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut);
+
 // Rad. Eigenvalues with a smaller imaginary part (of q_3) may be a double root separated by rounding, and are tried as
 // starts of Newton's method; at targets that are singular in several ways, also those up to the second value.
 inline constexpr double kNearlyReal = 1e-3, kPerhapsReal = 0.3;
@@ -57,9 +67,9 @@ struct EliminationResult {
 
     int count = 0;
     double start[kMost][6];  // the values of the joints, in the order of the lines
-    // The number of eigenvalues that no real configuration can have, in spite of rounding.
-    int surely_complex = 0;
-    // False if the matrix is singular for this target, or its eigenvalues are too inaccurate.
+    // The number of configurations at most: eigenvalues, or roots, less those that are complex in spite of rounding.
+    int existing = 0;
+    // False if the equations are singular for this target, or the result is too inaccurate.
     bool usable = false;
 };
 
@@ -72,16 +82,13 @@ class Elimination {
   private:
     static constexpr int kFunctions = 14, kProducts = 8, kLeft = kFunctions - kProducts;
 
-    void cut_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut);
     void expand_sides();
     bool eliminate();
     bool choose_shift(bool shifted);
     void make_matrix();
     void start_from(double eigenvalue, EliminationResult& out) const;
 
-    LoopLine line_[6];
-    int source_[6];
-    Transform loop_;
+    CutLoop cut_;
     double left_[kFunctions][9];           // of joints 4 and 5, in powers of their half-angle tangents
     double right_[kFunctions][9];          // of joints 1 and 2, in products of (1, cos, sin)
     double reduced_[kFunctions][24];       // rows of [products | functions] after the elimination

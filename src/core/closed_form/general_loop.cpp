@@ -15,8 +15,9 @@ constexpr double kSameRoot = 1e-7;  // rad: configurations that differ by less i
 // larger value may do so where the Jacobian is singular, and is left to the refinement on the chain.
 constexpr double kSolved = 1e-11, kNearlySolved = 1e-4;
 
-// A configuration whose Jacobian has a smaller pivot may be a double root or belong to a self-motion.
-constexpr double kRegular = 1e-6;
+// A configuration whose Jacobian has a smaller pivot may be a double root or belong to a self-motion. At the distance d from
+// a double root, the residual is about d^2 and the pivot d, so this must exceed the square root of kSolved.
+constexpr double kRegular = 1e-5;
 
 // A unit vector and one of half the arm's length, in general position.
 constexpr Vec3 kBesideAxis{0.48, -0.6, 0.64}, kBesideShift{0.31, 0.27, -0.28};
@@ -56,6 +57,14 @@ bool LoopRoots::all_regular() const {
     return std::all_of(root, root + count, [](const LoopRoot& r) { return r.weakest > kRegular; });
 }
 
+void GeneralLoop::find_starts(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real) {
+    if (PrismaticLoop::applies(lines)) {
+        prismatic_.solve(lines, g, cut, nearly_real, result_);
+    } else {
+        elimination_.solve(lines, g, cut, nearly_real, result_);
+    }
+}
+
 void GeneralLoop::polish(const LoopLine (&lines)[6], const Transform& g, LoopRoots& roots) const {
     for (int i = 0; i < result_.count; ++i) {
         LoopRoot root;
@@ -67,14 +76,14 @@ void GeneralLoop::polish(const LoopLine (&lines)[6], const Transform& g, LoopRoo
 }
 
 int GeneralLoop::solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, LoopRoots& roots) {
-    elimination_.solve(lines, g, cut, kNearlyReal, result_);
+    find_starts(lines, g, cut, kNearlyReal);
     polish(lines, g, roots);
-    return result_.usable ? kEigenRows - result_.surely_complex : kUnknown;
+    return result_.usable ? result_.existing : kUnknown;
 }
 
 void GeneralLoop::solve_beside(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double amount,
                                LoopRoots& roots) {
-    elimination_.solve(lines, beside(g, amount), cut, amount, result_);
+    find_starts(lines, beside(g, amount), cut, amount);
     LoopRoots found;
     polish(lines, g, found);
     for (int i = 0; i < found.count; ++i)

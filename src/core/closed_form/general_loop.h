@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "closed_form/elimination.h"
+#include "closed_form/prismatic_loop.h"
 
 namespace pinproof {
 
@@ -31,8 +32,8 @@ struct LoopRoots {
 
 class GeneralLoop {
   public:
-    // Add the configurations of E_0 ... E_5 = g that one cut of the loop finds. Returns how many exist at most: 16 less
-    // the eigenvalues that are certainly complex; kUnknown if the elimination fails.
+    // Add the configurations of E_0 ... E_5 = g that one cut of the loop finds. Returns how many exist at most; kUnknown if
+    // the equations fail.
     int solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, LoopRoots& roots);
 
     // As above, but starts are found for a slightly different g: configurations that share the value of joint 3 have a
@@ -44,14 +45,16 @@ class GeneralLoop {
 
     // Configurations near the eigenvalues that are real or perhaps a double real one, before Newton's method.
     const EliminationResult& starts(const LoopLine (&lines)[6], const Transform& g, const Cut& cut) {
-        elimination_.solve(lines, g, cut, kPerhapsReal, result_);
+        find_starts(lines, g, cut, kPerhapsReal);
         return result_;
     }
 
   private:
+    void find_starts(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real);
     void polish(const LoopLine (&lines)[6], const Transform& g, LoopRoots& roots) const;
 
     Elimination elimination_;
+    PrismaticLoop prismatic_;
     EliminationResult result_;
 };
 

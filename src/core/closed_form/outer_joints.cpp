@@ -418,8 +418,10 @@ class MiddleJoint {
             rotate(m, k, c_error, a_error, one, b_error, out);
         } else if (!loop_.planar) {
             one.b = prismatic_state(dot(loop_.line[Loop::kB].direction, k - m));
-        } else if (!translate_in_plane(m, k, c_error, a_error, one, b_error, out)) {
-            return;
+        } else {
+            constexpr unsigned outer = 1u << Loop::kA | 1u << Loop::kC;
+            if ((one.free & outer) == outer) follow(m, one);
+            if (!translate_in_plane(m, problem_.of_a.at(one.a), c_error, a_error, one, b_error, out)) return;
         }
         one.error = {error_.rounding + c_error.rounding + a_error.rounding + b_error.rounding,
                      error_.tolerance + c_error.tolerance + a_error.tolerance + b_error.tolerance};
@@ -454,12 +456,22 @@ class MiddleJoint {
         }
     }
 
+    // Joints a and c are parallel at this target, so that one of them may have any value: a follows c.
+    void follow(const Vec3& m, OuterSolution& one) const {
+        one.a = align(loop_.line[Loop::kA].direction, m, loop_.normal).state;
+        one.free &= ~(1u << Loop::kA);
+        one.assumed &= ~(1u << Loop::kA);
+    }
+
     bool translate_in_plane(const Vec3& m, const Vec3& k, const ErrorBound& c_error, const ErrorBound& a_error,
                             OuterSolution& one, ErrorBound& b_error, OuterSolutions& out) const {
         const Line &a = loop_.line[Loop::kA], &b = loop_.line[Loop::kB], &c = loop_.line[Loop::kC];
         const double rounding = c_error.rounding + a_error.rounding, tolerance = c_error.tolerance + a_error.tolerance;
         const double same = std::max(kSameDirection, kNear * (error_.tolerance + tolerance));
-        if (squared_norm(m - k) > same * same) return false;
+        if (squared_norm(m - k) > same * same) {
+            out.doubtful |= one.free != 0u;
+            return false;
+        }
         const double tilt = dot(k, b.direction);
         if (std::abs(tilt) < std::max(kFree, kUncertain * rounding)) {
             out.doubtful = true;  // the joint moves in the plane of the triple: free, which is not supported

@@ -126,6 +126,14 @@ RouteFollower::RouteFollower(TrackingTask tracking, const FollowerSettings& sett
     scale_ = task.angles == 3 ? std::numbers::sqrt2 : 1.0;
 }
 
+std::size_t RouteFollower::outside(std::span<const double> q) const {
+    for (std::size_t j = 0; j < dof(); ++j) {
+        const double lower = std::max(lower_[j], tracking_.lower[j]), upper = std::min(upper_[j], tracking_.upper[j]);
+        if (!(q[j] >= lower - kRounding && q[j] <= upper + kRounding)) return j;
+    }
+    return dof();
+}
+
 RouteFollower::Tracked RouteFollower::track(const Route& route, std::span<const double> knots,
                                             const std::vector<double>& first) const {
     const std::size_t pieces = knots.size() - 1, n = dof();

@@ -74,8 +74,8 @@ public:
     RouteFollower(TrackingTask tracking, const FollowerSettings& settings, std::vector<double> lower,
                   std::vector<double> upper);
 
-    // Follow a route from its first pose, at which the arm is at `first` (n), with poses at the knots after the first;
-    // more poses are solved where necessary.
+    // Follow a route from its first pose, at which the arm is at `first` (n), within both limits, with poses at the
+    // knots after the first; more poses are solved where necessary.
     JointCurve follow(const Route& route, std::vector<double> knots, const std::vector<double>& first) const;
 
     // The deviation of a curve with the same parameter; its knots include all borders of the route up to its end.
@@ -83,6 +83,9 @@ public:
                                            std::span<const double> control) const;
 
     std::size_t dof() const { return tracking_.chain.dof; }
+
+    // The first joint whose value (n) is outside its limits by more than rounding; dof() if there is none.
+    std::size_t outside(std::span<const double> q) const;
 
 private:
     struct Tracked;

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -12,16 +9,14 @@ from typing import Any
 
 from pinproof.cell.placement_keys import COMPARISON_SCHEMA
 from pinproof.cell.placement_result import total_time
-from pinproof.common.display import html_block, html_table, outline
-from pinproof.common.files import unknown_suffix, write_text_whole
+from pinproof.common.display import html_block, html_table, markdown_table, outline
+from pinproof.common.files import csv_text, figure, json_text, save_as
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 
 __all__ = ["CellComparison", "PickChange", "PickDifference", "compare"]
-
-SUFFIXES = (".json", ".csv", ".md")
 
 
 class PickChange(Enum):
@@ -58,6 +53,11 @@ class PickDifference:
     def seconds(self) -> tuple[float | None, float | None]:
         """The times (s) before and after; None where the pick is not good."""
         return _seconds(self.before), _seconds(self.after)
+
+    @property
+    def verdicts(self) -> tuple[str, str]:
+        """The verdicts before and after."""
+        return self.before.status.value, self.after.status.value
 
     @property
     def gained(self) -> float | None:
@@ -157,22 +157,16 @@ class CellComparison:
 
     def to_csv(self) -> str:
         """One row for each pick."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(
-            ("name", "change", "seconds_before", "seconds_after", "verdict_before", "verdict_after", "reason")
+        columns = ("name", "change", "seconds_before", "seconds_after", "verdict_before", "verdict_after", "reason")
+        rows = (
+            (each.name, each.change.value, *map(figure, each.seconds), *each.verdicts, each.reason)
+            for each in self.differences
         )
-        for each in self.differences:
-            seconds = ("" if s is None else f"{s:.9g}" for s in each.seconds)
-            verdicts = each.before.status.value, each.after.status.value
-            writer.writerow((each.name, each.change.value, *seconds, *verdicts, each.reason))
-        return out.getvalue()
+        return csv_text(columns, rows)
 
     def to_markdown(self) -> str:
         """The summary and a table of the picks."""
-        lines = [self.summary, "", f"| {' | '.join(_COLUMNS)} |", f"|{'---|' * len(_COLUMNS)}"]
-        lines += [f"| {' | '.join(str(cell).replace('|', ' ') for cell in row)} |" for row in self._rows()]
-        return "\n".join(lines) + "\n"
+        return "\n".join([self.summary, "", *markdown_table(_COLUMNS, self._rows())]) + "\n"
 
     def save(self, path: str | Path) -> None:
         """Write the comparison as ``.json``, ``.csv`` or ``.md``, completely or not at all.
@@ -184,13 +178,7 @@ class CellComparison:
         FileError
             If the file cannot be written.
         """
-        kind = Path(path).suffix.lower()
-        if kind not in SUFFIXES:
-            raise InputError(f"{path}: {unknown_suffix(Path(path), SUFFIXES)}")
-        if kind == ".json":
-            write_text_whole(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
-        else:
-            write_text_whole(path, self.to_csv() if kind == ".csv" else self.to_markdown())
+        save_as(path, {".json": lambda: json_text(self.to_dict()), ".csv": self.to_csv, ".md": self.to_markdown})
 
 
 _COLUMNS = ("pick", "change", "before [s]", "after [s]", "reason")

@@ -2,109 +2,94 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pinproof.common.file_keys import (
+    ANY_TEXT,
     BOOLEAN,
-    INTEGER,
+    COUNT,
+    NOT_NEGATIVE,
+    OPTIONAL_NUMBER,
     PLAIN_NUMBER,
     TEXT,
-    FileKey,
-    KeyTable,
     any_of,
     list_of,
     mapping_to,
     numbers,
+    report_table,
     required,
 )
 
-__all__ = [
-    "COMPARISON",
-    "COMPARISON_SCHEMA",
-    "PLACEMENT",
-    "PLACEMENT_SCHEMA",
-    "TOLERANCE",
-    "TOLERANCE_SCHEMA",
-]
+__all__ = ["COMPARISON", "COMPARISON_SCHEMA", "PLACEMENT", "PLACEMENT_SCHEMA", "TOLERANCE", "TOLERANCE_SCHEMA"]
 
 PLACEMENT_SCHEMA = "pinproof/placement/1"
 COMPARISON_SCHEMA = "pinproof/comparison/1"
 TOLERANCE_SCHEMA = "pinproof/tolerance/1"
 """The versions of the JSON formats, raised by breaking changes."""
 
-WORDS: dict[str, Any] = {"type": "string"}
-OPTIONAL = {"type": ["number", "null"]}
-COUNT = {**INTEGER, "minimum": 0}
-LENGTH = {**PLAIN_NUMBER, "minimum": 0}
 SHARE = {**PLAIN_NUMBER, "minimum": 0, "maximum": 1}
 RANGE = numbers(2, PLAIN_NUMBER)
 FOUR = numbers(4, PLAIN_NUMBER)
-GRID = list_of(list_of(OPTIONAL))
+GRID = list_of(list_of(OPTIONAL_NUMBER))
 
 
-def _table(title: str, text: str, *keys: FileKey) -> KeyTable:
-    return KeyTable(title, text, keys, more=True)
-
-
-POSE = _table(
+POSE = report_table(
     "placed_pose",
     "The pose of the root link of the robot in the cell.",
     required("xyz", numbers(3, PLAIN_NUMBER), "position", "m"),
     required("rpy", numbers(3, PLAIN_NUMBER), "orientation about fixed axes: R = Rz Ry Rx", "rad"),
 )
 
-PLACED = _table(
+PLACED = report_table(
     "placed",
     "A placement at which all picks were judged.",
     required("x", PLAIN_NUMBER, "position of the base", "m"),
     required("y", PLAIN_NUMBER, "position of the base", "m"),
     required("z", PLAIN_NUMBER, "position of the base", "m"),
     required("yaw", PLAIN_NUMBER, "rotation of the base about z", "rad"),
-    required("choice", WORDS, "name of the discrete choice; empty if there is only one"),
+    required("choice", ANY_TEXT, "name of the discrete choice; empty if there is only one"),
     required("cell_from_root", POSE, "the pose with the mounting"),
     required("good", COUNT, "number of good picks"),
     required("picks", COUNT, "number of picks"),
-    required("cycle_time", LENGTH, "sum of the times of all good picks", "s"),
-    required("clearance_proven", OPTIONAL, "smallest proven clearance of all motions", "m"),
-    required("estimate", OPTIONAL, "the value of the objective that the screening estimated"),
-    required("score", OPTIONAL, "the certified value of the objective, which is minimised"),
+    required("cycle_time", NOT_NEGATIVE, "sum of the times of all good picks", "s"),
+    required("clearance_proven", OPTIONAL_NUMBER, "smallest proven clearance of all motions", "m"),
+    required("estimate", OPTIONAL_NUMBER, "the value of the objective that the screening estimated"),
+    required("score", OPTIONAL_NUMBER, "the certified value of the objective, which is minimised"),
 )
 
-SENSITIVITY = _table(
+SENSITIVITY = report_table(
     "sensitivity",
     "How far the base may be off along one axis. A deviation of null is beyond the searched range.",
     required("axis", {"enum": ["x", "y", "z", "yaw"]}, "the axis"),
-    required("below", OPTIONAL, "the largest deviation to lower values at which all picks work", "m or rad"),
-    required("above", OPTIONAL, "the same to higher values", "m or rad"),
-    required("first_below", WORDS, "what fails first at lower values: a pick, or the base"),
-    required("first_above", WORDS, "what fails first at higher values"),
+    required("below", OPTIONAL_NUMBER, "the largest deviation to lower values at which all picks work", "m or rad"),
+    required("above", OPTIONAL_NUMBER, "the same to higher values", "m or rad"),
+    required("first_below", ANY_TEXT, "what fails first at lower values: a pick, or the base"),
+    required("first_above", ANY_TEXT, "what fails first at higher values"),
 )
 
-EMPTY = _table(
+EMPTY = report_table(
     "empty_cell",
     "A cell of placements in which a pick is proven to be out of reach.",
-    required("choice", WORDS, "name of the discrete choice"),
+    required("choice", ANY_TEXT, "name of the discrete choice"),
     required("lower", FOUR, "lower x, y, z and yaw", "m and rad"),
     required("upper", FOUR, "upper x, y, z and yaw", "m and rad"),
     required("pick", TEXT, "the pick"),
 )
 
-PROVEN = _table(
+PROVEN = report_table(
     "proven_empty",
     "The part of the region that is proven to have no placement.",
     required("share", SHARE, "share of the region, over all choices"),
     required("cells", list_of(EMPTY), "the cells"),
 )
 
-FLOOR = _table(
+FLOOR = report_table(
     "floor_map",
     "The best values over z and yaw at each x and y, for one choice; null where there is none.",
-    required("choice", WORDS, "name of the discrete choice"),
+    required("choice", ANY_TEXT, "name of the discrete choice"),
     required("share", GRID, "share of the picks that work at the grasp, for each x a list over y"),
     required("seconds", GRID, "estimated cycle time", "s"),
 )
 
-MAP = _table(
+MAP = report_table(
     "placement_map",
     "The heat map over the floor.",
     required("x", list_of(PLAIN_NUMBER), "the x of the grid", "m"),
@@ -112,37 +97,37 @@ MAP = _table(
     required("choices", list_of(FLOOR), "the maps of all choices"),
 )
 
-PLACEMENT = _table(
+PLACEMENT = report_table(
     "placement",
     "The result of a search for a placement. Readers must accept unknown keys: they are additions of the same version.",
     required("schema", {"const": PLACEMENT_SCHEMA}, "version of the format"),
     required("ok", BOOLEAN, "whether a placement was found at which every pick is good"),
     required("objective", {"enum": ["cycle_time", "clearance", "manipulability"]}, "what was optimised"),
-    required("message", WORDS, "the result in one line"),
+    required("message", ANY_TEXT, "the result in one line"),
     required("interrupted", BOOLEAN, "whether the search was interrupted"),
     required("evaluations", COUNT, "number of placements that were screened"),
     required("region", mapping_to(RANGE), "the ranges of x, y, z (m) and yaw (rad)"),
-    required("forbidden", list_of(WORDS), "the names of the forbidden zones"),
+    required("forbidden", list_of(ANY_TEXT), "the names of the forbidden zones"),
     required("placements", list_of(PLACED), "the judged placements, the best first"),
     required("sensitivity", list_of(SENSITIVITY), "how far the base may be off at the best placement"),
-    required("tolerance", LENGTH, "displacement of the base for which the unchanged motions are proven", "m"),
-    required("failing", mapping_to(WORDS), "the reason for each pick that works nowhere"),
+    required("tolerance", NOT_NEGATIVE, "displacement of the base for which the unchanged motions are proven", "m"),
+    required("failing", mapping_to(ANY_TEXT), "the reason for each pick that works nowhere"),
     required("proven_empty", PROVEN, "what is proven to be empty"),
     required("map", any_of(MAP, {"type": "null"}), "the heat map; null if the search was interrupted before"),
 )
 
 CHANGES = ("won", "lost", "faster", "slower", "same", "failing")
 
-SIDE = _table(
+SIDE = report_table(
     "compared_verdict",
     "The verdict on a pick in one set-up.",
     required("verdict", {"enum": ["good", "impossible", "not found", "unreadable", "crashed"]}, "the verdict"),
     required("failed_at", {"type": ["string", "null"]}, "the stage that failed; null for a good pick"),
-    required("duration", OPTIONAL, "duration of the motion", "s"),
-    required("reason", WORDS, "why it failed"),
+    required("duration", OPTIONAL_NUMBER, "duration of the motion", "s"),
+    required("reason", ANY_TEXT, "why it failed"),
 )
 
-DIFFERENCE = _table(
+DIFFERENCE = report_table(
     "difference",
     "One pick in both set-ups.",
     required("name", TEXT, "name of the pick"),
@@ -151,47 +136,47 @@ DIFFERENCE = _table(
     required("after", SIDE, "in the second set-up"),
 )
 
-COMPARISON = _table(
+COMPARISON = report_table(
     "comparison",
     "Two set-ups compared pick by pick. Readers must accept unknown keys: they are additions of the same version.",
     required("schema", {"const": COMPARISON_SCHEMA}, "version of the format"),
     required("ok", BOOLEAN, "whether no pick is lost"),
-    required("summary", WORDS, "the result in one line"),
+    required("summary", ANY_TEXT, "the result in one line"),
     required("counts", mapping_to(COUNT), "number of picks by kind of change"),
-    required("seconds_before", LENGTH, "sum of the times of the picks that are good in both, in the first", "s"),
-    required("seconds_after", LENGTH, "the same in the second", "s"),
-    required("cycle_time_before", LENGTH, "sum of the times of all good picks of the first", "s"),
-    required("cycle_time_after", LENGTH, "sum of the times of all good picks of the second", "s"),
+    required("seconds_before", NOT_NEGATIVE, "sum of the times of the picks that are good in both, in the first", "s"),
+    required("seconds_after", NOT_NEGATIVE, "the same in the second", "s"),
+    required("cycle_time_before", NOT_NEGATIVE, "sum of the times of all good picks of the first", "s"),
+    required("cycle_time_after", NOT_NEGATIVE, "sum of the times of all good picks of the second", "s"),
     required("picks", list_of(DIFFERENCE), "the picks"),
 )
 
-BORNE = _table(
+BORNE = report_table(
     "pick_tolerance",
     "How inaccurate the pose of the part of one pick may be.",
     required("name", TEXT, "name of the pick"),
     required("good", BOOLEAN, "whether the pick is good at its stated pose"),
     required("proven", BOOLEAN, "whether the unchanged motions are certified for the whole tolerance"),
-    required("factor", LENGTH, "the largest multiple of the tolerance that is certified"),
-    required("displacement", LENGTH, "the displacement of any point of the part that the tolerance allows", "m"),
-    required("limited_by", WORDS, "what cannot be certified beyond the factor"),
-    required("share", OPTIONAL, "share of the sampled poses at which the grasp is free; null without samples"),
-    required("largest_position", LENGTH, "the factor times the position tolerance", "m"),
-    required("largest_rotation", LENGTH, "the factor times the rotation tolerance", "rad"),
+    required("factor", NOT_NEGATIVE, "the largest multiple of the tolerance that is certified"),
+    required("displacement", NOT_NEGATIVE, "the displacement of any point of the part that the tolerance allows", "m"),
+    required("limited_by", ANY_TEXT, "what cannot be certified beyond the factor"),
+    required("share", OPTIONAL_NUMBER, "share of the sampled poses at which the grasp is free; null without samples"),
+    required("largest_position", NOT_NEGATIVE, "the factor times the position tolerance", "m"),
+    required("largest_rotation", NOT_NEGATIVE, "the factor times the rotation tolerance", "rad"),
 )
 
-TOLERANCE = _table(
+TOLERANCE = report_table(
     "tolerance",
     "A study of the tolerance of picks. Readers must accept unknown keys: they are additions of the same version.",
     required("schema", {"const": TOLERANCE_SCHEMA}, "version of the format"),
     required("ok", BOOLEAN, "whether every pick is certified for the whole tolerance"),
-    required("summary", WORDS, "the result in one line"),
-    required("position", LENGTH, "tolerance of the position along each axis", "m"),
-    required("rotation", LENGTH, "tolerance of the rotation about any axis", "rad"),
+    required("summary", ANY_TEXT, "the result in one line"),
+    required("position", NOT_NEGATIVE, "tolerance of the position along each axis", "m"),
+    required("rotation", NOT_NEGATIVE, "tolerance of the rotation about any axis", "rad"),
     required("distribution", {"enum": ["uniform", "normal"]}, "of the sampled poses"),
     required("samples", COUNT, "number of sampled poses for each pick"),
-    required("largest", LENGTH, "the largest multiple of the tolerance that was tried"),
+    required("largest", NOT_NEGATIVE, "the largest multiple of the tolerance that was tried"),
     required("proven_share", SHARE, "share of the picks that are certified for the whole tolerance"),
     required("sampled_share", SHARE, "share of the picks whose grasp is free at every sampled pose"),
-    required("notes", list_of(WORDS), "what is not covered"),
+    required("notes", list_of(ANY_TEXT), "what is not covered"),
     required("picks", list_of(BORNE), "the picks"),
 )

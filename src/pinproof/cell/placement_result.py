@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import io
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,8 +15,13 @@ from pinproof.cell.placed_robot import PlacedRobot
 from pinproof.cell.placement_keys import PLACEMENT_SCHEMA
 from pinproof.cell.placement_region import AXES, Placement, PlacementRegion
 from pinproof.collision import Scene
-from pinproof.common.display import html_block, html_list, html_table, outline
-from pinproof.common.files import unknown_suffix, write_bytes_whole, write_text_whole
+from pinproof.common.display import html_block, html_list, html_table, markdown_table, outline
+from pinproof.common.files import (
+    csv_text,
+    figure,
+    json_text,
+    save_as,
+)
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import InputError
 from pinproof.model import Arm
@@ -38,8 +41,6 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-
-SUFFIXES = (".json", ".csv", ".png", ".md")
 
 MOST_FAILING = 20
 """Largest number of failing picks that are listed in text; JSON has all of them."""
@@ -221,17 +222,13 @@ class PlacementMap:
 
     def to_csv(self) -> str:
         """One row per placement: its values, whether the base is free, the share of picks, and the estimates."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(("choice", *AXES, "base_free", "share", "estimated_seconds", "estimate"))
         figures = np.column_stack([self.share, self.seconds, self.estimate])
-        for number, values, base, row in zip(
-            self.choice.tolist(), self.placements.tolist(), self.base.tolist(), figures.tolist(), strict=True
-        ):
-            cells = [f"{value:.9g}" for value in values]
-            more = ["" if np.isnan(value) else f"{value:.9g}" for value in row]
-            writer.writerow((self.choices[number], *cells, int(base), *more))
-        return out.getvalue()
+        columns = (self.choice.tolist(), self.placements.tolist(), self.base.tolist(), figures.tolist())
+        rows = (
+            (self.choices[number], *map(figure, values), int(base), *map(figure, row))
+            for number, values, base, row in zip(*columns, strict=True)
+        )
+        return csv_text(("choice", *AXES, "base_free", "share", "estimated_seconds", "estimate"), rows)
 
     def to_dict(self) -> dict[str, Any]:
         """The map over the floor for each choice, the best over z and yaw, as plain values for a page."""
@@ -443,15 +440,14 @@ class PlacementResult:
     def to_markdown(self) -> str:
         """The table of placements, what fails, and what is proven."""
         head = ("choice", "x [m]", "y [m]", "z [m]", "yaw [rad]", "good", "cycle time [s]", "clearance [mm]")
-        lines = [self.message, "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
-        for row in self._rows():
-            cells = [f"{cell:.4f}" if isinstance(cell, float) else str(cell) for cell in row]
-            lines.append(f"| {' | '.join(cells)} |")
+        rows = [[f"{cell:.4f}" if isinstance(cell, float) else cell for cell in row] for row in self._rows()]
+        lines = [self.message, "", *markdown_table(head, rows)]
         if self.sensitivity:
-            lines += ["", "| axis | below | above | fails first below | fails first above |", "|---|---|---|---|---|"]
-            for each in self.sensitivity:
-                low, high = (_length(each.axis, value) for value in (each.below, each.above))
-                lines.append(f"| {each.axis} | {low} | {high} | {each.first_below} | {each.first_above} |")
+            rows = [
+                [e.axis, _length(e.axis, e.below), _length(e.axis, e.above), e.first_below, e.first_above]
+                for e in self.sensitivity
+            ]
+            lines += ["", *markdown_table(("axis", "below", "above", "fails first below", "fails first above"), rows)]
         failing = [f"- {name}: {reason}" for name, reason in self.failing.items()]
         lines += failing[:MOST_FAILING]
         if len(failing) > MOST_FAILING:
@@ -470,19 +466,16 @@ class PlacementResult:
         FileError
             If the file cannot be written.
         """
-        kind = Path(path).suffix.lower()
-        if kind not in SUFFIXES:
-            raise InputError(f"{path}: {unknown_suffix(Path(path), SUFFIXES)}")
-        if kind == ".json":
-            write_text_whole(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
-        elif kind == ".md":
-            write_text_whole(path, self.to_markdown())
-        elif self.map is None:
+        if self.map is None and Path(path).suffix.lower() in (".csv", ".png"):
             raise InputError(f"{path}: the search was interrupted before the heat map was complete")
-        elif kind == ".csv":
-            write_text_whole(path, self.map.to_csv())
-        else:
-            write_bytes_whole(path, heat_map_picture(self))
+        grid = self.map.to_csv if self.map is not None else str
+        formats: dict[str, Callable[[], str | bytes]] = {
+            ".json": lambda: json_text(self.to_dict()),
+            ".csv": grid,
+            ".png": lambda: heat_map_picture(self),
+            ".md": self.to_markdown,
+        }
+        save_as(path, formats)
 
 
 _COLUMNS = ("choice", "x", "y", "z", "yaw", "good", "cycle time [s]", "clearance [mm]")

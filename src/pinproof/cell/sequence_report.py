@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ from pinproof.cell.cycle_time import cycle_time
 from pinproof.cell.sequence_keys import SCHEMA
 from pinproof.cell.sequence_page import write_sequence_page
 from pinproof.cell.sequence_result import PHASES, SequenceResult, SequenceStep
-from pinproof.common.files import unknown_suffix, write_text_whole
+from pinproof.common.files import csv_text, json_text, save_as, unknown_suffix
 from pinproof.errors import InputError
 
 __all__ = ["SEQUENCE_SUFFIXES", "save_sequence", "sequence_csv", "sequence_dict", "sequence_markdown"]
@@ -33,13 +31,13 @@ def save_sequence(result: SequenceResult, path: str | Path) -> None:
     FileError
         If the file cannot be written.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix == ".html":
+    if Path(path).suffix.lower() == ".html":
         write_sequence_page(result, path)
         return
-    if suffix not in _TEXTS:
+    texts = {suffix: partial(text, result) for suffix, text in _TEXTS.items()}
+    if Path(path).suffix.lower() not in texts:
         raise InputError(f"{path}: {unknown_suffix(Path(path), SEQUENCE_SUFFIXES)}")
-    write_text_whole(path, _TEXTS[suffix](result))
+    save_as(path, texts)
 
 
 def sequence_dict(result: SequenceResult) -> dict[str, Any]:
@@ -105,16 +103,12 @@ def _phases(step: SequenceStep) -> list[dict[str, Any]]:
 
 def sequence_csv(result: SequenceResult) -> str:
     """One row for each pick in order, with the columns :data:`COLUMNS`."""
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(COLUMNS)
+    rows = []
     for number, (step, time) in enumerate(zip(result.steps, cycle_time(result).picks, strict=True), start=1):
         phases = (time.phases.get(name, "") for name in PHASES)
         clearance = _number(step.verdict.clearance)
-        lines.writerow(
-            (number, time.name, time.start, time.duration, *phases, time.shortest, clearance, time.limited_by)
-        )
-    return text.getvalue()
+        rows.append((number, time.name, time.start, time.duration, *phases, time.shortest, clearance, time.limited_by))
+    return csv_text(COLUMNS, rows)
 
 
 def sequence_markdown(result: SequenceResult) -> str:
@@ -132,7 +126,7 @@ def _number(value: float) -> float | None:
 
 
 def _json(result: SequenceResult) -> str:
-    return json.dumps(sequence_dict(result), indent=2, allow_nan=False) + "\n"
+    return json_text(sequence_dict(result), indent=2)
 
 
 _TEXTS: dict[str, Callable[[SequenceResult], str]] = {".json": _json, ".csv": sequence_csv, ".md": sequence_markdown}

@@ -17,9 +17,6 @@ each. This is a sample, not a proof.
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,8 +29,8 @@ from pinproof.cell.placement_keys import TOLERANCE_SCHEMA
 from pinproof.cell.placement_stages import Progress, StageRunner
 from pinproof.collision import Obstacle
 from pinproof.collision.line_surface import LineSurface, outer_points
-from pinproof.common.display import html_block, html_table, outline
-from pinproof.common.files import unknown_suffix, write_text_whole
+from pinproof.common.display import html_block, html_table, markdown_table, outline
+from pinproof.common.files import csv_text, json_text, save_as
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
 from pinproof.picks.batch.screen_picks import screen_picks
@@ -51,8 +48,6 @@ Array = npt.NDArray[np.float64]
 
 Distribution = Literal["uniform", "normal"]
 DISTRIBUTIONS = ("uniform", "normal")
-
-SUFFIXES = (".json", ".csv", ".md")
 
 ROUNDS = 7
 """Bisections of the largest tolerance: to 1/128 of ``largest``."""
@@ -189,19 +184,17 @@ class ToleranceStudy:
 
     def to_csv(self) -> str:
         """One row for each pick."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(("name", "good", "proven", "largest_position", "largest_rotation", "share", "limited_by"))
+        rows = []
         for each in self.picks:
             figures = (each.factor * self.position, each.factor * self.rotation, each.share)
             cells = (f"{value:.9g}" for value in figures)
-            writer.writerow((each.name, int(each.good), int(each.proven), *cells, each.limited_by))
-        return out.getvalue()
+            rows.append((each.name, int(each.good), int(each.proven), *cells, each.limited_by))
+        columns = ("name", "good", "proven", "largest_position", "largest_rotation", "share", "limited_by")
+        return csv_text(columns, rows)
 
     def to_markdown(self) -> str:
         """The summary, a table of the picks and the notes."""
-        lines = [self.summary, "", f"| {' | '.join(_COLUMNS)} |", f"|{'---|' * len(_COLUMNS)}"]
-        lines += [f"| {' | '.join(str(cell).replace('|', ' ') for cell in row)} |" for row in self._rows()]
+        lines = [self.summary, "", *markdown_table(_COLUMNS, self._rows())]
         return "\n".join([*lines, "", *(f"- not covered: {note}" for note in self.notes)]) + "\n"
 
     def save(self, path: str | Path) -> None:
@@ -214,13 +207,7 @@ class ToleranceStudy:
         FileError
             If the file cannot be written.
         """
-        kind = Path(path).suffix.lower()
-        if kind not in SUFFIXES:
-            raise InputError(f"{path}: {unknown_suffix(Path(path), SUFFIXES)}")
-        if kind == ".json":
-            write_text_whole(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
-        else:
-            write_text_whole(path, self.to_csv() if kind == ".csv" else self.to_markdown())
+        save_as(path, {".json": lambda: json_text(self.to_dict()), ".csv": self.to_csv, ".md": self.to_markdown})
 
 
 _COLUMNS = ("pick", "whole tolerance", "largest [mm]", "largest [deg]", "free if planned again", "limited by")

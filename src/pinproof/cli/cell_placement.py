@@ -16,7 +16,14 @@ from pinproof.errors import InputError
 from pinproof.units import refuse_degrees, warn_of_millimetres
 
 if TYPE_CHECKING:
-    from pinproof.cell import PlacementBudget, PlacementChoice, PlacementRegion, PlacementResult
+    from pinproof.cell import (
+        CellComparison,
+        PlacementBudget,
+        PlacementChoice,
+        PlacementRegion,
+        PlacementResult,
+        ToleranceStudy,
+    )
 
 __all__ = ["cell_compare", "cell_place", "cell_tolerance"]
 
@@ -154,10 +161,7 @@ def cell_place(
         if found.map is None:
             kept = "" if campaign is None else f"; the same command resumes the search from {campaign}"
             raise Interrupted(f"{error}{kept}") from None
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        print_line(found.to_markdown().rstrip())
+    _print_result(found, as_json)
     written = _write(found, output)
     if written and not as_json:
         print_line(f"wrote {written}")
@@ -200,14 +204,7 @@ def cell_compare(
             with progress_status(f"set-up {number} of 2: {path}"):
                 reports.append(judge_file(path, options, seed, **settings)[-1])
     found = pp.cell.compare(*reports, least=least)
-    if output is not None:
-        found.save(output)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        print_line(found.to_markdown().rstrip())
-    if not found.ok:
-        raise typer.Exit(1)
+    _finish(found, output, as_json)
 
 
 def cell_tolerance(
@@ -253,14 +250,23 @@ def cell_tolerance(
             progress=lambda _, done, total: status(f"tolerances: {done:,} of {total:,} picks"),
             **settings,
         )
+    _finish(found, output, as_json)
+
+
+def _finish(found: CellComparison | ToleranceStudy, output: Path | None, as_json: bool) -> None:
+    """Write and print a result; exit code 1 if it is not good."""
     if output is not None:
         found.save(output)
+    _print_result(found, as_json)
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+def _print_result(found: PlacementResult | CellComparison | ToleranceStudy, as_json: bool) -> None:
     if as_json:
         print_json(found.to_dict())
     else:
         print_line(found.to_markdown().rstrip())
-    if not found.ok:
-        raise typer.Exit(1)
 
 
 def _check_table(output: Path | None, *inputs: Path | None) -> None:

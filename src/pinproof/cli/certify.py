@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,7 +26,7 @@ from pinproof.cli.options import (
 from pinproof.cli.program import certify_program_file
 from pinproof.errors import InputError
 
-__all__ = ["certify_motion", "verdict"]
+__all__ = ["certify_motion", "torque_figures", "verdict"]
 
 LIMIT_TOLERANCE = 1e-6
 """Rad or m for positions, relative for velocities. Motion files of other programs are often rounded to six digits."""
@@ -41,6 +42,22 @@ class ToleranceOptions:
     obstacle_tolerance: Annotated[
         float, typer.Option(help="The proof holds for obstacles displaced by up to this distance (m).", min=0.0)
     ] = 0.0
+
+
+@dataclass(frozen=True)
+class ProofOptions:
+    """The files with proofs."""
+
+    save_proof: Annotated[
+        Path | None, typer.Option(help="Write the proof to a file (.json, .json.gz) that others can verify.")
+    ] = None
+    verify: Annotated[
+        Path | None,
+        typer.Option(
+            help="Verify a saved proof with independent code, instead of making one. With ROBOT, --scene and MOTION, "
+            "also check that the proof belongs to them."
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -90,16 +107,7 @@ def certify_motion(
     *,
     tolerances: ToleranceOptions,
     constraint_options: ConstraintOptions,
-    save_proof: Annotated[
-        Path | None, typer.Option(help="Write the proof to a file (.json, .json.gz) that others can verify.")
-    ] = None,
-    verify: Annotated[
-        Path | None,
-        typer.Option(
-            help="Verify a saved proof with independent code, instead of making one. With ROBOT, --scene and MOTION, "
-            "also check that the proof belongs to them."
-        ),
-    ] = None,
+    proof: ProofOptions,
     audit_options: AuditOptions,
     ignore_record: IgnoreRecord = False,
     allow_changes: Annotated[
@@ -119,25 +127,28 @@ def certify_motion(
     Example: pinproof certify ur5 motion.json --scene robots/ur5/scene.yaml --save-proof proof.json
     """
     arm = None if robot is None else chain.arm(robot, tool=tool)
-    if verify is not None:
+    sampled_or_written = bool(proof.save_proof or html or audit_options.with_audit or tolerances != ToleranceOptions())
+    if proof.verify is not None:
         if rates != RateOptions():
             raise InputError("--payload, --torque and --tool-speed are not part of a proof; use them without --verify")
-        if save_proof or html or audit_options.with_audit or tolerances != ToleranceOptions():
+        if sampled_or_written:
             raise InputError(
                 "--verify uses the tolerances of the proof and writes no file; remove --save-proof, --html, --audit, "
                 "--joint-tolerance and --obstacle-tolerance"
             )
-        _verify(verify, arm, motion, scene_options, tool, constraint_options, as_json)
+        _verify(proof.verify, arm, motion, scene_options, tool, constraint_options, as_json)
         return
     if arm is None or motion is None:
         raise InputError("ROBOT or MOTION is missing; state both, or a saved proof with --verify")
-    check_output_files([html, save_proof], [robot, motion, scene_options.scene, chain.srdf, chain.limits, *tool.files])
+    check_output_files(
+        [html, proof.save_proof], [robot, motion, scene_options.scene, chain.srdf, chain.limits, *tool.files]
+    )
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     from pinproof.motion.dialects import is_program_file
 
     if is_program_file(motion):
-        if save_proof or html or audit_options.with_audit or rates != RateOptions() or tolerances != ToleranceOptions():
+        if sampled_or_written or rates != RateOptions():
             raise InputError(
                 "a robot program is certified with the deviation that it states, and without --save-proof, --html, "
                 "--audit, --payload, --torque, --tool-speed and tolerances; remove these options"
@@ -150,44 +161,54 @@ def certify_motion(
             trajectory,
             checker,
             constraints=constraint_options.constraints(arm, trajectory.start),
-            record=save_proof is not None,
+            record=proof.save_proof is not None,
             **vars(tolerances),
         )
     audit = audit_options.audit(trajectory, checker, tool)
     if html is not None:
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
-    if save_proof is not None and certificate.free:
-        certificate.save(save_proof)
+    if proof.save_proof is not None and certificate.free:
+        certificate.save(proof.save_proof)
+    if not _report(certificate, trajectory, checker, rates, audit, proof.save_proof, as_json):
+        raise typer.Exit(1)
+
+
+def _report(
+    certificate: pp.Certificate,
+    trajectory: pp.Trajectory,
+    checker: pp.CollisionChecker,
+    rates: RateOptions,
+    audit: pp.collision.AuditResult | None,
+    save_proof: Path | None,
+    as_json: bool,
+) -> bool:
+    """Print what was found; return whether the motion is certified, within its limits and free of contacts found."""
+    arm = checker.arm
     violations = _limit_violations(trajectory, arm) + rates.violations(arm, trajectory, LIMIT_TOLERANCE)
     attached = [body.name for body in checker.attached]
     torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
     if as_json:
         figures = None if audit is None else {key: getattr(audit, key) for key in ("samples", "distance", "message")}
-        peaks = {"torques": [peak.as_dict() for peak in torques], "torque_notes": torque_notes} if torques else {}
         found = {"attached": attached, "outside_limits": violations, "audit": figures}
-        print_json({**verdict(certificate), **found, **peaks})
+        print_json({**verdict(certificate), **found, **torque_figures(torques, torque_notes)})
     else:
-        _print_certificate(certificate, attached, violations)
-        if torques:
-            print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")
-        for note in torque_notes:
-            print_line(f"note: {note}")
-        if audit is not None:
-            print_line(f"audit: {audit.message}")
+        print_line(str(certificate))
+        lines = [f"attached: {', '.join(attached)}"] if attached else []
+        lines += [f"outside the limits: {violation}" for violation in violations]
+        lines += [f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in certificate.excluded]
+        lines += [f"largest torque: {max(torques, key=lambda peak: peak.share)}"] if torques else []
+        lines += [f"note: {note}" for note in torque_notes]
+        lines += [] if audit is None else [f"audit: {audit.message}"]
+        for line in lines:
+            print_line(line)
         if save_proof is not None:
             print_line(f"wrote {save_proof}" if certificate.free else f"{save_proof} is not written: there is no proof")
-    if violations or not certificate.free or (audit is not None and not audit.clean):
-        raise typer.Exit(1)
+    return certificate.free and not violations and (audit is None or audit.clean)
 
 
-def _print_certificate(certificate: pp.Certificate, attached: list[str], violations: list[str]) -> None:
-    print_line(str(certificate))
-    if attached:
-        print_line(f"attached: {', '.join(attached)}")
-    for violation in violations:
-        print_line(f"outside the limits: {violation}")
-    for pair in certificate.excluded:
-        print_line(f"not checked: {' and '.join(pair.owners)} ({pair.reason})")
+def torque_figures(torques: Sequence[pp.motion.TorquePeak], notes: Sequence[str]) -> dict[str, Any]:
+    """The largest torques of a motion and the notes on them for JSON output; nothing without a limit of torque."""
+    return {"torques": [peak.as_dict() for peak in torques], "torque_notes": notes} if torques else {}
 
 
 def _verify(

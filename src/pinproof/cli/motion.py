@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy.typing as npt
 import typer
 
 import pinproof as pp
-from pinproof.cli.certify import verdict
+from pinproof.cli.certify import torque_figures, verdict
 from pinproof.cli.complete import planner_names
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import (
@@ -71,6 +71,40 @@ def check(
         raise typer.Exit(1)
 
 
+@dataclass(frozen=True)
+class PlanOptions:
+    """How the motion is found."""
+
+    blend: Annotated[
+        bool, typer.Option(help="Round the corners of the path; with --no-blend the arm stops at each corner.")
+    ] = True
+    planner: Annotated[str, typer.Option(help="The planner: rrt_connect or ompl.", autocompletion=planner_names)] = (
+        "rrt_connect"
+    )
+    jerk: Annotated[
+        str | None,
+        typer.Option(
+            help="Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for those of --limits. Default: no "
+            "jerk limit."
+        ),
+    ] = None
+    optimise: Annotated[
+        int,
+        typer.Option(
+            help="Evaluations to make the motion as short as the limits allow; 0: only time the shortened path.", min=0
+        ),
+    ] = 600
+
+    def found_jerk(self) -> float | Literal["limits"] | None:
+        """The jerk limit; ``"limits"`` for those of the arm."""
+        if self.jerk is None or self.jerk == "limits":
+            return None if self.jerk is None else "limits"
+        try:
+            return float(self.jerk)
+        except ValueError:
+            raise InputError(f"--jerk must be a number or the word limits, not {self.jerk!r}") from None
+
+
 def plan(
     robot: Robot,
     goal: Annotated[str, typer.Option(help="Goal joint values in rad or m, or home.")],
@@ -78,28 +112,10 @@ def plan(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="The motion file to write (.json, .csv).")
     ] = None,
-    blend: Annotated[
-        bool, typer.Option(help="Round the corners of the path; with --no-blend the arm stops at each corner.")
-    ] = True,
-    planner: Annotated[
-        str, typer.Option(help="The planner: rrt_connect or ompl.", autocompletion=planner_names)
-    ] = "rrt_connect",
+    *,
+    effort: PlanOptions,
     html: Html = None,
     seed: Seed = 0,
-    jerk: Annotated[
-        str | None,
-        typer.Option(
-            help="Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for those of --limits. Default: no "
-            "jerk limit."
-        ),
-    ] = None,
-    optimise: Annotated[
-        int,
-        typer.Option(
-            help="Evaluations to make the motion as short as the limits allow; 0: only time the shortened path.", min=0
-        ),
-    ] = 600,
-    *,
     constraint_options: ConstraintOptions,
     rates: RateOptions,
     chain: ChainOptions,
@@ -112,7 +128,8 @@ def plan(
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
     check_output_files([output, html], [robot, scene_options.scene, chain.srdf, chain.limits, *tool.files])
-    search = pp.planning.make_planner(planner)
+    jerk = effort.found_jerk()
+    search = pp.planning.make_planner(effort.planner)
     arm = chain.arm(robot, tool)
     rate_limits = rates.limits(arm)
     world = scene_options.load()
@@ -133,7 +150,7 @@ def plan(
             result.path,
             checker,
             rng=seed,
-            blend=blend,
+            blend=effort.blend,
             constraints=kept,
             torque_limits=heavy,
             certificate=result.certificate,
@@ -143,11 +160,11 @@ def plan(
             path,
             checker,
             limits=arm.limits,
-            jerk=_jerk(jerk),
+            jerk=jerk,
             rate_limits=rate_limits,
             constraints=kept,
             rng=seed,
-            budget=optimise,
+            budget=effort.optimise,
         )
         trajectory, certificate = shortest.trajectory, shortest.certificate
     torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
@@ -156,10 +173,19 @@ def plan(
         trajectory.save(output, certificate=certificate)
         written.append(output)
     if html is not None:
-        drawn = pp.viewer.PlotLimits(arm.limits, _plotted_jerk(arm, jerk), rate_limits)
+        drawn = pp.viewer.PlotLimits(arm.limits, arm.limits.jerk if jerk == "limits" else jerk, rate_limits)
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, plot=drawn)
         written.append(html)
-    _show(simplified, shortest, certificate, torques, torque_notes, written, optimised=optimise > 0, as_json=as_json)
+    _show(
+        simplified,
+        shortest,
+        certificate,
+        torques,
+        torque_notes,
+        written,
+        optimised=effort.optimise > 0,
+        as_json=as_json,
+    )
     if not certificate.free:
         raise typer.Exit(1)
 
@@ -185,7 +211,7 @@ def _show(
             "duration": duration,
             "lower_bound": shortest.lower_bound,
         }
-        peaks = {"torques": [peak.as_dict() for peak in torques], "torque_notes": torque_notes} if torques else {}
+        peaks = torque_figures(torques, torque_notes)
         print_json({"ok": certificate.free, **figures, **peaks, **verdict(certificate)})
         return
     stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
@@ -201,17 +227,3 @@ def _show(
         print_line(f"note: {note}")
     if written:
         print_line(f"wrote {' and '.join(map(str, written))}")
-
-
-def _plotted_jerk(arm: pp.Arm, text: str | None) -> npt.ArrayLike | None:
-    jerk = _jerk(text)
-    return arm.limits.jerk if jerk == "limits" else jerk
-
-
-def _jerk(text: str | None) -> float | Literal["limits"] | None:
-    if text is None or text == "limits":
-        return None if text is None else "limits"
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"--jerk must be a number or the word limits, not {text!r}") from None

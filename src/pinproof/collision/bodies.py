@@ -192,13 +192,18 @@ class Body:
         return np.empty((0, 3)) if self.support is None else self.support.points[:1]
 
     @property
+    def is_exact(self) -> bool:
+        """Whether coal reads the triangles of a mesh."""
+        return isinstance(self.geometry, coal.BVHModelBase)
+
+    @property
     def unchanged(self) -> bool:
         """Whether the coal geometry, which cannot be made read-only, is still that with which the body was created."""
         return bool(self._read == self._checksum())
 
     def _checksum(self) -> int:
         """A checksum of what coal reads of an exact mesh; other bodies are proven apart by their support alone."""
-        if not isinstance(self.geometry, coal.BVHModelBase):
+        if not self.is_exact:
             return 0
         return zlib.crc32(self.geometry.vertices().tobytes())
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -53,11 +54,11 @@ __all__ = [
     "Parting",
     "UndecidedSpan",
     "body_digest",
-    "changed_files",
     "changes_since",
     "checked_hash",
     "curve_hash",
     "free_sentence",
+    "mesh_files",
     "missing_since",
     "notes_of",
     "parameter_text",
@@ -482,33 +483,47 @@ def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = (),
     return digest.hexdigest()
 
 
+class MeshFiles(NamedTuple):
+    """The present state of the mesh files of a checker."""
+
+    stamps: tuple[FileStamp | None, ...]
+    """Of the meshes of the robot, the attached objects and the obstacles; None for a mesh without a file."""
+    changed: tuple[FileStamp, ...]
+    """The files, as the checker read them, that were changed since then."""
+
+
+_meshes: WeakKeyDictionary[CollisionChecker, tuple[list[str | None], list[FileStamp]]] = WeakKeyDictionary()
+"""The paths of the meshes of each checker, and the stamps of the files that it read."""
+
 _setups: WeakKeyDictionary[CollisionChecker, tuple[tuple[FileStamp | None, ...], str]] = WeakKeyDictionary()
 """The hash of the setup of each checker, with the mesh files for which it holds: one motion may need many proofs."""
 
 
-def checked_hash(checker: CollisionChecker) -> str:
-    """Return :func:`setup_hash` of the setup of a checker.
+def mesh_files(checker: CollisionChecker) -> MeshFiles:
+    """Return the present state of the mesh files of a checker; each file is examined once."""
+    known = _meshes.get(checker)
+    if known is None:
+        urdf, objects = checker.group.robot.urdf, (*checker.attached, *checker.scene.obstacles)
+        paths: list[str | Path | None] = [each.mesh.path for each in urdf.collisions if each.mesh is not None]
+        paths += [each.shape.path for each in objects if isinstance(each.shape, Mesh)]
+        read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
+        known = _meshes[checker] = [None if path is None else os.fspath(path) for path in paths], list(read)
+    named, read_files = known
+    now = {path: FileStamp.of(path) for path in {*named, *(file.path for file in read_files)} if path is not None}
+    stamps = tuple(None if path is None else now[path] for path in named)
+    return MeshFiles(stamps, tuple(file for file in read_files if now[file.path] != file))
+
+
+def checked_hash(checker: CollisionChecker, files: MeshFiles) -> str:
+    """Return :func:`setup_hash` of the setup of a checker, whose present files are given.
 
     If a mesh file was changed after the checker read it, the hash matches no setup.
     """
-    meshes: list[str | Path | None] = [
-        geometry.mesh.path for geometry in checker.group.robot.urdf.collisions if geometry.mesh is not None
-    ]
-    meshes += [
-        each.shape.path for each in (*checker.attached, *checker.scene.obstacles) if isinstance(each.shape, Mesh)
-    ]
-    files = tuple(None if path is None else FileStamp.of(path) for path in meshes)
     known = _setups.get(checker)
-    if known is None or known[0] != files:
-        known = _setups[checker] = files, setup_hash(checker.group, checker.scene, checker.attached)
-    digest, changed = known[1], changed_files(checker)
+    if known is None or known[0] != files.stamps:
+        known = _setups[checker] = files.stamps, setup_hash(checker.group, checker.scene, checker.attached)
+    digest, changed = known[1], files.changed
     return hashlib.sha256(repr((digest, changed)).encode()).hexdigest() if changed else digest
-
-
-def changed_files(checker: CollisionChecker) -> tuple[FileStamp, ...]:
-    """Return the mesh files that were changed after the checker read them."""
-    read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
-    return tuple(file for file in read if FileStamp.of(file.path) != file)
 
 
 @lru_cache(maxsize=ARMS_KEPT)
@@ -561,13 +576,14 @@ NAMED = 6
 """Number of names that a note lists; more are counted."""
 
 
-def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
+def notes_of(checker: CollisionChecker, files: MeshFiles | None = None) -> tuple[str, ...]:
     """Return the assumptions of a checker's verdicts as sentences: replaced meshes, held joints, unchecked links.
 
-    Excluded pairs are listed in :attr:`CollisionChecker.excluded`, each with its reason.
+    Excluded pairs are listed in :attr:`CollisionChecker.excluded`, each with its reason. ``files`` are the present mesh
+    files, which are examined by default.
     """
     before, after = _unchanging_notes(checker)
-    changed = [Path(file.path).name for file in changed_files(checker)]
+    changed = [Path(file.path).name for file in (files or mesh_files(checker)).changed]
     about_files = [f"{_some(changed)}: changed after the checker read it; create a new checker"] if changed else []
     return tuple(dict.fromkeys((*before, *about_files, *after)))
 

@@ -10,8 +10,9 @@ function it calls coal.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,7 @@ from pinproof.collision.certificate import (
     checked_hash,
     curve_hash,
     free_sentence,
+    mesh_files,
     notes_of,
     parameter_text,
 )
@@ -43,7 +45,7 @@ from pinproof.motion import Curve, Trajectory
 from pinproof.motion.curve import read_only
 from pinproof.spatial import finite
 
-__all__ = ["certify", "is_proven_free"]
+__all__ = ["KnownPairs", "certify", "is_proven_free", "prove_rest"]
 
 Array = npt.NDArray[np.float64]
 
@@ -155,9 +157,8 @@ def certify(
 
     def at(each: float) -> Certificate:
         def prove(part: Curve, judge: CollisionChecker) -> Certificate:
-            return _Proof(
-                part, judge, each, max_intervals, joints, float(obstacle_tolerance), constraints, record
-            ).run()
+            settings = _settings(each, max_intervals, float(obstacle_tolerance), record)
+            return _Proof(part, judge, settings, joints, float(obstacle_tolerance), constraints).run()
 
         if not parting:
             return prove(curve, checker)
@@ -171,12 +172,7 @@ def certify(
             obstacle_tolerance=float(obstacle_tolerance),
         )
 
-    first, *finer = TOLERANCES if tolerance is None else (tolerance,)
-    certificate = at(first)
-    for each in finer:
-        if certificate.status is not CertificateStatus.UNDECIDED or certificate.intervals >= max_intervals:
-            break
-        certificate = at(each)
+    certificate = _at_finer_tolerances(at, tolerance, max_intervals)
     if not constraints:
         return certificate
     return with_constraints(
@@ -191,55 +187,116 @@ def certify(
     )
 
 
-def is_proven_free(curve: Curve, checker: CollisionChecker) -> bool:
+def is_proven_free(curve: Curve, checker: CollisionChecker, *, joint_tolerance: Array | None = None) -> bool:
     """Return whether the curve is proven collision-free, for searches that query many short edges.
 
-    Faster than :func:`certify`: it proves the margin and no clearance beyond it, and returns no reason.
+    Faster than :func:`certify`: it proves the margin and no clearance beyond it, and returns no reason. With
+    ``joint_tolerance`` (n,), the proof covers deviations of the joints as in :func:`certify`.
     """
     if checker.still.touching:
         return False
     knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
     settings = ProofSettings(tolerance=TOLERANCE, max_intervals=QUICK_INTERVALS)
-    proof = prove(
-        checker.world,
-        knots,
-        control,
-        settings,
-        np.zeros(checker.group.dof),
-        CoalJudge(checker.workspace),
-        KNOWN_NOTHING,
-    )
+    joints = np.zeros(checker.group.dof) if joint_tolerance is None else joint_tolerance
+    proof = prove(checker.world, knots, control, settings, joints, CoalJudge(checker.workspace), KNOWN_NOTHING)
     return bool(proof.free)
 
 
+class KnownPairs(NamedTuple):
+    """What is proven of the pairs of a checker before a proof, so that only the other pairs remain."""
+
+    rest: CollisionChecker
+    """The same checker without the known pairs."""
+    proven: float
+    """Lower bound (m) of the distances of the known pairs on the curve, obstacles displaced by their tolerance."""
+    joint_tube: float
+    """rad or m by which all joints could deviate with the proof of the known pairs still valid."""
+    obstacle_tube: float
+    """Metres by which all obstacles could be displaced."""
+    curve: str
+    """The hash of the curve."""
+    setup: str
+    """The hash of the setup of the complete checker."""
+    notes: tuple[str, ...]
+    """The notes of the complete checker."""
+    evidence_with: Callable[[Array], Array]
+    """The evidence (K, 7) of all pairs from that of the rest."""
+
+
+def prove_rest(
+    curve: Curve,
+    checker: CollisionChecker,
+    known: KnownPairs,
+    *,
+    tolerance: float | None,
+    max_intervals: int,
+    joints: Array,
+    obstacles: float,
+    record: bool,
+) -> Certificate:
+    """Return the certificate of a curve of which some pairs are known to be apart; arguments as :func:`certify`."""
+
+    def at(each: float) -> Certificate:
+        settings = _settings(each, max_intervals, obstacles, record)
+        return _Proof(curve, checker, settings, joints, obstacles, (), known).run()
+
+    return _at_finer_tolerances(at, tolerance, max_intervals)
+
+
+def _at_finer_tolerances(
+    at: Callable[[float], Certificate], tolerance: float | None, max_intervals: int
+) -> Certificate:
+    """Return the certificate at the first of :data:`TOLERANCES`, or at the only one given, that is not UNDECIDED."""
+    first, *finer = TOLERANCES if tolerance is None else (tolerance,)
+    certificate = at(first)
+    for each in finer:
+        if certificate.status is not CertificateStatus.UNDECIDED or certificate.intervals >= max_intervals:
+            break
+        certificate = at(each)
+    return certificate
+
+
+def _settings(tolerance: float, max_intervals: int, obstacles: float, record: bool) -> ProofSettings:
+    return ProofSettings(
+        tolerance=tolerance,
+        max_intervals=max_intervals,
+        obstacle_tolerance=obstacles,
+        goal_share=GOAL_SHARE,
+        look_ahead=LOOK_AHEAD,
+        wants_tubes=True,
+        record=record,
+    )
+
+
 class _Proof:
-    """The certification of one curve at one tolerance."""
+    """The certification of one curve at one tolerance; pairs are those of the judge."""
 
     def __init__(
         self,
         curve: Curve,
         checker: CollisionChecker,
-        tolerance: float,
-        max_intervals: int,
+        settings: ProofSettings,
         joints: Array,
         obstacles: float,
         constraints: Sequence[PathConstraint],
-        record: bool,
+        known: KnownPairs | None = None,
     ) -> None:
-        self._curve, self._checker, self._constraints = curve, checker, constraints
-        self._judge = checker.moved_obstacles(obstacles) if obstacles > 0 else checker
+        self._curve, self._checker, self._constraints, self._known = curve, checker, constraints, known
+        judge = checker if known is None else known.rest
+        self._judge = judge.moved_obstacles(obstacles) if obstacles > 0 else judge
         self._joints, self._obstacles = joints, obstacles
         self._knots, self._control = (np.ascontiguousarray(part) for part in curve.bezier())
-        self._settings = ProofSettings(
-            tolerance=tolerance,
-            max_intervals=max_intervals,
-            obstacle_tolerance=obstacles,
-            goal_share=GOAL_SHARE,
-            look_ahead=LOOK_AHEAD,
-            wants_tubes=True,
-            record=record,
-        )
-        self._state, self._record = ProofState(), record
+        self._settings, self._state = settings, ProofState()
+        if known is not None:
+            self._begin_with(known)
+
+    def _begin_with(self, known: KnownPairs) -> None:
+        state = self._state
+        state.proven, state.joint_tube, state.obstacle_tube = known.proven, known.joint_tube, known.obstacle_tube
+        near = self._checker.workspace.nearest(self._control[0, 0])
+        if near.nearest >= 0:
+            state.observed = near.upper
+            state.spare = near.upper - float(self._checker.margins[near.nearest])
 
     def run(self) -> Certificate:
         first, last = float(self._knots[0]), float(self._knots[-1])
@@ -304,7 +361,7 @@ class _Proof:
     def _contact(self, pair: int, measured: Distance) -> Contact:
         """Return the contact of a pair, with the distance reduced by the tolerance of obstacles."""
         contact = self._judge.contact(pair, measured)
-        moved = self._obstacles if self._checker.bodies[self._checker.pairs[pair][1]].link is None else 0.0
+        moved = self._obstacles if self._judge.bodies[self._judge.pairs[pair][1]].link is None else 0.0
         return replace(contact, distance=contact.distance - moved) if moved else contact
 
     def _check_fixed_pairs(self) -> UndecidedSpan | None:
@@ -321,8 +378,8 @@ class _Proof:
         return None
 
     def _names(self, pair: int) -> tuple[str, str]:
-        i, j = self._checker.pairs[pair]
-        return self._checker.bodies[i].owner, self._checker.bodies[j].owner
+        i, j = self._judge.pairs[pair]
+        return self._judge.bodies[i].owner, self._judge.bodies[j].owner
 
     def _free(self) -> Certificate:
         count = len(self._checker.pairs)
@@ -375,9 +432,17 @@ class _Proof:
         first_contact: FirstContact | None = None,
         undecided: UndecidedSpan | None = None,
     ) -> Certificate:
-        checker, state = self._checker, self._state
+        checker, state, known = self._checker, self._state, self._known
         free = status is CertificateStatus.FREE
-        curve, setup = curve_hash(self._curve), checked_hash(checker)
+        curve = curve_hash(self._curve) if known is None else known.curve
+        if known is None:
+            files = mesh_files(checker)
+            setup, notes = checked_hash(checker, files), notes_of(checker, files)
+        else:
+            setup, notes = known.setup, known.notes
+        evidence = state.evidence if self._settings.record else None
+        if evidence is not None and known is not None:
+            evidence = known.evidence_with(evidence)
         records = getattr(self._curve, "certified", ())  # of a trajectory that was read from a file
         found = changes_since(records, checker, curve, setup, self._constraints)
         changes = (f"the file of the motion states: {each}" for each in found)
@@ -395,15 +460,15 @@ class _Proof:
             tolerance=self._settings.tolerance,
             curve=curve,
             setup=setup,
-            notes=(*notes_of(checker), *changes),
+            notes=(*notes, *changes),
             tube=MotionTube(
                 read_only(self._joints),
                 self._obstacles,
                 max(state.joint_tube, 0.0) if free else np.nan,
                 max(state.obstacle_tube, 0.0) if free else np.nan,
             ),
-            evidence=read_only(state.evidence) if self._record else None,
-            subject=(self._curve, self._checker) if self._record else None,
+            evidence=None if evidence is None else read_only(evidence),
+            subject=None if evidence is None else (self._curve, self._checker),
             attached=checker.attached,
             held=dict(checker.group.held),
             obstacles=checker.scene.names,

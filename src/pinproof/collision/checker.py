@@ -107,6 +107,9 @@ class CheckResult:
         return "free" if self.free else f"{count} contact{'' if count == 1 else 's'}"
 
 
+LEVELS_KEPT = 16
+"""Number of checkers with finer bodies that a checker keeps."""
+
 CHUNK = 64
 """Number of configurations that a thread processes at a time."""
 
@@ -164,6 +167,10 @@ class CollisionChecker(CheckedBodies):
         If a margin is negative or not finite, or two bodies share a name.
     """
 
+    _still: FixedPairs | None
+    _padded: tuple[float, CollisionChecker] | None
+    _on_levels: dict[frozenset[tuple[frozenset[str], int]], CollisionChecker]
+
     def __init__(
         self,
         arm: JointGroup,
@@ -188,7 +195,6 @@ class CollisionChecker(CheckedBodies):
             **overlap_levels(self._link_bodies.of({}), arm, self._rules),
         }
         self._margins, self._moved = Margins(margin, margins or {}), 0.0
-        self._still: FixedPairs | None = None
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
         self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
         warn_of_units(arm, self.bodies, self.scene)
@@ -275,9 +281,12 @@ class CollisionChecker(CheckedBodies):
 
     def padded(self, by: float) -> CollisionChecker:
         """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
-        other = copy(self)
-        other._set_margins(self._margins.padded(by))
-        return other
+        last = self._padded
+        if last is None or last[0] != by:
+            other = copy(self)
+            other._set_margins(self._margins.padded(by))
+            self._padded = last = by, other
+        return last[1]
 
     def moved_obstacles(self, by: float) -> CollisionChecker:
         """Return a checker that allows obstacles to be displaced by up to ``by`` metres, by larger margins."""
@@ -391,9 +400,15 @@ class CollisionChecker(CheckedBodies):
         return self._on({**self._levels, **dict.fromkeys(pairs, EXACT)}) if pairs else self
 
     def _on(self, levels: Levels) -> CollisionChecker:
-        other = copy(self)
-        other._levels = levels
-        other._assemble(self.scene, self.attached, self._allowed)
+        """Return the checker with other levels of detail; those that were made last are kept."""
+        key = frozenset(levels.items())
+        other = self._on_levels.get(key)
+        if other is None:
+            other = copy(self)
+            other._levels = levels
+            other._assemble(self.scene, self.attached, self._allowed)
+            kept = list(self._on_levels.items())[1 - LEVELS_KEPT :]  # replaced as a whole: threads share this checker
+            self._on_levels = {**dict(kept), key: other}
         return other
 
     def _derived(
@@ -460,7 +475,7 @@ class CollisionChecker(CheckedBodies):
         InputError
             If the geometry of an exact mesh differs from that when the checker was created.
         """
-        found = [f"the geometry of {body.name}" for body in self.bodies if not body.unchanged]
+        found = [f"the geometry of {body.name}" for body in self._exact if not body.unchanged]
         if found:
             raise InputError(f"the checker was modified in place ({', '.join(found)}); create a new checker")
 
@@ -536,6 +551,7 @@ class CollisionChecker(CheckedBodies):
         )
         self._geometry = made.geometry
         self._known, self._geometry_model = made.known, None
+        self._exact = tuple(body for body in made.bodies if body.is_exact)
         self._set_margins(self._margins)
 
     @property
@@ -552,7 +568,12 @@ class CollisionChecker(CheckedBodies):
             each += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
         each.setflags(write=False)
         self.__dict__.update(margins=each, world=self.world.with_margins(each))
-        self._still = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Drop what is computed on first access."""
+        self._still = self._padded = None
+        self._on_levels = {}
         self._threads = threading.local()
 
     @property
@@ -582,11 +603,12 @@ class CollisionChecker(CheckedBodies):
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        left_out = ("_threads", "_known", "_geometry", "world")
+        left_out = ("_threads", "_known", "_geometry", "world", "_still", "_padded", "_on_levels")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._known, self._threads = {}, threading.local()
+        self._known = {}
+        self._forget()
         self._geometry = pack_geometry(self.group, self.bodies, self.rounding)
         self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)

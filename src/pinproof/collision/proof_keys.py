@@ -6,7 +6,11 @@ The verifier shares no code with the other packages and has its own list of fiel
 from __future__ import annotations
 
 from pinproof.common.file_keys import (
+    ANY_TEXT,
+    COUNT,
     INTEGER,
+    NOT_NEGATIVE,
+    OPTIONAL_NUMBER,
     PLAIN_NUMBER,
     TEXT,
     FileKey,
@@ -22,8 +26,6 @@ from pinproof.verifier import FORMAT, VERSION
 __all__ = ["PROOF"]
 
 HASH = {"type": "string", "pattern": "^[0-9a-f]{64}$"}
-LENGTH = {**PLAIN_NUMBER, "minimum": 0}
-INDEX = {**INTEGER, "minimum": 0}
 JOINT = {**INTEGER, "minimum": -1}
 VECTOR = numbers(3, PLAIN_NUMBER)
 PLACEMENT = list_of(numbers(4, PLAIN_NUMBER), 3, 3)
@@ -31,79 +33,62 @@ PLACEMENT = list_of(numbers(4, PLAIN_NUMBER), 3, 3)
 CLAIM = KeyTable(
     "claim",
     "What the proof states.",
-    (
-        required("status", {"const": "FREE"}, "the status of the certificate"),
-        required(
-            "clearance",
-            {"type": ["number", "null"]},
-            "any two checked bodies are at least this far apart; null without pairs",
-            "m",
-        ),
+    required("status", {"const": "FREE"}, "the status of the certificate"),
+    required(
+        "clearance", OPTIONAL_NUMBER, "any two checked bodies are at least this far apart; null without pairs", "m"
     ),
 )
 
 SETTINGS = KeyTable(
     "settings",
     "The distances and tolerances that the proof includes.",
-    (
-        required("margin", LENGTH, "required distance between any two owners", "m"),
-        required(
-            "margins",
-            list_of({"type": "array", "prefixItems": [TEXT, TEXT, LENGTH], "minItems": 3, "maxItems": 3}),
-            "distances of single pairs: owner, owner, metres",
-            "m",
-        ),
-        required("joint_tolerance", list_of(LENGTH), "deviation of each joint of the curve", "rad or m"),
-        required("obstacle_tolerance", LENGTH, "deviation of obstacles", "m"),
+    required("margin", NOT_NEGATIVE, "required distance between any two owners", "m"),
+    required(
+        "margins",
+        list_of({"type": "array", "prefixItems": [TEXT, TEXT, NOT_NEGATIVE], "minItems": 3, "maxItems": 3}),
+        "distances of single pairs: owner, owner, metres",
+        "m",
     ),
+    required("joint_tolerance", list_of(NOT_NEGATIVE), "deviation of each joint of the curve", "rad or m"),
+    required("obstacle_tolerance", NOT_NEGATIVE, "deviation of obstacles", "m"),
 )
 
 HASHES = KeyTable(
     "hashes",
     "SHA-256 hashes; only that of the curve is checked.",
-    (
-        FileKey("model", HASH, "of the kinematics of the URDF as text"),
-        FileKey("scene", HASH, "of the obstacles"),
-        required("curve", HASH, "of the curve, see below; a `Certificate` has the same under `curve`"),
-        FileKey("setup", HASH, "of the arm, the scene and the attached bodies"),
-    ),
+    FileKey("model", HASH, "of the kinematics of the URDF as text"),
+    FileKey("scene", HASH, "of the obstacles"),
+    required("curve", HASH, "of the curve, see below; a `Certificate` has the same under `curve`"),
+    FileKey("setup", HASH, "of the arm, the scene and the attached bodies"),
     more=True,
 )
 
 ARM = KeyTable(
     "arm",
     "An arm.",
-    (
-        FileKey("base", {"type": "string"}, "base link of the arm"),
-        FileKey("tcp", {"type": "string"}, "tcp frame of the arm"),
-    ),
+    FileKey("base", ANY_TEXT, "base link of the arm"),
+    FileKey("tcp", ANY_TEXT, "tcp frame of the arm"),
 )
 
 ROBOT = KeyTable(
     "robot",
     "The robot, for readers; it is not checked, because the placements contain it.",
-    (
-        FileKey("name", {"type": "string"}, "name of the robot"),
-        FileKey("arms", mapping_to(ARM), "the arms by name; an arm alone has the name of its tcp"),
-        FileKey("held", mapping_to(PLAIN_NUMBER), "values of the joints outside the arm", "rad or m"),
-    ),
+    FileKey("name", ANY_TEXT, "name of the robot"),
+    FileKey("arms", mapping_to(ARM), "the arms by name; an arm alone has the name of its tcp"),
+    FileKey("held", mapping_to(PLAIN_NUMBER), "values of the joints outside the arm", "rad or m"),
     more=True,
 )
 
 CURVE = KeyTable(
     "curve",
     "The motion as a piecewise polynomial in Bernstein form. A single configuration is one piece of no width.",
-    (
-        required("joint_names", list_of(TEXT, 1), "the n joints"),
-        required(
-            "knots", list_of(PLAIN_NUMBER, 2), "k + 1 strictly increasing parameters, for a timed motion in seconds"
-        ),
-        required(
-            "control",
-            list_of(list_of(list_of(PLAIN_NUMBER, 1), 1), 1),
-            "(k, degree + 1, n) control points of each piece",
-            "rad or m",
-        ),
+    required("joint_names", list_of(TEXT, 1), "the n joints"),
+    required("knots", list_of(PLAIN_NUMBER, 2), "k + 1 strictly increasing parameters, for a timed motion in seconds"),
+    required(
+        "control",
+        list_of(list_of(list_of(PLAIN_NUMBER, 1), 1), 1),
+        "(k, degree + 1, n) control points of each piece",
+        "rad or m",
     ),
 )
 
@@ -111,16 +96,14 @@ PROOF_JOINT = KeyTable(
     "joint",
     "A joint that moves with the arm. Its value is multiplier * q[leader] + offset, so a mimic follower has the leader "
     "of the joint that it follows.",
-    (
-        required("name", TEXT, "name of the joint"),
-        required("type", {"enum": ["revolute", "prismatic"]}, "type of the joint"),
-        required("axis", VECTOR, "unit vector in the frame of the joint"),
-        required("placement", PLACEMENT, "parent_from_joint at the value 0", "m"),
-        required("parent", JOINT, "index of the parent joint, which is earlier in the list; -1 for the root"),
-        required("leader", INDEX, "index of the joint of the curve that determines the value"),
-        required("multiplier", PLAIN_NUMBER, "factor of the value of the leader"),
-        required("offset", PLAIN_NUMBER, "value at q[leader] = 0", "rad or m"),
-    ),
+    required("name", TEXT, "name of the joint"),
+    required("type", {"enum": ["revolute", "prismatic"]}, "type of the joint"),
+    required("axis", VECTOR, "unit vector in the frame of the joint"),
+    required("placement", PLACEMENT, "parent_from_joint at the value 0", "m"),
+    required("parent", JOINT, "index of the parent joint, which is earlier in the list; -1 for the root"),
+    required("leader", COUNT, "index of the joint of the curve that determines the value"),
+    required("multiplier", PLAIN_NUMBER, "factor of the value of the leader"),
+    required("offset", PLAIN_NUMBER, "value at q[leader] = 0", "rad or m"),
 )
 
 SHAPE = KeyTable(
@@ -128,76 +111,68 @@ SHAPE = KeyTable(
     "The convex hull of points, each with a flat disc about the body's z, grown by a ball and by an ellipsoid: boxes "
     "and hulls (points), spheres (one point), capsules (two points), cylinders (two discs), cones (a disc and a "
     "point), ellipsoids.",
-    (
-        required("points", list_of(VECTOR, 1), "(V, 3) the points", "m"),
-        required("disc_radii", list_of(LENGTH, 1), "(V,) radius of the disc of each point", "m"),
-        required("radius", LENGTH, "radius of the ball", "m"),
-        required("semi_axes", numbers(3, LENGTH), "semi-axes of the ellipsoid", "m"),
-    ),
+    required("points", list_of(VECTOR, 1), "(V, 3) the points", "m"),
+    required("disc_radii", list_of(NOT_NEGATIVE, 1), "(V,) radius of the disc of each point", "m"),
+    required("radius", NOT_NEGATIVE, "radius of the ball", "m"),
+    required("semi_axes", numbers(3, NOT_NEGATIVE), "semi-axes of the ellipsoid", "m"),
 )
 
 PROOF_BODY = KeyTable(
     "body",
     "A convex body. All bodies of a geometry on one level represent it: one hull, or several closer ones. A pair may "
     "be proven on any level.",
-    (
-        required("name", TEXT, "unique in the file"),
-        required("owner", TEXT, "the link, attached object or obstacle that it is part of"),
-        required("kind", {"enum": ["link", "attached", "obstacle"]}, "kind of the owner"),
-        required("geometry", TEXT, "the geometry that it represents, with the other bodies of this name"),
-        required("level", INDEX, "level of detail, 0 to 2"),
-        FileKey("source", TEXT, "kind and file of the geometry; not checked"),
-        FileKey("mesh_sha256", HASH, "hash of the mesh file; not checked"),
-        required("joint", JOINT, "index of the joint that moves it; -1 for the root"),
-        required("placement", PLACEMENT, "joint_from_body", "m"),
-        required(
-            "shape",
-            any_of(SHAPE, {"const": "half_space"}, {"type": "null"}),
-            "a convex shape; `half_space`: everything below the body's z = 0; null: a body that is in no pair",
-        ),
-        required("sha256", HASH, "hash of the numbers of the body, see below"),
+    required("name", TEXT, "unique in the file"),
+    required("owner", TEXT, "the link, attached object or obstacle that it is part of"),
+    required("kind", {"enum": ["link", "attached", "obstacle"]}, "kind of the owner"),
+    required("geometry", TEXT, "the geometry that it represents, with the other bodies of this name"),
+    required("level", COUNT, "level of detail, 0 to 2"),
+    FileKey("source", TEXT, "kind and file of the geometry; not checked"),
+    FileKey("mesh_sha256", HASH, "hash of the mesh file; not checked"),
+    required("joint", JOINT, "index of the joint that moves it; -1 for the root"),
+    required("placement", PLACEMENT, "joint_from_body", "m"),
+    required(
+        "shape",
+        any_of(SHAPE, {"const": "half_space"}, {"type": "null"}),
+        "a convex shape; `half_space`: everything below the body's z = 0; null: a body that is in no pair",
     ),
+    required("sha256", HASH, "hash of the numbers of the body, see below"),
 )
 
 PAIR = KeyTable(
     "pair",
     "The evidence for one pair of bodies: on each interval a direction along which they are apart.",
-    (
-        required("bodies", list_of(INDEX, 2, 2), "indices of the two bodies, an obstacle second"),
-        required("intervals", list_of(INDEX), "indices of intervals, which together cover the curve"),
-        required(
-            "directions",
-            list_of(VECTOR),
-            "a unit vector for each interval, in the frame of the root link, from the first body to the second",
-        ),
+    required("bodies", list_of(COUNT, 2, 2), "indices of the two bodies, an obstacle second"),
+    required("intervals", list_of(COUNT), "indices of intervals, which together cover the curve"),
+    required(
+        "directions",
+        list_of(VECTOR),
+        "a unit vector for each interval, in the frame of the root link, from the first body to the second",
     ),
 )
 
-CORNER = list_of({"type": ["number", "null"]}, 3, 3)
+CORNER = list_of(OPTIONAL_NUMBER, 3, 3)
 
 CONSTRAINT = KeyTable(
     "constraint",
     "A constraint of the tcp, which holds on the whole curve. `direction`: the angle between `axis` and `direction`. "
     "`region`: the distance of `point` from a box. `target`: the angle between `axis` and the direction from `origin` "
     "to `point`. Vectors of the tcp are in the frame of the joint that carries it, all others in the root frame.",
-    (
-        required("name", TEXT, "description for readers"),
-        required("kind", {"enum": ["direction", "region", "target"]}, "kind of the constraint"),
-        required("joint", JOINT, "index of the joint that carries the tcp; -1 for the root"),
-        FileKey("axis", VECTOR, "`direction`, `target`: unit vector of the tcp"),
-        FileKey("direction", VECTOR, "`direction`: unit vector in the root frame"),
-        FileKey("origin", VECTOR, "`target`: the origin of the tcp", "m"),
-        FileKey("point", VECTOR, "`region`: point of the tcp; `target`: point in the root frame", "m"),
-        FileKey("placement", PLACEMENT, "`region`: root_from_box", "m"),
-        FileKey("low", CORNER, "`region`: lower corner of the box; null for no end", "m"),
-        FileKey("high", CORNER, "`region`: upper corner of the box; null for no end", "m"),
-        required("tolerance", LENGTH, "largest allowed error", "rad or m"),
-        required("largest", LENGTH, "claimed largest error, at most `tolerance`", "rad or m"),
-        required(
-            "intervals",
-            list_of(numbers(2, PLAIN_NUMBER)),
-            "start and end of each interval on which it is proven; together they cover the curve",
-        ),
+    required("name", TEXT, "description for readers"),
+    required("kind", {"enum": ["direction", "region", "target"]}, "kind of the constraint"),
+    required("joint", JOINT, "index of the joint that carries the tcp; -1 for the root"),
+    FileKey("axis", VECTOR, "`direction`, `target`: unit vector of the tcp"),
+    FileKey("direction", VECTOR, "`direction`: unit vector in the root frame"),
+    FileKey("origin", VECTOR, "`target`: the origin of the tcp", "m"),
+    FileKey("point", VECTOR, "`region`: point of the tcp; `target`: point in the root frame", "m"),
+    FileKey("placement", PLACEMENT, "`region`: root_from_box", "m"),
+    FileKey("low", CORNER, "`region`: lower corner of the box; null for no end", "m"),
+    FileKey("high", CORNER, "`region`: upper corner of the box; null for no end", "m"),
+    required("tolerance", NOT_NEGATIVE, "largest allowed error", "rad or m"),
+    required("largest", NOT_NEGATIVE, "claimed largest error, at most `tolerance`", "rad or m"),
+    required(
+        "intervals",
+        list_of(numbers(2, PLAIN_NUMBER)),
+        "start and end of each interval on which it is proven; together they cover the curve",
     ),
 )
 
@@ -205,21 +180,19 @@ PROOF = KeyTable(
     "proof",
     "A proof that a motion is collision-free. A placement is three rows of four numbers: rotation and translation. "
     "Indices begin at 0.",
-    (
-        required("format", {"const": FORMAT}, "name of the format"),
-        required("version", {"const": VERSION}, "version of the format"),
-        FileKey("made_by", {"type": "string"}, "name and version of the program; not checked"),
-        required("claim", CLAIM, "what the proof states"),
-        required("settings", SETTINGS, "distances and tolerances"),
-        required("hashes", HASHES, "hashes of the inputs"),
-        FileKey("robot", ROBOT, "the robot, for readers"),
-        required("curve", CURVE, "the motion"),
-        required("joints", list_of(PROOF_JOINT), "the joints that move, each after its parent"),
-        required("bodies", list_of(PROOF_BODY), "the bodies"),
-        FileKey("notes", list_of({"type": "string"}), "assumptions of the certificate"),
-        required("excluded", list_of(list_of(TEXT, 3, 3)), "pairs that the proof does not cover: owner, owner, reason"),
-        required("intervals", list_of(numbers(2, PLAIN_NUMBER)), "start and end, in the parameter of the curve"),
-        required("pairs", list_of(PAIR), "the evidence"),
-        FileKey("constraints", list_of(CONSTRAINT), "constraints of the tcp", "", []),
-    ),
+    required("format", {"const": FORMAT}, "name of the format"),
+    required("version", {"const": VERSION}, "version of the format"),
+    FileKey("made_by", ANY_TEXT, "name and version of the program; not checked"),
+    required("claim", CLAIM, "what the proof states"),
+    required("settings", SETTINGS, "distances and tolerances"),
+    required("hashes", HASHES, "hashes of the inputs"),
+    FileKey("robot", ROBOT, "the robot, for readers"),
+    required("curve", CURVE, "the motion"),
+    required("joints", list_of(PROOF_JOINT), "the joints that move, each after its parent"),
+    required("bodies", list_of(PROOF_BODY), "the bodies"),
+    FileKey("notes", list_of(ANY_TEXT), "assumptions of the certificate"),
+    required("excluded", list_of(list_of(TEXT, 3, 3)), "pairs that the proof does not cover: owner, owner, reason"),
+    required("intervals", list_of(numbers(2, PLAIN_NUMBER)), "start and end, in the parameter of the curve"),
+    required("pairs", list_of(PAIR), "the evidence"),
+    FileKey("constraints", list_of(CONSTRAINT), "constraints of the tcp", "", []),
 )

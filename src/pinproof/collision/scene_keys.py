@@ -5,8 +5,9 @@ from __future__ import annotations
 from pinproof.collision.shapes import BELOW_LOWEST, LARGEST_SIZE, SMALLEST_SIZE
 from pinproof.common.file_keys import (
     ANGLE,
+    ANY_TEXT,
     BOOLEAN,
-    INTEGER,
+    COUNT,
     NUMBER,
     TEXT,
     Definition,
@@ -39,34 +40,28 @@ POSE_KEYS = (
 
 ONE_ORIENTATION = {"not": {"required": ["rpy", "quat_xyzw"]}}
 
-POSE = KeyTable("pose", "A position and an orientation.", POSE_KEYS, ONE_ORIENTATION)
+POSE = KeyTable("pose", "A position and an orientation.", *POSE_KEYS, rules=ONE_ORIENTATION)
 
 
 def _sizes(title: str, text: str, **sizes: str) -> KeyTable:
-    return KeyTable(title, text, tuple(required(k, SIZE, words, "m") for k, words in sizes.items()))
+    return KeyTable(title, text, *(required(k, SIZE, words, "m") for k, words in sizes.items()))
 
 
 MESH = KeyTable(
     "mesh",
     "A triangle mesh, from a file or from vertices and triangles.",
-    (
-        FileKey("path", TEXT, "the mesh (STL, OBJ, DAE, PLY, GLB or glTF), relative to the folder of this file"),
-        FileKey("scale", any_of(NUMBER, VECTOR), "a factor, or one each for x, y, z; only with `path`", "", 1.0),
-        FileKey("vertices", list_of(POINT, 3), "the vertices of a mesh without a file", "m"),
-        FileKey(
-            "triangles",
-            list_of(list_of({**INTEGER, "minimum": 0}, 3, 3), 1),
-            "three indices of vertices for each triangle",
-        ),
-        FileKey(
-            "hull",
-            BOOLEAN,
-            "`true`: the convex hull, which fills a bin; `false`: the triangles, which must be watertight. By default "
-            "a watertight mesh is a solid of its own shape, and any other is replaced by its convex hull",
-        ),
-        FileKey("hollow", BOOLEAN, "`true`: only the surface, watertight or not", "", False),
+    FileKey("path", TEXT, "the mesh (STL, OBJ, DAE, PLY, GLB or glTF), relative to the folder of this file"),
+    FileKey("scale", any_of(NUMBER, VECTOR), "a factor, or one each for x, y, z; only with `path`", "", 1.0),
+    FileKey("vertices", list_of(POINT, 3), "the vertices of a mesh without a file", "m"),
+    FileKey("triangles", list_of(list_of(COUNT, 3, 3), 1), "three indices of vertices for each triangle"),
+    FileKey(
+        "hull",
+        BOOLEAN,
+        "`true`: the convex hull, which fills a bin; `false`: the triangles, which must be watertight. By default "
+        "a watertight mesh is a solid of its own shape, and any other is replaced by its convex hull",
     ),
-    {
+    FileKey("hollow", BOOLEAN, "`true`: only the surface, watertight or not", "", False),
+    rules={
         "oneOf": [
             {"required": ["path"], "not": {"anyOf": [{"required": ["vertices"]}, {"required": ["triangles"]}]}},
             {"required": ["vertices", "triangles"], "not": {"required": ["scale"]}},
@@ -111,7 +106,7 @@ SHAPES: dict[str, FileKey] = {
         ),
         FileKey(
             "half_space",
-            KeyTable("half_space", "A half-space; it has no keys.", ()),
+            KeyTable("half_space", "A half-space; it has no keys."),
             "all points below z = 0 of the obstacle's frame are solid, such as a floor; write `half_space: {}`",
         ),
         FileKey(
@@ -119,7 +114,7 @@ SHAPES: dict[str, FileKey] = {
             KeyTable(
                 "convex_hull",
                 "The convex hull of points.",
-                (required("points", list_of(POINT, 4), "the points, which are not all in one plane", "m"),),
+                required("points", list_of(POINT, 4), "the points, which are not all in one plane", "m"),
             ),
             "the convex hull of points",
         ),
@@ -128,14 +123,9 @@ SHAPES: dict[str, FileKey] = {
             KeyTable(
                 "point_cloud",
                 "The points of a sensor.",
-                (
-                    required("points", list_of(POINT, 1), "the points", "m"),
-                    required(
-                        "resolution",
-                        SIZE,
-                        "side of the cells of the grid; each cell that contains a point is solid",
-                        "m",
-                    ),
+                required("points", list_of(POINT, 1), "the points", "m"),
+                required(
+                    "resolution", SIZE, "side of the cells of the grid; each cell that contains a point is solid", "m"
                 ),
             ),
             "the points of a sensor; each cell of a grid that contains a point is solid",
@@ -145,18 +135,16 @@ SHAPES: dict[str, FileKey] = {
             KeyTable(
                 "height_map",
                 "Ground over a rectangle about the origin.",
-                (
-                    required(
-                        "heights",
-                        list_of(list_of(COORDINATE, 2), 2),
-                        "rows of z at the points of a regular grid; row 0 is at y = -y / 2, column 0 at x = -x / 2",
-                        "m",
-                    ),
-                    required("x", SIZE, "full side of the rectangle along x", "m"),
-                    required("y", SIZE, "full side of the rectangle along y", "m"),
-                    FileKey(
-                        "bottom", NUMBER, f"z of the underside; by default {BELOW_LOWEST} m below the lowest point", "m"
-                    ),
+                required(
+                    "heights",
+                    list_of(list_of(COORDINATE, 2), 2),
+                    "rows of z at the points of a regular grid; row 0 is at y = -y / 2, column 0 at x = -x / 2",
+                    "m",
+                ),
+                required("x", SIZE, "full side of the rectangle along x", "m"),
+                required("y", SIZE, "full side of the rectangle along y", "m"),
+                FileKey(
+                    "bottom", NUMBER, f"z of the underside; by default {BELOW_LOWEST} m below the lowest point", "m"
                 ),
             ),
             "ground over a rectangle, solid from its surface down to its underside",
@@ -181,49 +169,45 @@ _BODY_KEYS = (
 OBSTACLE = KeyTable(
     "obstacle",
     "A body: a name, exactly one shape, a pose and a colour.",
-    (required("name", TEXT, "unique in its list"), *_BODY_KEYS),
-    _RULES,
+    required("name", TEXT, "unique in its list"),
+    *_BODY_KEYS,
+    rules=_RULES,
 )
 
 BODY = KeyTable(
     "object",
     "The grasped object as a shape. Its pose is tip_from_object.",
-    (FileKey("name", TEXT, "its name in reports", "", "object"), *_BODY_KEYS),
-    _RULES,
+    FileKey("name", TEXT, "its name in reports", "", "object"),
+    *_BODY_KEYS,
+    rules=_RULES,
 )
 
 
 def _pairs(what: str) -> FileKey:
-    return FileKey("allowed_contacts", list_of(list_of({"type": "string"}, 2, 2)), what, "", [])
+    return FileKey("allowed_contacts", list_of(list_of(ANY_TEXT, 2, 2)), what, "", [])
 
 
 SCENE = KeyTable(
     "scene",
     "A scene file of pinproof: obstacles, and contacts that are allowed. Poses are in the frame of the robot's root "
     "link.",
-    (
-        required("obstacles", list_of(OBSTACLE), "the obstacles; `[]` for an empty scene"),
-        _pairs("pairs of a robot link and an obstacle that may touch"),
-        FileKey(
-            "disabled_pairs",
-            list_of(list_of({"type": "string"}, 2, 2)),
-            "pairs of robot links that a MoveIt matrix disables; they are checked unless the caller trusts them",
-            "",
-            [],
-        ),
-        FileKey(
-            "frame", {"type": "string"}, "the root link that the robot must have; by default any robot is accepted"
-        ),
+    required("obstacles", list_of(OBSTACLE), "the obstacles; `[]` for an empty scene"),
+    _pairs("pairs of a robot link and an obstacle that may touch"),
+    FileKey(
+        "disabled_pairs",
+        list_of(list_of(ANY_TEXT, 2, 2)),
+        "pairs of robot links that a MoveIt matrix disables; they are checked unless the caller trusts them",
+        "",
+        [],
     ),
+    FileKey("frame", ANY_TEXT, "the root link that the robot must have; by default any robot is accepted"),
 )
 
 ATTACHED = KeyTable(
     "attached",
     "Bodies that the arm carries at its tcp, for the option `--attached`. Poses are tcp_from_body.",
-    (
-        required("attached", list_of(OBSTACLE), "bodies that move with the tcp"),
-        _pairs("pairs of bodies (links, attached bodies, obstacles) that may touch"),
-        FileKey("held", mapping_to(NUMBER), "values of joints outside the arm, by name", "rad or m", {}),
-        FileKey("tip", POSE, "tcp_from_tip: the point of the tool that reaches a target", "", {}),
-    ),
+    required("attached", list_of(OBSTACLE), "bodies that move with the tcp"),
+    _pairs("pairs of bodies (links, attached bodies, obstacles) that may touch"),
+    FileKey("held", mapping_to(NUMBER), "values of joints outside the arm, by name", "rad or m", {}),
+    FileKey("tip", POSE, "tcp_from_tip: the point of the tool that reaches a target", "", {}),
 )

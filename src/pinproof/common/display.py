@@ -20,6 +20,7 @@ __all__ = [
     "html_list",
     "html_plot",
     "html_table",
+    "markdown_table",
     "outline",
     "shortened",
 ]
@@ -78,6 +79,12 @@ def html_list(texts: Iterable[str]) -> str:
     """A list of texts; empty without texts."""
     items = "".join(f"<li>{escape(text)}</li>" for text in texts)
     return f"<ul>{items}</ul>" if items else ""
+
+
+def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    """The lines of a table in Markdown; a vertical bar in a cell becomes a space."""
+    cells = [[str(cell).replace("|", " ") for cell in row] for row in rows]
+    return [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}", *(f"| {' | '.join(row)} |" for row in cells)]
 
 
 def html_table(

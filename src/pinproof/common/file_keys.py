@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
 from pinproof.common.yaml_file import NUMBER_PATTERN
@@ -18,9 +18,13 @@ from pinproof.units import MOST_TURN
 
 __all__ = [
     "ANGLE",
+    "ANY_TEXT",
     "BOOLEAN",
+    "COUNT",
     "INTEGER",
+    "NOT_NEGATIVE",
     "NUMBER",
+    "OPTIONAL_NUMBER",
     "PLAIN_NUMBER",
     "TEXT",
     "Definition",
@@ -34,6 +38,7 @@ __all__ = [
     "list_of",
     "mapping_to",
     "numbers",
+    "report_table",
     "required",
 ]
 
@@ -97,7 +102,6 @@ def required(name: str, value: Any, text: str, unit: str = "") -> FileKey:
     return FileKey(name, value, text, unit, required=True)
 
 
-@dataclass(frozen=True, eq=False)
 class KeyTable:
     """The keys of one kind of mapping.
 
@@ -115,11 +119,9 @@ class KeyTable:
         Whether other keys are allowed, as additions of the same version.
     """
 
-    title: str
-    text: str
-    keys: tuple[FileKey, ...]
-    rules: Schema = field(default_factory=dict)
-    more: bool = False
+    def __init__(self, title: str, text: str, *keys: FileKey, rules: Schema | None = None, more: bool = False) -> None:
+        self.title, self.text, self.keys, self.more = title, text, keys, more
+        self._rules: Schema = rules or {}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -139,7 +141,12 @@ class KeyTable:
         stated["properties"] = {key.name: key.schema() for key in self.keys}
         if not self.more:
             stated["additionalProperties"] = False
-        return {**stated, **self.rules}
+        return {**stated, **self._rules}
+
+
+def report_table(title: str, text: str, *keys: FileKey, rules: Schema | None = None) -> KeyTable:
+    """The keys of a mapping in a report of this program, in which a later release may add keys."""
+    return KeyTable(title, text, *keys, rules=rules, more=True)
 
 
 NUMBER = Definition("number", {"type": ["number", "string"], "pattern": NUMBER_PATTERN})
@@ -152,6 +159,10 @@ PLAIN_NUMBER: Schema = {"type": "number"}
 INTEGER: Schema = {"type": "integer"}
 BOOLEAN: Schema = {"type": "boolean"}
 TEXT: Schema = {"type": "string", "minLength": 1}
+ANY_TEXT: Schema = {"type": "string"}
+OPTIONAL_NUMBER: Schema = {"type": ["number", "null"]}
+NOT_NEGATIVE: Schema = {**PLAIN_NUMBER, "minimum": 0}
+COUNT: Schema = {**INTEGER, "minimum": 0}
 
 
 def numbers(count: int, number: Any = NUMBER) -> Schema:

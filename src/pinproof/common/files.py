@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import codecs
+import csv
+import io
+import json
+import math
 import os
 import re
 import stat
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from pinproof.errors import FileError
+from pinproof.errors import FileError, InputError
 
 __all__ = [
     "LARGEST_TEXT",
+    "csv_text",
+    "figure",
     "file_stems",
     "is_file",
+    "json_text",
     "os_errors",
     "read_bytes",
     "read_text",
     "refuse_unreadable",
+    "save_as",
     "unknown_suffix",
     "write_bytes_whole",
     "write_text_whole",
@@ -132,6 +141,53 @@ def write_bytes_whole(path: str | Path, content: bytes, error: type[FileError] =
             scratch.replace(target)
         finally:
             scratch.unlink(missing_ok=True)
+
+
+def save_as(path: str | Path, formats: Mapping[str, Callable[[], str | bytes]]) -> None:
+    """Write a file, completely or not at all, in the format that its suffix names.
+
+    Parameters
+    ----------
+    path
+        The file.
+    formats
+        For each suffix a function that returns the content.
+
+    Raises
+    ------
+    InputError
+        For another suffix.
+    FileError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in formats:
+        raise InputError(f"{path}: {unknown_suffix(path, formats)}")
+    content = formats[path.suffix.lower()]()
+    if isinstance(content, str):
+        write_text_whole(path, content)
+    else:
+        write_bytes_whole(path, content)
+
+
+def json_text(value: Any, indent: int = 1) -> str:
+    """Plain values as JSON without NaN and infinity."""
+    return json.dumps(value, indent=indent, allow_nan=False) + "\n"
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Iterable[object]], *, comment: str = "") -> str:
+    """A table as CSV below an optional line of comment."""
+    out = io.StringIO()
+    out.write(f"{comment}\n" if comment else "")
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return out.getvalue()
+
+
+def figure(value: float | None) -> str:
+    """A number with nine digits in a CSV table; empty for None and NaN."""
+    return "" if value is None or math.isnan(value) else f"{value:.9g}"
 
 
 def file_stems(names: Iterable[str]) -> list[str]:

@@ -18,7 +18,6 @@ describes them with examples. A number may be written as ``[-][k*]pi[/m]``, beca
 from __future__ import annotations
 
 import csv
-import io
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,7 +30,7 @@ import numpy.typing as npt
 import yaml
 
 from pinproof.common.display import html_block, html_table, outline
-from pinproof.common.files import read_text, unknown_suffix, write_text_whole
+from pinproof.common.files import csv_text, read_text, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import LinedMapping, parse_number, read_yaml, refuse_unknown
 from pinproof.description.dh_keys import CONVENTIONS, DEFAULT_EFFORT, JOINT_TYPES, LARGEST, ROW, TABLE, TRANSFORM
 from pinproof.errors import DhTableError, InputError, UnknownNameError
@@ -373,15 +372,10 @@ def _csv_text(table: DhTable) -> str:
             raise InputError(
                 f"the {which} of the table is not the identity, which a CSV cannot store; save a .yaml file"
             )
-    out = io.StringIO()
-    out.write(f"# convention: {table.convention}\n")
-    writer = csv.writer(out, lineterminator="\n")
     rows = [_stated_number(row) for row in table.rows]
     columns = [name for name in ROW.names if name != "effort" or any("effort" in row for row in rows)]
-    writer.writerow(columns)
-    for stated in rows:
-        writer.writerow([stated.get(column, "") for column in columns])
-    return out.getvalue()
+    cells = ([stated.get(column, "") for column in columns] for stated in rows)
+    return csv_text(columns, cells, comment=f"# convention: {table.convention}")
 
 
 def _yaml_text(table: DhTable) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.display import outline
-from pinproof.common.file_keys import BOOLEAN, PLAIN_NUMBER, FileKey, KeyTable, mapping_to
+from pinproof.common.file_keys import BOOLEAN, PLAIN_NUMBER, FileKey, KeyTable, mapping_to, required
 from pinproof.common.validation import named_arguments
 from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, UnknownNameError
@@ -198,7 +198,9 @@ class JointLimits:
 
     def violations(self, q: Array, joint_names: Sequence[str]) -> list[str]:
         """Return one sentence for each joint of q (n,) outside its limits, without tolerance (see :meth:`snap`)."""
-        found = []
+        found: list[str] = []
+        if ((self.lower <= q) & (q <= self.upper)).all():
+            return found
         for name, value, low, high in zip(joint_names, q, self.lower, self.upper, strict=True):
             if not low <= value <= high:
                 value_text, low_text, high_text = distinct(value, low, high)
@@ -254,34 +256,32 @@ _SIZE = {
 LIMITS = KeyTable(
     "limits_of_a_joint",
     "The limits of one joint. A limit is used if its `has_...` key is true; limits that are not stated are unchanged.",
-    (
-        FileKey("has_position_limits", BOOLEAN, "whether `min_position` and `max_position` are used"),
-        FileKey("min_position", PLAIN_NUMBER, "lower limit of the position", "rad or m"),
-        FileKey("max_position", PLAIN_NUMBER, "upper limit of the position", "rad or m"),
-        FileKey("has_velocity_limits", BOOLEAN, "whether `max_velocity` is used"),
-        FileKey("max_velocity", PLAIN_NUMBER, "largest velocity, above 0", "rad/s or m/s"),
-        FileKey("has_acceleration_limits", BOOLEAN, "whether `max_acceleration` is used"),
-        FileKey("max_acceleration", PLAIN_NUMBER, "largest acceleration, above 0", "rad/s² or m/s²"),
-        FileKey("has_deceleration_limits", BOOLEAN, "whether `max_deceleration` is used"),
-        FileKey(
-            "max_deceleration",
-            PLAIN_NUMBER,
-            "largest deceleration, of either sign; the smaller of `max_deceleration` and `max_acceleration` is used "
-            "for both",
-            "rad/s² or m/s²",
-        ),
-        FileKey("has_jerk_limits", BOOLEAN, "whether `max_jerk` is used"),
-        FileKey("max_jerk", PLAIN_NUMBER, "largest jerk, above 0", "rad/s³ or m/s³"),
-        FileKey("has_effort_limits", BOOLEAN, "whether `max_effort` is used"),
-        FileKey(
-            "max_effort",
-            PLAIN_NUMBER,
-            "largest torque, or force of a prismatic joint, above 0; used where torques are limited",
-            "N m or N",
-        ),
-        FileKey("angle_wraparound", {}, "ignored"),
+    FileKey("has_position_limits", BOOLEAN, "whether `min_position` and `max_position` are used"),
+    FileKey("min_position", PLAIN_NUMBER, "lower limit of the position", "rad or m"),
+    FileKey("max_position", PLAIN_NUMBER, "upper limit of the position", "rad or m"),
+    FileKey("has_velocity_limits", BOOLEAN, "whether `max_velocity` is used"),
+    FileKey("max_velocity", PLAIN_NUMBER, "largest velocity, above 0", "rad/s or m/s"),
+    FileKey("has_acceleration_limits", BOOLEAN, "whether `max_acceleration` is used"),
+    FileKey("max_acceleration", PLAIN_NUMBER, "largest acceleration, above 0", "rad/s² or m/s²"),
+    FileKey("has_deceleration_limits", BOOLEAN, "whether `max_deceleration` is used"),
+    FileKey(
+        "max_deceleration",
+        PLAIN_NUMBER,
+        "largest deceleration, of either sign; the smaller of `max_deceleration` and `max_acceleration` is used "
+        "for both",
+        "rad/s² or m/s²",
     ),
-    {
+    FileKey("has_jerk_limits", BOOLEAN, "whether `max_jerk` is used"),
+    FileKey("max_jerk", PLAIN_NUMBER, "largest jerk, above 0", "rad/s³ or m/s³"),
+    FileKey("has_effort_limits", BOOLEAN, "whether `max_effort` is used"),
+    FileKey(
+        "max_effort",
+        PLAIN_NUMBER,
+        "largest torque, or force of a prismatic joint, above 0; used where torques are limited",
+        "N m or N",
+    ),
+    FileKey("angle_wraparound", {}, "ignored"),
+    rules={
         "allOf": [
             rule
             for kind, keys in KINDS.items()
@@ -309,16 +309,13 @@ LIMITS = KeyTable(
 FILE = KeyTable(
     "limits",
     "Joint limits in the format of `joint_limits.yaml` of MoveIt.",
-    (
-        FileKey(
-            "joint_limits",
-            {**mapping_to(LIMITS), "minProperties": 1},
-            "the limits by name of the joint",
-            required=True,
-        ),
-        FileKey("default_velocity_scaling_factor", {}, "not a limit; ignored"),
-        FileKey("default_acceleration_scaling_factor", {}, "not a limit; ignored"),
+    required(
+        "joint_limits",
+        {**mapping_to(LIMITS), "minProperties": 1},
+        "the limits by name of the joint",
     ),
+    FileKey("default_velocity_scaling_factor", {}, "not a limit; ignored"),
+    FileKey("default_acceleration_scaling_factor", {}, "not a limit; ignored"),
 )
 
 

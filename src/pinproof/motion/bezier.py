@@ -75,7 +75,7 @@ def evaluate(knots: Array, control: Array, t: npt.ArrayLike) -> Array:
     if outside.any():
         raise InputError(f"the parameter {parameter[outside][0]} is outside the domain [{knots[0]}, {knots[-1]}]")
     flat = parameter.reshape(-1)
-    piece = np.clip(np.searchsorted(knots, flat, side="right") - 1, 0, len(control) - 1)
+    piece = np.minimum(np.maximum(knots.searchsorted(flat, side="right") - 1, 0), len(control) - 1)
     width = knots[piece + 1] - knots[piece]
     u = np.divide(flat - knots[piece], width, out=np.zeros_like(flat), where=width > 0.0)
     points = on_pieces(control, piece, u)
@@ -108,8 +108,8 @@ def derivative(knots: Array, control: Array) -> Array:
     """
     if degree(control) == 0:
         return np.zeros_like(control)
-    width = np.diff(knots)[:, None, None]
-    rise = degree(control) * np.diff(control, axis=1)
+    width = (knots[1:] - knots[:-1])[:, None, None]
+    rise = degree(control) * (control[:, 1:] - control[:, :-1])
     return np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
 
 
@@ -168,20 +168,21 @@ def hermite(knots: Array, values: Array, slopes: Array, curvatures: Array | None
     quintic, (k, 6, n). The first two (three) points follow from the derivatives at the left end by the differences of
     the coefficients of the derivative (Farouki 2012, 3), the others from those at the right end.
     """
-    width = np.diff(knots)[:, None]
+    width = (knots[1:] - knots[:-1])[:, None]
+    first, last = values[:-1], values[1:]
     if curvatures is None:
         third = width / 3.0
-        inner = [values[:-1] + third * slopes[:-1], values[1:] - third * slopes[1:]]
-    else:
-        fifth, square = width / 5.0, width * width / 20.0
-        left, right = fifth * slopes[:-1], fifth * slopes[1:]
-        inner = [
-            values[:-1] + left,
-            values[:-1] + (2.0 * left + square * curvatures[:-1]),
-            values[1:] - (2.0 * right - square * curvatures[1:]),
-            values[1:] - right,
-        ]
-    return np.stack([values[:-1], *inner, values[1:]], axis=1)
+        return _stacked(first, first + third * slopes[:-1], last - third * slopes[1:], last)
+    fifth, square = width / 5.0, width * width / 20.0
+    left, right = fifth * slopes[:-1], fifth * slopes[1:]
+    return _stacked(
+        first,
+        first + left,
+        first + (2.0 * left + square * curvatures[:-1]),
+        last - (2.0 * right - square * curvatures[1:]),
+        last - right,
+        last,
+    )
 
 
 def hermite_slope(knots: Array, values: Array, slopes: Array, curvatures: Array | None = None) -> Array:
@@ -191,13 +192,22 @@ def hermite_slope(knots: Array, values: Array, slopes: Array, curvatures: Array 
     mean of all coefficients. This uses the points themselves, because differences of inner control points would amplify
     their rounding by 1 / width.
     """
-    width = np.diff(knots)[:, None]
-    mean = np.diff(values, axis=0) / width
+    width = (knots[1:] - knots[:-1])[:, None]
+    mean = (values[1:] - values[:-1]) / width
     before, after = slopes[:-1], slopes[1:]
     if curvatures is None:
-        return np.stack([before, 3.0 * mean - before - after, after], axis=1)
+        return _stacked(before, 3.0 * mean - before - after, after)
     left, right = before + 0.25 * width * curvatures[:-1], after - 0.25 * width * curvatures[1:]
-    return np.stack([before, left, 5.0 * mean - before - left - right - after, right, after], axis=1)
+    return _stacked(before, left, 5.0 * mean - before - left - right - after, right, after)
+
+
+def _stacked(*points: Array) -> Array:
+    """(k, r, n) the r control points (k, n) of each piece; as np.stack, in a third of its time."""
+    k, n = points[0].shape
+    control = np.empty((k, len(points), n))
+    for r, each in enumerate(points):
+        control[:, r] = each
+    return control
 
 
 def _upper(rows: Array) -> Array:

@@ -79,7 +79,7 @@ class Bounds:
 
 def _rates(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:
     rates = _array(kind, value, joint_names)
-    for name, rate in zip(joint_names, rates, strict=True):
+    for name, rate in zip(joint_names, rates.tolist(), strict=True):
         if not 0.0 < rate < np.inf:
             found = "is not known" if np.isnan(rate) else f"is {rate:g}, which is not positive and finite"
             raise InputError(f"the {kind} limit of joint {name!r} {found}; give it with limits=")
@@ -90,7 +90,7 @@ def _positions(kind: str, value: object, joint_names: tuple[str, ...], default: 
     if value is None:
         return np.full(len(joint_names), default)
     positions = _array(kind, value, joint_names)
-    for name, position in zip(joint_names, positions, strict=True):
+    for name, position in zip(joint_names, positions.tolist(), strict=True):
         if np.isnan(position):
             raise InputError(f"the {kind} position limit of joint {name!r} is NaN; give it with limits= (inf for none)")
     return positions

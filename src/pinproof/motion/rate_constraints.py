@@ -54,7 +54,7 @@ class RateConstraint(Protocol):
 
 def checked_constraints(constraints: Sequence[RateConstraint]) -> tuple[RateConstraint, ...]:
     """The constraints as a tuple; InputError if one of them is not a :class:`RateConstraint`."""
-    if isinstance(constraints, RateConstraint):
+    if not isinstance(constraints, list | tuple) and isinstance(constraints, RateConstraint):
         raise InputError("rate_limits must be a sequence, such as a list with this one limit")
     for constraint in constraints:
         if not isinstance(constraint, RateConstraint):

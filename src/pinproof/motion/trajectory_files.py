@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.file_keys import KeyTable, Schema, fault_in, list_of
-from pinproof.common.files import read_text, unknown_suffix, write_text_whole
+from pinproof.common.files import csv_text, read_text, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import TrajectoryError
 from pinproof.motion.motion_keys import INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
@@ -35,11 +35,13 @@ __all__ = [
     "Record",
     "from_csv",
     "from_json",
+    "from_message",
     "from_yaml",
     "read",
     "seconds",
     "to_csv",
     "to_json",
+    "to_message",
     "whole_nanoseconds",
     "write",
 ]
@@ -225,30 +227,37 @@ class Reader:
         return tuple(MotionRecord(**each) for each in stated)
 
 
-def to_json(record: Record) -> str:
-    """The message with the additional key ``pinproof``, and one point per line."""
+def to_message(record: Record) -> dict[str, Any]:
+    """The message as a dictionary, with the additional key ``pinproof``."""
     points = []
     for t, q, *rates in zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True):
         time = {"sec": t // NANO, "nanosec": t % NANO}
         points.append({"positions": q, **dict(zip(_RATES, rates, strict=False)), "time_from_start": time})
-    lines = ",\n  ".join(json.dumps(point, allow_nan=False) for point in points)
+    return {"pinproof": record.meta(), "joint_names": list(record.joint_names), "points": points}
+
+
+def to_json(record: Record) -> str:
+    """The message with the additional key ``pinproof``, and one point per line."""
+    message = to_message(record)
+    lines = ",\n  ".join(json.dumps(point, allow_nan=False) for point in message["points"])
     return (
-        f'{{"pinproof": {json.dumps(record.meta())},\n "joint_names": {json.dumps(list(record.joint_names))},\n'
+        f'{{"pinproof": {json.dumps(message["pinproof"])},\n "joint_names": {json.dumps(message["joint_names"])},\n'
         f' "points": [\n  {lines}\n ]}}\n'
     )
 
 
 def from_json(reader: Reader, text: str) -> Record:
     """Read the output of :func:`to_json`, or a message without the key ``pinproof``."""
-    return _from_message(reader, reader.json(text))
+    return from_message(reader, reader.json(text))
 
 
 def from_yaml(reader: Reader, _text: str) -> Record:
     """Read a message in YAML."""
-    return _from_message(reader, read_yaml(reader.path, MOTION.names, TrajectoryError))
+    return from_message(reader, read_yaml(reader.path, MOTION.names, TrajectoryError))
 
 
-def _from_message(reader: Reader, data: Any) -> Record:
+def from_message(reader: Reader, data: Any) -> Record:
+    """Read a message that was parsed before."""
     if not isinstance(data, dict):
         reader.fail("must be an object with joint_names and points")
     reader.known_keys(data, MOTION, "")
@@ -302,13 +311,10 @@ def _time(reader: Reader, value: Any, place: str) -> int:
 
 def to_csv(record: Record) -> str:
     """The text of a CSV file."""
-    out = io.StringIO()
-    out.write(f"{_MARK}{json.dumps(record.meta())}\n")
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(_columns(record.joint_names, 1 + len(record.rates)))
-    for t, *rows in zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True):
-        writer.writerow([f"{t // NANO}.{t % NANO:09d}", *(repr(value) for row in rows for value in row)])
-    return out.getvalue()
+    columns = _columns(record.joint_names, 1 + len(record.rates))
+    lines = zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True)
+    cells = ([f"{t // NANO}.{t % NANO:09d}", *(repr(value) for row in rows for value in row)] for t, *rows in lines)
+    return csv_text(columns, cells, comment=f"{_MARK}{json.dumps(record.meta())}")
 
 
 def _columns(names: Sequence[str], kinds: int) -> list[str]:

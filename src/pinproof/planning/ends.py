@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +94,7 @@ def with_turns(arm: JointGroup, start: Array, goals: Array) -> tuple[Array, list
     limits, shifted, index_of = arm.limits, [goals[:0]], list[int]()
     for index, goal in enumerate(goals):
         turns = [_turns(arm, joint, start[joint], goal[joint]) for joint in range(arm.dof)]
-        shift = TURN * np.array(np.meshgrid(*turns, indexing="ij"), dtype=float).reshape(arm.dof, -1).T
+        shift = TURN * np.array(list(product(*turns)), dtype=float)
         shift = shift[shift.any(axis=1)]
         # Clipping removes rounding only: a shift may end one bit beyond a limit that is a multiple of 2 pi.
         shifted.append(np.where(shift != 0, np.clip(goal + shift, limits.lower, limits.upper), goal))

@@ -123,6 +123,8 @@ class GentleMoves:
 
     def slowdown(self, trajectory: Trajectory) -> float:
         """The factor by which a motion must be slowed down to be allowed at samples; infinite if none suffices."""
+        if not self._constraints:
+            return 1.0
         times = np.linspace(0.0, trajectory.duration, max(math.ceil(trajectory.duration / TRAJECTORY_STEP), 2))
         rates = trajectory(times), trajectory.velocity(times), trajectory.acceleration(times)
         square = 1.0

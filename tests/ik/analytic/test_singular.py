@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.model import load_robot_from_text
 
 from .arms import apart, arm_of, assert_reaches, others, random_configurations, spherical
 
@@ -154,3 +155,23 @@ def test_a_free_joint_without_a_solution_at_its_value_in_q0_is_solved():
 def test_regular_targets_have_no_families(ur5):
     q = random_configurations(ur5, 1, seed=1)[0]
     assert pp.AnalyticIk().solve_all(ur5, ur5.forward_kinematics(q)).families == ()
+
+
+def test_parallel_axes_beside_a_prismatic_joint_have_families_and_are_never_impossible():
+    """Joints 1 and 5 are parallel at q3 = pi/2 and turn against each other; the prismatic joints compensate."""
+    half = np.pi / 2
+    rows = [
+        pp.DhRow("j1", half, 0.0, 0.27, 0.0, "revolute", -3.1, 3.1, 1.0),
+        pp.DhRow("j2", 0.0, -0.28, 0.0, -half, "prismatic", -0.5, 0.5, 1.0),
+        pp.DhRow("j3", 0.0, 0.0, 0.0, half, "revolute", -3.1, 3.1, 1.0),
+        pp.DhRow("j4", half, 0.0, 0.1, -half, "prismatic", -0.5, 0.5, 1.0),
+        pp.DhRow("j5", 0.4, 0.0, 0.0, 0.6, "revolute", -3.1, 3.1, 1.0),
+        pp.DhRow("j6", -2.6, -0.27, 0.0, -half, "prismatic", -0.5, 0.5, 1.0),
+    ]
+    arm = load_robot_from_text(pp.dh_to_urdf(pp.DhTable(rows, convention="standard", name="rails"))).arm()
+    q = random_configurations(arm, 30, seed=3)
+    q[:, 2] = half
+    for one in q:
+        found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(one))
+        assert found.families
+        assert len(found.branches)

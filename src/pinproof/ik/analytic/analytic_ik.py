@@ -46,11 +46,12 @@ PROOF_BOXES = 400
 class AnalyticIk:
     """All IK branches, in closed form or by elimination.
 
-    Six joints, at most one of them prismatic, may be in any position. If three consecutive axes meet in one point, are
+    Six joints, up to three of them prismatic, may be in any position. If three consecutive axes meet in one point, are
     parallel, or generate motions of one plane (Pieper's condition, ``src/core/closed_form/outer_joints.h``), the
-    solution is a closed form, also with several prismatic joints. Otherwise, and if axes deviate after calibration, the
-    true axes are solved by elimination and eigenvalues (``src/core/closed_form/elimination.h``). Shorter arms are
-    completed to six joints; for arms of seven, one joint is swept. Every solution is verified by forward kinematics.
+    solution is a closed form. Otherwise, and if axes deviate after calibration, the true axes are solved by elimination
+    and eigenvalues (``src/core/closed_form/elimination.h``), or with two or three prismatic joints by the roots of a
+    polynomial (``src/core/closed_form/prismatic_loop.h``). Shorter arms are completed to six joints; for arms of seven,
+    one joint is swept. Every solution is verified by forward kinematics.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 If several triples are possible, each is tested on random poses of the arm. Among those that recover all of them, the
 plan without a quartic and with the smallest deviation from the ideal geometry is used. The true axes of arms that
-deviate from it, or that have no triple, are solved by elimination (``src/core/closed_form/elimination.h``).
+deviate from it, or that have no triple, are solved in general position (``src/core/closed_form/general_loop.h``).
 """
 
 from __future__ import annotations
@@ -32,30 +32,14 @@ from pinproof.spatial import rigid
 __all__ = ["Plan", "plan_for", "plans_of", "why_not"]
 
 
-def why_not(arm: Arm, tried: bool) -> str:
-    """The reason why an arm has no closed form; ``tried`` if a triple exists but does not recover the test poses."""
+def why_not(arm: Arm) -> str:
+    """The reason why an arm has no closed form."""
     if arm.dof > 7:
         return (
             f"no closed form: the arm has {arm.dof} joints, and at most 7 are supported; "
             "select a shorter chain (robot.arm with another base or tcp), or use Clik"
         )
-    lines, tool = lines_of(arm)
-    if tried or sum(line.prismatic for line in lines) <= 1:
-        return "no closed form: the arm is singular in every configuration, or its axes nearly are; use Clik"
-    size = size_of(lines, tool)
-    nearest = sorted(find_triples(lines, size, float("inf")), key=lambda triple: triple.deviation)
-    text = "no three consecutive axes meet in one point, are parallel, or generate motions of one plane"
-    if nearest:
-        best = nearest[0]
-        names = ", ".join(arm.joint_names[line.joint] for line in best.lines)
-        amount = f"{best.deviation:.3g} rad" if best.planar else f"{best.deviation * size:.3g} m"
-        what = "planar motions" if best.planar else "a common point"
-        text += f"; the closest are the axes of {names}, which deviate from {what} by {amount}"
-    if arm.dof < 6:
-        text += ", and virtual joints cannot complete such a triple"
-    if arm.dof == 7:
-        text += ", also with any one joint locked"
-    return f"no closed form: {text} (Pieper's condition), and several joints are prismatic; use Clik"
+    return "no closed form: the arm is singular in every configuration, or its axes nearly are; use Clik"
 
 
 Array = npt.NDArray[np.float64]
@@ -183,7 +167,7 @@ def plans_of(arm: Arm) -> Iterator[Plan]:
 
 def _best(arm: Arm) -> Plan:
     if arm.dof > 7:
-        raise NoClosedForm(why_not(arm, False))
+        raise NoClosedForm(why_not(arm))
     best, best_score = None, (0, 0, 0.0, 0.0)
     for plan in plans_of(arm):
         score = _score(arm, plan)
@@ -197,7 +181,7 @@ def _best(arm: Arm) -> Plan:
             if score[0] > best_score[0] or (score[0] == best_score[0] and score[2:] > best_score[2:]):
                 best, best_score = plan, score
     if best is None or best_score[0] < TRIALS // 2:
-        raise NoClosedForm(why_not(arm, best is not None))
+        raise NoClosedForm(why_not(arm))
     return best
 
 
@@ -248,7 +232,7 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple | None, locked: int | 
     deviation = 0.0
     rounding = _core.EQUATION_ROUNDING
     if triple is None:
-        method = "the elimination for six joints in general position"
+        method = "the solution for six joints in general position"
     else:
         for i, line in zip(six[triple.first : triple.first + 3], triple.lines, strict=True):
             ideal[i] = line

@@ -5,7 +5,6 @@ Maps are saved as CSV for spreadsheets, as NPZ with all data, and as PNG with sl
 
 from __future__ import annotations
 
-import csv
 import io
 import zipfile
 from collections.abc import Callable
@@ -17,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.common.files import unknown_suffix, write_bytes_whole, write_text_whole
+from pinproof.common.files import csv_text, figure, unknown_suffix, write_bytes_whole, write_text_whole
 from pinproof.common.validation import Rng, freeze_arrays, require_integer
 from pinproof.errors import FileError, InputError
 from pinproof.ik import Clik
@@ -355,11 +354,7 @@ def _kind(path: str | Path, known: tuple[str, ...]) -> str:
 
 
 def _csv(columns: tuple[str, ...], rows: npt.NDArray[np.float64]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([["" if np.isnan(value) else f"{value:.9g}" for value in row] for row in rows])
-    return out.getvalue()
+    return csv_text(columns, (map(figure, row) for row in rows.tolist()))
 
 
 def attainable_orientations(

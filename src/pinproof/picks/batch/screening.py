@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
@@ -15,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.common.files import unknown_suffix, write_text_whole
+from pinproof.common.files import csv_text, figure, save_as
 from pinproof.common.validation import freeze_arrays, require_integer
-from pinproof.errors import InputError
 from pinproof.picks.batch.proposals import Wanted, proposals_for
 from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.verdict import Stage
@@ -335,13 +332,13 @@ class ScreenResult:
         FileError
             If the file cannot be written.
         """
-        if Path(path).suffix.lower() != ".csv":
-            raise InputError(f"{path}: {unknown_suffix(Path(path), ['.csv'])}")
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(("name", "status", "grasp", *FIGURES, *self.joint_names))
+        save_as(path, {".csv": self._csv})
+
+    def _csv(self) -> str:
         figures = np.column_stack([*(getattr(self, name) for name in FIGURES), self.q])
-        for name, code, member, row in zip(self.names, self.codes.tolist(), self.member.tolist(), figures, strict=True):
-            cells = ["" if np.isnan(value) else f"{value:.9g}" for value in row.tolist()]
-            writer.writerow((name, CODES[code].value, member, *cells))
-        write_text_whole(path, out.getvalue())
+        columns = (self.names, self.codes.tolist(), self.member.tolist(), figures.tolist())
+        rows = (
+            (name, CODES[code].value, member, *map(figure, row))
+            for name, code, member, row in zip(*columns, strict=True)
+        )
+        return csv_text(("name", "status", "grasp", *FIGURES, *self.joint_names), rows)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pinproof.collision.scene_keys import BODY, OBSTACLE, ONE_ORIENTATION, POSE, POSE_KEYS, VECTOR
 from pinproof.common.file_keys import (
     ANGLE,
+    ANY_TEXT,
     BOOLEAN,
+    COUNT,
     INTEGER,
     NUMBER,
     TEXT,
@@ -105,21 +107,15 @@ def _ways(owner: type, begin: str, end: str) -> tuple[FileKey, ...]:
 SPIN_RANGE = KeyTable(
     "spin_range",
     "A range of rotations about the approach direction.",
-    (
-        required("range", numbers(2), "first and last rotation", "rad"),
-        FileKey("steps", {**INTEGER, "minimum": 1, "maximum": MOST_STEPS}, "number of steps between them", "", STEPS),
-    ),
+    required("range", numbers(2), "first and last rotation", "rad"),
+    FileKey("steps", {**INTEGER, "minimum": 1, "maximum": MOST_STEPS}, "number of steps between them", "", STEPS),
 )
 
 TOLERANCE = KeyTable(
     "tolerance",
     "How far a grasp may be moved along and about the axes of the tip if the nominal one fails.",
-    (
-        FileKey(
-            "position", any_of(POSITIVE, numbers(3, POSITIVE)), "along x, y, z, in both directions", "m", [0, 0, 0]
-        ),
-        FileKey("tilt", POSITIVE, "about x and y, in both directions", "rad", 0),
-    ),
+    FileKey("position", any_of(POSITIVE, numbers(3, POSITIVE)), "along x, y, z, in both directions", "m", [0, 0, 0]),
+    FileKey("tilt", POSITIVE, "about x and y, in both directions", "rad", 0),
 )
 
 PLACE = KeyTable(
@@ -127,24 +123,22 @@ PLACE = KeyTable(
     "Where the object is put down: the pose of the tool's tip at the release (`xyz` with `rpy` or `quat_xyzw`), or "
     "that of the object (`object_pose`). For a family of grasps the pose of the tip is that of the nominal grasp; the "
     "object has the same final pose for every grasp of the family.",
-    (
-        FileKey("xyz", VECTOR, "position of the tip at the release, in `frame`", "m"),
-        *ORIENTATION,
-        FileKey(
-            "object_pose",
-            POSE,
-            "the final pose of the object, in `frame`, instead of the pose of the tip: frame_from_object, with the "
-            "pose that the object has in the scene file, or in `object`, as its own frame",
-        ),
-        FileKey("frame", TEXT, "the frame of the pose, as for a pick; by default the root link of the robot"),
-        *_ways(PlaceTarget, "to the release", "of the empty tool after the release"),
-        FileKey(
-            "support",
-            SUPPORT,
-            "the obstacle, or a list of obstacles, that the object is put onto; by default those within 1 mm below it",
-        ),
+    FileKey("xyz", VECTOR, "position of the tip at the release, in `frame`", "m"),
+    *ORIENTATION,
+    FileKey(
+        "object_pose",
+        POSE,
+        "the final pose of the object, in `frame`, instead of the pose of the tip: frame_from_object, with the "
+        "pose that the object has in the scene file, or in `object`, as its own frame",
     ),
-    {
+    FileKey("frame", TEXT, "the frame of the pose, as for a pick; by default the root link of the robot"),
+    *_ways(PlaceTarget, "to the release", "of the empty tool after the release"),
+    FileKey(
+        "support",
+        SUPPORT,
+        "the obstacle, or a list of obstacles, that the object is put onto; by default those within 1 mm below it",
+    ),
+    rules={
         "oneOf": [
             {
                 "required": ["object_pose"],
@@ -159,16 +153,14 @@ PLACE = KeyTable(
 GRID = KeyTable(
     "grid",
     "The grid of a pattern, along the axes of the pick's frame.",
-    (
-        required("counts", list_of({**INTEGER, "minimum": 1}, 3, 3), "number of picks along x, y, z"),
-        required("step", VECTOR, "distance of neighbours along x, y, z", "m"),
-    ),
+    required("counts", list_of({**INTEGER, "minimum": 1}, 3, 3), "number of picks along x, y, z"),
+    required("step", VECTOR, "distance of neighbours along x, y, z", "m"),
 )
 
 PATTERN = KeyTable(
     "pattern",
     "Copies of a pick; they are named `part[0,0]`, `part[0,1]`, ..., or with three indices if there are layers.",
-    (required("grid", GRID, "a regular grid"),),
+    required("grid", GRID, "a regular grid"),
 )
 
 _MASS_KEYS = (
@@ -182,33 +174,29 @@ _MASS_KEYS = (
     ),
 )
 
-OBJECT_PAYLOAD = KeyTable("object_payload", "The mass of a grasped object, in the frame of the object.", _MASS_KEYS)
+OBJECT_PAYLOAD = KeyTable("object_payload", "The mass of a grasped object, in the frame of the object.", *_MASS_KEYS)
 
 PAYLOAD = KeyTable(
     "payload",
     "The mass of a tool.",
-    (
-        *_MASS_KEYS,
-        FileKey("frame", TEXT, "the link that it is fixed to, in whose frame it is stated; by default the tcp"),
-    ),
+    *_MASS_KEYS,
+    FileKey("frame", TEXT, "the link that it is fixed to, in whose frame it is stated; by default the tcp"),
 )
 
 SPEED = KeyTable(
     "tool_speed",
     "Limits of the tcp, relative to the base. At least one is stated.",
-    (
-        FileKey("linear_speed", ABOVE_ZERO, "largest speed of the tcp, above 0", "m/s"),
-        FileKey("angular_speed", ABOVE_ZERO, "largest angular speed, above 0", "rad/s"),
-        FileKey("linear_acceleration", ABOVE_ZERO, "largest acceleration of the tcp, above 0", "m/s²"),
-        FileKey("angular_acceleration", ABOVE_ZERO, "largest angular acceleration, above 0", "rad/s²"),
-    ),
-    {"minProperties": 1},
+    FileKey("linear_speed", ABOVE_ZERO, "largest speed of the tcp, above 0", "m/s"),
+    FileKey("angular_speed", ABOVE_ZERO, "largest angular speed, above 0", "rad/s"),
+    FileKey("linear_acceleration", ABOVE_ZERO, "largest acceleration of the tcp, above 0", "m/s²"),
+    FileKey("angular_acceleration", ABOVE_ZERO, "largest angular acceleration, above 0", "rad/s²"),
+    rules={"minProperties": 1},
 )
 
 STAGE_SPEEDS = KeyTable(
     "stage_speeds",
     "Limits of the tcp on parts of the motion of a pick. A number is a linear speed in m/s.",
-    tuple(
+    *tuple(
         FileKey(part, any_of(ABOVE_ZERO, SPEED), text)
         for part, text in zip(
             PARTS,
@@ -274,80 +262,68 @@ _PICK_KEYS = (
 )
 
 DEFAULTS = KeyTable(
-    "defaults", "Keys of a pick that apply where a pick does not state them.", _PICK_KEYS, ONE_ORIENTATION
+    "defaults", "Keys of a pick that apply where a pick does not state them.", *_PICK_KEYS, rules=ONE_ORIENTATION
 )
 
 PICK = KeyTable(
     "pick",
     "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
     "`defaults`; an `object` is required for `support`, `place` and `upright`.",
-    (
-        required("name", TEXT, "unique in the file"),
-        *_PICK_KEYS,
-        FileKey("pattern", PATTERN, "copies of this pick on a grid"),
-    ),
-    ONE_ORIENTATION,
+    required("name", TEXT, "unique in the file"),
+    *_PICK_KEYS,
+    FileKey("pattern", PATTERN, "copies of this pick on a grid"),
+    rules=ONE_ORIENTATION,
 )
 
 FRAME = KeyTable(
     "frame",
     "A named frame in which picks can be stated: parent_from_frame.",
-    (
-        *POSE_KEYS,
-        FileKey(
-            "frame", {"type": "string"}, "the parent: another frame, an obstacle, or a link that does not move", "", ""
-        ),
-    ),
-    ONE_ORIENTATION,
+    *POSE_KEYS,
+    FileKey("frame", ANY_TEXT, "the parent: another frame, an obstacle, or a link that does not move", "", ""),
+    rules=ONE_ORIENTATION,
 )
 
 HELD = KeyTable(
     "open_and_grip",
     "Two values of a finger joint of the robot.",
-    (
-        required("open", NUMBER, "before the grasp and after the release", "rad or m"),
-        required("grip", NUMBER, "from the grasp to the release", "rad or m"),
-    ),
+    required("open", NUMBER, "before the grasp and after the release", "rad or m"),
+    required("grip", NUMBER, "from the grasp to the release", "rad or m"),
 )
 
 FINGERS = KeyTable(
     "fingers",
     "Two fingers of a parallel gripper that are not part of the robot.",
-    (
-        required("opening", POSITIVE, "distance between their faces before the grasp", "m"),
-        required("grip", POSITIVE, "distance between their faces on the object", "m"),
-        FileKey(
-            "axis",
-            VECTOR,
-            "opening direction of the first finger, in the tcp frame; the second moves in the opposite direction",
-            "",
-            default_of(GripperFingers, "axis"),
-        ),
-        required("bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body"),
+    required("opening", POSITIVE, "distance between their faces before the grasp", "m"),
+    required("grip", POSITIVE, "distance between their faces on the object", "m"),
+    FileKey(
+        "axis",
+        VECTOR,
+        "opening direction of the first finger, in the tcp frame; the second moves in the opposite direction",
+        "",
+        default_of(GripperFingers, "axis"),
     ),
+    required("bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body"),
 )
 
 
 CUP = KeyTable(
     "cup",
     "The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip.",
-    (
-        required("radius", NUMBER, "radius of the face, above 0", "m"),
-        FileKey(
-            "gap",
-            NUMBER,
-            "largest distance of any point of the rim from the surface of the object along the axis; bellows allow "
-            "more than a flat cup",
-            "m",
-            default_of(SuctionCup, "gap"),
-        ),
-        FileKey(
-            "tilt",
-            NUMBER,
-            "largest angle between the face and the surface at its rim",
-            "rad",
-            default_of(SuctionCup, "tilt"),
-        ),
+    required("radius", NUMBER, "radius of the face, above 0", "m"),
+    FileKey(
+        "gap",
+        NUMBER,
+        "largest distance of any point of the rim from the surface of the object along the axis; bellows allow "
+        "more than a flat cup",
+        "m",
+        default_of(SuctionCup, "gap"),
+    ),
+    FileKey(
+        "tilt",
+        NUMBER,
+        "largest angle between the face and the surface at its rim",
+        "rad",
+        default_of(SuctionCup, "tilt"),
     ),
 )
 
@@ -356,31 +332,29 @@ CONVEYOR = KeyTable(
     "conveyor",
     "A belt of constant speed. A pick whose `object` is one of `parts` is judged on the moving belt; its pose, and "
     "those of the parts in the scene file, are at time 0.",
-    (
-        required("speed", ABOVE_ZERO, "speed of the belt, above 0", "m/s"),
-        required("parts", list_of(TEXT, 1), "the obstacles that move"),
-        FileKey(
-            "direction",
-            VECTOR,
-            "direction of the motion in the frame of the root link; it is normalised",
-            "",
-            default_of(Conveyor, "direction"),
-        ),
-        FileKey(
-            "dwell",
-            POSITIVE,
-            "time for which the tool follows the part while the gripper closes",
-            "s",
-            default_of(Conveyor, "dwell"),
-        ),
-        FileKey("duration", ABOVE_ZERO, "time for which the belt runs", "s", default_of(Conveyor, "duration")),
-        FileKey(
-            "tolerance",
-            POSITIVE,
-            "how far a part may be ahead or behind on the belt; the certificates include it",
-            "m",
-            default_of(Conveyor, "tolerance"),
-        ),
+    required("speed", ABOVE_ZERO, "speed of the belt, above 0", "m/s"),
+    required("parts", list_of(TEXT, 1), "the obstacles that move"),
+    FileKey(
+        "direction",
+        VECTOR,
+        "direction of the motion in the frame of the root link; it is normalised",
+        "",
+        default_of(Conveyor, "direction"),
+    ),
+    FileKey(
+        "dwell",
+        POSITIVE,
+        "time for which the tool follows the part while the gripper closes",
+        "s",
+        default_of(Conveyor, "dwell"),
+    ),
+    FileKey("duration", ABOVE_ZERO, "time for which the belt runs", "s", default_of(Conveyor, "duration")),
+    FileKey(
+        "tolerance",
+        POSITIVE,
+        "how far a part may be ahead or behind on the belt; the certificates include it",
+        "m",
+        default_of(Conveyor, "tolerance"),
     ),
 )
 
@@ -392,108 +366,93 @@ def _limit(name: str, text: str, unit: str) -> FileKey:
 GRIP_LIMITS = KeyTable(
     "grip_limits",
     "The criteria for holding an object.",
-    (
-        _limit("area", "smallest contact area of each finger", "m²"),
-        _limit("overlap", "smallest extent of each contact along the finger", "m"),
-        _limit(
-            "angle",
-            "largest angle between a contact normal and the closing direction, and half angle of the friction cones",
-            "rad",
-        ),
-        _limit("gap", "largest distance of a closed finger from the object", "m"),
-        _limit("depth", "largest penetration of a closed finger into the object", "m"),
-        _limit("compliance", "compliance of pads and object; above 0", "m"),
-        _limit("tip", "largest distance of the tip of a tool without fingers from the surface of the object", "m"),
+    _limit("area", "smallest contact area of each finger", "m²"),
+    _limit("overlap", "smallest extent of each contact along the finger", "m"),
+    _limit(
+        "angle",
+        "largest angle between a contact normal and the closing direction, and half angle of the friction cones",
+        "rad",
     ),
+    _limit("gap", "largest distance of a closed finger from the object", "m"),
+    _limit("depth", "largest penetration of a closed finger into the object", "m"),
+    _limit("compliance", "compliance of pads and object; above 0", "m"),
+    _limit("tip", "largest distance of the tip of a tool without fingers from the surface of the object", "m"),
 )
 
 PICKS = KeyTable(
     "picks",
     "A picks file: the picks, and the robot, scene and gripper that they share. Files that it names are relative to "
     "its folder.",
-    (
-        FileKey("robot", TEXT, "a name of the catalogue, or a robot file (URDF, xacro, MJCF, DH table)"),
-        FileKey("srdf", TEXT, "an SRDF file of the robot"),
-        FileKey(
-            "package_dirs",
-            any_of(TEXT, list_of(TEXT)),
-            "a folder, or a list of folders, that contain ROS packages",
-            "",
-            [],
+    FileKey("robot", TEXT, "a name of the catalogue, or a robot file (URDF, xacro, MJCF, DH table)"),
+    FileKey("srdf", TEXT, "an SRDF file of the robot"),
+    FileKey(
+        "package_dirs", any_of(TEXT, list_of(TEXT)), "a folder, or a list of folders, that contain ROS packages", "", []
+    ),
+    FileKey(
+        "xacro_args",
+        mapping_to({"type": ["string", "number", "boolean"]}),
+        "values of the arguments of a xacro file",
+        "",
+        {},
+    ),
+    FileKey("limits", TEXT, "a file of [joint limits](limits.md)"),
+    FileKey("tcp", TEXT, "the tcp frame of the arm; by default that of the robot"),
+    FileKey(
+        "held",
+        mapping_to(any_of(NUMBER, HELD)),
+        "values of joints outside the arm, by name; two values for finger joints of the robot, whose links may "
+        "touch the object",
+        "rad or m",
+        {},
+    ),
+    FileKey("scene", TEXT, "a [scene file](scene.md); by default an empty scene"),
+    FileKey("margin", POSITIVE, "smallest allowed distance between any two bodies", "m", 0.0),
+    FileKey(
+        "home", mapping_to(NUMBER), "joint values, by name, where motions start; by default the robot's own", "rad or m"
+    ),
+    FileKey("tip", POSE, "tcp_from_tip: the frame that is moved to the poses of picks", "", {}),
+    FileKey(
+        "tool", list_of(OBSTACLE), "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body", "", []
+    ),
+    FileKey("fingers", FINGERS, "two moving fingers that are not part of the robot"),
+    FileKey("cup", CUP, "a suction cup at the tip, instead of fingers; its body is one of `tool`"),
+    FileKey("conveyor", CONVEYOR, "a belt that moves objects of picks"),
+    FileKey(
+        "gripper",
+        list_of(ANY_TEXT),
+        "more links of the robot that may touch the object, as `tool` and `fingers` may",
+        "",
+        [],
+    ),
+    FileKey(
+        "payload",
+        any_of(PAYLOAD, list_of(PAYLOAD)),
+        "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
+    ),
+    FileKey(
+        "torque_limits",
+        BOOLEAN,
+        "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",
+        "",
+        False,
+    ),
+    FileKey("grip_limits", GRIP_LIMITS, "the criteria for holding an object", "", {}),
+    FileKey(
+        "optimise",
+        COUNT,
+        "number of evaluations to shorten each transit and each transfer; 0 to follow the planned paths",
+        "",
+        default_of(PickBudget, "motion"),
+    ),
+    FileKey("frames", mapping_to(FRAME), "named frames for the poses of picks and places", "", {}),
+    FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
+    required(
+        "picks",
+        any_of(
+            list_of(PICK, 1),
+            {"title": "name of a table (`.csv`)", "type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"},
         ),
-        FileKey(
-            "xacro_args",
-            mapping_to({"type": ["string", "number", "boolean"]}),
-            "values of the arguments of a xacro file",
-            "",
-            {},
-        ),
-        FileKey("limits", TEXT, "a file of [joint limits](limits.md)"),
-        FileKey("tcp", TEXT, "the tcp frame of the arm; by default that of the robot"),
-        FileKey(
-            "held",
-            mapping_to(any_of(NUMBER, HELD)),
-            "values of joints outside the arm, by name; two values for finger joints of the robot, whose links may "
-            "touch the object",
-            "rad or m",
-            {},
-        ),
-        FileKey("scene", TEXT, "a [scene file](scene.md); by default an empty scene"),
-        FileKey("margin", POSITIVE, "smallest allowed distance between any two bodies", "m", 0.0),
-        FileKey(
-            "home",
-            mapping_to(NUMBER),
-            "joint values, by name, where motions start; by default the robot's own",
-            "rad or m",
-        ),
-        FileKey("tip", POSE, "tcp_from_tip: the frame that is moved to the poses of picks", "", {}),
-        FileKey(
-            "tool",
-            list_of(OBSTACLE),
-            "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body",
-            "",
-            [],
-        ),
-        FileKey("fingers", FINGERS, "two moving fingers that are not part of the robot"),
-        FileKey("cup", CUP, "a suction cup at the tip, instead of fingers; its body is one of `tool`"),
-        FileKey("conveyor", CONVEYOR, "a belt that moves objects of picks"),
-        FileKey(
-            "gripper",
-            list_of({"type": "string"}),
-            "more links of the robot that may touch the object, as `tool` and `fingers` may",
-            "",
-            [],
-        ),
-        FileKey(
-            "payload",
-            any_of(PAYLOAD, list_of(PAYLOAD)),
-            "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
-        ),
-        FileKey(
-            "torque_limits",
-            BOOLEAN,
-            "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",
-            "",
-            False,
-        ),
-        FileKey("grip_limits", GRIP_LIMITS, "the criteria for holding an object", "", {}),
-        FileKey(
-            "optimise",
-            {**INTEGER, "minimum": 0},
-            "number of evaluations to shorten each transit and each transfer; 0 to follow the planned paths",
-            "",
-            default_of(PickBudget, "motion"),
-        ),
-        FileKey("frames", mapping_to(FRAME), "named frames for the poses of picks and places", "", {}),
-        FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
-        required(
-            "picks",
-            any_of(
-                list_of(PICK, 1),
-                {"title": "name of a table (`.csv`)", "type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"},
-            ),
-            "the picks, or a table of them in a CSV file",
-        ),
+        "the picks, or a table of them in a CSV file",
     ),
 )
 

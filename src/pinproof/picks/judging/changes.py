@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.ik import Clik
+from pinproof.motion.curve import read_only
 from pinproof.picks.input.pick import ROOT, TIP, Member, Pick, rotation_about
 from pinproof.picks.judging.configurations import has_closed_form
 from pinproof.picks.judging.task import Task
@@ -311,7 +312,7 @@ def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], Shifti
 
     If the pick is out of reach, also shifts towards the nearest pose that is reached.
     """
-    shifts = list(_vectors(_detail(task, len(members(task)))))
+    shifts = list(_vectors(*_detail(task, len(members(task)))))
     rotation = task.root_from(pick.frame).rotation
     if stage is Stage.REACH:
         shifts += _towards_reach(task, task.pick.pose, rotation)
@@ -337,7 +338,7 @@ def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], Shifting]:
     if task.place is None or pick.place is None:
         raise InputError(f"pick {pick.name!r} has no place")
     rotation = task.root_from(pick.place.frame).rotation
-    shifts = [*_vectors(_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
+    shifts = [*_vectors(*_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
     return shifts, Shifting(
         pick,
         lambda by: move_place_words(pick, by),
@@ -350,14 +351,16 @@ def _printed(by: Array) -> Array:
     return np.round(by, 2) / 1e3
 
 
-def _vectors(detail: tuple[Sequence[int], int]) -> Iterable[Shift]:
+@cache
+def _vectors(distances: tuple[int, ...], directions: int) -> tuple[Shift, ...]:
     """Shifts by whole millimetres along the axes and between them."""
-    distances, directions = detail
+    shifts = []
     for distance in distances:
         for direction in DIRECTIONS[:directions]:
             along = np.array(direction, dtype=float)
             by = along * max(1.0, np.round(distance / np.linalg.norm(along)))
-            yield Shift(by, direction, distance in EARLY_DISTANCES and np.count_nonzero(along) == 1)
+            shifts.append(Shift(read_only(by), direction, distance in EARLY_DISTANCES and direction.count(0) == 2))
+    return tuple(shifts)
 
 
 def _towards_reach(task: Task, root_from_tip: SE3, root_from_frame: Array) -> Iterable[Shift]:
@@ -377,7 +380,7 @@ def _towards_reach(task: Task, root_from_tip: SE3, root_from_frame: Array) -> It
                 yield Shift(by, (line,), stretch in EARLY_STRETCHES)
 
 
-def _detail(task: Task, members: int) -> tuple[Sequence[int], int]:
+def _detail(task: Task, members: int) -> tuple[tuple[int, ...], int]:
     """The distances, and the number of directions, that the screening budget allows."""
     weight = 1 if task.cell.closed_form else SWEPT if has_closed_form(task.arm, most=7) else SEARCHED
     for directions in (len(DIRECTIONS), AXES):
@@ -388,7 +391,7 @@ def _detail(task: Task, members: int) -> tuple[Sequence[int], int]:
 
 def members(task: Task) -> list[Member]:
     """The grasps that are screened: those that are not shifted within the tolerance."""
-    return next(iter(task.groups()))
+    return task.nearest_group
 
 
 def _approach_axis(task: Task) -> Array:

@@ -228,23 +228,21 @@ class _ChangedPoses:
     """
 
     def __init__(self, task: Task, candidates: list[Candidate], which: Literal["grasp", "release"]) -> None:
-        self._task, self._which, self._candidates = task, which, candidates
+        self._task, self._which, self._count = task, which, len(candidates)
         self._changed = {i: Task(each.pick, task.cell) for i, each in enumerate(candidates) if not each.displacement}
         counts = [len(members(self._changed.get(i, task))) for i in range(len(candidates))]
         self.owner = np.repeat(np.arange(len(candidates)), counts)
+        rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
+        shifts = [rotation @ getattr(each.displacement, which) if each.displacement else still for each in candidates]
+        self._shifts = np.array(shifts).reshape(-1, 3)[self.owner]
 
     def targets(self, pose_of: Callable[[Task, SE3], SE3] = lambda _, pose: pose) -> Array:
         """(N, 4, 4) ``base_from_tcp`` at a pose of the tip that is derived from each of them."""
-        stated, found = self._of(self._task, pose_of), []
-        for i, each in enumerate(self._candidates):
-            if each.displacement is None:
-                found.append(self._of(self._changed[i], pose_of))
-                continue
-            by = getattr(each.displacement, self._which)
-            moved_by = stated.copy()
-            moved_by[:, :3, 3] += self._task.arm.root_from_base.rotation.T @ by
-            found.append(moved_by)
-        return np.concatenate([*found, np.empty((0, 4, 4))])
+        stated = self._of(self._task, pose_of)
+        each = (self._of(self._changed[i], pose_of) if i in self._changed else stated for i in range(self._count))
+        found = np.concatenate([*each, np.empty((0, 4, 4))])
+        found[:, :3, 3] += self._shifts
+        return found
 
     def _of(self, task: Task, pose_of: Callable[[Task, SE3], SE3]) -> Array:
         at = task.grasp if self._which == "grasp" else task.release

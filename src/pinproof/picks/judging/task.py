@@ -208,6 +208,11 @@ class Task:
             axis = self.pick.pose.rotation.T @ axis
         return family(self.pick.spin, self.pick.tolerance, axis)
 
+    @cached_property
+    def nearest_group(self) -> list[Member]:
+        """The first of the groups: the nominal grasp and its rotations."""
+        return next(self.groups())
+
     def with_pick(self, **changes: object) -> Task:
         """The task with another approach, retreat or pose, for suggestions."""
         return Task(replace(self.pick, **changes), self.cell)  # type: ignore[arg-type]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections import Counter
 from collections.abc import Callable
@@ -17,7 +14,7 @@ import numpy as np
 from pinproof.collision import Certificate, Scene
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
-from pinproof.common.files import file_stems, unknown_suffix, write_text_whole
+from pinproof.common.files import csv_text, file_stems, json_text, unknown_suffix, write_text_whole
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.model.limits import guess_note
@@ -245,17 +242,12 @@ class PickReport:
 
     def to_csv(self) -> str:
         """The table with plain numbers in the columns :data:`CSV_COLUMNS`, for spreadsheets and data frames."""
-        text = io.StringIO()
-        lines = csv.writer(text, lineterminator="\n")
-        lines.writerow(CSV_COLUMNS)
-        for row in (*map(verdict_row, self.verdicts), *map(problem_row, self.problems)):
-            cells = _cells(row)
-            lines.writerow("" if cells.get(column) is None else cells[column] for column in CSV_COLUMNS)
-        return text.getvalue()
+        cells = map(_cells, (*map(verdict_row, self.verdicts), *map(problem_row, self.problems)))
+        return csv_text(CSV_COLUMNS, ([row.get(column) for column in CSV_COLUMNS] for row in cells))
 
     def to_json(self) -> str:
         """The text of :meth:`to_dict` in JSON."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
+        return json_text(self.to_dict(), indent=2)
 
     def to_dict(self) -> dict[str, Any]:
         """The complete report as plain values for JSON; lengths in metres, angles in radians, times in seconds.

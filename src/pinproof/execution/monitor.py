@@ -1,0 +1,339 @@
+"""Monitoring of a certified motion while a robot executes it.
+
+At each control tick the measured state is compared with the tube of the certificate. With the position error p, the
+velocity error w, the acceleration limit a of a joint and the latency L, the state at a time s in [0, L] after the
+measurement (q, v) satisfies
+
+    |q(s) - (q + v s)| <= p + w s + a s^2 / 2 .
+
+Tube. Let c be the curve, A the largest acceleration on it, and e(s) = q(s) - c(t + s). Then e differs from the line
+through e(0) and e(0) + (v - c'(t)) s by at most p + w s + (a + A) s^2 / 2, so that the state is inside the tube until
+the latency has passed if max(|e(0)|, |e(0) + (v - c'(t)) L|) + p + w L + (a + A) L^2 / 2 is at most the tolerance.
+
+Braking. After the latency every joint decelerates such that all stop at the same time, at most T = max (|v| + a L +
+w) / a after it, so that the motion is straight in joint space. With the velocity v_L at the beginning, |v_L - v| <= w +
+a L, the position is q(L) + v_L r with r in [0, T / 2]. It differs from q + v (L + r) by at most
+
+    p + w L + a L^2 / 2 + (w + a L) T / 2 .
+
+The segment from q to q + v (L + T / 2) with this tolerance of each joint therefore covers the stop, and is certified.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free
+from pinproof.collision.certificate import checked_hash, mesh_files
+from pinproof.common.display import html_block, html_table
+from pinproof.errors import InputError
+from pinproof.motion import JointPath, Trajectory
+from pinproof.spatial import finite
+
+__all__ = ["Monitor", "MonitorResult", "MonitorStatus"]
+
+Array = npt.NDArray[np.float64]
+
+JOINT_TOLERANCE = 0.01
+"""rad or m: default deviation of each joint that the tube covers."""
+
+SAMPLES_PER_SECOND, FEWEST, MOST = 200, 50, 4000
+"""Configurations of the motion among which the closest one is searched, if the robot is not where it should be."""
+
+REFINED = 33
+"""Configurations between two of these samples at which the search continues."""
+
+SIMILAR = 0.25
+"""Share of the tolerances: two configurations whose deviations differ by less are similarly close."""
+
+LONGEST_STOP = 60.0
+"""Seconds. A longer stop is not certified: the velocity, or the acceleration limit, is implausible."""
+
+
+class MonitorStatus(Enum):
+    """The result of a tick."""
+
+    INSIDE = "inside the certified tube"
+    OUTSIDE_BRAKING_FREE = "outside the certified tube; braking now is proven collision-free"
+    OUTSIDE = "outside the certified tube; braking now is not proven collision-free"
+    INVALID = "the measurement is not finite"
+
+
+@dataclass(frozen=True, eq=False)
+class MonitorResult:
+    """The result of one control tick.
+
+    Parameters
+    ----------
+    status
+        INSIDE; or an alarm: OUTSIDE_BRAKING_FREE, OUTSIDE or INVALID.
+    time
+        Seconds since the start of the motion.
+    progress
+        The time (s) of the configuration of the motion with which the measurement is compared: ``time``, or that of the
+        closest configuration if the robot is early or late.
+    deviation
+        (n,) rad or m: the largest deviation of each joint from the motion, within the latency.
+    joint
+        The joint that leaves the tube farthest in relation to its tolerance; empty if none does.
+    excess
+        rad or m: by how much this joint leaves the tube; 0 if none does.
+    braking
+        The segment of the stop, from the measurement to the end of the stop; None if the status is INSIDE or INVALID.
+    braking_tolerance
+        (n,) rad or m: the deviations from the segment that the proof of the stop covers; None without a segment.
+    stop
+        Seconds from the measurement to rest; 0 without a segment.
+    """
+
+    status: MonitorStatus
+    time: float
+    progress: float
+    deviation: Array
+    joint: str = ""
+    excess: float = 0.0
+    braking: JointPath | None = None
+    braking_tolerance: Array | None = None
+    stop: float = 0.0
+
+    @property
+    def inside(self) -> bool:
+        """Whether the robot is in the tube until the latency has passed; then the rest of the motion is proven free."""
+        return self.status is MonitorStatus.INSIDE
+
+    @property
+    def alarm(self) -> bool:
+        """Whether the motion must be stopped."""
+        return not self.inside
+
+    @property
+    def proven(self) -> bool:
+        """Whether the rest of the motion, or braking now, is proven collision-free."""
+        return self.status in (MonitorStatus.INSIDE, MonitorStatus.OUTSIDE_BRAKING_FREE)
+
+    def __str__(self) -> str:
+        text = f"t = {self.time:.4g} s: {self.status.value}"
+        if self.status is MonitorStatus.INVALID:
+            return f"{text} ({self.joint})"
+        return f"{text}; {self.joint} leaves it by {self.excess:.4g} rad or m" if self.joint else text
+
+    def __repr__(self) -> str:
+        return f"MonitorResult({self})"
+
+
+class Monitor:
+    """Compares the measured state of a robot with a certified motion, at each tick of a controller.
+
+    Parameters
+    ----------
+    checker
+        The checker for which the motion is proven; it also judges stops.
+    trajectory
+        The motion. It begins and ends at rest.
+    certificate
+        The FREE certificate of the motion for ``checker``. Without one, or if it covers smaller deviations than
+        ``joint_tolerance`` or a smaller margin, the motion is certified here.
+    joint_tolerance
+        rad or m, one number or (n,): the deviations that the tube covers; above 0. Default: those of the certificate,
+        or 0.01 without one.
+    acceleration
+        (n,) rad/s^2 or m/s^2 or one number: no joint accelerates faster, also after a failure, and each can brake this
+        fast. Default: the limits of the arm.
+    latency
+        Seconds from a measurement until the brakes act. With at least the time between two ticks, the state is inside
+        the tube until the next tick too.
+    position_error, velocity_error
+        rad or m and rad/s or m/s, one number or (n,): the largest errors of q and dq.
+
+    Raises
+    ------
+    InputError
+        If the certificate is for another motion or setup, the motion does not begin and end at rest, or a setting is
+        invalid.
+    NotProvenFree
+        If the motion is not proven collision-free with the tolerance.
+    """
+
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        trajectory: Trajectory,
+        *,
+        certificate: Certificate | None = None,
+        joint_tolerance: npt.ArrayLike | None = None,
+        acceleration: npt.ArrayLike | None = None,
+        latency: float = 0.0,
+        position_error: npt.ArrayLike = 0.0,
+        velocity_error: npt.ArrayLike = 0.0,
+    ) -> None:
+        n = checker.group.dof
+        if trajectory.joint_names != checker.group.joint_names:
+            raise InputError(f"the motion has the joints {trajectory.joint_names}; the arm {checker.group.joint_names}")
+        if trajectory.velocities[[0, -1]].any():
+            raise InputError("the motion must begin and end at rest; its first or last velocity is not 0")
+        if not 0.0 <= latency < np.inf:
+            raise InputError(f"latency = {latency} s; it must be 0 or more, and finite")
+        self._checker, self._trajectory, self._latency = checker, trajectory, float(latency)
+        limits = checker.group.limits.acceleration if acceleration is None else acceleration
+        self._acceleration = _each("acceleration", limits, n, above_zero=True)
+        self._position_error = _each("position_error", position_error, n)
+        self._velocity_error = _each("velocity_error", velocity_error, n)
+        self._certificate, self._tolerance = self._certified(certificate, joint_tolerance)
+        drift = self._velocity_error * latency + (self._acceleration + trajectory.max_acceleration()) * latency**2 / 2
+        self._spread = self._position_error + drift
+        if (self._spread >= self._tolerance).any():
+            j = int((self._spread / self._tolerance).argmax())
+            raise InputError(
+                f"within the latency {trajectory.joint_names[j]} may deviate by {self._spread[j]:.4g} rad or m more "
+                f"than is measured, but the tube covers {self._tolerance[j]:.4g}; increase joint_tolerance, or lower "
+                "latency or the errors"
+            )
+        count = int(np.clip(trajectory.duration * SAMPLES_PER_SECOND, FEWEST, MOST))
+        self._times = np.linspace(0.0, trajectory.duration, count)
+        self._samples = np.asarray(trajectory(self._times))
+        self._last: tuple[float, Array] | None = None
+
+    def _certified(self, given: Certificate | None, joint_tolerance: npt.ArrayLike | None) -> tuple[Certificate, Array]:
+        """Return a FREE certificate of the motion and the tolerance (n,) that it covers."""
+        checker, trajectory = self._checker, self._trajectory
+        if given is not None:
+            if given.curve != trajectory.digest() or given.setup != checked_hash(checker, mesh_files(checker)):
+                raise InputError("the certificate is for another motion or another setup; certify this motion")
+            given.or_raise()
+            if given.partings or given.tube is None:
+                raise InputError("a certificate with pairs that may touch at the start covers no tube")
+        covered = np.zeros(checker.group.dof) if given is None or given.tube is None else given.tube.joints
+        default = JOINT_TOLERANCE if given is None else covered
+        wanted = default if joint_tolerance is None else joint_tolerance
+        tolerance = _each("joint_tolerance", wanted, checker.group.dof, above_zero=True)
+        # A clearance above every margin of the checker holds for pairs with a margin of their own too.
+        if given is not None and (tolerance == covered).all() and given.clearance >= checker.margins.max(initial=0.0):
+            return given, tolerance
+        return certify(trajectory, checker, joint_tolerance=tolerance).or_raise(), tolerance
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate of the tube."""
+        return self._certificate
+
+    def update(self, time: float, q: npt.ArrayLike, dq: npt.ArrayLike | None = None) -> MonitorResult:
+        """Judge the state of the robot at one tick.
+
+        Parameters
+        ----------
+        time
+            Seconds since the start of the motion; after its end, the robot must remain at the end.
+        q
+            (n,) measured positions (rad or m).
+        dq
+            (n,) measured velocities. Default: the difference quotient of the last two measurements; at the first tick
+            the velocity of the motion.
+
+        Raises
+        ------
+        InputError
+            If ``time`` is not finite, or a shape is wrong.
+        """
+        names = self._trajectory.joint_names
+        if not np.isfinite(time):
+            raise InputError(f"time = {time}; it must be finite")
+        at = _measured("q", q, len(names))
+        rate = self._estimated(time, at) if dq is None else _measured("dq", dq, len(names))
+        if not (np.isfinite(at).all() and np.isfinite(rate).all()):
+            j = int(np.argmin(np.isfinite(at) & np.isfinite(rate)))
+            return MonitorResult(MonitorStatus.INVALID, time, time, np.abs(at), names[j], np.inf)
+        self._last = time, at
+        progress = min(max(time, 0.0), self._trajectory.duration)
+        deviation = self._deviation(progress, at, rate)
+        if (deviation > self._tolerance).any():
+            closest = self._closest(at, progress)
+            other = self._deviation(closest, at, rate)
+            if (other / self._tolerance).max() < (deviation / self._tolerance).max():
+                progress, deviation = closest, other
+        if (deviation <= self._tolerance).all():
+            return MonitorResult(MonitorStatus.INSIDE, time, progress, deviation)
+        j = int((deviation / self._tolerance).argmax())
+        path, tolerance, stop = self.stopping(at, rate)
+        free = stop <= LONGEST_STOP and is_proven_free(path, self._checker, joint_tolerance=tolerance)
+        return MonitorResult(
+            MonitorStatus.OUTSIDE_BRAKING_FREE if free else MonitorStatus.OUTSIDE,
+            time,
+            progress,
+            deviation,
+            names[j],
+            float(deviation[j] - self._tolerance[j]),
+            path,
+            tolerance,
+            stop,
+        )
+
+    def stopping(self, q: Array, dq: Array) -> tuple[JointPath, Array, float]:
+        """Return the segment of a stop from a state, its tolerance (n,) in rad or m, and its duration (s)."""
+        latency, limit = self._latency, self._acceleration
+        unknown = self._velocity_error + limit * latency  # of the velocity when the brakes act
+        braking = float(((np.abs(dq) + unknown) / limit).max())
+        end = q + dq * (latency + braking / 2)
+        tolerance = self._position_error + self._velocity_error * latency + limit * latency**2 / 2
+        tolerance = tolerance + unknown * braking / 2
+        path = JointPath([q, end] if (end != q).any() else [q], self._trajectory.joint_names)
+        return path, tolerance, latency + braking
+
+    def _estimated(self, time: float, q: Array) -> Array:
+        if self._last is None or not time > self._last[0]:
+            return np.asarray(self._trajectory.velocity(min(max(time, 0.0), self._trajectory.duration)))
+        before, at = self._last
+        return np.asarray((q - at) / (time - before))
+
+    def _deviation(self, progress: float, q: Array, dq: Array) -> Array:
+        """Return (n,) the largest deviation of each joint from the motion until the latency has passed."""
+        error = q - self._trajectory(progress)
+        if self._latency == 0.0:
+            return np.asarray(np.abs(error) + self._spread)
+        later = error + (dq - self._trajectory.velocity(progress)) * self._latency
+        return np.asarray(np.maximum(np.abs(error), np.abs(later)) + self._spread)
+
+    def _closest(self, q: Array, time: float) -> float:
+        """Return the time of the closest configuration of the motion in relation to the tolerances.
+
+        A motion may pass a configuration several times: of those that are similarly close, the nearest in time counts.
+        """
+        off = (np.abs(self._samples - q) / self._tolerance).max(axis=1)
+        padded = np.concatenate([[np.inf], off, [np.inf]])
+        lowest = (off <= padded[:-2]) & (off <= padded[2:]) & (off <= off.min() + SIMILAR)
+        found = np.flatnonzero(lowest)
+        k = int(found[np.abs(self._times[found] - time).argmin()])
+        times = np.linspace(self._times[max(k - 1, 0)], self._times[min(k + 1, len(self._times) - 1)], REFINED)
+        near = (np.abs(np.asarray(self._trajectory(times)) - q) / self._tolerance).max(axis=1)
+        return float(times[int(near.argmin())])
+
+    def __repr__(self) -> str:
+        return f"Monitor({self._headline})"
+
+    def _repr_html_(self) -> str:
+        columns = ("joint", "tolerance", "largest drift within the latency", "acceleration")
+        rows = zip(self._trajectory.joint_names, self._tolerance, self._spread, self._acceleration, strict=True)
+        return html_block(self._headline, html_table(columns, list(rows)))
+
+    @property
+    def _headline(self) -> str:
+        low, high = float(self._tolerance.min()), float(self._tolerance.max())
+        tube = f"{high:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+        return f"{self._trajectory.duration:.4g} s, tube of {tube} rad or m, latency {self._latency * 1e3:.4g} ms"
+
+
+def _each(name: str, value: npt.ArrayLike, n: int, *, above_zero: bool = False) -> Array:
+    array = finite(name, np.full(n, value) if np.ndim(value) == 0 else value, (n,))
+    if (array < 0).any() or (above_zero and not (array > 0).all()):
+        raise InputError(f"{name} = {value!r}; it must be {'above 0' if above_zero else '0 or more'}")
+    return array
+
+
+def _measured(name: str, value: npt.ArrayLike, n: int) -> Array:
+    array = np.asarray(value, dtype=float)
+    if array.shape != (n,):
+        raise InputError(f"{name} must have the shape ({n},); it has {array.shape}")
+    return array

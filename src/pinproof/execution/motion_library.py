@@ -1,0 +1,445 @@
+"""Stored motions with their certificates, for scenes that change between two executions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import Certificate, CollisionChecker, Scene, certify
+from pinproof.collision.assembly import only_arm
+from pinproof.collision.reuse import SetupChange, StoredProof
+from pinproof.common.display import html_block, html_table, outline
+from pinproof.errors import InputError, NoAnswer, UnknownNameError
+from pinproof.execution import library_file
+from pinproof.motion import Trajectory, time_parametrise
+from pinproof.planning import PlanResult, RrtConnect, shortcut
+from pinproof.planning.planners import Planner
+from pinproof.spatial import SE3, finite, matrix, rigid
+
+__all__ = ["MotionLibrary", "RepairResult", "StoredMotion"]
+
+Array = npt.NDArray[np.float64]
+
+JOINTS = 1e-3
+"""rad or m: by default, a start or goal is that of a motion if no joint differs by more."""
+
+POSITION, ANGLE = 1e-3, 1e-2
+"""Metres and radians: the same for poses of the tcp."""
+
+RENEWED = 0.5
+"""If a larger share of the pairs has changed, new evidence is recorded for the present scene."""
+
+SAMPLES = 400
+"""Configurations of a motion at which the part that is in collision is located, before it is replaced and certified."""
+
+MOST_ATTEMPTS = 6
+"""Number of parts of a motion, each longer than the one before, that a repair replaces in turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredMotion:
+    """A motion of a library, with its certificate in the scene of the library.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    trajectory
+        The motion.
+    certificate
+        The certificate for the checker of the library: FREE, COLLIDING or UNDECIDED.
+    proof
+        Its latest FREE certificate with evidence, in this scene or in an earlier one; None if there is none.
+    """
+
+    name: str
+    trajectory: Trajectory
+    certificate: Certificate
+    proof: StoredProof | None
+
+    @property
+    def free(self) -> bool:
+        """Whether the motion is proven collision-free in the scene of the library."""
+        return self.certificate.free
+
+
+@dataclass(frozen=True, eq=False)
+class RepairResult:
+    """The outcome of a repair.
+
+    Parameters
+    ----------
+    library
+        The library with the repaired motion; the library itself if the repair failed.
+    motion
+        The motion of ``library``: FREE if the repair succeeded.
+    replaced
+        Start and end (s) of the part of the former motion that was replaced; None if nothing was replaced.
+    plan
+        The last plan; None if no part was planned again.
+    message
+        The outcome as a sentence.
+    """
+
+    library: MotionLibrary
+    motion: StoredMotion
+    replaced: tuple[float, float] | None
+    plan: PlanResult | None
+    message: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether the motion is proven collision-free."""
+        return self.motion.free
+
+    def or_raise(self) -> RepairResult:
+        """Return the result if the motion is proven collision-free.
+
+        Raises
+        ------
+        NoAnswer
+            With the message otherwise.
+        """
+        if not self.ok:
+            raise NoAnswer(self.message, self)
+        return self
+
+    def __repr__(self) -> str:
+        return f"RepairResult({self.message})"
+
+
+class MotionLibrary:
+    """Motions of one arm that are proven collision-free, and are certified again quickly when the scene changes.
+
+    A library is immutable: :meth:`add`, :meth:`with_scene` and the other methods return new libraries. In a new scene,
+    only pairs of bodies with a moved or added obstacle are proven again; the evidence of all other pairs is kept.
+
+    Parameters
+    ----------
+    checker
+        Defines the robot, its attached objects, the margin and the scene. Motions of the library are for this setup.
+    joint_tolerance, obstacle_tolerance, tolerance
+        As for :func:`pinproof.certify`; they apply to every motion.
+    """
+
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        *,
+        joint_tolerance: npt.ArrayLike = 0.0,
+        obstacle_tolerance: float = 0.0,
+        tolerance: float | None = None,
+    ) -> None:
+        self._checker = checker
+        self._joint_tolerance, self._obstacle_tolerance = joint_tolerance, float(obstacle_tolerance)
+        self._tolerance = tolerance
+        self._motions: dict[str, StoredMotion] = {}
+
+    @property
+    def checker(self) -> CollisionChecker:
+        """The checker for which the motions are certified."""
+        return self._checker
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the motions, in order."""
+        return tuple(self._motions)
+
+    @property
+    def certificates(self) -> Mapping[str, Certificate]:
+        """The certificates of the motions, by name."""
+        return {name: motion.certificate for name, motion in self._motions.items()}
+
+    def __len__(self) -> int:
+        return len(self._motions)
+
+    def __iter__(self) -> Iterator[StoredMotion]:
+        return iter(self._motions.values())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._motions
+
+    def __getitem__(self, name: str) -> StoredMotion:
+        if name not in self._motions:
+            raise UnknownNameError("motion", name, self.names, "the library")
+        return self._motions[name]
+
+    def add(self, name: str, trajectory: Trajectory) -> MotionLibrary:
+        """Return a library with one more motion, which is certified first.
+
+        Raises
+        ------
+        InputError
+            If the name exists, or the motion is of other joints.
+        NotProvenFree
+            If the motion is not proven collision-free.
+        """
+        if not name or name in self._motions:
+            raise InputError(f"the library has a motion {name!r} already; choose another name, or remove it first")
+        return self._with(self._new(name, trajectory, self._certify(trajectory).or_raise()))
+
+    def remove(self, *names: str) -> MotionLibrary:
+        """Return a library without these motions."""
+        removed = {self[name].name for name in names}
+        return self._copy(self._checker, {name: m for name, m in self._motions.items() if name not in removed})
+
+    def with_scene(self, scene: Scene) -> MotionLibrary:
+        """Return the library for another scene; every motion is certified again as in :meth:`with_checker`."""
+        return self.with_checker(self._checker.with_scene(scene))
+
+    def with_checker(self, checker: CollisionChecker) -> MotionLibrary:
+        """Return the library for another checker of the same setup; every motion is certified for it.
+
+        Motions that are not FREE are kept: they are certified again for the next scene, or by :meth:`repair`.
+
+        Raises
+        ------
+        InputError
+            If the robot, its attached objects, its held joints or the margin differ.
+        """
+        changes: dict[int, SetupChange] = {}
+        own = SetupChange(self._checker, checker)  # refuses another setup, also for an empty library
+        changes[id(self._checker)] = own
+        return self._copy(checker, {m.name: self._again(m, checker, changes) for m in self})
+
+    def _again(self, motion: StoredMotion, checker: CollisionChecker, changes: dict[int, SetupChange]) -> StoredMotion:
+        proof = motion.proof
+        if proof is None:
+            return self._new(motion.name, motion.trajectory, self._certify(motion.trajectory, checker))
+        change = changes.get(id(proof.checker))
+        if change is None:
+            change = changes[id(proof.checker)] = SetupChange(proof.checker, checker)
+        record = change.changed > RENEWED * len(checker.pairs)
+        certificate = proof.certify(change, tolerance=self._tolerance, record=record)
+        if record and certificate.free:
+            return self._new(motion.name, motion.trajectory, certificate)
+        return replace(motion, certificate=certificate)
+
+    def find(
+        self,
+        *,
+        start: SE3 | npt.ArrayLike | None = None,
+        goal: SE3 | npt.ArrayLike | None = None,
+        joints: float = JOINTS,
+        position: float = POSITION,
+        angle: float = ANGLE,
+        free: bool = True,
+    ) -> tuple[StoredMotion, ...]:
+        """Return the motions with a start and a goal, closest first.
+
+        A motion begins at its own start, which may differ from ``start`` by the tolerance: a robot that is not exactly
+        there needs a certificate with this joint tolerance, or a move to the start.
+
+        Parameters
+        ----------
+        start, goal
+            A configuration (n,), or a pose base_from_tcp of the tcp (SE3 or (4, 4)); None for any.
+        joints
+            rad or m: largest difference of a joint.
+        position, angle
+            Metres and radians: largest differences of poses.
+        free
+            Whether only motions are returned that are proven collision-free in the scene of the library.
+        """
+        found = []
+        for motion in self:
+            if free and not motion.free:
+                continue
+            parts = [
+                self._difference(wanted, q, joints, position, angle)
+                for wanted, q in ((start, motion.trajectory.start), (goal, motion.trajectory.end))
+                if wanted is not None
+            ]
+            if max(parts, default=0.0) <= 1.0:
+                found.append((sum(parts), motion))
+        return tuple(motion for _, motion in sorted(found, key=lambda each: each[0]))
+
+    def _difference(self, wanted: SE3 | npt.ArrayLike, q: Array, joints: float, position: float, angle: float) -> float:
+        """The difference of a configuration from a wanted one or a wanted pose, as a share of the tolerances."""
+        if not isinstance(wanted, SE3) and np.shape(wanted) != (4, 4):
+            target = finite("a start or goal", wanted, (self._checker.group.dof,))
+            return float(np.abs(q - target).max()) / joints
+        pose = matrix(rigid("a start or goal", wanted))
+        here = matrix(only_arm(self._checker.group).forward_kinematics(q))
+        turn = pose[:3, :3].T @ here[:3, :3]
+        axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        turned = float(np.arctan2(np.linalg.norm(axis), np.trace(turn) - 1.0))
+        return max(float(np.linalg.norm(here[:3, 3] - pose[:3, 3])) / position, turned / angle)
+
+    def repair(
+        self,
+        name: str,
+        *,
+        planner: Planner | None = None,
+        clearance: float = 0.0,
+        jerk: npt.ArrayLike | None = None,
+        rng: int = 0,
+    ) -> RepairResult:
+        """Replace the part of a motion that is in collision, and certify the whole motion again.
+
+        The part is that between two points at which the motion rests, such as the corners of a path. If it cannot be
+        replaced, a longer part is, at last the complete motion. Start and goal are kept.
+
+        Parameters
+        ----------
+        planner
+            The planner; default :class:`~pinproof.RrtConnect`.
+        clearance
+            Metres that the new part keeps in addition to the margin where it is planned.
+        jerk
+            Jerk limit of the new part of a quintic motion, as for :func:`pinproof.time_parametrise`; default: the
+            largest jerk of the motion.
+        rng
+            Seed of the planner.
+
+        Returns
+        -------
+        RepairResult
+            With the new library; not ``ok`` if no free motion was found.
+        """
+        motion = self[name]
+        if motion.free:
+            return RepairResult(self, motion, None, None, f"{name} is collision-free; nothing was replaced")
+        trajectory, plan, reason = motion.trajectory, None, ""
+        if jerk is None and trajectory.accelerations is not None:
+            jerk = np.maximum(trajectory.max_jerk(), trajectory.max_jerk().max() * 1e-3)
+        for first, last in self._parts(motion):
+            ends = trajectory(np.array([first, last]))
+            plan = (planner or RrtConnect()).plan(self._checker.padded(clearance), ends[0], ends[1], rng=rng)
+            if not plan.ok or plan.path is None:
+                reason = plan.message
+                continue
+            path = shortcut(plan.path, plan.checker or self._checker, rng=rng)
+            detour = time_parametrise(path, self._checker.group.limits, jerk=jerk)
+            fixed = _replaced(trajectory, first, last, detour)
+            certificate = self._certify(fixed)
+            if certificate.free:
+                repaired = self._new(name, fixed, certificate)
+                text = f"{name}: replaced from {first:.4g} s to {last:.4g} s; {certificate.message}"
+                return RepairResult(self._with(repaired), repaired, (first, last), plan, text)
+            reason = certificate.message
+        return RepairResult(self, motion, None, plan, f"{name}: no collision-free replacement was found; {reason}")
+
+    def _parts(self, motion: StoredMotion) -> Iterator[tuple[float, float]]:
+        """Parts of a motion that contain all collisions, between points of rest that are free, shortest first."""
+        trajectory, certificate = motion.trajectory, motion.certificate
+        times = np.linspace(0.0, trajectory.duration, SAMPLES)
+        bad = list(times[~self._checker.is_free_batch(trajectory(times))])
+        if certificate.first_contact is not None:
+            bad.append(certificate.first_contact.time)
+        if certificate.undecided is not None:
+            bad += [certificate.undecided.start, certificate.undecided.end]
+        first, last = min(bad, default=0.0), max(bad, default=trajectory.duration)
+        rests = [
+            float(t)
+            for t, v, q in zip(trajectory.times, trajectory.velocities, trajectory.q, strict=True)
+            if not v.any() and self._checker.is_free(q)
+        ]
+        before = [t for t in rests if t <= first][::-1] or [0.0]
+        after = [t for t in rests if t >= last] or [trajectory.duration]
+        spans = sorted(product(before, after), key=lambda span: span[1] - span[0])
+        chosen = [span for span in spans if span[0] < span[1]][: MOST_ATTEMPTS - 1]
+        whole = (0.0, trajectory.duration)
+        yield from chosen
+        if whole not in chosen:
+            yield whole
+
+    def save(self, path: str | Path) -> None:
+        """Write the motions to a ``.json`` file, with hashes of the robot, the tool and each motion.
+
+        The format is described in docs/formats/library.md. Evidence is not written: :meth:`load` certifies every
+        motion, so that no proof depends on the file.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written.
+        """
+        motions = {motion.name: motion.trajectory for motion in self}
+        tolerances = self._joint_tolerance, self._obstacle_tolerance
+        library_file.write(Path(path), self._checker, tolerances, motions)
+
+    @classmethod
+    def load(cls, path: str | Path, checker: CollisionChecker, *, tolerance: float | None = None) -> MotionLibrary:
+        """Read a file of :meth:`save` and certify its motions for a checker, whose scene may be another one.
+
+        Motions that are not collision-free in the scene of the checker are kept, as in :meth:`with_checker`.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be read or was changed, or is for another robot, other attached objects or another
+            margin.
+        """
+        content = library_file.read(Path(path), checker)
+        library = cls(
+            checker,
+            joint_tolerance=content.joint_tolerance,
+            obstacle_tolerance=content.obstacle_tolerance,
+            tolerance=tolerance,
+        )
+        motions = {
+            name: library._new(name, trajectory, library._certify(trajectory))
+            for name, trajectory in content.motions.items()
+        }
+        return library._copy(checker, motions)
+
+    def _certify(self, trajectory: Trajectory, checker: CollisionChecker | None = None) -> Certificate:
+        return certify(
+            trajectory,
+            checker or self._checker,
+            tolerance=self._tolerance,
+            joint_tolerance=self._joint_tolerance,
+            obstacle_tolerance=self._obstacle_tolerance,
+            record=True,
+        )
+
+    def _new(self, name: str, trajectory: Trajectory, certificate: Certificate) -> StoredMotion:
+        """A motion with a recorded certificate; the evidence is kept in the proof only."""
+        proof = StoredProof(certificate) if certificate.free else None
+        return StoredMotion(name, trajectory, certificate, proof)
+
+    def _with(self, motion: StoredMotion) -> MotionLibrary:
+        return self._copy(self._checker, {**self._motions, motion.name: motion})
+
+    def _copy(self, checker: CollisionChecker, motions: dict[str, StoredMotion]) -> MotionLibrary:
+        other = MotionLibrary(
+            checker,
+            joint_tolerance=self._joint_tolerance,
+            obstacle_tolerance=self._obstacle_tolerance,
+            tolerance=self._tolerance,
+        )
+        other._motions = motions
+        return other
+
+    def __repr__(self) -> str:
+        lines = (f"{m.name}: {m.trajectory.duration:.4g} s, {m.certificate.status.name}" for m in self)
+        return outline(f"MotionLibrary({self._headline})", lines, total=len(self))
+
+    def _repr_html_(self) -> str:
+        rows: Sequence[Sequence[object]] = [
+            (m.name, m.trajectory.duration, m.certificate.status.name, m.certificate.message) for m in self
+        ]
+        return html_block(self._headline, html_table(("motion", "duration [s]", "status", "certificate"), rows))
+
+    @property
+    def _headline(self) -> str:
+        free = sum(motion.free for motion in self)
+        motions = "1 motion" if len(self) == 1 else f"{len(self)} motions"
+        return f"{motions} of {self._checker.group.robot.name}, {free} proven collision-free"
+
+
+def _replaced(trajectory: Trajectory, first: float, last: float, detour: Trajectory) -> Trajectory:
+    """The motion with another part between two times at which it rests."""
+    parts = []
+    if first > 0.0:
+        parts.append(trajectory.split(first)[0])
+    parts.append(detour)
+    if last < trajectory.duration:
+        parts.append(trajectory.split(last)[1])
+    return Trajectory.join(*parts)

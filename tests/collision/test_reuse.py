@@ -1,0 +1,163 @@
+"""Certificates in changed scenes from stored evidence: the verdict is that of a certificate from scratch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision.reuse import SetupChange, StoredProof
+from pinproof.errors import InputError
+
+POST = pp.Obstacle("post", pp.Cylinder(radius=0.04, length=0.4), pp.pose((0.55, 0, 0.2)))
+CRATE = pp.Obstacle("crate", pp.Box(0.2, 0.2, 0.2), pp.pose((-0.5, 0.5, 0.1)))
+TABLE = pp.Obstacle("table", pp.Box(1.2, 1.6, 0.04), pp.pose((0.4, 0, -0.045)))
+GRIPPER = pp.Obstacle("gripper", pp.Box(0.05, 0.05, 0.1), pp.pose((0, 0, 0.05)))
+
+
+@pytest.fixture(scope="module")
+def checker(ur5):
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    return pp.CollisionChecker(arm, pp.Scene([TABLE, POST, CRATE], allowed=[("base_link", "table")]), margin=0.005)
+
+
+@pytest.fixture(scope="module")
+def motion(checker):
+    high, low = [0.6, -1.4, 1.2, -1.4, -1.57, 0], [0.6, -0.9, 1.5, -2.2, -1.57, 0]
+    path = pp.JointPath([high, low, high, [-0.9, *high[1:]]], checker.arm.joint_names)
+    return pp.time_parametrise(path, checker.arm.limits)
+
+
+@pytest.fixture(scope="module")
+def proof(checker, motion):
+    return StoredProof(pp.certify(motion, checker, record=True))
+
+
+def changed_scene(scene: pp.Scene, near: np.ndarray, rng: np.random.Generator) -> pp.Scene:
+    """The scene with one obstacle moved, removed, or added at a point that the tool passes."""
+    kind, name = rng.integers(3), str(rng.choice(scene.names))
+    if kind == 0:
+        shape = pp.Sphere(rng.uniform(0.01, 0.08)) if rng.random() < 0.5 else pp.Box(*rng.uniform(0.02, 0.2, 3))
+        place = pp.pose(near + rng.normal(size=3) * 0.15, rng.uniform(-3, 3, 3))
+        return scene.add(pp.Obstacle("new", shape, place))
+    if kind == 1:
+        return scene.remove(name)
+    pose = scene[name].pose.copy()
+    pose.translation = pose.translation + rng.normal(size=3) * rng.choice([0.005, 0.05, 0.3])
+    return scene.move(name, pose)
+
+
+def test_random_changes_give_the_verdict_of_a_certificate_from_scratch(checker, motion, proof) -> None:
+    rng, found = np.random.default_rng(0), dict.fromkeys(pp.CertificateStatus, 0)
+    for trial in range(45):
+        passed = checker.arm.forward_kinematics(motion(rng.uniform(0, motion.duration))).translation
+        other = checker.with_scene(changed_scene(checker.scene, passed, rng))
+        again, fresh = proof.certify(SetupChange(checker, other)), pp.certify(motion, other)
+        assert again.status is fresh.status
+        assert (again.curve, again.setup, again.notes, again.pairs) == (
+            fresh.curve, fresh.setup, fresh.notes, fresh.pairs,
+        )  # fmt: skip
+        found[again.status] += 1
+        if again.free:
+            assert other.margin <= again.clearance <= again.observed
+            if trial % 10 == 0:
+                assert not pp.audit(motion, other, step=0.02).contacts
+        elif again.first_contact is not None:
+            assert other.check(again.first_contact.q).contacts
+    assert min(found[pp.CertificateStatus.FREE], found[pp.CertificateStatus.COLLIDING]) >= 5
+
+
+def test_removal_of_an_obstacle_proves_no_pair_again(checker, motion, proof) -> None:
+    change = SetupChange(checker, checker.with_scene(checker.scene.remove("post")))
+    assert change.changed == 0
+    again = proof.certify(change)
+    assert again.free
+    assert again.intervals <= 1
+    assert again.pairs == len(checker.pairs) - sum(checker.bodies[j].owner == "post" for _, j in checker.pairs)
+
+
+def test_move_of_an_obstacle_proves_only_its_pairs_again(checker, proof) -> None:
+    moved = checker.with_scene(checker.scene.move("crate", pp.pose((-0.5, 0.45, 0.1))))
+    change = SetupChange(checker, moved)
+    own = [k for k, (_, j) in enumerate(moved.pairs) if moved.bodies[j].owner == "crate"]
+    assert change.changed == len(own) - len(set(own) & set(moved.still_pairs.tolist()))
+    assert proof.certify(change).free
+
+
+def test_combined_evidence_is_a_portable_proof(checker, motion, proof, tmp_path) -> None:
+    moved = checker.with_scene(checker.scene.move("post", pp.pose((0.55, 0.0, 0.17))))
+    certificate = proof.certify(SetupChange(checker, moved), record=True).or_raise()
+    certificate.save(tmp_path / "proof.json")
+    assert pp.verify_proof(tmp_path / "proof.json", moved, motion).ok
+    again = StoredProof(certificate).certify(SetupChange(moved, checker))
+    assert again.free
+    assert again.setup == proof.certificate.setup
+
+
+def test_tolerances_of_the_stored_certificate_apply_to_new_obstacles(checker, motion) -> None:
+    wide = StoredProof(pp.certify(motion, checker, joint_tolerance=0.01, obstacle_tolerance=0.003, record=True))
+    for distance in np.linspace(0.0, 0.05, 6):
+        moved = checker.with_scene(checker.scene.move("post", pp.pose((0.55, 0.0, 0.17 + distance))))
+        again = wide.certify(SetupChange(checker, moved))
+        fresh = pp.certify(motion, moved, joint_tolerance=0.01, obstacle_tolerance=0.003)
+        assert again.status is fresh.status
+        assert (again.tube.joints == 0.01).all()
+        assert again.tube.obstacles == 0.003
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda c: c.with_margin(0.006), "margin"),
+        (lambda c: c.with_attached(GRIPPER), "gripper"),
+        (lambda c: pp.CollisionChecker(pp.load_robot("ur3").arm(), margin=0.005), "ur3"),
+        (lambda c: pp.CollisionChecker(c.arm, c.scene, margin=0.005, link_meshes="decomposed"), "geometry of"),
+    ],
+)  # fmt: skip
+def test_another_setup_is_refused_by_name(checker, change, named) -> None:
+    with pytest.raises(InputError, match=named):
+        SetupChange(checker, change(checker))
+
+
+def test_a_pair_with_a_larger_margin_is_proven_again(checker, motion, proof) -> None:
+    wider = checker.with_margin(margins={("wrist_3_link", "post"): 0.03})
+    change = SetupChange(checker, wider)
+    assert change.changed == 1
+    assert proof.certify(change).status is pp.certify(motion, wider).status
+    for margin in (0.2, 0.5):  # larger than the distance of the two
+        required = checker.with_margin(margins={("wrist_3_link", "post"): margin})
+        assert not proof.certify(SetupChange(checker, required)).free
+
+
+def test_a_pair_that_was_excluded_is_proven_again(checker, motion) -> None:
+    lenient = checker.allowing(("wrist_3_link", "post"), ("wrist_2_link", "post"))
+    proof = StoredProof(pp.certify(motion, lenient, record=True))
+    blocked = checker.scene.move("post", pp.pose(checker.arm.forward_kinematics(motion.end).translation))
+    change = SetupChange(lenient, checker)
+    assert change.changed == 2
+    assert proof.certify(change).free
+    strict = pp.CollisionChecker(checker.arm, blocked, margin=0.005)
+    assert proof.certify(SetupChange(lenient, strict)).status is pp.CertificateStatus.COLLIDING
+
+
+def test_incomplete_evidence_is_not_used(checker, proof) -> None:
+    evidence = proof.certificate.evidence
+    pair = evidence[:, 2] == evidence[len(evidence) // 2, 2]
+    late = evidence[:, 0] > proof.curve.domain[1] / 2
+    damaged = StoredProof(replace(proof.certificate, evidence=evidence[~(pair & late)]))
+    change = SetupChange(checker, checker.with_scene(checker.scene.remove("crate")))
+    assert np.isnan(damaged.lowest).sum() > np.isnan(proof.lowest).sum()
+    assert change.known(damaged) is None
+    assert change.known(proof) is not None
+    assert damaged.certify(change).free
+
+
+def test_certificates_without_evidence_are_refused(checker, motion) -> None:
+    with pytest.raises(InputError, match="record=True"):
+        StoredProof(pp.certify(motion, checker))
+    at_the_end = pp.pose(checker.arm.forward_kinematics(motion.end).translation)
+    through = checker.with_scene(checker.scene.move("post", at_the_end))
+    with pytest.raises(InputError, match="COLLIDING"):
+        StoredProof(pp.certify(motion, through, record=True))

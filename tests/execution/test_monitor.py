@@ -1,0 +1,141 @@
+"""The monitor: no contact without an earlier alarm, and stops that stay inside their certified tube."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.errors import InputError
+from pinproof.execution import MonitorStatus
+
+from .conftest import HIGH, LOW, OTHER, timed
+
+TICK = 0.004
+
+
+@pytest.fixture(scope="module")
+def monitor(checker, swing):
+    return pp.Monitor(checker, swing, joint_tolerance=0.02, latency=TICK, velocity_error=0.02)
+
+
+def test_tracking_with_noise_stays_inside(monitor, swing) -> None:
+    rng = np.random.default_rng(0)
+    for time in np.arange(0.0, swing.duration, 0.01):
+        q, dq = swing(time) + rng.uniform(-0.01, 0.01, 6), swing.velocity(time) + rng.uniform(-0.02, 0.02, 6)
+        result = monitor.update(time, q, dq)
+        assert result.inside
+        assert result.proven
+        assert not result.alarm
+        assert result.progress == time
+
+
+def test_a_late_robot_is_inside_at_an_earlier_point(monitor, swing) -> None:
+    result = monitor.update(1.2, swing(1.0), swing.velocity(1.0))  # the same configurations are passed before 0.7 s
+    assert result.inside
+    assert result.progress == pytest.approx(1.0, abs=2e-3)
+
+
+def test_the_joint_that_leaves_the_tube_is_named_with_its_excess(monitor, swing) -> None:
+    q = swing(0.5).copy()
+    q[4] += 0.05
+    result = monitor.update(0.5, q, swing.velocity(0.5))
+    assert result.alarm
+    assert result.joint == "wrist_2_joint"
+    assert 0.03 <= result.excess <= 0.032  # 0.05 - 0.02, and the errors within the latency
+    assert result.status is MonitorStatus.OUTSIDE_BRAKING_FREE
+    assert result.proven
+
+
+def test_a_stop_that_leads_into_an_obstacle_is_not_proven(monitor, checker, swing) -> None:
+    assert checker.is_free(LOW)
+    down = np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0])  # the shoulder lowers the tool onto the table
+    result = monitor.update(0.7, LOW + np.array([0, 0.05, 0, 0, 0, 0]), down)
+    assert result.status is MonitorStatus.OUTSIDE
+    assert not result.proven
+
+
+def test_measurements_that_are_not_finite_are_an_alarm(monitor, swing) -> None:
+    q = swing(0.5).copy()
+    q[2] = np.nan
+    result = monitor.update(0.5, q, np.zeros(6))
+    assert result.status is MonitorStatus.INVALID
+    assert result.alarm
+    assert not result.proven
+    assert result.joint == "elbow_joint"
+
+
+@pytest.mark.slow
+def test_no_contact_happens_without_an_earlier_alarm(checker, swing) -> None:
+    rng, contacts, alarms = np.random.default_rng(1), 0, 0
+    limit, tube = checker.arm.limits.acceleration, pp.certify(swing, checker, joint_tolerance=0.02)
+    for _ in range(20):
+        monitor = pp.Monitor(checker, swing, certificate=tube, latency=TICK)
+        fails, failure = rng.uniform(0.0, swing.duration), rng.uniform(-1.0, 1.0, 6) * limit
+        time, q, dq, alarm = 0.0, swing.start.copy(), np.zeros(6), False
+        while time < swing.duration + 0.5 and not alarm:
+            alarm = monitor.update(time, q, dq).alarm
+            if alarm:
+                alarms += 1
+                break
+            if time < fails:  # a noisy controller that follows the motion within the acceleration limits
+                t = min(time + TICK, swing.duration)
+                wanted = (swing.velocity(t) - dq) / TICK + 40 * (swing(t) - q) + rng.normal(size=6) * 2
+                acceleration = np.clip(wanted, -limit, limit)
+            else:
+                acceleration = failure
+            steps = np.linspace(0.0, TICK, 5)[1:, None]
+            path = q + dq * steps + 0.5 * acceleration * steps**2
+            contacts += int((~checker.is_free_batch(path)).sum())
+            q, dq, time = path[-1], dq + acceleration * TICK, time + TICK
+        stop = monitor.update(time, q, dq)
+        if stop.braking is not None and stop.proven:  # dense samples of a stop that is proven
+            contacts += int((~checker.is_free_batch(stop.braking(np.linspace(0, 1, 50)))).sum())
+    assert contacts == 0
+    assert alarms == 20, "every failure is detected"
+
+
+def test_simulated_stops_stay_inside_the_certified_tube(monitor, checker) -> None:
+    rng, limit = np.random.default_rng(2), checker.arm.limits.acceleration
+    for latency, error in ((0.0, 0.0), (0.004, 0.01)):
+        judge = pp.Monitor(
+            checker, timed(checker, HIGH, OTHER), joint_tolerance=0.02, latency=latency, velocity_error=error
+        )
+        for _ in range(20):
+            q, measured = rng.normal(size=6), rng.normal(size=6)
+            path, tolerance, stop = judge.stopping(q, measured)
+            start, step = path.start, path.end - path.start
+            v = measured + rng.uniform(-error, error, 6)
+            positions = [q]
+            for _ in range(40):  # any acceleration within the limits until the brakes act
+                acceleration = rng.uniform(-1, 1, 6) * limit
+                dt = latency / 40
+                positions.append(positions[-1] + v * dt + 0.5 * acceleration * dt**2)
+                v = v + acceleration * dt
+            duration = (np.abs(v) / limit).max()
+            assert latency + duration <= stop + 1e-12
+            t = np.linspace(0, duration, 200)[:, None]
+            positions = np.vstack([positions, positions[-1] + v * (t - t**2 / (2 * max(duration, 1e-12)))])
+            for point in positions[:: len(positions) // 30]:
+                # The shares of the segment at which each joint is within its tolerance have a share in common.
+                ends = np.sort([(point - start - side * tolerance) / step for side in (1, -1)], axis=0)
+                assert max(ends[0].max(), 0.0) <= min(ends[1].min(), 1.0) + 1e-9
+
+
+def test_certificates_of_other_motions_and_setups_are_refused(checker, swing) -> None:
+    other = pp.certify(timed(checker, HIGH, LOW), checker, joint_tolerance=0.02)
+    with pytest.raises(InputError, match="another motion"):
+        pp.Monitor(checker, swing, certificate=other)
+    bare = pp.certify(swing, checker)
+    with pytest.raises(InputError, match="joint_tolerance"):
+        pp.Monitor(checker, swing, certificate=bare)
+    wide = pp.certify(swing, checker, joint_tolerance=0.02)
+    assert pp.Monitor(checker, swing, certificate=wide).certificate is wide
+    stricter = checker.with_margin(wide.clearance + 0.05)
+    with pytest.raises(pp.errors.NotProvenFree):
+        pp.Monitor(stricter, swing, certificate=wide)
+
+
+def test_latency_that_uses_up_the_tube_is_refused(checker, swing) -> None:
+    with pytest.raises(InputError, match="latency"):
+        pp.Monitor(checker, swing, joint_tolerance=0.02, latency=0.2)

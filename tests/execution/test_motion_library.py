@@ -1,0 +1,119 @@
+"""The library of motions: lookup, changes of the scene, repair and files."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.errors import FileError, InputError, NotProvenFree, UnknownNameError
+
+from .conftest import HIGH, LOW, OTHER, timed
+
+
+@pytest.fixture(scope="module")
+def library(checker, swing):
+    lift = timed(checker, LOW, HIGH)
+    return pp.MotionLibrary(checker).add("swing", swing).add("lift", lift)
+
+
+@pytest.fixture(scope="module")
+def blocked(checker, swing):
+    """A scene with a ball in the last part of the swing."""
+    ball = pp.Obstacle("ball", pp.Sphere(0.03), pp.pose(checker.arm.forward_kinematics(swing(1.9)).translation))
+    return checker.scene.add(ball)
+
+
+def test_lookup_by_configurations_and_poses(checker, library) -> None:
+    fk = checker.arm.forward_kinematics
+    assert [m.name for m in library.find(start=LOW)] == ["lift"]
+    assert [m.name for m in library.find(goal=OTHER + 5e-4)] == ["swing"]
+    assert [m.name for m in library.find(start=fk(LOW), goal=HIGH)] == ["lift"]
+    assert library.find(start=LOW + 2e-3) == ()
+    assert [m.name for m in library.find(start=LOW + 2e-3, joints=5e-3)] == ["lift"]
+    turned = fk(OTHER) * pp.pose((0, 0, 0), (0, 0, 0.02))
+    assert library.find(goal=turned) == ()
+    assert [m.name for m in library.find(goal=turned, angle=0.03)] == ["swing"]
+
+
+def test_only_motions_that_are_proven_free_are_added(checker, library, blocked, swing) -> None:
+    with pytest.raises(NotProvenFree):
+        pp.MotionLibrary(checker.with_scene(blocked)).add("swing", swing)
+    with pytest.raises(InputError, match="'swing' already"):
+        library.add("swing", swing)
+    with pytest.raises(UnknownNameError, match="valid: swing, lift"):
+        library["swings"]
+
+
+def test_changed_scene_changes_the_verdicts_and_back(library, checker, blocked) -> None:
+    now = library.with_scene(blocked)
+    assert {m.name: m.free for m in now} == {"swing": False, "lift": True}
+    assert now.find(goal=OTHER) == ()
+    assert len(now.find(goal=OTHER, free=False)) == 1
+    for motion in now:
+        assert motion.certificate.status is pp.certify(motion.trajectory, now.checker).status
+        assert motion.certificate.matches(motion.trajectory, checker.arm, blocked)
+    assert all(motion.free for motion in now.with_scene(checker.scene))
+    assert all(motion.free for motion in library), "a library is immutable"
+    with pytest.raises(InputError, match="margin"):
+        library.with_checker(checker.with_margin(0.01))
+
+
+def test_repair_replaces_the_broken_part_only(library, blocked, swing) -> None:
+    result = library.with_scene(blocked).repair("swing", clearance=0.002)
+    assert result.ok
+    assert result.library["swing"].free
+    first, last = result.replaced
+    assert 0.0 < first < last
+    fixed = result.motion.trajectory
+    kept = np.linspace(0.0, first, 50)
+    assert np.array_equal(fixed(kept), swing(kept))
+    assert np.array_equal(fixed.end, swing.end)
+    assert pp.certify(fixed, result.library.checker).free
+    assert not pp.audit(fixed, result.library.checker, step=0.02).contacts
+
+
+def test_repair_of_an_unreachable_goal_fails_with_the_reason(library, checker) -> None:
+    goal = checker.arm.forward_kinematics(OTHER).translation
+    result = library.with_scene(checker.scene.add(pp.Obstacle("ball", pp.Sphere(0.05), pp.pose(goal)))).repair("swing")
+    assert not result.ok
+    assert "ball" in result.message
+    assert not result.library["swing"].free
+    with pytest.raises(pp.errors.NoAnswer):
+        result.or_raise()
+
+
+def test_file_restores_the_motions_exactly(library, checker, tmp_path) -> None:
+    library.save(tmp_path / "library.json")
+    again = pp.MotionLibrary.load(tmp_path / "library.json", checker)
+    assert again.names == library.names
+    for motion in again:
+        assert motion.trajectory.digest() == library[motion.name].trajectory.digest()
+        assert motion.free
+        assert motion.certificate.clearance == library[motion.name].certificate.clearance
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        (lambda c: c.with_margin(0.0), "margin"),
+        (lambda c: c.with_attached(pp.Obstacle("tool", pp.Sphere(0.01), pp.pose((0, 0, 0.05)))), "attached objects"),
+        (lambda c: pp.CollisionChecker(pp.load_robot("ur3").arm(), margin=0.005), "kinematics"),
+    ],
+)
+def test_file_for_another_setup_is_refused(library, checker, tmp_path, other, named) -> None:
+    library.save(tmp_path / "library.json")
+    with pytest.raises(FileError, match=named):
+        pp.MotionLibrary.load(tmp_path / "library.json", other(checker))
+
+
+def test_file_with_one_changed_number_is_refused(library, checker, tmp_path) -> None:
+    file = tmp_path / "library.json"
+    library.save(file)
+    data = json.loads(file.read_text())
+    data["motions"][1]["motion"]["points"][1]["positions"][2] += 1e-12
+    file.write_text(json.dumps(data))
+    with pytest.raises(FileError, match=r"motions\[1\].*'lift' was changed"):
+        pp.MotionLibrary.load(file, checker)

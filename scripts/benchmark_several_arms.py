@@ -4,7 +4,8 @@
 python scripts/benchmark_several_arms.py --mbm FOLDER            MotionBenchMaker problems of both arms of a Baxter
 python scripts/benchmark_several_arms.py --edges 10000           certifies random edges and checks every verdict
 python scripts/benchmark_several_arms.py --mover-edges 10000     the same among moving obstacles
-python scripts/benchmark_several_arms.py --mbm FOLDER --edges 10000 --mover-edges 10000 --docs
+python scripts/benchmark_several_arms.py --belt                  takes the parts of a conveyor and audits the motions
+python scripts/benchmark_several_arms.py --mbm FOLDER --edges 10000 --mover-edges 10000 --belt --docs
                                                                  all, and rewrites docs/benchmarks/several_arms.*
 python scripts/benchmark_several_arms.py --render                rewrites the page from several_arms.json
 
@@ -23,6 +24,7 @@ from time import process_time
 from typing import Any, ClassVar
 
 import numpy as np
+from belt_picks import SPEEDS, STEP, BeltRow, belt_rows
 from collision_edges import EdgeRow, check_edges
 from mover_edges import FASTEST, SAMPLE_STEP, mover_edge_rows
 
@@ -76,19 +78,21 @@ class SeveralArmsTable(BenchmarkTable):
     motions: tuple[MotionOfTwoRow, ...]
     edges: tuple[EdgeRow, ...]
     mover_edges: tuple[EdgeRow, ...]
+    belts: tuple[BeltRow, ...] = ()
 
     topic: ClassVar[str] = "several arms"
     row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {
         "motions": MotionOfTwoRow,
         "edges": EdgeRow,
         "mover_edges": EdgeRow,
+        "belts": BeltRow,
     }
 
     @property
     def wrong(self) -> list[str]:
         """Motions in collision, and wrong verdicts on edges, as sentences."""
         unsafe = [f"{row.problem}: {row.audit}" for row in self.motions if row.audit]
-        return [*unsafe, *(text for row in (*self.edges, *self.mover_edges) for text in row.wrong)]
+        return [*unsafe, *(text for row in (*self.edges, *self.mover_edges, *self.belts) for text in row.wrong)]
 
 
 def measure_problem(problem: PlanProblem, seed: int) -> MotionOfTwoRow:
@@ -197,6 +201,8 @@ def page(table: SeveralArmsTable) -> str:
         lines += ["## Certificates of random edges", "", *_edges(table), ""]
     if table.mover_edges:
         lines += ["## Certificates among moving obstacles", "", *_mover_edges(table), ""]
+    if table.belts:
+        lines += ["## Picks from a conveyor", "", *_belts(table), ""]
     lines += bullet_section("Wrong verdicts", table.wrong)
     return "\n".join(lines).rstrip() + "\n"
 
@@ -281,6 +287,36 @@ def _mover_edges(table: SeveralArmsTable) -> list[str]:
     return [*wrapped(text), "", *_edge_table("robot", table.mover_edges)]
 
 
+def _belts(table: SeveralArmsTable) -> list[str]:
+    text = (
+        "The parts of a conveyor are taken one after the other and put onto a tray; each pick starts where and when "
+        "the one before ended. A part that comes too early for the arm passes, and is an obstacle. The tool meets each "
+        "part, follows it while the gripper closes, and lifts it. The audit checks every motion on exact meshes at "
+        f"samples between which nothing moves more than {STEP:g} rad or m, with all parts on the belt moving. The "
+        "deviation is the largest proven bound of the distance of the tcp from its place on the moving part while the "
+        "gripper closes."
+    )
+    columns = (
+        "cell", "belt, m/s", "taken", "cycle, s", "deviation, mm", "clearance, mm", "planning, s for each", "samples",
+        "unsafe in the audit",
+    )  # fmt: skip
+    cells = [
+        [
+            row.cell,
+            f"{row.speed:g}",
+            f"{row.taken} of {row.parts}",
+            f"{row.mean_cycle:.2f}",
+            f"{row.deviation * 1e3:.4f}",
+            f"{row.clearance * 1e3:.1f}",
+            f"{row.seconds / row.parts:.2f}",
+            f"{row.samples:,}",
+            str(len(row.wrong)),
+        ]
+        for row in table.belts
+    ]
+    return [*wrapped(text), "", *markdown_table(columns, cells)]
+
+
 def _edge_table(name: str, rows: Sequence[EdgeRow]) -> list[str]:
     columns = (name, "edges", "FREE", "COLLIDING", "UNDECIDED", "configurations checked", "mean, ms", "wrong")
     cells = [
@@ -311,6 +347,7 @@ def main() -> None:
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
     parser.add_argument("--edges", type=int, default=0, metavar="N", help="number of random edges")
     parser.add_argument("--mover-edges", type=int, default=0, metavar="N", help="number of random edges among movers")
+    parser.add_argument("--belt", action="store_true", help="picks from a conveyor")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/several_arms.*")
     parser.add_argument("--render", action="store_true", help="rewrite the page from several_arms.json")
@@ -326,7 +363,8 @@ def main() -> None:
         edges = measure_edges(options.edges, options.seed, _progress) if options.edges else []
         mover_edges = mover_edge_rows(options.mover_edges, options.seed, _progress) if options.mover_edges else []
         settings = {"mbm": options.mbm is not None, "edges": options.edges, "coal": installed_version("coal")}
-        table = SeveralArmsTable(settings, origin, tuple(motions), tuple(edges), tuple(mover_edges))
+        belts = belt_rows(SPEEDS, options.seed, _progress) if options.belt else []
+        table = SeveralArmsTable(settings, origin, tuple(motions), tuple(edges), tuple(mover_edges), tuple(belts))
     text = page(table)
     if options.docs or options.render:
         table.write(FOLDER, "several_arms", text)

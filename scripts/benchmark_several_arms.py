@@ -314,6 +314,8 @@ def _belts(table: SeveralArmsTable) -> list[str]:
         ]
         for row in table.belts
     ]
+    if "belts" in table.settings:
+        text += f" {table.settings['belts']}"
     return [*wrapped(text), "", *markdown_table(columns, cells)]
 
 

@@ -5,7 +5,8 @@ python scripts/benchmark_several_arms.py --mbm FOLDER            MotionBenchMake
 python scripts/benchmark_several_arms.py --edges 10000           certifies random edges and checks every verdict
 python scripts/benchmark_several_arms.py --mover-edges 10000     the same among moving obstacles
 python scripts/benchmark_several_arms.py --shared-bin            two UR5 over one bin with 40 parts
-python scripts/benchmark_several_arms.py --mbm FOLDER --edges 10000 --mover-edges 10000 --shared-bin --docs
+python scripts/benchmark_several_arms.py --belt                  takes the parts of a conveyor and audits the motions
+python scripts/benchmark_several_arms.py --mbm FOLDER --edges 10000 --mover-edges 10000 --shared-bin --belt --docs
                                                                  all, and rewrites docs/benchmarks/several_arms.*;
                                                                  with --keep, parts that are not measured are kept
 python scripts/benchmark_several_arms.py --render                rewrites the page from several_arms.json
@@ -25,6 +26,7 @@ from time import process_time
 from typing import Any, ClassVar
 
 import numpy as np
+from belt_picks import SPEEDS, STEP, BeltRow, belt_rows
 from collision_edges import EdgeRow, check_edges
 from mover_edges import FASTEST, SAMPLE_STEP, mover_edge_rows
 from shared_bin import AUDIT_STEP as BIN_AUDIT_STEP
@@ -80,7 +82,8 @@ class SeveralArmsTable(BenchmarkTable):
     motions: tuple[MotionOfTwoRow, ...]
     edges: tuple[EdgeRow, ...]
     mover_edges: tuple[EdgeRow, ...]
-    cells: tuple[SharedBinRow, ...]
+    cells: tuple[SharedBinRow, ...] = ()
+    belts: tuple[BeltRow, ...] = ()
 
     topic: ClassVar[str] = "several arms"
     row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {
@@ -88,6 +91,7 @@ class SeveralArmsTable(BenchmarkTable):
         "edges": EdgeRow,
         "mover_edges": EdgeRow,
         "cells": SharedBinRow,
+        "belts": BeltRow,
     }
 
     @property
@@ -95,7 +99,7 @@ class SeveralArmsTable(BenchmarkTable):
         """Motions in collision, and wrong verdicts on edges, as sentences."""
         unsafe = [f"{row.problem}: {row.audit}" for row in self.motions if row.audit]
         unsafe += [f"{row.cell}: {text}" for row in self.cells for text in row.unsafe]
-        return [*unsafe, *(text for row in (*self.edges, *self.mover_edges) for text in row.wrong)]
+        return [*unsafe, *(text for row in (*self.edges, *self.mover_edges, *self.belts) for text in row.wrong)]
 
 
 def measure_problem(problem: PlanProblem, seed: int) -> MotionOfTwoRow:
@@ -207,6 +211,8 @@ def page(table: SeveralArmsTable) -> str:
         lines += ["## Certificates among moving obstacles", "", *_mover_edges(table), ""]
     if table.cells:
         lines += ["## Picks of two arms over one bin", "", *_cells(table), ""]
+    if table.belts:
+        lines += ["## Picks from a conveyor", "", *_belts(table), ""]
     lines += bullet_section("Wrong verdicts", table.wrong)
     return "\n".join(lines).rstrip() + "\n"
 
@@ -306,6 +312,7 @@ PARTS = {
     "edges": "random edges",
     "mover_edges": "edges among moving obstacles",
     "cells": "picks of two arms",
+    "belts": "picks from a conveyor",
 }
 """The parts of the page, which can be measured in separate runs."""
 
@@ -342,6 +349,36 @@ def _cells(table: SeveralArmsTable) -> list[str]:
     return [*wrapped(text), "", *markdown_table(columns, cells)]
 
 
+def _belts(table: SeveralArmsTable) -> list[str]:
+    text = (
+        "The parts of a conveyor are taken one after the other and put onto a tray; each pick starts where and when "
+        "the one before ended. A part that comes too early for the arm passes, and is an obstacle. The tool meets each "
+        "part, follows it while the gripper closes, and lifts it. The audit checks every motion on exact meshes at "
+        f"samples between which nothing moves more than {STEP:g} rad or m, with all parts on the belt moving. The "
+        "deviation is the largest proven bound of the distance of the tcp from its place on the moving part while the "
+        "gripper closes."
+    )
+    columns = (
+        "cell", "belt, m/s", "taken", "cycle, s", "deviation, mm", "clearance, mm", "planning, s for each", "samples",
+        "unsafe in the audit",
+    )  # fmt: skip
+    cells = [
+        [
+            row.cell,
+            f"{row.speed:g}",
+            f"{row.taken} of {row.parts}",
+            f"{row.mean_cycle:.2f}",
+            f"{row.deviation * 1e3:.4f}",
+            f"{row.clearance * 1e3:.1f}",
+            f"{row.seconds / row.parts:.2f}",
+            f"{row.samples:,}",
+            str(len(row.wrong)),
+        ]
+        for row in table.belts
+    ]
+    return [*wrapped(text), "", *markdown_table(columns, cells)]
+
+
 def _edge_table(name: str, rows: Sequence[EdgeRow]) -> list[str]:
     columns = (name, "edges", "FREE", "COLLIDING", "UNDECIDED", "configurations checked", "mean, ms", "wrong")
     cells = [
@@ -374,6 +411,7 @@ def main() -> None:
     parser.add_argument("--mover-edges", type=int, default=0, metavar="N", help="number of random edges among movers")
     parser.add_argument("--shared-bin", action="store_true", help="the picks of two arms over one bin")
     parser.add_argument("--keep", action="store_true", help="keep the parts of the page that are not measured")
+    parser.add_argument("--belt", action="store_true", help="picks from a conveyor")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/several_arms.*")
     parser.add_argument("--render", action="store_true", help="rewrite the page from several_arms.json")
@@ -389,7 +427,8 @@ def main() -> None:
         edges = measure_edges(options.edges, options.seed, _progress) if options.edges else []
         mover_edges = mover_edge_rows(options.mover_edges, options.seed, _progress) if options.mover_edges else []
         cells = [measure_shared_bin(options.seed, _progress)] if options.shared_bin else []
-        rows = {"motions": motions, "edges": edges, "mover_edges": mover_edges, "cells": cells}
+        belts = belt_rows(SPEEDS, options.seed, _progress) if options.belt else []
+        rows = {"motions": motions, "edges": edges, "mover_edges": mover_edges, "cells": cells, "belts": belts}
         measured = {part: origin["commit"] for part, found in rows.items() if found}
         if options.keep:
             before = SeveralArmsTable.load(FOLDER / "several_arms.json")

@@ -112,6 +112,15 @@ def test_verdict_among_movers_agrees_with_dense_samples_in_time(name: str, jerk:
     assert FREE in verdicts
 
 
+@pytest.mark.parametrize("name", MOVERS)
+def test_placements_of_a_mover_follow_the_definition_of_its_axis(name: str) -> None:
+    mover = MOVERS[name]
+    times = np.array([0.0, 0.3, 1.1, 25.0])
+    for t, placement in zip(times, mover.placements(times), strict=True):
+        value = float(mover.trajectory(min(t, mover.trajectory.duration))[0])
+        assert np.abs(placement - poses_at(mover, value).homogeneous).max() < 1e-12
+
+
 def test_part_that_arrives_on_a_conveyor_is_hit_where_it_stands_still_it_is_not() -> None:
     trajectory = over_the_belt(0.12)
     base = pp.CollisionChecker(ur5(), checker().scene.remove(*[f"part{i}" for i in range(1, 5)]))

@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof.collision import audit
 from pinproof.errors import PicksError
-from pinproof.picks import Conveyor, PickSetup, PickStatus, Stage
+from pinproof.picks import Conveyor, PickSetup, PickStatus, Stage, pick_from_belt
 
 FILE = Path(__file__).parents[2] / "robots" / "ur5" / "conveyor_picks.yaml"
 
@@ -97,6 +97,52 @@ def test_lifted_block_does_not_sink_into_the_belt() -> None:
     ]
     assert min(lowest) > 0.1 - 2e-4
     assert lowest[-1] > 0.19
+
+
+@pytest.mark.slow
+def test_picks_one_after_the_other_are_on_the_clock_of_the_belt() -> None:
+    belt, picks = cell()[2].conveyor, cell()[2].picks
+    result = pick_from_belt(setup(), picks[:3])
+    assert len(result.taken) == 3
+    assert len(result.cycle_times) == 3
+    placed, now = set(), 0.0
+    for verdict in result.taken:
+        assert verdict.intercept.start_time == pytest.approx(now)
+        for motion in verdict.motions:
+            for mover in motion.movers:
+                for t, placement in zip((0.0, 1.0), mover.placements(np.array([0.0, 1.0])), strict=True):
+                    assert placement[:3, 3] == pytest.approx(belt.travel(now + t), abs=1e-8)
+                assert not placed & set(mover.obstacles)
+            assert placed <= set(motion.scene.names)
+            now += motion.trajectory.duration
+        placed.add(verdict.pick.carried)
+    assert result.end_time == pytest.approx(now)
+    assert result.trajectory.duration == pytest.approx(now)
+    for name, pick in zip(sorted(placed), picks, strict=False):
+        block = result.taken[-1].motions[-1].scene[name].pose.translation
+        assert block == pytest.approx(np.array([0.15, -0.5, 0.015]) + pick.place.pose.translation, abs=1e-6)
+    with pytest.raises(pp.InputError, match="conveyor"):
+        pick_from_belt(setup(), [replace(picks[0], carried=None, place=None)])
+
+
+@pytest.mark.slow
+def test_certificate_matches_the_motion_only_with_its_movers() -> None:
+    arm, verdict = cell()[0], first()
+    for motion in verdict.motions:
+        around = motion.trajectory, arm.with_held(motion.held), motion.scene, motion.attached
+        assert motion.certificate.matches(*around, movers=motion.movers)
+        assert not motion.certificate.matches(*around)
+        assert not motion.certificate.matches(*around, movers=[mover.after(0.1) for mover in motion.movers])
+    with pytest.raises(pp.InputError, match="conveyor"):
+        verdict.program()
+
+
+def test_other_searches_refuse_picks_from_a_conveyor() -> None:
+    arm, scene, picks = cell()
+    with pytest.raises(pp.InputError, match="conveyor"):
+        pp.screen_picks(arm, scene, picks)
+    with pytest.raises(pp.InputError, match="conveyor"):
+        pp.sequence(setup(), picks)
 
 
 def changed(**changes):

@@ -190,3 +190,11 @@ def test_mover_seen_from_a_later_start_is_the_same_motion() -> None:
         at = np.linspace(0.0, seen.trajectory.duration, 7)
         expected = lift.trajectory(np.minimum(at + time, lift.trajectory.duration))
         assert np.abs(seen.trajectory(at) - expected).max() < 1e-12
+
+
+def test_window_that_is_shorter_than_the_joints_need_is_reported() -> None:
+    checker, drive = wall_of(0.1)
+    start, goal = reaching(ur5(), down(0.1, 0.5, 0.3), down(0.1, 0.3, 0.3))
+    result = plan_among_movers(checker, start, goal, [drive], window=(0.0, 0.01))
+    assert result.status is PlanStatus.OUT_OF_BUDGET
+    assert "window" in result.message

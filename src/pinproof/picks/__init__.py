@@ -5,6 +5,7 @@ files), ``judging`` (one pick, from reach to the timed and certified motion), ``
 ``batch`` (lists, campaigns, screening, reach maps).
 """
 
+from pinproof.picks.batch.belt_sequence import BeltSequence, pick_from_belt
 from pinproof.picks.batch.campaign import Campaign, CampaignResult
 from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, attainable_orientations, reach_map
 from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, tool_orientations
@@ -37,6 +38,7 @@ from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport
 
 __all__ = [
     "REPORT_SUFFIXES",
+    "BeltSequence",
     "Campaign",
     "CampaignResult",
     "CellRobot",
@@ -81,6 +83,7 @@ __all__ = [
     "attainable_orientations",
     "export_picks",
     "open_picks",
+    "pick_from_belt",
     "reach_map",
     "read_picks",
     "screen_picks",

@@ -184,6 +184,11 @@ def plan_among_movers(
     generator = np.random.default_rng(rng)
     times = _Times(whole.trajectory, whole.checker, group.dof, last, first)
     search = _Roadmap(times, still, ends, jerk)
+    if (least := search.least_time) > times.last:
+        late = (
+            f"the joints need at least {least:.3g} s to a goal, and the window ends {times.last:.3g} s after the start"
+        )
+        return failed(PlanStatus.OUT_OF_BUDGET, late)
     plans = planner or RrtConnect()
     tried, rounds = 0, 0
     while True:
@@ -269,7 +274,8 @@ class _Times:
     """
 
     def __init__(self, clock: Trajectory, checker: CollisionChecker, dof: int, last: float, first: float) -> None:
-        self.clock, self.checker, self.dof, self.first, self.last = clock, checker, dof, first, last
+        last = min(last, clock.duration)  # times of trajectories are rounded to nanoseconds
+        self.clock, self.checker, self.dof, self.first, self.last = clock, checker, dof, min(first, last), last
         self.grid = np.append(np.arange(0.0, last - STEP / 2, STEP), last)
         self.steering = checker.padded(SEARCH_PAD)
         self._at_grid = clock(self.grid)[:, dof:]
@@ -376,6 +382,12 @@ class _Roadmap:
         """(k,) lower bounds (s) of the time from each of q (k, n) to ``to`` (n,)."""
         velocity = np.where(np.isfinite(self._limits.velocity), self._limits.velocity, 1.0)
         return np.asarray((np.abs(q - to) / velocity).max(axis=-1))
+
+    @property
+    def least_time(self) -> float:
+        """Lower bound (s) of the time from the start to the nearest goal."""
+        goals = np.array([self.q[goal] for goal in self._goals])
+        return float(self._least(goals, self.q[self._start]).min())
 
     def _edge(self, a: int, b: int) -> _Edge | None:
         """The motion from a to b; None if its samples are in contact without the movers."""

@@ -8,8 +8,10 @@ Hermite curve with the joint velocities of the exact motion of the tool.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,17 +33,20 @@ Array = npt.NDArray[np.float64]
 TIME_STEP = 0.01
 """Seconds between solved poses."""
 
-LINE_SPEED = 0.6
+LINE_SPEED = 1.0
 """Mean speed (m/s) of the tool along the lines, relative to the belt, in the first attempt."""
 
-SHORTEST = 0.15
+SHORTEST = 0.1
 """Seconds: the shortest duration of a phase in the first attempt."""
 
-SLOWER = 1.3
-"""Factor by which the phases take longer in the next attempt."""
+RESERVE = 1.03
+"""Factor by which a phase is made longer than its excess over the limits requires."""
+
+LONGEST = 10.0
+"""Seconds: a phase that would take longer is not possible."""
 
 ATTEMPTS = 12
-"""Number of attempts; in the last one the phases take 18 times as long as in the first one."""
+"""Number of attempts to find durations of the phases within the limits."""
 
 ANY_SPEED = 1e3
 """rad/s or m/s: the limits of the joints are verified on the complete curve."""
@@ -77,62 +82,64 @@ def follow_belt(task: Task, member: Member, q: Array, belt: Conveyor) -> Followi
     task
         The pick with all poses at the time at which the tracking begins.
     """
+    grasp = task.grasp(member)
+    lines = tuple(end.translation - grasp.translation for end in (task.approach_end(grasp), task.retreat_end(grasp)))
+    into, out = (max(float(np.linalg.norm(line)) / LINE_SPEED, SHORTEST) for line in lines)
+    durations = np.array([SHORTEST, into, out, SHORTEST])
     reason = ""
-    for attempt in range(ATTEMPTS):
-        phases = _Phases.of(task, member, belt, SLOWER**attempt)
+    for _ in range(ATTEMPTS):
+        phases = _Phases(task, grasp, belt, *lines, *np.round(durations, 6).tolist())
         found = _followed(phases, q)
-        if not isinstance(found, str):
+        if not isinstance(found, _Excess):
             return found
-        reason = found
-        if phases.ramp + phases.into > belt.duration:
+        reason = found.reason
+        durations = durations * found.longer
+        if not (durations <= LONGEST).all():
             break
     return reason
+
+
+class _Excess(NamedTuple):
+    """Limits that are exceeded, and the factors (4,) by which the phases must take longer; infinite for no remedy."""
+
+    reason: str
+    longer: Array
 
 
 @dataclass(frozen=True, eq=False)
 class _Phases:
     """The pose of the tip as a function of time; time 0 is the begin of the tracking.
 
-    ``ramp`` is the duration of taking up and of giving up the speed, ``into`` and ``out`` those of the lines.
+    ``take_up`` and ``give_up`` are the durations in which the speed of the belt is taken up and given up, ``into`` and
+    ``out`` those of the lines, whose displacements are ``approach`` and ``retreat``.
     """
 
     task: Task
     grasp: SE3
     belt: Conveyor
-    ramp: float
-    into: float
-    out: float
     approach: Array
     retreat: Array
-
-    @classmethod
-    def of(cls, task: Task, member: Member, belt: Conveyor, factor: float) -> _Phases:
-        grasp = task.grasp(member)
-        approach = task.approach_end(grasp).translation - grasp.translation
-        retreat = task.retreat_end(grasp).translation - grasp.translation
-        ramp, into, out = (
-            _rounded(factor * max(length / LINE_SPEED, SHORTEST))
-            for length in (0.0, float(np.linalg.norm(approach)), float(np.linalg.norm(retreat)))
-        )
-        return cls(task, grasp, belt, ramp, into, out, approach, retreat)
+    take_up: float
+    into: float
+    out: float
+    give_up: float
 
     @property
-    def times(self) -> tuple[float, float, float, float]:
-        """The start, the begin of the tracking, its end, and the end of the motion."""
-        dwell = _rounded(self.belt.dwell)
-        return -self.ramp - self.into, 0.0, dwell, dwell + self.out + self.ramp
+    def times(self) -> tuple[float, ...]:
+        """The ends of the phases: the start, at the speed of the belt, at the part, it is held, lifted, and the end."""
+        dwell = round(self.belt.dwell, 6)
+        return -self.take_up - self.into, -self.into, 0.0, dwell, dwell + self.out, dwell + self.out + self.give_up
 
     def offset(self, t: float) -> tuple[Array, Array]:
         """The displacement (3,) of the tip from the grasp at time 0, and its velocity."""
-        start, _, end, last = self.times
+        start, begin, _, end, leave, last = self.times
         along, speed = np.array(self.belt.direction), self.belt.speed
-        begin, leave = start + self.ramp, last - self.ramp  # at the speed of the belt
         if t < begin:
-            u = (t - start) / self.ramp
-            moved, rate = begin - self.ramp * (0.5 - u**3 + 0.5 * u**4), u * u * (3.0 - 2.0 * u)
+            u = (t - start) / self.take_up
+            moved, rate = begin - self.take_up * (0.5 - u**3 + 0.5 * u**4), u * u * (3.0 - 2.0 * u)
         elif t > leave:
-            u = (last - t) / self.ramp
-            moved, rate = leave + self.ramp * (0.5 - u**3 + 0.5 * u**4), u * u * (3.0 - 2.0 * u)
+            u = (last - t) / self.give_up
+            moved, rate = leave + self.give_up * (0.5 - u**3 + 0.5 * u**4), u * u * (3.0 - 2.0 * u)
         else:
             moved, rate = t, 1.0
         down, falling = _smooth(-t / self.into)
@@ -152,16 +159,11 @@ def _smooth(u: float) -> tuple[float, float]:
     return u**3 * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * u * u * (1.0 - u) ** 2
 
 
-def _rounded(seconds: float) -> float:
-    return round(seconds, 6)
-
-
-def _followed(phases: _Phases, q: Array) -> Following | str:
-    arm = phases.task.arm
-    start, begin, end, last = phases.times
-    before, after = _solved(phases, begin, start, q), _solved(phases, begin, last, q, through=end)
+def _followed(phases: _Phases, q: Array) -> Following | _Excess | str:
+    arm, stops = phases.task.arm, phases.times
+    before, after = _solved(phases, stops[2::-1], q), _solved(phases, stops[2:], q)
     if isinstance(before, str):
-        return f"while the tool takes up the speed of the belt: {before}"
+        return f"before the tool is at the part on the belt: {before}"
     if isinstance(after, str):
         return f"while the tool follows the belt: {after}"
     times = np.concatenate([before[0][::-1], after[0][1:]])
@@ -174,26 +176,23 @@ def _followed(phases: _Phases, q: Array) -> Following | str:
         ]
     )
     velocities[[0, -1]] = 0.0
-    names, note = arm.joint_names, f"acceleration limits: {arm.limits.acceleration_source}"
-    cuts = [int(np.argmin(np.abs(times - cut))) for cut in (begin, end)]
-    rows = [slice(None, cuts[0] + 1), slice(cuts[1], None), slice(cuts[0], cuts[1] + 1)]
-    parts = [
-        Trajectory(times[row] - times[row][0], points[row], velocities[row], names, note)
-        for row in rows[: 2 + (end > begin)]
-    ]
-    if wrong := _violated(phases.task, parts):
-        return wrong
-    tracking = parts[2] if end > begin else None
+    note = f"acceleration limits: {arm.limits.acceleration_source}"
+
+    def part(first: int, last: int) -> Trajectory:
+        rows = slice(*(int(np.argmin(np.abs(times - stops[k]))) + extra for k, extra in ((first, 0), (last, 1))))
+        return Trajectory(times[rows] - times[rows][0], points[rows], velocities[rows], arm.joint_names, note)
+
+    tracking = part(2, 3) if stops[3] > stops[2] else None
+    pieces = [part(0, 1), part(1, 2), part(3, 4), part(4, 5)]
+    if (excess := _excess(phases.task, pieces, tracking)) is not None:
+        return excess
     position, turned = (0.0, 0.0) if tracking is None else _deviation(phases, tracking)
-    return Following(parts[0], tracking, parts[1], begin - start, position, turned)
+    return Following(part(0, 2), tracking, part(3, 5), stops[2] - stops[0], position, turned)
 
 
-def _solved(
-    phases: _Phases, first: float, last: float, q: Array, through: float | None = None
-) -> tuple[Array, Array] | str:
-    """The times and configurations from ``first`` to ``last``, in either direction; q (n,) is that at ``first``."""
-    stops = [first, last] if through is None or through == first else [first, through, last]
-    spans = [np.linspace(a, b, max(3, int(np.ceil(abs(b - a) / TIME_STEP))) + 1) for a, b in pairwise(stops)]
+def _solved(phases: _Phases, stops: Sequence[float], q: Array) -> tuple[Array, Array] | str:
+    """The times and configurations through the ends of phases, in either direction; q (n,) is at the first one."""
+    spans = [np.linspace(a, b, max(3, int(np.ceil(abs(b - a) / TIME_STEP))) + 1) for a, b in pairwise(stops) if a != b]
     times = np.concatenate([spans[0], *(span[1:] for span in spans[1:])])
     targets = [phases.target(phases.offset(t)[0]) for t in times[1:].tolist()]
     solved = track(phases.task.arm, targets, q, dt=1.0, velocity=ANY_SPEED)
@@ -202,23 +201,28 @@ def _solved(
     return times, np.vstack([q, solved.q])
 
 
-def _violated(task: Task, parts: list[Trajectory]) -> str:
-    """The first limit of the joints that a part exceeds; empty if all are kept."""
+def _excess(task: Task, pieces: Sequence[Trajectory], tracking: Trajectory | None) -> _Excess | None:
+    """The limits of the joints that are exceeded; None if all are kept."""
     limits, names = task.arm.limits, task.arm.joint_names
-    for name, part in zip(("the approach to", "the retreat from", "following"), parts, strict=False):
-        for what, most, limit, unit in (
-            ("speed", part.max_velocity(), limits.velocity, "rad/s"),
-            ("acceleration", part.max_acceleration(), limits.acceleration, "rad/s^2"),
+    longer, reason = np.ones(len(pieces)), ""
+    for k, part in enumerate([*pieces, *([] if tracking is None else [tracking])]):
+        for what, most, limit, power, unit in (
+            ("speed", part.max_velocity(), limits.velocity, 1.0, "rad/s"),
+            ("acceleration", part.max_acceleration(), limits.acceleration, 0.5, "rad/s^2"),
         ):
             joint = int(np.argmax(most / limit))
-            if most[joint] > limit[joint] * (1.0 + RATE_TOLERANCE):
-                words = f"{most[joint]:.3g} {unit}; its limit is {limit[joint]:.3g}"
-                return f"{name} the belt, the {what} of {names[joint]} is {words}"
-        low, high = part.range()
-        for outside in (low, high):
+            share = float(most[joint] / limit[joint])
+            if share <= 1.0 + RATE_TOLERANCE:
+                continue
+            reason = f"to follow the belt, the {what} of {names[joint]} is {most[joint]:.3g} {unit}"
+            reason += f"; its limit is {limit[joint]:.3g} {unit}"
+            if k == len(pieces):  # the speed of the belt is given
+                return _Excess(reason, np.full(len(pieces), np.inf))
+            longer[k] = max(longer[k], RESERVE * share**power)
+        for outside in part.range():
             if exceeded := limits.violations(outside, names):
-                return f"{name} the belt: {exceeded[0]}"
-    return ""
+                return _Excess(f"to follow the belt: {exceeded[0]}", np.full(len(pieces), np.inf))
+    return _Excess(reason, longer) if reason else None
 
 
 def _deviation(phases: _Phases, tracking: Trajectory) -> tuple[float, float]:

@@ -285,7 +285,9 @@ class _Moment:
             rng=self.seeds[1],
         )
         if plan.trajectory is None or plan.certificate is None:
-            raise _Refused(*stages[1:], StageResult(Stage.TRANSIT, False, f"from home: {plan.message}"))
+            raise _Refused(
+                *stages[1:], StageResult(Stage.TRANSIT, False, f"to the start of the approach: {plan.message}")
+            )
         timeline.add("transit", plan.trajectory, outside, plan.certificate)
         message = f"{plan.trajectory.duration:.3g} s, of which the arm waits {plan.waiting:.3g} s"
         return StageResult(Stage.TRANSIT, True, message, {"waiting": plan.waiting})

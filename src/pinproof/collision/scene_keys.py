@@ -10,6 +10,7 @@ from pinproof.common.file_keys import (
     ANY_TEXT,
     BOOLEAN,
     COUNT,
+    INTEGER,
     NUMBER,
     TEXT,
     Definition,
@@ -80,55 +81,49 @@ POSITIVE = {"$ref": NUMBER, "exclusiveMinimum": 0}
 INTRINSICS = KeyTable(
     "intrinsics",
     "A pinhole camera without distortion; the center of the first pixel is (0, 0).",
-    (
-        required("fx", POSITIVE, "focal length along the rows", "pixels"),
-        required("fy", POSITIVE, "focal length along the columns", "pixels"),
-        required("cx", NUMBER, "column of the principal point", "pixels"),
-        required("cy", NUMBER, "row of the principal point", "pixels"),
-        required("width", {**INTEGER, "minimum": 1}, "columns of the image", "pixels"),
-        required("height", {**INTEGER, "minimum": 1}, "rows of the image", "pixels"),
-    ),
+    required("fx", POSITIVE, "focal length along the rows", "pixels"),
+    required("fy", POSITIVE, "focal length along the columns", "pixels"),
+    required("cx", NUMBER, "column of the principal point", "pixels"),
+    required("cy", NUMBER, "row of the principal point", "pixels"),
+    required("width", {**INTEGER, "minimum": 1}, "columns of the image", "pixels"),
+    required("height", {**INTEGER, "minimum": 1}, "rows of the image", "pixels"),
 )
 
 VIEW = KeyTable(
     "view",
     "A depth image and its camera.",
-    (
-        required("image", TEXT, "the image (NPY, PNG or EXR), relative to the folder of this file"),
-        required("intrinsics", INTRINSICS, "the camera"),
-        required("camera", POSE, "root_from_camera: x to the right, y downwards, z forward"),
-        FileKey("depth_scale", POSITIVE, "metres per unit of the image, which images of integers need", "m"),
-        FileKey(
-            "depth_uncertainty",
-            {"$ref": NUMBER, "minimum": 0},
-            "largest error of a measured depth",
-            "m",
-            DEPTH_UNCERTAINTY,
-        ),
-        FileKey(
-            "pixel_margin",
-            {**INTEGER, "minimum": 0},
-            "pixels around the image of a cell that must be farther than the cell too",
-            "",
-            PIXEL_MARGIN,
-        ),
+    required("image", TEXT, "the image (NPY or PNG), relative to the folder of this file"),
+    required("intrinsics", INTRINSICS, "the camera"),
+    required("camera", POSE, "root_from_camera: x to the right, y downwards, z forward"),
+    FileKey("depth_scale", POSITIVE, "metres per unit of the image, which images of integers need", "m"),
+    FileKey(
+        "depth_uncertainty",
+        {"$ref": NUMBER, "minimum": 0},
+        "largest error of a measured depth",
+        "m",
+        DEPTH_UNCERTAINTY,
+    ),
+    FileKey(
+        "pixel_margin",
+        COUNT,
+        "pixels around the image of a cell that must be farther than the cell too",
+        "",
+        PIXEL_MARGIN,
     ),
 )
 
 GRID = KeyTable(
     "occupancy_grid",
     "Space that depth images prove free; everything else is an obstacle.",
-    (
-        required("voxel", SIZE, "side of a cell", "m"),
-        FileKey("unknown", {"enum": list(POLICIES)}, "what cells are that were not seen", "", POLICIES[0]),
-        FileKey("views", list_of(VIEW, 1), "the depth images; a cell is free if one of them proves it free"),
-        FileKey("bounds", list_of(POINT, 2, 2), "with `views`: lower and upper corner of the grid", "m"),
-        FileKey("cells", TEXT, "the states of the cells instead of `views`: base64 of zlib, as `Scene.save` writes it"),
-        FileKey("low", list_of(INTEGER, 3, 3), "with `cells`: indices of the first cell"),
-        FileKey("count", list_of({**INTEGER, "minimum": 1}, 3, 3), "with `cells`: numbers of cells along x, y, z"),
-        FileKey("record", list_of({"type": "string"}), "with `cells`: how the grid was made"),
-    ),
-    {
+    required("voxel", SIZE, "side of a cell", "m"),
+    FileKey("unknown", {"enum": list(POLICIES)}, "what cells are that were not seen", "", POLICIES[0]),
+    FileKey("views", list_of(VIEW, 1), "the depth images; a cell is free if one of them proves it free"),
+    FileKey("bounds", list_of(POINT, 2, 2), "with `views`: lower and upper corner of the grid", "m"),
+    FileKey("cells", TEXT, "the states of the cells instead of `views`: base64 of zlib, as `Scene.save` writes it"),
+    FileKey("low", list_of(INTEGER, 3, 3), "with `cells`: indices of the first cell"),
+    FileKey("count", list_of({**INTEGER, "minimum": 1}, 3, 3), "with `cells`: numbers of cells along x, y, z"),
+    FileKey("record", list_of({"type": "string"}), "with `cells`: how the grid was made"),
+    rules={
         "oneOf": [
             {
                 "required": ["views", "bounds"],

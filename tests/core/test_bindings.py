@@ -46,6 +46,34 @@ def chain() -> Any:
     return _core.Chain(**CHAIN)
 
 
+def carve(**changes: Any) -> None:
+    view: dict[str, Any] = {
+        "cells": np.ones((2, 2, 2), dtype=np.uint8),
+        "low": np.zeros(3, dtype=np.int64),
+        "side": 0.1,
+        "camera_from_grid": moved(0.0, 0.0, 1.0),
+        "intrinsics": np.array([4.0, 4.0, 1.5, 1.0]),
+        "nearest": np.ones((3, 4), dtype=np.float32),
+        "farthest": np.ones((3, 4), dtype=np.float32),
+        "pixel_margin": 0,
+    }
+    _core.carve(**{**view, **changes})
+
+
+def clear(**changes: Any) -> int:
+    box = np.array([[-1.0] * 3, [1.0] * 3])
+    ball = _core.Shape.convex(np.zeros((1, 3)), np.zeros(1), 1.0, np.zeros(3), box)
+    cells: dict[str, Any] = {
+        "cells": np.ones((2, 2, 2), dtype=np.uint8),
+        "low": np.zeros(3, dtype=np.int64),
+        "side": 0.1,
+        "shape": ball,
+        "shape_from_grid": EYE,
+        "padding": 0.0,
+    }
+    return _core.clear_within(**{**cells, **changes})
+
+
 def timed(**changes: Any) -> Any:
     task: dict[str, Any] = {
         "knots": np.arange(2.0),
@@ -493,6 +521,23 @@ REFUSED: dict[str, Callable[[], Any]] = {
         rows=lambda q, *_: (np.ones((len(q), 1)), *[np.ones((1, 1))] * 3), excess=lambda *_: np.ones(1)
     ),
     "corners of no waypoints": lambda: _core.corners(np.zeros((0, 2))),
+    "cells of another type": lambda: carve(cells=np.zeros((2, 2, 2))),
+    "cells of two dimensions": lambda: carve(cells=np.zeros((2, 2), dtype=np.uint8)),
+    "cells without a size": lambda: carve(side=0.0),
+    "cells without an end": lambda: carve(side=np.inf),
+    "cells too far away": lambda: carve(low=np.array([2**62, 0, 0])),
+    "a camera without a focal length": lambda: carve(intrinsics=np.array([0.0, 1, 0, 0])),
+    "a camera with NaN": lambda: carve(intrinsics=np.array([1.0, 1, NAN, 0])),
+    "a camera at NaN": lambda: carve(camera_from_grid=np.full((4, 4), NAN)),
+    "depths of different sizes": lambda: carve(farthest=np.ones((3, 5), dtype=np.float32)),
+    "depths without a pixel": lambda: carve(**dict.fromkeys(("nearest", "farthest"), np.ones((0, 4), np.float32))),
+    "a negative depth": lambda: carve(nearest=-np.ones((3, 4), dtype=np.float32)),
+    "a depth of NaN": lambda: carve(farthest=np.full((3, 4), NAN, dtype=np.float32)),
+    "a negative margin of pixels": lambda: carve(pixel_margin=-1),
+    "cells within a half-space": lambda: clear(shape=_core.Shape.half_space(np.zeros((2, 3)))),
+    "cells within a negative padding": lambda: clear(padding=-1.0),
+    "cells within a padding of NaN": lambda: clear(padding=NAN),
+    "cells of a shape at NaN": lambda: clear(shape_from_grid=np.full((4, 4), NAN)),
     "an array of float32": lambda: _core.Workspace(world()).judge(np.zeros(2, dtype=np.float32)),
 }
 
@@ -504,6 +549,8 @@ def test_the_core_refuses(case: str) -> None:
 
 
 def test_the_arguments_without_a_mistake_are_accepted() -> None:
+    carve()
+    assert clear() == 8
     region()
     assert manifold().project(np.full(DOF, 0.3), 0.5) is not None
     prove_upright(np.zeros((1, 2, DOF)), np.zeros(DOF))

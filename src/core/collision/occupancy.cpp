@@ -14,13 +14,15 @@ namespace {
 // Allowances for rounding, far above it and far below what a camera resolves.
 constexpr double kPixelSlack = 1e-6;  // pixels
 constexpr double kDepthSlack = 1e-9;  // m
+constexpr double kSingle = 2e-7;      // share of a number: above the rounding to single precision
 
 constexpr double kNear = 1e-6;  // m; points nearer to the plane of the camera, or behind it, are not in its view
 
 constexpr std::size_t kLeaf = 4;  // cells along the side of a block whose cells are judged one by one
 constexpr std::size_t kNodes = kLeaf + 1;
 
-// Levels up to this have a window at every pixel; the windows of higher levels are an eighth of their side apart.
+// Windows of pixels begin at every second pixel; those of more than 2^kDenseLevels pixels are a quarter of their side
+// apart. With a window at every pixel the tables would not fit into the cache.
 constexpr int kDenseLevels = 3;
 
 // A rectangle of pixels, both ends included.
@@ -37,21 +39,27 @@ struct DepthRange {
 // The depth range of windows of 2^level x 2^level pixels, cut off at the edges of the image.
 class WindowTable {
 public:
-    WindowTable(const DepthBounds& depth, int width, int height) {
-        Level pixels{width, height, 0, std::vector<float>(2 * depth.nearest.size())};
-        for (std::size_t i = 0; i < depth.nearest.size(); ++i) {
-            pixels.values[2 * i] = depth.nearest[i];
-            pixels.values[2 * i + 1] = -std::max(depth.nearest[i], depth.farthest[i]);
+    WindowTable(const DepthBounds& depth, int width, int height) : width_(width), height_(height) {
+        Level pairs = make(1);
+        for (int y = 0; y < height; ++y) {
+            const std::size_t row = static_cast<std::size_t>(y) * width;
+            float* out = pairs.values.data() + 2 * static_cast<std::size_t>(y >> 1) * pairs.width;
+            for (int x = 0; x < width; ++x) {
+                const float nearest = depth.nearest[row + x], farthest = depth.farthest[row + x];
+                float* window = out + 2 * (x >> 1);
+                window[0] = smaller(window[0], nearest);
+                window[1] = smaller(window[1], -std::max(nearest, farthest));
+            }
         }
-        levels_.push_back(std::move(pixels));
-        for (int level = 1; (1 << level) <= std::min(width, height); ++level) add(level, width, height);
+        levels_.push_back(std::move(pairs));
+        for (int level = 2; (1 << level) <= std::min(width, height); ++level) add(level);
     }
 
-    // The range of windows that contain the rectangle and reach at most an eighth of a window beyond it.
+    // The range of windows that contain the rectangle and reach at most three pixels, or a quarter of it, beyond it.
     DepthRange over(const PixelRect& rect) const {
         const int shorter = std::min(rect.right - rect.left, rect.bottom - rect.top) + 1;
-        const int level = std::bit_width(static_cast<unsigned>(shorter)) - 1;
-        const Level& windows = levels_[static_cast<std::size_t>(level)];
+        const int level = std::max(static_cast<int>(std::bit_width(static_cast<unsigned>(shorter))) - 1, 1);
+        const Level& windows = levels_[static_cast<std::size_t>(level - 1)];
         const int side = 1 << level, shift = windows.shift;
         // A window that ends at the edge of the rectangle or beyond it.
         const int last_x = (std::max(rect.right + 1 - side, rect.left) + (1 << shift) - 1) >> shift;
@@ -81,12 +89,18 @@ private:
 
     static float smaller(float a, float b) { return a < b ? a : b; }
 
-    void add(int level, int image_width, int image_height) {
+    Level make(int level) const {
+        const int shift = std::max(level - kDenseLevels, 0) + 1;
+        const int width = ((width_ - 1) >> shift) + 1, height = ((height_ - 1) >> shift) + 1;
+        const auto size = 2 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+        return {width, height, shift, std::vector<float>(size, std::numeric_limits<float>::infinity())};
+    }
+
+    void add(int level) {
         const Level& fine = levels_.back();
-        const int shift = std::max(level - kDenseLevels, 0), ratio = shift - fine.shift;
-        const int width = ((image_width - 1) >> shift) + 1, height = ((image_height - 1) >> shift) + 1;
+        Level coarse = make(level);
+        const int width = coarse.width, height = coarse.height, ratio = coarse.shift - fine.shift;
         const int half = (1 << (level - 1)) >> fine.shift;  // in windows of the finer level
-        Level coarse{width, height, shift, std::vector<float>(2 * static_cast<std::size_t>(width) * height)};
         // Windows in whose right half there are pixels.
         const int both = std::clamp((fine.width - half + (1 << ratio) - 1) >> ratio, 0, width);
         for (int y = 0; y < height; ++y) {
@@ -111,6 +125,7 @@ private:
         levels_.push_back(std::move(coarse));
     }
 
+    int width_, height_;  // of the image
     std::vector<Level> levels_;
 };
 
@@ -192,20 +207,30 @@ private:
             print.top = std::min(print.top, v);
             print.bottom = std::max(print.bottom, v);
         }
-        PixelRect rect;
-        const bool inside = pixels_of(print, rect);
-        if (rect.left > rect.right || rect.top > rect.bottom) return true;
-        const DepthRange range = windows_.over(rect);
-        if (inside && print.far_z + kDepthSlack < range.nearest) {
-            state = CellState::kFree;
-            return true;
-        }
-        return is_hidden(print, range);
+        const Outlook outlook = look(print);
+        state = outlook.state;
+        return outlook.decided;
     }
 
-    // Whether everything that the pixels prove or measure is in front of a footprint.
-    static bool is_hidden(const Footprint& print, const DepthRange& range) {
-        return range.farthest <= 0.0f || print.near_z - kDepthSlack > range.farthest;
+    // What the tables show of a region in front of the camera: one state for all cells in it, or the pixels that decide.
+    struct Outlook {
+        bool decided;
+        CellState state;
+        bool inside;  // whether all of its image is within that of the camera
+        PixelRect rect;
+    };
+
+    Outlook look(const Footprint& print) const {
+        Outlook outlook{true, CellState::kUnknown, false, {}};
+        PixelRect& rect = outlook.rect;
+        outlook.inside = pixels_of(print, rect);
+        if (rect.left > rect.right || rect.top > rect.bottom) return outlook;
+        const DepthRange range = windows_.over(rect);
+        if (outlook.inside && print.far_z + kDepthSlack < range.nearest)
+            outlook.state = CellState::kFree;
+        else  // unless everything that the pixels prove or measure is in front of it
+            outlook.decided = range.farthest <= 0.0f || print.near_z - kDepthSlack > range.farthest;
+        return outlook;
     }
 
     // The pixels of the image that a footprint, widened by the margin, touches; whether all of it is in the image.
@@ -278,21 +303,15 @@ private:
 
     CellState state_of(const Footprint& print) const {
         if (print.near_z < kNear) return CellState::kUnknown;
-        PixelRect rect;
-        const bool inside = pixels_of(print, rect);
-        if (rect.left > rect.right || rect.top > rect.bottom) return CellState::kUnknown;
-        const DepthRange range = windows_.over(rect);
-        if (inside && print.far_z + kDepthSlack < range.nearest) return CellState::kFree;
-        if (is_hidden(print, range)) return CellState::kUnknown;
-        return state_by_pixels(print, rect, inside);
+        const Outlook outlook = look(print);
+        return outlook.decided ? outlook.state : state_by_pixels(print, outlook.rect, outlook.inside);
     }
 
     // The tables reach a little beyond the rectangle; its own pixels decide.
     CellState state_by_pixels(const Footprint& print, const PixelRect& rect, bool inside) const {
         // Single precision, rounded away from the cell.
-        constexpr float infinity = std::numeric_limits<float>::infinity();
-        const float far_z = std::nextafter(static_cast<float>(print.far_z + kDepthSlack), infinity);
-        const float near_z = std::nextafter(static_cast<float>(print.near_z - kDepthSlack), 0.0f);
+        const auto far_z = static_cast<float>((print.far_z + kDepthSlack) * (1.0 + kSingle));
+        const auto near_z = static_cast<float>((print.near_z - kDepthSlack) * (1.0 - kSingle));
         bool blocked = !inside;
         for (int y = rect.top; y <= rect.bottom; ++y) {
             const float* nearest = depth_.nearest.data() + static_cast<std::size_t>(y) * camera_.width;

@@ -28,6 +28,9 @@ LEAST_DEPTH = 0.01
 LARGEST_WHOLE = 10.0
 """Metres. An image of whole numbers whose median exceeds this is in millimetres."""
 
+SAMPLES = 10_000
+"""Number of pixels of which the unit of an image is judged."""
+
 OFF_CENTER = 0.25
 """Share of the image by which the principal point of a camera may be off the center of its image."""
 
@@ -211,11 +214,13 @@ def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
     """Return the depths in metres, 0 where there is no measurement; refuse another unit."""
     whole = raw.dtype.kind in "iu"
     measured = np.isfinite(raw) & (raw != 0)
-    if (raw[measured] < 0).any():
-        raise InputError(f"the depth image holds {int((raw[measured] < 0).sum())} negative depths")
-    if not measured.any():
+    values = raw[measured]
+    if len(values) and values.min() < 0:
+        raise InputError(f"the depth image holds {int((values < 0).sum())} negative depths")
+    if not len(values):
         raise InputError(f"the depth image holds no measurement: all of its {raw.size} pixels are 0 or not finite")
-    median = float(np.median(raw[measured]))
+    values = values[:: max(1, len(values) // SAMPLES)]
+    median = float(np.median(values))
     if depth_scale is None:
         if whole:
             raise InputError(
@@ -225,7 +230,7 @@ def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
         depth_scale = 1.0
     require_positive("depth_scale", depth_scale)
     median *= depth_scale
-    whole = whole or bool((raw[measured] == np.floor(raw[measured])).all())
+    whole = whole or bool((values == np.floor(values)).all())
     if median > (LARGEST_WHOLE if whole else MOST_REACH):
         raise InputError(
             f"the depth image has a median depth of {median:g} m, which looks like millimetres: use "
@@ -240,7 +245,7 @@ def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
 
 
 def read_image(path: str | Path) -> npt.NDArray[Any]:
-    """Return the numbers of an image file: ``.npy``, ``.png`` or ``.exr``.
+    """Return the numbers of an image file: ``.npy`` or ``.png``.
 
     Raises
     ------

@@ -47,9 +47,8 @@ POLICIES = ("occupied", "free")
 class OccupancyGrid(ByContent):
     """Cubic cells of a box of space, each free, occupied or unknown.
 
-    :meth:`from_depth` makes one from a depth image, :func:`pinproof.collision.read_octomap` from a file. As a shape of
-    an :class:`~pinproof.Obstacle` the occupied cells are joined to boxes. Space outside the grid is free; certificates
-    note this.
+    :meth:`from_depth` makes one from a depth image. As the shape of an :class:`~pinproof.Obstacle`, the occupied cells
+    are joined to boxes. Space outside the grid is free; certificates note this.
 
     Parameters
     ----------
@@ -149,7 +148,7 @@ class OccupancyGrid(ByContent):
         Parameters
         ----------
         image
-            (height, width) depth along the optical axis, or a file (``.npy``, ``.png``, ``.exr``). Pixels that are 0 or
+            (height, width) depth along the optical axis, or a file (``.npy``, ``.png``). Pixels that are 0 or
             not finite have no measurement; the space behind them is unknown. Lens distortion must be removed already.
         intrinsics
             The camera: :class:`~pinproof.collision.Intrinsics`, or its matrix (3, 3).

@@ -165,7 +165,7 @@ def test_repr_of_a_good_report_states_clearance_and_duration(ur5) -> None:
         ("audit", ("samples",)),
         ("exported", ("clearance [mm]", "FREE")),
         ("monitor", ("tube of 0.005", "elbow_joint")),
-        ("tick", ("outside the certified tube", "2 waypoints")),
+        ("tick", ("outside the certified tube", "waypoint")),
         ("library", ("short", "FREE", "1 motion of ur5")),
         ("stored", ("short", "FREE", "largest velocity")),
         ("repair", ("nothing was replaced",)),

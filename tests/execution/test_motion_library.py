@@ -117,3 +117,21 @@ def test_file_with_one_changed_number_is_refused(library, checker, tmp_path) -> 
     file.write_text(json.dumps(data))
     with pytest.raises(FileError, match=r"motions\[1\].*'lift' was changed"):
         pp.MotionLibrary.load(file, checker)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "named"),
+    [
+        (lambda library: library.find(start=[1.0, 2.0]), "start or goal"),
+        (lambda library: library.find(start=HIGH, joints=0.0), "joints = 0.0"),
+        (lambda library: library.add("", library["lift"].trajectory), "not empty"),
+        (lambda library: library.repair("swings"), "unknown motion 'swings'"),
+        (lambda library: pp.MotionLibrary(library.checker, obstacle_tolerance="x"), "obstacle_tolerance = x"),
+        (lambda library: pp.Monitor(library.checker, HIGH), "not a ndarray"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named(library, mistake, named) -> None:
+    with pytest.raises(InputError, match=named):
+        mistake(library)
+    with pytest.raises(FileError, match=r"\.json"):
+        library.save("library.txt")

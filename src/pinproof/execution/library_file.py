@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
 from pinproof.common.file_keys import PLAIN_NUMBER, KeyTable, fault_in, list_of, required
-from pinproof.common.files import read_text, write_text_whole
+from pinproof.common.files import read_text, unknown_suffix, write_text_whole
 from pinproof.errors import FileError
 from pinproof.motion import Trajectory
 from pinproof.motion.motion_keys import MOTION
@@ -72,8 +72,10 @@ def write(
     Raises
     ------
     FileError
-        If the file cannot be written.
+        If it has another suffix than ``.json``, or cannot be written.
     """
+    if path.suffix != ".json":
+        raise FileError(path, unknown_suffix(path, [".json"]))
     joints = np.broadcast_to(np.asarray(tolerances[0], dtype=float), checker.group.dof)
     head = {
         "schema": SCHEMA,

@@ -174,6 +174,8 @@ class Monitor:
         velocity_error: npt.ArrayLike = 0.0,
     ) -> None:
         n = checker.group.dof
+        if not isinstance(trajectory, Trajectory):
+            raise InputError(f"a monitor needs a Trajectory, not a {type(trajectory).__name__}; time it first")
         if trajectory.joint_names != checker.group.joint_names:
             raise InputError(f"the motion has the joints {trajectory.joint_names}; the arm {checker.group.joint_names}")
         if trajectory.velocities[[0, -1]].any():
@@ -357,7 +359,10 @@ def _each(name: str, value: npt.ArrayLike, n: int, *, above_zero: bool = False) 
 
 
 def _measured(name: str, value: npt.ArrayLike, n: int) -> Array:
-    array = np.asarray(value, dtype=float)
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be {n} numbers: {error}") from error
     if array.shape != (n,):
         raise InputError(f"{name} must have the shape ({n},); it has {array.shape}")
     return array

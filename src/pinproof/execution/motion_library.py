@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, Scene, certify
-from pinproof.collision.assembly import only_arm
+from pinproof.collision.assembly import checked_margin, only_arm
 from pinproof.collision.reuse import SetupChange, StoredProof
 from pinproof.common.display import html_block, html_of, html_table, outline
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
@@ -145,7 +145,8 @@ class MotionLibrary:
         tolerance: float | None = None,
     ) -> None:
         self._checker = checker
-        self._joint_tolerance, self._obstacle_tolerance = joint_tolerance, float(obstacle_tolerance)
+        self._joint_tolerance = joint_tolerance
+        self._obstacle_tolerance = checked_margin("obstacle_tolerance", obstacle_tolerance)
         self._tolerance = tolerance
         self._motions: dict[str, StoredMotion] = {}
 
@@ -188,7 +189,9 @@ class MotionLibrary:
         NotProvenFree
             If the motion is not proven collision-free.
         """
-        if not name or name in self._motions:
+        if not isinstance(name, str) or not name:
+            raise InputError(f"the name of a motion is {name!r}; it must be a text that is not empty")
+        if name in self._motions:
             raise InputError(f"the library has a motion {name!r} already; choose another name, or remove it first")
         return self._with(self._new(name, trajectory, self._certify(trajectory).or_raise()))
 
@@ -254,7 +257,14 @@ class MotionLibrary:
             Metres and radians: largest differences of poses.
         free
             Whether only motions are returned that are proven collision-free in the scene of the library.
+
+        Raises
+        ------
+        InputError
+            If a shape is wrong, a pose is not rigid, or a tolerance is not above 0.
         """
+        if not min(joints, position, angle) > 0.0:
+            raise InputError(f"joints = {joints}, position = {position} and angle = {angle} must be above 0")
         found = []
         for motion in self:
             if free and not motion.free:

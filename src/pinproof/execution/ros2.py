@@ -202,7 +202,10 @@ def read_point_cloud2(message: Mapping[str, Any], resolution: float) -> PointClo
         formats.append(order + kind)
         offsets.append(offset)
     stated = _field(message, "data", where)
-    data = np.frombuffer(stated if isinstance(stated, (bytes, bytearray)) else bytes(stated), dtype=np.uint8)
+    try:
+        data = np.frombuffer(stated if isinstance(stated, (bytes, bytearray)) else bytes(stated), dtype=np.uint8)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"data of the {where} must be bytes: {error}") from error
     if min(width, height) < 0 or row < width * step or len(data) != row * height:
         raise InputError(
             f"the {where} has {len(data)} bytes; {height} rows of {row} bytes with {width} points of {step} bytes were "
@@ -233,7 +236,10 @@ def read_joint_state(message: Mapping[str, Any], joint_names: Sequence[str]) -> 
         order.append(names.index(name))
     found = []
     for key in ("position", "velocity"):
-        values = np.asarray(message.get(key, ()), dtype=float)
+        try:
+            values = np.asarray(message.get(key, ()), dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{key} of the JointState must be numbers: {error}") from error
         if len(values) not in (len(names), 0 if key == "velocity" else len(names)):
             raise InputError(f"the JointState has {len(names)} names and {len(values)} values of {key}")
         found.append(values[order] if len(values) else None)

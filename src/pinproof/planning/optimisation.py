@@ -42,7 +42,7 @@ __all__ = ["BUDGET", "OptimiseResult", "optimise"]
 Array = npt.NDArray[np.float64]
 
 BUDGET = 500
-"""Default number of evaluations: about 20 ms for an arm of seven joints between shelves."""
+"""Default number of evaluations: about 25 ms for an arm of seven joints between shelves."""
 
 RESOLUTION = 0.06
 """Metres that bodies move between two samples of a motion that is considered. Motions are proven later."""

@@ -367,7 +367,8 @@ def test_names_cannot_become_markup_and_the_same_report_gives_the_same_bytes(tmp
 
 @pytest.mark.slow
 def test_a_hundred_motions_stay_within_their_bytes() -> None:
-    stage, line = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0), attached=(), held={})
+    stage, swung = set_stage(ARM, SCENE), swing(ARM, duration=60.0)
+    line = SimpleNamespace(trajectory=swung, attached=(), held={}, movers=())
     long = SimpleNamespace(motions=(line,))
     for count in (1, 100, 1000):
         motions = PageMotions.of(stage, SCENE, (), [long] * count)

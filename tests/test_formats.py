@@ -546,7 +546,9 @@ def test_each_column_of_a_table_of_picks_is_a_key_of_a_pick() -> None:
 
 def test_every_column_of_a_table_of_picks_is_read(folder: Path) -> None:
     values = {"name": "a", "frame": "tray", "approach_frame": "tip", "retreat_frame": "root", "spin": "free"}
-    values |= {"object": "part", "support": "bin;tray", "place_frame": "tray", "place_support": "bin"}
+    values |= {"object": "part", "support": "bin;tray", "place_frame": "tray", "place_support": "bin", "arm": "left"}
+    robots = {"left": {"base": {}}}
+    (folder / "many.json").write_text(json.dumps({"robots": robots, "picks": "many.csv"}), encoding="utf-8")
     one = {name: values.get(name, "0.1") for names in COLUMNS.values() for name in names}
     for left_out in (
         ("quat_xyzw", "place.object_pose.xyz", "place.object_pose.rpy"),
@@ -555,10 +557,11 @@ def test_every_column_of_a_table_of_picks_is_read(folder: Path) -> None:
         gone = {name for key in left_out for name in COLUMNS[key]}
         row = {name: value for name, value in one.items() if name not in gone}
         (folder / "many.csv").write_text(",".join(row) + "\n" + ",".join(row.values()) + "\n", encoding="utf-8")
-        found = pp.read_picks(folder / "many.csv")
+        found = pp.read_picks(folder / "many.json")
         assert found.problems == ()
         (pick,) = found
         assert pick.place is not None
+        assert pick.arm == "left"
         assert pick.place.pose_of == ("object" if "place.xyz" in left_out else "tip")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,10 @@ SCENE = {
                 "cells": "eNpjYGQCAAAHAAQ=",
                 "record": ["a map"],
             },
+        },
+        {
+            "name": "octree",
+            "occupancy_grid": {"octomap": "map.ot", "bounds": [[0, 0, 0], [0.2, 0.2, 0.2]], "threshold": 0.6},
         },
         {"name": "ground", "height_map": {"heights": [[0, 0.1], [0, 0]], "x": 2, "y": 2, "bottom": -0.1}},
     ],
@@ -317,3 +322,5 @@ def write_parts(folder: Path) -> None:
     """Write the files that the samples name."""
     trimesh.creation.box((100, 100, 100)).export(folder / "part.stl")
     np.save(folder / "view.npy", np.full((3, 4), 0.8))
+    free_root = struct.pack("<fB", -1.0, 0)
+    (folder / "map.ot").write_bytes(b"# Octomap OcTree file\nid OcTree\nsize 1\nres 0.1\ndata\n" + free_root)

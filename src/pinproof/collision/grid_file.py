@@ -1,9 +1,10 @@
-"""Occupancy grids in scene files: the states of their cells, or the depth images of which they are made."""
+"""Occupancy grids in scene files: the states of their cells, the depth images of which they are made, or a map."""
 
 from __future__ import annotations
 
 import base64
 import binascii
+import math
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -21,7 +22,7 @@ from pinproof.spatial import SE3, finite
 
 __all__ = ["read_grid", "stated_grid"]
 
-SOURCES = ("cells", "views")
+SOURCES = ("cells", "views", "octomap")
 """The keys of which a grid has exactly one."""
 
 
@@ -55,21 +56,29 @@ def read_grid(
     source = [key for key in SOURCES if key in stated]
     if len(source) != 1:
         raise InputError(
-            f"occupancy_grid has {' and '.join(source) or 'neither'}; it needs one of {', '.join(SOURCES)}"
+            f"occupancy_grid has {' and '.join(source) or 'no source of its cells'}; it needs one of "
+            f"{', '.join(SOURCES)}"
         )
-    keys = {"cells": ("low", "count", "record"), "views": ("bounds",)}[source[0]]
-    valid = ("voxel", "unknown", source[0], *keys)
+    required = {"cells": ("voxel", "low", "count"), "views": ("voxel", "bounds"), "octomap": ()}[source[0]]
+    optional = {"cells": ("record",), "views": (), "octomap": ("bounds", "threshold")}[source[0]]
+    valid = (source[0], "unknown", *required, *optional)
     refuse_unknown(SceneError, path, f"key of occupancy_grid with {source[0]}", stated, valid, where)
-    missing = [key for key in ("voxel", *keys) if key not in stated and key != "record"]
+    missing = [key for key in required if key not in stated]
     if missing:
         raise InputError(f"occupancy_grid does not state its {' and '.join(missing)}")
-    voxel = float(finite("occupancy_grid.voxel", numbers_of("occupancy_grid.voxel", stated["voxel"]), ()))
+
+    def number(key: str, shape: tuple[int, ...] = ()) -> np.ndarray:
+        return finite(f"occupancy_grid.{key}", numbers_of(f"occupancy_grid.{key}", stated[key]), shape)
+
     unknown = stated.get("unknown", "occupied")
+    if "octomap" in stated:
+        threshold = {"threshold": float(number("threshold"))} if "threshold" in stated else {}
+        box = number("bounds", (2, 3)) if "bounds" in stated else None
+        file = _existing(path, "occupancy_grid.octomap", stated["octomap"])
+        return OccupancyGrid.from_octomap(file, unknown=unknown, bounds=box, **threshold)
+    voxel = float(number("voxel"))
     if "cells" in stated:
-        low, count = (
-            finite(f"occupancy_grid.{key}", numbers_of(f"occupancy_grid.{key}", stated[key]), (3,))
-            for key in ("low", "count")
-        )
+        low, count = (number(key, (3,)) for key in ("low", "count"))
         record = stated.get("record", [])
         if not isinstance(record, list) or not all(isinstance(line, str) for line in record):
             raise InputError("occupancy_grid.record: must be a list of texts")
@@ -79,7 +88,7 @@ def read_grid(
     views = stated["views"]
     if not isinstance(views, list) or not views:
         raise InputError(f"occupancy_grid.views: {views!r} is not a list of views")
-    bounds = finite("occupancy_grid.bounds", numbers_of("occupancy_grid.bounds", stated["bounds"]), (2, 3))
+    bounds = number("bounds", (2, 3))
     grids = []
     for view in views:
         if not isinstance(view, dict):
@@ -90,10 +99,17 @@ def read_grid(
     return grids[0].fuse(*grids[1:])
 
 
+def _existing(path: Path, key: str, stated: object) -> Path:
+    """Return the file that a key of the scene file ``path`` names."""
+    if not isinstance(stated, str) or not is_file(path.parent / stated):
+        raise InputError(f"{key}: there is no file {stated!r}; paths are relative to the scene file")
+    return path.parent / stated
+
+
 def _cells(stated: object, count: list[float]) -> np.ndarray:
     """Return the states of cells (nx, ny, nz) of their text."""
     shape = tuple(int(side) for side in count)
-    size = int(np.prod(count))
+    size = math.prod(shape)
     if list(shape) != count or min(shape) < 1 or size > MOST_CELLS:
         raise InputError(f"occupancy_grid.count: {count} must be three integers, with at most {MOST_CELLS} cells")
     try:
@@ -116,8 +132,7 @@ def _view(
     missing = [key for key in VIEW.required if key not in stated]
     if missing:
         raise InputError(f"a view of occupancy_grid does not state its {' and '.join(missing)}")
-    if not isinstance(stated["image"], str) or not is_file(path.parent / stated["image"]):
-        raise InputError(f"view.image: there is no file {stated['image']!r}; paths are relative to the scene file")
+    image = _existing(path, "view.image", stated["image"])
     for key, table in (("intrinsics", INTRINSICS), ("camera", POSE)):
         if not isinstance(stated[key], dict):
             raise InputError(f"view.{key}: {stated[key]!r} is not a mapping of {', '.join(table.names)}")
@@ -131,5 +146,5 @@ def _view(
     for key in ("width", "height"):
         if key in lens and lens[key] == int(lens[key]):
             lens[key] = int(lens[key])
-    seen = DepthView.read(path.parent / stated["image"], Intrinsics(**lens), pose_of(stated["camera"]), **settings)
+    seen = DepthView.read(image, Intrinsics(**lens), pose_of(stated["camera"]), **settings)
     return seen, {key: stated[key] for key in ("pixel_margin",) if key in stated}

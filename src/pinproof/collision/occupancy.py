@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from pinproof._core import carve, clear_within
 from pinproof.collision.depth_image import DEPTH_UNCERTAINTY, DepthView, Intrinsics, Piece, rounded
+from pinproof.collision.octomap_file import THRESHOLD, read_octomap
 from pinproof.collision.shape_values import LARGEST_SIZE, ByContent, checked_size
 from pinproof.common.validation import named_arguments, require_integer, require_positive
 from pinproof.errors import InputError
@@ -47,8 +48,9 @@ POLICIES = ("occupied", "free")
 class OccupancyGrid(ByContent):
     """Cubic cells of a box of space, each free, occupied or unknown.
 
-    :meth:`from_depth` makes one from a depth image. As the shape of an :class:`~pinproof.Obstacle`, the occupied cells
-    are joined to boxes. Space outside the grid is free; certificates note this.
+    :meth:`from_depth` makes one from a depth image, :meth:`from_octomap` from a map of OctoMap. As the shape of an
+    :class:`~pinproof.Obstacle`, the occupied cells are joined to boxes. Space outside the grid is free; certificates
+    note this.
 
     Parameters
     ----------
@@ -222,6 +224,55 @@ class OccupancyGrid(ByContent):
             grid = grid.cleared(part.pieces, 0.0, f"in {part.name}")
         return grid
 
+    @classmethod
+    def from_octomap(
+        cls,
+        path: str | Path,
+        *,
+        unknown: str = "occupied",
+        bounds: Bounds | None = None,
+        threshold: float = THRESHOLD,
+    ) -> OccupancyGrid:
+        """Return the cells of a map of OctoMap, at its resolution and in its frame.
+
+        The map is trusted: certificates do not cover bodies in cells that it states to be free.
+
+        Parameters
+        ----------
+        path
+            The file: ``.bt`` (occupied and free leaves) or ``.ot`` (probabilities; OcTree or ColorOcTree).
+        unknown
+            Whether cells that the map does not know are ``"occupied"`` or ``"free"``.
+        bounds
+            (2, 3) lower and upper corner (m) of the box of space that the grid covers, which is widened to whole
+            cells. Default: the smallest box that contains all known leaves.
+        threshold
+            Leaves of a ``.ot`` file are occupied if their occupancy is this or more. The leaves of a ``.bt`` file are
+            already divided.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be read, is truncated or damaged, holds another kind of tree, or has no known leaf.
+        InputError
+            If the bounds are empty, contain no known leaf, or have too many cells; if a threshold is given for a
+            ``.bt`` file.
+        """
+        leaves = read_octomap(path, threshold)
+        known: Array = np.asarray(leaves.bounds * leaves.resolution, dtype=np.float64)
+        lattice = f"the resolution of {Path(path).name}"
+        low, count, side = _lattice(known if bounds is None else bounds, leaves.resolution, lattice)
+        cells = np.full(count, UNKNOWN, dtype=np.uint8)
+        leaves.fill(cells, low, FREE, SEEN)
+        if (cells == UNKNOWN).all():
+            raise InputError(f"bounds contain no known leaf of {path}; it knows space within {known.tolist()}")
+        judged = "" if leaves.threshold is None else f" (occupied from an occupancy of {leaves.threshold:g})"
+        sentence = (
+            f"OctoMap file {Path(path).name} of {len(leaves.places)} known leaves{judged}; the map is trusted, bodies "
+            "that it does not show are not covered"
+        )
+        return cls(cells, side, tuple(low.tolist()), unknown, (sentence,))
+
     # -- combination and removal --------------------------------------------------------------------------------------
 
     def cleared(self, pieces: Iterable[Piece], padding: float, where: str) -> OccupancyGrid:
@@ -267,9 +318,14 @@ class OccupancyGrid(ByContent):
         return self.fuse(other)
 
 
-def _lattice(bounds: Bounds, voxel: float) -> tuple[npt.NDArray[np.int64], tuple[int, int, int], float]:
-    """Return the first cell (3,), the number of cells along each axis and their side for a box of space."""
-    side = checked_size("voxel", voxel)
+def _lattice(
+    bounds: Bounds, voxel: float, source: str = ""
+) -> tuple[npt.NDArray[np.int64], tuple[int, int, int], float]:
+    """Return the first cell (3,), the number of cells along each axis and their side for a box of space.
+
+    ``source`` names what states the side, if it is not the caller.
+    """
+    side = checked_size(source or "voxel", voxel)
     box = finite("bounds", bounds, (2, 3))
     if not (box[0] < box[1]).all():
         raise InputError(f"bounds = {box.tolist()} are empty; they are the lower and the upper corner of a box")
@@ -280,8 +336,8 @@ def _lattice(bounds: Bounds, voxel: float) -> tuple[npt.NDArray[np.int64], tuple
     nx, ny, nz = (np.ceil(box[1] / side - 1e-9).astype(np.int64) - low).clip(min=1).tolist()
     if nx * ny * nz > MOST_CELLS:
         least = float((np.prod(box[1] - box[0]) / MOST_CELLS) ** (1 / 3))
+        remedy = "state smaller bounds" if source else f"use {least:.2g} m or more, or smaller bounds"
         raise InputError(
-            f"voxel = {side:g} gives {nx} x {ny} x {nz} cells, more than {MOST_CELLS}; use {least:.2g} m or more, or "
-            "smaller bounds"
+            f"{source or 'voxel'} = {side:g} gives {nx} x {ny} x {nz} cells, more than {MOST_CELLS}; {remedy}"
         )
     return low, (nx, ny, nz), side

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pinproof.collision.depth_image import DEPTH_UNCERTAINTY
 from pinproof.collision.occupancy import PIXEL_MARGIN, POLICIES
+from pinproof.collision.octomap_file import THRESHOLD
 from pinproof.collision.shapes import BELOW_LOWEST, LARGEST_SIZE, SMALLEST_SIZE
 from pinproof.common.file_keys import (
     ANGLE,
@@ -112,24 +115,43 @@ VIEW = KeyTable(
     ),
 )
 
+_CELL_KEYS = ("low", "count", "record")
+
+
+def _without(*keys: str) -> dict[str, Any]:
+    """The rule of a schema that none of some keys is present."""
+    return {"not": {"anyOf": [{"required": [key]} for key in keys]}}
+
+
 GRID = KeyTable(
     "occupancy_grid",
-    "Space that depth images prove free; everything else is an obstacle.",
-    required("voxel", SIZE, "side of a cell", "m"),
+    "Space that depth images prove free, or that a map of OctoMap states free; everything else is an obstacle.",
+    FileKey("voxel", SIZE, "with `views` or `cells`: side of a cell", "m"),
     FileKey("unknown", {"enum": list(POLICIES)}, "what cells are that were not seen", "", POLICIES[0]),
     FileKey("views", list_of(VIEW, 1), "the depth images; a cell is free if one of them proves it free"),
-    FileKey("bounds", list_of(POINT, 2, 2), "with `views`: lower and upper corner of the grid", "m"),
+    FileKey("octomap", TEXT, "a map of OctoMap (BT or OT), relative to the folder of this file, instead of `views`"),
+    FileKey(
+        "bounds",
+        list_of(POINT, 2, 2),
+        "lower and upper corner of the grid: required with `views`; with `octomap`, by default those of known space",
+        "m",
+    ),
+    FileKey(
+        "threshold",
+        {"$ref": NUMBER, "exclusiveMinimum": 0, "exclusiveMaximum": 1},
+        "with `octomap`: occupancy from which the leaves of an OT file are occupied",
+        "",
+        THRESHOLD,
+    ),
     FileKey("cells", TEXT, "the states of the cells instead of `views`: base64 of zlib, as `Scene.save` writes it"),
     FileKey("low", list_of(INTEGER, 3, 3), "with `cells`: indices of the first cell"),
     FileKey("count", list_of({**INTEGER, "minimum": 1}, 3, 3), "with `cells`: numbers of cells along x, y, z"),
     FileKey("record", list_of({"type": "string"}), "with `cells`: how the grid was made"),
     rules={
         "oneOf": [
-            {
-                "required": ["views", "bounds"],
-                "not": {"anyOf": [{"required": [key]} for key in ("cells", "low", "count", "record")]},
-            },
-            {"required": ["cells", "low", "count"], "not": {"required": ["bounds"]}},
+            {"required": ["voxel", "views", "bounds"], **_without("octomap", "threshold", "cells", *_CELL_KEYS)},
+            {"required": ["octomap"], **_without("voxel", "views", "cells", *_CELL_KEYS)},
+            {"required": ["voxel", "cells", "low", "count"], **_without("views", "octomap", "threshold", "bounds")},
         ]
     },
 )
@@ -213,7 +235,9 @@ SHAPES: dict[str, FileKey] = {
             ),
             "ground over a rectangle, solid from its surface down to its underside",
         ),
-        FileKey("occupancy_grid", GRID, "space that depth images prove free; everything else is solid"),
+        FileKey(
+            "occupancy_grid", GRID, "space that depth images prove free or a map states free; everything else is solid"
+        ),
         FileKey("mesh", MESH, "a triangle mesh"),
     )
 }

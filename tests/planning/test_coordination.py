@@ -59,7 +59,7 @@ FORK = """<robot name="rails"><link name="root"/>
 
 
 def test_arm_between_the_fingers_of_another_moves_slower_along_its_path() -> None:
-    """At full speed, the puck reaches the finger ahead of it, or it is reached by the one behind, whenever it starts."""
+    """At full speed, the puck meets the finger ahead of it or the one behind, whenever it starts."""
     group = pp.model.load_robot_from_text(FORK).arms("fork", "puck")
     names = {name: list(arm.joint_names) for name, arm in group.arms.items()}
     motions = {

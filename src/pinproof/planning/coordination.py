@@ -1,4 +1,4 @@
-"""Coordination of several arms: each keeps its own path, and arms wait or move slower so that all together are certified.
+"""Coordination of several arms: each keeps its own path, and arms wait or move slower, so that all are certified.
 
 The arms are coordinated in the order of their priority: the motion of an arm ends as early as the certificate of all
 motions so far allows. Delays and slowdowns are searched on a grid, so that the result is not the best one that exists.
@@ -35,7 +35,7 @@ STEP = 0.05
 """Seconds between the delays that are tried: a small part of a usual motion."""
 
 SLOWDOWNS = (1.0, 1.25, 1.5, 2.0, 3.0)
-"""Factors of the duration of a motion that are tried: an arm that follows another must not only wait, but move as slowly."""
+"""Factors of the duration of a motion that are tried: an arm that follows another must move as slowly as it does."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -136,6 +136,35 @@ def test_certificates_of_other_motions_and_setups_are_refused(checker, swing) ->
         pp.Monitor(stricter, swing, certificate=wide)
 
 
+def test_certificate_that_allows_more_contacts_is_not_used(checker, swing) -> None:
+    ball = pp.Obstacle("ball", pp.Sphere(0.05), checker.arm.forward_kinematics(swing(swing.duration / 2)))
+    strict = checker.with_scene(checker.scene.add(ball))
+    lax = strict.allowing(*((name, "ball") for name in strict.obstacles_and_links if name.endswith("_link")))
+    wide = pp.certify(swing, lax, joint_tolerance=0.01).or_raise()
+    with pytest.raises(pp.errors.NotProvenFree):
+        pp.Monitor(strict, swing, certificate=wide)
+    assert pp.Monitor(lax, swing, certificate=wide).certificate is wide
+
+
+def test_velocity_is_that_of_an_array_that_the_controller_uses_again(checker, swing) -> None:
+    monitor = pp.Monitor(checker, swing, joint_tolerance=0.02, latency=TICK)
+    buffer, off = swing(0.5).copy(), np.array([0, 0, 0, 0, 0, 0.012])
+    assert monitor.update(0.5, buffer).inside
+    buffer += off + swing.velocity(0.5) * TICK  # within the tube, at 3 rad/s beside it
+    assert monitor.update(0.5 + TICK, buffer).joint == "wrist_3_joint"
+
+
+@pytest.mark.parametrize("time", [0.5, 0.4])
+def test_velocity_is_unknown_if_time_does_not_advance(checker, swing, time) -> None:
+    monitor = pp.Monitor(checker, swing, joint_tolerance=0.02)
+    assert monitor.update(0.5, swing(0.5)).inside
+    result = monitor.update(time, swing(time))
+    assert result.status is MonitorStatus.INVALID
+    assert "later" in str(result)
+    assert monitor.update(time, swing(time), swing.velocity(time)).inside
+    assert monitor.update(0.0, swing(0.0)).inside  # the next execution
+
+
 def test_latency_that_uses_up_the_tube_is_refused(checker, swing) -> None:
     with pytest.raises(InputError, match="latency"):
         pp.Monitor(checker, swing, joint_tolerance=0.02, latency=0.2)

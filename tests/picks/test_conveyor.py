@@ -152,6 +152,46 @@ def changed(**changes):
     ).judge(0, picks.picks[0])
 
 
+def judged_on_a_pallet(wall):
+    """The verdict on a block that stands on a moving pallet, with a wall of so many cells of 20 mm behind the block."""
+    arm, scene, picks = cell()
+    cells = np.zeros((6, 40, 12), np.uint8)
+    cells[:, :, 0] = cells[:, 16:18, :wall] = 1
+    pallet = pp.Obstacle("pallet", pp.OccupancyGrid(cells, 0.02, low=(-3, -20, 0)), pp.pose((0.62, -0.9, 0.1001)))
+    others = [name for name in scene.names if name.startswith("block_")]
+    scene = scene.remove(*others).add(replace(scene["block_1"], pose=pp.pose((0.62, -0.9, 0.15))), pallet)
+    belt = replace(picks.conveyor, parts=("block_1", "pallet"), speed=0.3)
+    pick = replace(picks.picks[0], pose=pp.pose((0.62, -0.9, 0.15), (np.pi, 0, 0)), place=None, support="pallet")
+    picks = replace(picks, conveyor=belt, picks=(pick,))
+    return PickSetup.make(arm, scene, picks, home=None, rng=0).judge(0, pick)
+
+
+@pytest.mark.slow
+def test_lifted_block_is_checked_against_the_support_that_moves_on_below_it() -> None:
+    assert judged_on_a_pallet(wall=1).status is PickStatus.GOOD
+    hit = judged_on_a_pallet(wall=9)  # the wall reaches the block while the tool gives up the speed of the belt
+    assert hit.status is PickStatus.NOT_FOUND
+    assert hit.failed is Stage.RETREAT
+    assert "pallet" in hit.reason
+
+
+@pytest.mark.slow
+def test_part_that_is_taken_is_no_longer_on_the_belt() -> None:
+    pick = cell()[2].picks[0]
+    result = pick_from_belt(setup(), [pick, replace(pick, name="again")])
+    assert [each.status for each in result.verdicts] == [PickStatus.GOOD, PickStatus.UNREADABLE]
+    assert "block_1" in result.verdicts[1].reason
+
+
+@pytest.mark.slow
+def test_pick_that_outlasts_the_belt_is_not_found_and_keeps_those_before() -> None:
+    arm, scene, picks = cell()
+    short = replace(picks, conveyor=replace(picks.conveyor, duration=9.0))
+    result = pick_from_belt(PickSetup.make(arm, scene, short, home=None, rng=0), picks.picks[:2])
+    assert [each.status for each in result.verdicts] == [PickStatus.GOOD, PickStatus.NOT_FOUND]
+    assert "9 s" in result.verdicts[1].reason
+
+
 @pytest.mark.slow
 def test_reasons_of_picks_that_cannot_be_taken_from_the_belt() -> None:
     fast = changed(speed=3.0, duration=2.0)

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free
-from pinproof.collision.certificate import checked_hash, mesh_files
+from pinproof.collision.certificate import checked_hash, mesh_files, notes_of
 from pinproof.common.display import html_block, html_of, html_table
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory
@@ -60,7 +60,7 @@ class MonitorStatus(Enum):
     INSIDE = "inside the certified tube"
     OUTSIDE_BRAKING_FREE = "outside the certified tube; braking now is proven collision-free"
     OUTSIDE = "outside the certified tube; braking now is not proven collision-free"
-    INVALID = "the measurement is not finite"
+    INVALID = "the measurement is not finite, or not later than the last one"
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class MonitorResult:
     def __str__(self) -> str:
         text = f"t = {self.time:.4g} s: {self.status.value}"
         if self.status is MonitorStatus.INVALID:
-            return f"{text} ({self.joint})"
+            return f"{text} ({self.joint})" if self.joint else text
         return f"{text}; {self.joint} leaves it by {self.excess:.4g} rad or m" if self.joint else text
 
     def __repr__(self) -> str:
@@ -139,7 +139,7 @@ class Monitor:
         The motion. It begins and ends at rest.
     certificate
         The FREE certificate of the motion for ``checker``. Without one, or if it covers smaller deviations than
-        ``joint_tolerance`` or a smaller margin, the motion is certified here.
+        ``joint_tolerance``, a smaller margin, or other pairs of bodies than the checker, the motion is certified here.
     joint_tolerance
         rad or m, one number or (n,): the deviations that the tube covers; above 0. Default: those of the certificate,
         or 0.01 without one.
@@ -205,18 +205,26 @@ class Monitor:
     def _certified(self, given: Certificate | None, joint_tolerance: npt.ArrayLike | None) -> tuple[Certificate, Array]:
         """Return a FREE certificate of the motion and the tolerance (n,) that it covers."""
         checker, trajectory = self._checker, self._trajectory
+        same = False
         if given is not None:
-            if given.curve != trajectory.digest() or given.setup != checked_hash(checker, mesh_files(checker)):
+            if not isinstance(given, Certificate):
+                raise InputError(f"certificate is a {type(given).__name__}; it must be a Certificate")
+            files = mesh_files(checker)
+            if given.curve != trajectory.digest() or given.setup != checked_hash(checker, files):
                 raise InputError("the certificate is for another motion or another setup; certify this motion")
             given.or_raise()
             if given.partings or given.tube is None:
                 raise InputError("a certificate with pairs that may touch at the start covers no tube")
+            # The hash of the setup contains neither the contacts that a checker allows nor its link meshes.
+            pairs = given.pairs, given.excluded, given.notes
+            same = pairs == (len(checker.pairs), tuple(checker.excluded), notes_of(checker, files))
         covered = np.zeros(checker.group.dof) if given is None or given.tube is None else given.tube.joints
         default = JOINT_TOLERANCE if given is None else covered
         wanted = default if joint_tolerance is None else joint_tolerance
         tolerance = _each("joint_tolerance", wanted, checker.group.dof, above_zero=True)
         # A clearance above every margin of the checker holds for pairs with a margin of their own too.
-        if given is not None and (tolerance == covered).all() and given.clearance >= checker.margins.max(initial=0.0):
+        enough = given is not None and given.clearance >= checker.margins.max(initial=0.0)
+        if given is not None and same and enough and (tolerance == covered).all():
             return given, tolerance
         return certify(trajectory, checker, joint_tolerance=tolerance).or_raise(), tolerance
 
@@ -235,8 +243,9 @@ class Monitor:
         q
             (n,) measured positions (rad or m).
         dq
-            (n,) measured velocities. Default: the difference quotient of the last two measurements; at the first tick
-            the velocity of the motion.
+            (n,) measured velocities. Default: the difference quotient of the last two measurements; at the first tick,
+            and if time has returned to 0 or less for the next execution, the velocity of the motion. Otherwise the
+            result is INVALID if ``time`` is not later than that of the last measurement.
 
         Raises
         ------
@@ -244,13 +253,14 @@ class Monitor:
             If ``time`` is not finite, or a shape is wrong.
         """
         names = self._trajectory.joint_names
-        if not np.isfinite(time):
-            raise InputError(f"time = {time}; it must be finite")
+        if not isinstance(time, (int, float, np.number)) or not np.isfinite(time):
+            raise InputError(f"time = {time!r}; it must be a finite number of seconds")
         at = _measured("q", q, len(names))
         rate = self._estimated(time, at) if dq is None else _measured("dq", dq, len(names))
         if not (np.isfinite(at).all() and np.isfinite(rate).all()):
-            j = int(np.argmin(np.isfinite(at) & np.isfinite(rate)))
-            return MonitorResult(MonitorStatus.INVALID, time, time, np.abs(at), names[j], np.inf)
+            bad = ~(np.isfinite(at) & np.isfinite(rate))
+            name = "" if np.isfinite(at).all() and bad.all() else names[int(bad.argmax())]
+            return MonitorResult(MonitorStatus.INVALID, time, time, np.abs(at), name, np.inf)
         self._last = time, at
         progress = min(max(time, 0.0), self._trajectory.duration)
         deviation = self._deviation(progress, at, rate)
@@ -309,10 +319,10 @@ class Monitor:
         return Trajectory(times, points, rates, path.joint_names, note)
 
     def _estimated(self, time: float, q: Array) -> Array:
-        if self._last is None or not time > self._last[0]:
+        if self._last is None or time <= 0.0 < self._last[0]:
             return np.asarray(self._trajectory.velocity(min(max(time, 0.0), self._trajectory.duration)))
         before, at = self._last
-        return np.asarray((q - at) / (time - before))
+        return np.asarray((q - at) / (time - before)) if time > before else np.full(len(q), np.nan)
 
     def _deviation(self, progress: float, q: Array, dq: Array) -> Array:
         """Return (n,) the largest deviation of each joint from the motion until the latency has passed."""
@@ -360,7 +370,7 @@ def _each(name: str, value: npt.ArrayLike, n: int, *, above_zero: bool = False) 
 
 def _measured(name: str, value: npt.ArrayLike, n: int) -> Array:
     try:
-        array = np.asarray(value, dtype=float)
+        array = np.array(value, dtype=float)  # a copy: a controller may use the same array at each tick
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} must be {n} numbers: {error}") from error
     if array.shape != (n,):

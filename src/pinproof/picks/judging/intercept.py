@@ -99,6 +99,8 @@ def judge_on_conveyor(pick: Pick, cell: Cell, seeds: list[int], start_time: floa
 
 
 def _check(task: Task, belt: Conveyor, start_time: float) -> None:
+    if task.name not in belt.parts:
+        raise InputError(f"{task.name!r} is not on the conveyor: it was taken before")
     unknown = [name for name in belt.parts if name not in task.scene.names]
     if unknown:
         raise InputError(f"the conveyor moves {', '.join(unknown)}, which the scene does not have")
@@ -138,6 +140,10 @@ def _out_of_reach(belt: Conveyor, start_time: float) -> StageResult:
     return StageResult(Stage.REACH, False, message)
 
 
+class _BeltEnds(Exception):
+    """The belt is only known to run until before the end of a motion."""
+
+
 class _Timeline:
     """The motions of a pick one after the other on the clock of the conveyor."""
 
@@ -148,8 +154,9 @@ class _Timeline:
 
     def movers(self, checker: CollisionChecker) -> tuple[Mover, ...]:
         """The parts on the belt that are in the scene of a checker, as seen from now."""
-        names = [name for name in self.belt.parts if name in checker.scene.names and name != self.taken]
-        return (self.belt.mover(names).after(self.now),) if names else ()
+        there = [name for part in self.belt.parts if part != self.taken for name in (part, _lowered(part))]
+        names = tuple(name for name in there if name in checker.scene.names)
+        return (replace(self.belt, parts=names).mover(names).after(self.now),) if names else ()
 
     def add(self, name: str, motion: Trajectory, around: CollisionChecker, certificate: Certificate) -> None:
         """Append a certified motion, with the scene and the attached bodies of a checker.
@@ -169,7 +176,18 @@ class _Timeline:
     def prove(
         self, motion: Trajectory, checker: CollisionChecker, constraints: tuple[Upright, ...] = ()
     ) -> Certificate:
-        """The certificate of a motion that starts now."""
+        """The certificate of a motion that starts now.
+
+        Raises
+        ------
+        _BeltEnds
+            If parts are on the belt, and it is not known where they are until the end of the motion.
+        """
+        if self.now + motion.duration > self.belt.duration and self.movers(checker):
+            end = self.now + motion.duration
+            raise _BeltEnds(
+                f"the pick lasts until {end:.4g} s at least, and the belt runs until {self.belt.duration:g} s"
+            )
         return certify(motion, checker, movers=self.movers(checker), constraints=constraints)
 
 
@@ -230,9 +248,12 @@ class _Moment:
             raise _Refused(*stages[1:], StageResult(Stage.TIMING, False, followed))
         timeline = _Timeline(self.belt, self.start_time)
         stages = (*stages, self._transit(timeline, followed, stages))
-        self._take(timeline, followed, attempt, stages)
-        grasp_time = timeline.now - self.start_time - followed.retreat.duration
-        release_time, placed = self._place(timeline, attempt, followed, stages)
+        try:
+            self._take(timeline, followed, attempt, stages)
+            grasp_time = timeline.now - self.start_time - followed.retreat.duration
+            release_time, placed = self._place(timeline, attempt, followed, stages)
+        except _BeltEnds as ended:
+            raise _Refused(*stages[1:], StageResult(Stage.TIMING, False, str(ended))) from ended
         stages = (*stages, placed)
         motion = Trajectory.join(*(each.trajectory for each in timeline.motions))
         clearance = min(each.certificate.clearance for each in timeline.motions)
@@ -384,6 +405,11 @@ def _at_time(task: Task, belt: Conveyor, time: float) -> Task:
     return Task(pick, replace(task.cell, checker=task.cell.checker.with_scene(scene)))
 
 
+def _lowered(name: str) -> str:
+    """The name of the lowered copy of a support."""
+    return f"{name} (lowered)"
+
+
 def _with_lowered(checker: CollisionChecker, pairs: Pairs) -> CollisionChecker:
     """The checker in which the object is checked against copies of its supports that are lower by :data:`SINK`.
 
@@ -396,7 +422,7 @@ def _with_lowered(checker: CollisionChecker, pairs: Pairs) -> CollisionChecker:
         support, by = scene[name], np.array([0.0, 0.0, checker.margin + SINK])
         lower = replace(
             support,
-            name=f"{name} (lowered)",
+            name=_lowered(name),
             pose=type(support.pose)(support.pose.rotation, support.pose.translation - by),
         )
         same = [

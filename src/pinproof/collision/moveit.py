@@ -259,7 +259,9 @@ def _scene(path: Path, content: LinedMapping) -> SceneContent:
     octomap = world.get("octomap") or {}
     if (octomap.get("octomap") or octomap).get("data"):
         raise SceneError(
-            path, "holds an octomap, which is not read; use a PointCloud of its points instead", "key octomap"
+            path,
+            "holds an octomap, which is not read; use OccupancyGrid.from_octomap with a file of the map instead",
+            "key octomap",
         )
     frames = _Frames(path, content, state)
     colours = {part.get("id"): part.get("color") for part in content.get("object_colors") or []}

@@ -242,7 +242,7 @@ class OccupancyGrid(ByContent):
         path
             The file: ``.bt`` (occupied and free leaves) or ``.ot`` (probabilities; OcTree or ColorOcTree).
         unknown
-            Whether cells that the map does not know are ``"occupied"`` or ``"free"``.
+            Whether cells that are unknown in the map are ``"occupied"`` or ``"free"``.
         bounds
             (2, 3) lower and upper corner (m) of the box of space that the grid covers, which is widened to whole
             cells. Default: the smallest box that contains all known leaves.
@@ -265,7 +265,7 @@ class OccupancyGrid(ByContent):
         cells = np.full(count, UNKNOWN, dtype=np.uint8)
         leaves.fill(cells, low, FREE, SEEN)
         if (cells == UNKNOWN).all():
-            raise InputError(f"bounds contain no known leaf of {path}; it knows space within {known.tolist()}")
+            raise InputError(f"bounds contain no known leaf of {path}; its known leaves are within {known.tolist()}")
         judged = "" if leaves.threshold is None else f" (occupied from an occupancy of {leaves.threshold:g})"
         sentence = (
             f"OctoMap file {Path(path).name} of {len(leaves.places)} known leaves{judged}; the map is trusted, bodies "

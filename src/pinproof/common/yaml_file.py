@@ -238,7 +238,7 @@ for _kind, _made in (("map", _lined), ("int", _number), ("float", _number)):
 
 _DECIMAL = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
 _PLAIN = rf"[+-]?{_DECIMAL}(?:[eE][+-]?[0-9]+)?"
-_WITH_PI = rf"([+-]?)(?:({_DECIMAL})\s*\*\s*)?pi(?:\s*/\s*({_DECIMAL}))?"
+_WITH_PI = rf"([+-]?)(?:({_DECIMAL})\s*\*\s*)?pi(?:\s*/\s*(?=[0-9.]*[1-9])({_DECIMAL}))?"  # not divided by zero
 _WITH_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 
 NUMBER_PATTERN = rf"^\s*(?:{_PLAIN}|{_WITH_PI})\s*$"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.cell.allocation import _Run
 from pinproof.cell.waiting import TICK, Progress, shortest_waits
 from pinproof.collision import audit
 
@@ -113,6 +114,37 @@ def test_parts_are_taken_and_placed_in_the_order_of_time(cell, allocated) -> Non
         assert name not in allocated.scene_at((part.gripped + part.released) / 2).names
         shift = pick.place.pose.translation - pick.pose.translation
         assert np.allclose(part.after.pose.translation, scene[name].pose.translation + shift, atol=1e-6)
+
+
+def test_hands_of_the_other_arms_are_open_as_stated(tmp_path) -> None:
+    (tmp_path / "scene.yaml").write_text("obstacles: []\n")
+    path = tmp_path / "picks.yaml"
+    path.write_text(
+        "robot: panda\nscene: scene.yaml\nheld: {panda_finger_joint1: {open: 0.04, grip: 0.02}}\n"
+        "robots:\n  left: {base: {xyz: [-1, 0, 0]}}\n  right: {base: {xyz: [1, 0, 0]}}\n"
+        "picks:\n  - {name: one, arm: left, xyz: [-0.5, 0, 0.3], rpy: [pi, 0, 0]}\n"
+    )
+    picks = pp.read_picks(path)
+    group = picks.load_cell()
+    group = group.with_held({joint: 0.0 for joint in group.held if "finger_joint1" in joint})
+    run = _Run(group, pp.Scene.load(picks.scene), picks, (), (0.0, 0.0), 4, print, 0)
+    for setup in run.setups.values():
+        fingers = [value for joint, value in setup.checker.group.held.items() if "finger_joint1" in joint]
+        assert fingers == [0.04, 0.04]
+
+
+@pytest.mark.slow
+def test_part_that_is_not_where_the_other_arm_was_certified_with_it_is_named(allocated) -> None:
+    assert not allocated.misplaced
+    part, state = next(iter(allocated.parts.items()))
+    other = next(name for name in allocated.sequences if name != state.arm)
+    sequence = allocated.sequences[other]
+    checker = sequence.setup.checker
+    moved = [replace(each, pose=pp.pose((0.001, 0, 0)) * each.pose) for each in checker.scene.obstacles]
+    setup = replace(sequence.setup, checker=checker.with_scene(replace(checker.scene, obstacles=tuple(moved))))
+    wrong = replace(allocated, sequences={**allocated.sequences, other: replace(sequence, setup=setup)})
+    assert not wrong.ok
+    assert part in wrong.reason
 
 
 @pytest.mark.slow

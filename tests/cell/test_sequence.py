@@ -16,9 +16,11 @@ import pinproof as pp
 from pinproof.cell import SequenceResult
 from pinproof.cell.exchanges import exchanged
 from pinproof.cell.precedence import Precedence
+from pinproof.cell.sequencing import judge_options
 from pinproof.cell.tour import TourProblem
+from pinproof.cell.transits import CertifiedMotions
 from pinproof.errors import UnknownNameError
-from pinproof.picks import PickBudget, PickSetup, PlaceTarget, SuctionCup
+from pinproof.picks import GraspSpin, PickBudget, PickSetup, PlaceTarget, SuctionCup
 
 ROOT = Path(__file__).parents[2]
 DOWN = (np.pi, 0.0, 0.0)
@@ -327,3 +329,20 @@ def test_the_files_of_the_palletising_cell_are_up_to_date() -> None:
     picks = pp.read_picks(ROOT / "robots" / "ur10" / "pallet_picks.yaml")
     assert len(picks) == 200
     assert not picks.problems
+
+
+def test_object_that_rotates_with_the_tcp_is_placed_as_its_option_rotates_it() -> None:
+    table = pp.Obstacle("table", pp.Box(1.6, 1.6, 0.04), pp.pose((0.3, 0, -0.025)))
+    lance = pp.Obstacle("lance", pp.Cylinder(radius=0.01, length=0.15), pp.pose((0, 0, 0.075)))
+    bar = pp.Obstacle("bar", pp.Box(0.2, 0.03, 0.03), pp.pose((0, 0, 0.016)))
+    place = PlaceTarget(pp.pose((0.45, -0.2, 0.05), DOWN), approach=0.06, retreat=0.06)
+    spin = GraspSpin((0.0, np.pi / 2))
+    pick = pp.Pick("pick", pp.pose((0.45, 0.2, 0.05), DOWN), spin=spin, carried=bar, place=place)
+    shared = pp.Picks([pick], tip=pp.pose((0, 0, 0.15)), tool=(lance,), cup=SuctionCup(radius=0.01), margin=0.002)
+    setup = cell(shared, pp.Scene([table], allowed=[("base_link", "table")]))
+    (job,) = judge_options(setup, [pick], 8).jobs
+    assert len(job.places) == 2
+    for option in job.options:
+        tip = setup.checker.arm.forward_kinematics(option.release.q) * shared.tip
+        placed = CertifiedMotions(setup).scene_after(setup.checker.scene, job, option)["bar"]
+        assert placed.pose.isApprox(tip * bar.pose, 1e-6)

@@ -214,8 +214,8 @@ class _Run:
         for name, arm in group.arms.items():
             self.home[group.indices(name)] = self.shared[name].home_configuration(arm.joint_names, arm.home)
         tools = [replace(body, arm=name) for name, own in self.shared.items() for body in own.open_tool]
-        held = {joint: value for own in self.shared.values() for joint, value in own.held.items()}
-        checker = CollisionChecker(group.with_held(held), margin=self.picks.margin, attached=tools)
+        self.held = {joint: value for own in self.shared.values() for joint, value in own.held.items()}
+        checker = CollisionChecker(group.with_held(self.held), margin=self.picks.margin, attached=tools)
         self.apart = ArmsApart(checker)
         at_home = self.apart.carrying((), {}).check(self.home)
         if not at_home.free:
@@ -226,7 +226,7 @@ class _Run:
         """The setup of an arm, with the others at home and with these parts of the others at their places."""
         group, own = self.group, self.group.arms[arm]
         at = dict(zip(group.joint_names, self.home.tolist(), strict=True))
-        still = own.with_held({**{j: at[j] for j in at if j not in own.joint_names}, **self.shared[arm].held})
+        still = own.with_held({**{j: at[j] for j in at if j not in own.joint_names}, **self.held})
         tools, allowed = [], list(self.scene.allowed)
         for name, (base, tcp) in group.ends.items():
             if name == arm:
@@ -341,8 +341,9 @@ class _Run:
             others = [
                 self.jobs[of, each.name] for each, of in zip(self.picks, chosen, strict=True) if of not in ("", arm)
             ]
-            placed = [job.after for job in others if job.after is not None]
-            setup = self._setup(arm, [replace(part, name=part.name + AT_PLACE) for part in placed])
+            placed = [(part, k) for job in others for k, part in enumerate(job.places)]
+            at = [replace(part, name=f"{part.name}{AT_PLACE}{f' {k}' if k else ''}") for part, k in placed]
+            setup = self._setup(arm, at)
             pairs = [pair for pair in self.stated if names.issuperset(pair)]
             found[arm] = self._sequence(setup, own, pairs)
             load = sum(self.costs[arm][name] for name in names)

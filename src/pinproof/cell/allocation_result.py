@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from pinproof.cell.arm_program import WAIT, Piece
+from pinproof.cell.blocking import AT_PLACE
 from pinproof.cell.common_clock import CommonInterval, Timing
 from pinproof.cell.sequence_result import LeftOut, SequenceResult
 from pinproof.collision import Obstacle, Scene
@@ -18,6 +19,9 @@ from pinproof.picks import Picks
 from pinproof.spatial import SE3
 
 __all__ = ["AllocationResult", "ArmTime", "OneArm", "PartState"]
+
+SAME_PLACE = 1e-6
+"""Relative difference of poses below which a part is where it was assumed to be."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +192,7 @@ class AllocationResult:
     def free(self) -> bool:
         """Whether every motion is certified, and the arms are proven not to meet."""
         own = all(motion.certificate.free for each in self.sequences.values() for motion in each.motions)
-        return own and self.timing.free
+        return own and self.timing.free and not self.misplaced
 
     @property
     def ok(self) -> bool:
@@ -218,8 +222,8 @@ class AllocationResult:
     @property
     def reason(self) -> str:
         """Why not everything is certified; empty if it is."""
-        if self.timing.problem:
-            return self.timing.problem
+        if self.timing.problem or self.misplaced:
+            return self.timing.problem or self.misplaced
         failed = next((each for each in self.intervals if not each.certificate.free), None)
         if failed is not None:
             return f"{failed.start:.2f} s to {failed.end:.2f} s: {failed.certificate.message}"
@@ -265,6 +269,20 @@ class AllocationResult:
                 after = Obstacle(part, thing.shape, tcp * SE3(thing.pose), thing.rgba)
                 found[part] = PartState(name, before, after, held[0].start, held[-1].end)
         return found
+
+    @cached_property
+    def misplaced(self) -> str:
+        """The first part that is put where the motions of another arm are not certified with it; empty without one.
+
+        An object that is stated in the tcp rotates with the grasp, so that its place depends on the chosen option.
+        """
+        for part, state in self.parts.items():
+            for name, sequence in self.sequences.items():
+                scene = sequence.setup.checker.scene
+                known = [each.pose for each in scene.obstacles if each.name.startswith(part + AT_PLACE)]
+                if name != state.arm and not any(pose.isApprox(state.after.pose, SAME_PLACE) for pose in known):
+                    return f"{name} is not certified with {part} where {state.arm} places it"
+        return ""
 
     def scene_at(self, time: float) -> Scene:
         """The scene at a time (s) of the common clock, without the parts that are carried then."""

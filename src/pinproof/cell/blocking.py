@@ -39,9 +39,9 @@ def geometric_precedence(setup: PickSetup, jobs: list[Job], fixed: Scene) -> dic
         if job.before is not None:
             owner[job.before.name] = i, False
             parts.append(job.before)
-        if job.after is not None:
-            owner[job.after.name + AT_PLACE] = i, True
-            parts.append(replace(job.after, name=job.after.name + AT_PLACE))
+        if len(job.places) == 1:  # with several places, none of them is certain to block
+            owner[job.places[0].name + AT_PLACE] = i, True
+            parts.append(replace(job.places[0], name=job.places[0].name + AT_PLACE))
     if not parts:
         return {}
     everything = fixed.add(*parts)
@@ -53,7 +53,7 @@ def geometric_precedence(setup: PickSetup, jobs: list[Job], fixed: Scene) -> dic
         hands: dict[str, CollisionChecker] = {}
         for option in job.options:
             member = option.attempt.candidate.member
-            if job.after is not None and member.words not in hands:
+            if job.places and member.words not in hands:
                 hands[member.words] = _carrying(setup, job, member, closed_hand)
             blocked, supports = _contacts(job, option, open_hand, hands.get(member.words))
             for name in supports:

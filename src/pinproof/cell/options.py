@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,10 @@ RELEASES = 2
 """Number of IK solutions at the release that are considered for each configuration at the grasp, the nearest ones."""
 
 
+SAME_PLACE = 6
+"""Decimals (m) of the poses of parts by which two places are distinguished."""
+
+
 @dataclass(frozen=True, eq=False)
 class PickOption:
     """One complete choice for a pick.
@@ -42,12 +47,15 @@ class PickOption:
         Seconds of the straight lines by name.
     transfer
         Lower bound (s) of the time of the transfer; 0 without a place.
+    after
+        The part at its place, as an obstacle; None without one. An object that is stated in the tcp rotates with it.
     """
 
     attempt: Attempt
     release: Release | None
     lines: dict[str, float]
     transfer: float
+    after: Obstacle | None = None
 
     @property
     def entrance(self) -> Array:
@@ -77,8 +85,8 @@ class Job:
         The pick with its poses in the root frame, so that they do not depend on obstacles that are moved.
     options
         The options; empty if the pick fails in the scene without the other parts.
-    before, after
-        The part before the pick and at its place, as obstacles; None without one.
+    before
+        The part before the pick, as an obstacle; None without one.
     failed
         The verdict on a pick without options.
     """
@@ -86,8 +94,13 @@ class Job:
     pick: Pick
     options: tuple[PickOption, ...]
     before: Obstacle | None = None
-    after: Obstacle | None = None
     failed: PickVerdict | None = None
+
+    @cached_property
+    def places(self) -> tuple[Obstacle, ...]:
+        """The part at the different places where the options leave it; empty without a part."""
+        found = [option.after for option in self.options if option.after is not None]
+        return tuple({(np.round(each.pose.homogeneous, SAME_PLACE) + 0.0).tobytes(): each for each in found}.values())
 
 
 def part_names(picks: tuple[Pick, ...], scene: Scene) -> dict[str, str]:
@@ -162,12 +175,7 @@ def options_of(pick: Pick, setup: PickSetup, fixed: Scene, parts: frozenset[str]
         candidates = () if screened is None else screened.candidates
         found = _of_candidates(task, candidates, seeds[0], bounds, most)
         if found:
-            member = found[0].attempt.candidate.member
-            held = task.holding(member) if task.name is not None else None
-            after = None
-            if held is not None:
-                after = replace(held, pose=task.release(member) * setup.shared.tip.actInv(held.pose))
-            return Job(pick, tuple(found), own[0] if own else None, after)
+            return Job(pick, tuple(found), own[0] if own else None)
     quick = replace(cell, budget=replace(setup.budget, remedies=0, motion=0))
     verdict = judge(alone, quick, setup.rng(index))
     return Job(pick, (), own[0] if own else None, failed=verdict)
@@ -248,4 +256,8 @@ def _option(task: Task, attempt: Attempt, release: Release | None, bounds: Bound
             seconds[name] = time_parametrise(line, task.arm.limits, rate_limits=rates).duration
         except TimingError:
             return None
-    return PickOption(attempt, release, seconds, transfer)
+    member, after = attempt.candidate.member, None
+    if task.name is not None:
+        held = task.holding(member)
+        after = replace(held, pose=task.release(member) * task.cell.shared.tip.actInv(held.pose))
+    return PickOption(attempt, release, seconds, transfer, after)

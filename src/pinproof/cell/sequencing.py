@@ -483,7 +483,7 @@ class _Run:
             if isinstance(found, MotionFailure):
                 return made, found, previous, option
             verdicts.append(found)
-            scenes.append(self.motions.scene_after(scenes[-1], job))
+            scenes.append(self.motions.scene_after(scenes[-1], job, choice))
             self.partial = made
         last = tour.options[-1]
         if self.ends[1] is not None:
@@ -507,7 +507,7 @@ class _Run:
         job = int(problem.job[option])
         for name in failure.bodies:
             for other, each in enumerate(self.jobs):
-                if other == job or each.after is None or each.after.name != name:
+                if other == job or name not in {place.name for place in each.places}:
                     continue
                 for pair in ((other, job), (job, other)):
                     if pair in self.precedence.reasons:

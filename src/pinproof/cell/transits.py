@@ -78,11 +78,11 @@ class CertifiedMotions:
     setup: PickSetup
     _known: dict[tuple[Key, str], Trajectory] = field(default_factory=dict)
 
-    def scene_after(self, scene: Scene, job: Job) -> Scene:
+    def scene_after(self, scene: Scene, job: Job, option: PickOption) -> Scene:
         """The scene after a pick: its part is at its place."""
         if job.before is not None:
             scene = scene.remove(job.before.name)
-        return scene if job.after is None else scene.add(job.after)
+        return scene if option.after is None else scene.add(option.after)
 
     def pick(
         self, scene: Scene, q: Array, job: Job, option: PickOption, previous: int, number: int, index: int

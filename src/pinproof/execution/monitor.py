@@ -180,8 +180,8 @@ class Monitor:
             raise InputError(f"the motion has the joints {trajectory.joint_names}; the arm {checker.group.joint_names}")
         if trajectory.velocities[[0, -1]].any():
             raise InputError("the motion must begin and end at rest; its first or last velocity is not 0")
-        if not 0.0 <= latency < np.inf:
-            raise InputError(f"latency = {latency} s; it must be 0 or more, and finite")
+        if not isinstance(latency, (int, float, np.number)) or not 0.0 <= latency < np.inf:
+            raise InputError(f"latency = {latency!r} s; it must be 0 or more, and finite")
         self._checker, self._trajectory, self._latency = checker, trajectory, float(latency)
         limits = checker.group.limits.acceleration if acceleration is None else acceleration
         self._acceleration = _each("acceleration", limits, n, above_zero=True)

@@ -145,7 +145,11 @@ class MotionLibrary:
         tolerance: float | None = None,
     ) -> None:
         self._checker = checker
-        self._joint_tolerance = joint_tolerance
+        n = checker.group.dof
+        each = np.full(n, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
+        self._joint_tolerance = finite("joint_tolerance", each, (n,)).copy()  # the caller may change its array later
+        if (self._joint_tolerance < 0).any():
+            raise InputError(f"joint_tolerance = {joint_tolerance!r}; it must be 0 or more")
         self._obstacle_tolerance = checked_margin("obstacle_tolerance", obstacle_tolerance)
         self._tolerance = tolerance
         self._motions: dict[str, StoredMotion] = {}
@@ -191,6 +195,8 @@ class MotionLibrary:
         """
         if not isinstance(name, str) or not name:
             raise InputError(f"the name of a motion is {name!r}; it must be a text that is not empty")
+        if not isinstance(trajectory, Trajectory):
+            raise InputError(f"the library stores a Trajectory, not a {type(trajectory).__name__}; time it first")
         if name in self._motions:
             raise InputError(f"the library has a motion {name!r} already; choose another name, or remove it first")
         return self._with(self._new(name, trajectory, self._certify(trajectory).or_raise()))
@@ -214,6 +220,8 @@ class MotionLibrary:
         InputError
             If the robot, its attached objects, its held joints or the margin differ.
         """
+        if not isinstance(checker, CollisionChecker):
+            raise InputError(f"the checker is a {type(checker).__name__}; it must be a CollisionChecker")
         changes: dict[int, SetupChange] = {}
         own = SetupChange(self._checker, checker)  # refuses another setup, also for an empty library
         changes[id(self._checker)] = own

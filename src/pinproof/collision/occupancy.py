@@ -249,6 +249,9 @@ class OccupancyGrid(ByContent):
         Of a cell that none proves free, it is known that a surface was measured if one of the views shows it. The
         views must be of the same state of the scene. ``a | b`` is the same as ``a.fuse(b)``.
 
+        Cells that were cleared in one grid are free in the result, even if another view measured a surface in them:
+        remove the robot after the fusion. If it moved between the views, remove it with ``padding=0`` before.
+
         Raises
         ------
         InputError

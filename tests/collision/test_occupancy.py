@@ -25,6 +25,7 @@ from pinproof._core import carve
 from pinproof.collision import DepthView, Intrinsics, remove_body, remove_robot
 from pinproof.collision.bodies import shape_bodies
 from pinproof.collision.occupancy import FREE, SEEN, UNKNOWN
+from pinproof.collision.surfaces import cell_faces
 from pinproof.errors import FileError
 from tests.collision.depth_camera import Solid, depth_image, look_at, states_by_definition
 
@@ -146,6 +147,31 @@ def test_pixels_without_a_measurement_prove_nothing():
     assert 0 < torn.counts[0] < whole.counts[0]
 
 
+@pytest.mark.parametrize("mark", ["masked", 65535, 2**31 - 1, 1e30])
+def test_marks_of_pixels_without_a_measurement_prove_nothing(mark):
+    image = np.round(depth_image(CAMERA, ABOVE, [TABLE]) * 1000)
+    hole = np.zeros(image.shape, dtype=bool)
+    hole[50:70, 70:90] = True
+    nothing, marked = np.where(hole, 0, image), np.ma.masked_array(image, mask=hole)
+    if mark != "masked":
+        marked = np.where(hole, mark, image).astype(float if mark == 1e30 else np.uint16 if mark < 2**16 else np.int32)
+    made = [
+        OccupancyGrid.from_depth(each, CAMERA, ABOVE, voxel=0.02, bounds=BOUNDS, depth_scale=0.001)
+        for each in (nothing, marked)
+    ]
+    np.testing.assert_array_equal(made[0].cells, made[1].cells)
+
+
+def test_a_grid_without_an_occupied_cell_is_no_obstacle_and_is_noted():
+    grid = OccupancyGrid(np.zeros((3, 3, 3), dtype=int), 0.5)
+    arm = load_robot("ur5").arm()
+    checker = CollisionChecker(arm, Scene([Obstacle("camera", grid)]))
+    assert checker.is_free(arm.home)
+    path = JointPath(np.array([arm.home, arm.home + 0.01]), arm.joint_names)
+    assert any("camera: occupancy grid" in note for note in certify(path, checker).notes)
+    assert cell_faces(grid)[0].shape == (0, 3)
+
+
 def test_unseen_cells_are_free_only_if_asked_for_and_then_it_is_stated():
     occupied, free = view([TABLE, PART]), view([TABLE, PART], unknown="free")
     assert occupied.occupied.sum() == sum(occupied.counts[1:])
@@ -215,13 +241,27 @@ def test_an_image_looks_through_a_body_to_be_picked_but_proves_nothing_behind_it
     assert ((inside_only.cells == FREE) <= (grid.cells == FREE)).all()
 
 
-def test_cells_around_the_visible_edges_of_a_removed_body_are_free():
+def test_cells_at_the_visible_faces_of_a_removed_body_are_free():
     camera = look_at(np.array([1.0, -0.5, 0.9]), np.array([0.5, 0.0, 0.0]))
     grid = view_without(PICKED, [TABLE, PART, BEHIND], camera)
-    edges = np.array([[0.548, -0.02, 0.07], [0.51, -0.048, 0.09]])  # in cells that the part fills by half
-    assert states_at(grid, edges).tolist() == [FREE, FREE]
-    assert SEEN in states_at(remove_body(view([TABLE, PART, BEHIND], camera), PICKED), edges)
+    faces = np.array([[0.548, -0.02, 0.07], [0.51, -0.048, 0.09]])  # in cells that the part fills by half
+    assert states_at(grid, faces).tolist() == [FREE, FREE]
+    assert SEEN in states_at(remove_body(view([TABLE, PART, BEHIND], camera), PICKED), faces)
     assert "part is removed" in grid.record[1]
+
+
+def test_what_the_outline_of_a_removed_body_hides_is_not_free():
+    # A plate beside the body, entirely behind its top face and within the last pixel of its outline; small cells.
+    coarse, eye = Intrinsics(57.0, 57.0, 31.5, 31.5, 64, 64), np.diag([1.0, -1.0, -1.0, 1.0])
+    eye[:3, 3] = 0.5, 0.0, 0.6
+    plate = Solid(at(0.5512, 0.0, 0.035), np.array([0.0012, 0.04, 0.035]))
+    image = depth_image(coarse, eye, [TABLE, PART, plate])
+    assert np.array_equal(image, depth_image(coarse, eye, [TABLE, PART]))
+    seen = remove_body(DepthView.read(image, coarse, eye, depth_uncertainty=0.001), PICKED)
+    grid = OccupancyGrid.from_view(seen, voxel=0.001, bounds=[(0.54, -0.02, -0.01), (0.57, 0.02, 0.12)])
+    points = plate.surface(20000, np.random.default_rng(0))
+    assert (states_at(grid, points[points[:, 0] > 0.5501]) != FREE).all()
+    assert grid.counts[0] > 0
 
 
 def test_a_body_that_the_image_shows_elsewhere_is_refused():
@@ -304,13 +344,26 @@ IMAGE = depth_image(CAMERA, ABOVE, [TABLE])
         ({"unknown": "maybe"}, "'occupied', 'free'"),
         ({"depth_uncertainty": -0.1}, "depth_uncertainty"),
         ({"depth_uncertainty": np.zeros(3)}, "depth_uncertainty"),
+        ({"depth_uncertainty": "5 mm"}, "depth_uncertainty"),
         ({"pixel_margin": -1}, "pixel_margin"),
+        ({"pixel_margin": 10**12}, "pixel_margin"),
     ],
 )
 def test_each_mistake_is_refused_with_its_reason(changes, words):
     stated = {"image": IMAGE, "intrinsics": CAMERA, "camera_pose": ABOVE, "voxel": 0.05, "bounds": BOUNDS, **changes}
     with pytest.raises(InputError, match=words):
         OccupancyGrid.from_depth(**stated)
+
+
+def test_removal_from_something_else_is_refused():
+    seen = DepthView.read(IMAGE, CAMERA, ABOVE)
+    checker = CollisionChecker(load_robot("ur5").arm())
+    with pytest.raises(InputError, match="not DepthView"):
+        remove_robot(seen, checker, checker.arm.home)
+    with pytest.raises(InputError, match="padding"):
+        remove_robot(view([TABLE]), checker, checker.arm.home, padding="wide")
+    with pytest.raises(InputError, match="and str"):
+        remove_body(seen, "part")
 
 
 @pytest.mark.parametrize(

@@ -173,6 +173,9 @@ def test_start_in_the_path_of_a_mover_is_invalid_at_that_time_only() -> None:
         ({"start_time": -1.0}, "start_time"),
         ({"samples": -1}, "samples"),
         ({"movers": []}, "mover"),
+        ({"movers": [3]}, "not int"),
+        ({"window": 3.0}, "window"),
+        ({"samples": "few"}, "samples"),
     ],
 )
 def test_invalid_times_and_movers_are_refused(changes, named) -> None:

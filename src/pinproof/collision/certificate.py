@@ -30,7 +30,7 @@ from pinproof.collision.path_constraints import (
     exact_text,
 )
 from pinproof.collision.scene import Scene
-from pinproof.collision.shapes import Mesh, Obstacle
+from pinproof.collision.shapes import Mesh, Obstacle, OccupancyGrid
 from pinproof.common.display import html_block, html_list, outline
 from pinproof.common.files import os_errors
 from pinproof.description.dh_urdf import GENERATED_BODIES
@@ -600,6 +600,9 @@ def _unchanging_notes(checker: CollisionChecker) -> tuple[list[str], list[str]]:
     for body in checker.bodies:
         if body.remark:
             by_remark.setdefault(body.remark, {})[body.owner] = None
+    for thing in checker.scene.obstacles:  # a grid without an occupied cell has no body
+        if isinstance(thing.shape, OccupancyGrid):
+            by_remark.setdefault(thing.shape.remark, {})[thing.name] = None
     notes += [f"{_some(tuple(owners))}: {remark}" for remark, owners in by_remark.items()]
     how: dict[str, list[str]] = {}
     for pair in checker.finer:

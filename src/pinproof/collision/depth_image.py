@@ -28,6 +28,9 @@ LEAST_DEPTH = 0.01
 LARGEST_WHOLE = 10.0
 """Metres. An image of whole numbers whose median exceeds this is in millimetres."""
 
+SATURATED = 2**16 - 1
+"""The largest number of 16 bits, which is no measurement in an image of integers."""
+
 SAMPLES = 10_000
 """Number of pixels of which the unit of an image is judged."""
 
@@ -159,7 +162,10 @@ class DepthView:
                 "Intrinsics.scaled() converts them if the whole view was scaled"
             )
         depth = _metres(raw, depth_scale)
-        error = np.array(depth_uncertainty, dtype=float)
+        try:
+            error = np.array(depth_uncertainty, dtype=float)
+        except (TypeError, ValueError) as wrong:
+            raise InputError(f"depth_uncertainty is not a number or an array of numbers: {wrong}") from wrong
         if error.shape not in ((), raw.shape) or not (error >= 0).all():
             raise InputError(
                 f"depth_uncertainty must be 0 or more, one number or one for each pixel {raw.shape}; its shape is "
@@ -197,6 +203,8 @@ def _pixels(image: Any) -> npt.NDArray[Any]:
     what = "the depth image"
     if isinstance(image, (str, Path)):
         what, image = f"the depth image {image}", read_image(image)
+    if isinstance(image, np.ma.MaskedArray):
+        image = image.filled(0)  # masked pixels have no measurement
     try:
         pixels = np.asarray(image)
     except ValueError as error:
@@ -214,11 +222,15 @@ def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
     """Return the depths in metres, 0 where there is no measurement; refuse another unit."""
     whole = raw.dtype.kind in "iu"
     measured = np.isfinite(raw) & (raw != 0)
+    if whole:  # cameras of 16 bits mark pixels without a measurement, or beyond their range, by the largest number
+        measured &= (raw != SATURATED) & (raw != np.iinfo(raw.dtype).max)
     values = raw[measured]
     if len(values) and values.min() < 0:
         raise InputError(f"the depth image holds {int((values < 0).sum())} negative depths")
     if not len(values):
-        raise InputError(f"the depth image holds no measurement: all of its {raw.size} pixels are 0 or not finite")
+        raise InputError(
+            f"the depth image holds no measurement: all of its {raw.size} pixels are 0, not finite or saturated"
+        )
     values = values[:: max(1, len(values) // SAMPLES)]
     median = float(np.median(values))
     if depth_scale is None:
@@ -241,7 +253,8 @@ def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
             f"the depth image has a median depth of {median:g} m, which is too near for a depth camera: use "
             f"depth_scale={depth_scale * 1e3:g} if it is in metres already"
         )
-    return np.where(measured, raw, 0) * float(depth_scale)
+    depth = np.where(measured, raw, 0) * float(depth_scale)
+    return np.where(depth <= MOST_REACH, depth, 0.0)
 
 
 def read_image(path: str | Path) -> npt.NDArray[Any]:

@@ -150,8 +150,9 @@ class OccupancyGrid(ByContent):
         Parameters
         ----------
         image
-            (height, width) depth along the optical axis, or a file (``.npy``, ``.png``). Pixels that are 0 or
-            not finite have no measurement; the space behind them is unknown. Lens distortion must be removed already.
+            (height, width) depth along the optical axis, or a file (``.npy``, ``.png``). Pixels that are 0, not
+            finite, masked, saturated (65535, in integers) or beyond 100 m have no measurement; the space behind them is
+            unknown. Lens distortion must be removed already.
         intrinsics
             The camera: :class:`~pinproof.collision.Intrinsics`, or its matrix (3, 3).
         camera_pose
@@ -199,9 +200,13 @@ class OccupancyGrid(ByContent):
         Cells that are entirely in a body that was removed from the view are free too.
         """
         low, count, side = _lattice(bounds, voxel)
-        require_integer("pixel_margin", pixel_margin, 0)
-        view.refuse_covered(side)
         camera, camera_from_root = view.intrinsics, view.root_from_camera.inverse()
+        require_integer("pixel_margin", pixel_margin, 0)
+        if pixel_margin >= max(camera.width, camera.height):
+            raise InputError(
+                f"pixel_margin = {pixel_margin} is larger than the image: {camera.width} x {camera.height}"
+            )
+        view.refuse_covered(side)
         cells = np.empty(count, dtype=np.uint8)
         intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         nearest, farthest = rounded(view.nearest, 0.0), rounded(view.farthest, np.inf)
@@ -294,6 +299,9 @@ class OccupancyGrid(ByContent):
 
         Of a cell that none proves free, it is known that a surface was measured if one of the views shows it. The
         views must be of the same state of the scene. ``a | b`` is the same as ``a.fuse(b)``.
+
+        Cells that were cleared in one grid are free in the result, even if another view measured a surface in them:
+        remove the robot after the fusion. If it moved between the views, remove it with ``padding=0`` before.
 
         Raises
         ------

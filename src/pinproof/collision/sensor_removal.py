@@ -17,6 +17,7 @@ from pinproof.collision.depth_image import DepthView, Piece, RemovedBody
 from pinproof.collision.inner_shapes import extremes
 from pinproof.collision.occupancy import OccupancyGrid
 from pinproof.collision.shapes import Obstacle
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
 from pinproof.spatial import matrix
 
@@ -29,9 +30,6 @@ SEEN_THROUGH = 0.5
 
 JOINED = 1e-6
 """Metres between two convex pieces of a body up to which a ray that leaves one enters the other."""
-
-BESIDE = 2
-"""Pixels around a pixel that a body covers in part, among which those are that it covers entirely or not at all."""
 
 
 class _Polytope(NamedTuple):
@@ -91,11 +89,14 @@ def remove_robot(
     InputError
         If a link is an exact mesh, or the padding is negative.
     """
+    if not isinstance(grid, OccupancyGrid):
+        raise InputError(f"remove_robot takes an OccupancyGrid, not {type(grid).__name__}")
     if padding is None:
         padding = float(checker.margins.max(initial=checker.margin)) + math.sqrt(3) * grid.voxel + checker.rounding
     placed = checker.placed(checker.group.configuration(q))
     moving = [(i, body) for i, body in enumerate(checker.bodies) if body.link is not None]
     pieces = [_piece(body, placed.root_from_body(i)) for i, body in moving]
+    require_positive("padding", padding, zero=True)
     return grid.cleared(pieces, padding, f"within {padding * 1e3:.4g} mm of {checker.group.robot.name}")
 
 
@@ -111,9 +112,9 @@ def remove_body(sensed: DepthView | OccupancyGrid, body: Obstacle) -> DepthView 
 
     A view also shows which of these hold nothing else: a pixel that the body covers, and that measures it, now looks
     through it, and everything else in this pixel is behind the place where the ray leaves the body. A pixel that the
-    body covers only in part, and that measures it, takes the nearest bound of its neighbours that the body covers
-    entirely or not at all. So cells around the visible edges of the body become free, and those that it hides or shares
-    with its support stay.
+    body covers only in part keeps its bound: what is beside the outline of the body, or hidden behind it, may be in it.
+    So cells around the visible faces of the body become free. Those that it hides, that it shares with its support, or
+    that are at its outline stay; another view may show them.
 
     Parameters
     ----------
@@ -128,6 +129,9 @@ def remove_body(sensed: DepthView | OccupancyGrid, body: Obstacle) -> DepthView 
         If the body is not covered by convex pieces, the camera is inside it, or the view shows that it is not at its
         pose.
     """
+    if not isinstance(body, Obstacle) or not isinstance(sensed, DepthView | OccupancyGrid):
+        given = f"{type(sensed).__name__} and {type(body).__name__}"
+        raise InputError(f"remove_body takes a DepthView or an OccupancyGrid and an Obstacle, not {given}")
     parts = shape_bodies(body.name, None, body.shape, body.pose)
     pieces = tuple(_piece(part, matrix(part.link_from_body)) for part in parts)
     if isinstance(sensed, OccupancyGrid):
@@ -181,16 +185,7 @@ def _look_through(view: DepthView, name: str, parts: Sequence[Body], nearest: Ar
         )
     partly &= ~shown
     farthest[shown | partly] = 0.0
-    _take_from_neighbours(nearest, partly)
     return int(np.count_nonzero(shown | partly))
-
-
-def _take_from_neighbours(nearest: Array, pixels: npt.NDArray[np.bool_]) -> None:
-    from scipy.ndimage import minimum_filter
-
-    others = np.where(pixels, np.inf, nearest)
-    around = minimum_filter(others, 2 * BESIDE + 1, mode="nearest")
-    nearest[pixels] = np.maximum(nearest, np.where(np.isfinite(around), around, 0.0))[pixels]
 
 
 def _polytope(body: Body, camera_from_root: pin.SE3) -> _Polytope:
@@ -228,6 +223,6 @@ def _crossing(view: DepthView, piece: _Polytope) -> _Crossing:
         (rows, columns),
         np.minimum.reduce([np.where(hit, enter, np.inf)[at] for at in four]),
         np.minimum.reduce([np.where(hit, leave, np.inf)[at] for at in four]),
-        np.maximum.reduce([np.where(hit, (enter + leave) / 2, -np.inf)[at] for at in four]),
+        np.maximum.reduce([(np.where(hit, enter, -np.inf) / 2 + np.where(hit, leave, -np.inf) / 2)[at] for at in four]),
         np.logical_and.reduce([hit[at] for at in four]),
     )

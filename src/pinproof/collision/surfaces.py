@@ -127,6 +127,8 @@ def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
         along, across = (axis + 1) % 3, (axis + 2) % 3
         for side in (0, 1):
             bare = _bare_cells(shape, axis, side)
+            if not len(bare):  # a grid without an occupied cell
+                continue
             bare = bare[np.lexsort((bare[:, along], bare[:, across], bare[:, axis]))]
             gap = np.diff(bare, axis=0)
             first = np.concatenate([[True], (gap[:, along] != 1) | (gap[:, axis] != 0) | (gap[:, across] != 0)])
@@ -136,7 +138,7 @@ def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
             quad[:, 1:3, along] = last[:, None, along] + 1
             quad[:, 2:, across] += 1
             quads.append(quad if side else quad[:, ::-1])
-    corners = np.concatenate(quads)
+    corners = np.concatenate([np.empty((0, 4, 3)), *quads])
     four = np.arange(4 * len(corners)).reshape(-1, 4)
     triangles = np.concatenate([four[:, :3], four[:, [0, 2, 3]]])
     return corners.reshape(-1, 3) * side_length, triangles
@@ -182,7 +184,7 @@ def _rows(occupied: npt.NDArray[np.bool_], axis: int) -> tuple[Indices, Indices]
 
 
 def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indices, Indices]:
-    for axis in order:
+    for axis in order if len(low) else ():
         others = [other for other in range(3) if other != axis]
         sides = [column for other in others for column in (high[:, other], low[:, other])]
         rank = np.lexsort([low[:, axis], *sides])

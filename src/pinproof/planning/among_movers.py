@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Mover, certify, with_movers
 from pinproof.common.display import outline
-from pinproof.common.validation import require_positive
+from pinproof.common.validation import require_integer, require_positive
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory, time_parametrise
@@ -34,6 +34,7 @@ from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanResult, PlanStatus, _Outcome
 from pinproof.planning.rrt_connect import SEARCH_PAD, RrtConnect, sampling_box
 from pinproof.planning.simplification import shortcut
+from pinproof.spatial import finite
 
 __all__ = ["TimedPlanResult", "plan_among_movers"]
 
@@ -159,10 +160,11 @@ def plan_among_movers(
         If there is no mover, a mover does not cover the time from the start to the end of the window, or a number is
         invalid.
     """
-    if not movers:
-        raise InputError("there is no mover; plan with RrtConnect")
-    if samples < 0:
-        raise InputError(f"samples = {samples}; it must be 0 or more")
+    if isinstance(movers, Mover | Trajectory) or not movers:
+        raise InputError("movers must be a list of at least one mover; without a mover, plan with RrtConnect")
+    if wrong := [type(each).__name__ for each in movers if not isinstance(each, Mover | Trajectory)]:
+        raise InputError(f"a mover is a Mover or a Trajectory of other joints, not {wrong[0]}")
+    require_integer("samples", samples, 0)
     require_positive("start_time", start_time, zero=True)
     shifted = tuple(each.after(start_time) for each in movers)
     first, last = _window(shifted, start_time, window)
@@ -228,7 +230,7 @@ def _window(
         if not last > 0.0:
             raise InputError(f"the movers end before start_time = {start_time:g} s; give their motion until later")
         return 0.0, last
-    first, last = float(window[0]) - start_time, float(window[1]) - start_time
+    first, last = (finite("window", window, (2,)) - start_time).tolist()
     if not (last > 0.0 and first <= last < math.inf):
         raise InputError(
             f"window = {window}; it must be two times in increasing order that end after start_time = {start_time:g} s"

@@ -404,7 +404,7 @@ BEYOND_A_SCHEMA = re.compile(
     r"|either all points|at time 0|increase strictly"
     # texts and units
     r"|is not a valid name|is not a valid robot name|full rotations|is too long"
-    r"|coordinates are limited|number of seconds|must be an integer"
+    r"|coordinates are limited|number of seconds|must be an integer|sizes are from|larger than the image"
     # the parts of a program
     r"|differs from the motion|its hash is another|the certificate .* does not exist|the time of the last point"
     r"|the start of the segment|times must increase|joint_names contains|do not meet|at the connection"

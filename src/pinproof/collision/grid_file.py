@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import math
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -93,7 +94,7 @@ def read_grid(
 def _cells(stated: object, count: list[float]) -> np.ndarray:
     """Return the states of cells (nx, ny, nz) of their text."""
     shape = tuple(int(side) for side in count)
-    size = int(np.prod(count))
+    size = math.prod(shape)
     if list(shape) != count or min(shape) < 1 or size > MOST_CELLS:
         raise InputError(f"occupancy_grid.count: {count} must be three integers, with at most {MOST_CELLS} cells")
     try:

@@ -219,7 +219,7 @@ def test_the_table_of_the_documentation_has_success_rates(
 def test_an_arm_without_a_closed_form_is_left_out_with_the_reason(tmp_path: Path) -> None:
     rows = [
         pp.DhRow(f"j{k}", 0.3, 0.1 + 0.02 * k, 0.2, 0.7 + 0.1 * k, kind, -0.5, 0.5, 1.0)
-        for k, kind in enumerate(["revolute", "prismatic", "revolute", "prismatic", "revolute", "revolute"])
+        for k, kind in enumerate(["revolute", "prismatic", "prismatic", "prismatic", "prismatic", "revolute"])
     ]
     robot = str(tmp_path / "general.urdf")
     pp.write_urdf(pp.DhTable(rows, convention="standard", name="general"), robot)

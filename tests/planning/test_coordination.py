@@ -42,9 +42,39 @@ def test_arm_waits_until_the_other_has_left_the_shared_place(cell, jerk) -> None
     assert result.certificate.matches(result.trajectory, cell, checker.scene)
     assert audit(result.trajectory, checker, step=0.01, measure=False).clean
     parts, late = separate(result.trajectory, cell), result.delays["b"]
+    assert result.slowdowns == {"a": 1.0, "b": 1.0}
     t = np.linspace(0.0, motions["b"].duration, 100)
     assert np.allclose(parts["a"](t), motions["a"](t), atol=1e-9)
     assert np.allclose(parts["b"](np.minimum(t + late, parts["b"].duration)), motions["b"](t), atol=1e-6)
+
+
+FORK = """<robot name="rails"><link name="root"/>
+<link name="fork"><collision><origin xyz="0.3 0 0"/><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
+<collision><origin xyz="-0.3 0 0"/><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+<link name="puck"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+<joint name="fork_rail" type="prismatic"><parent link="root"/><child link="fork"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="3" velocity="0.3" effort="1"/></joint>
+<joint name="puck_rail" type="prismatic"><parent link="root"/><child link="puck"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="3" velocity="1" effort="1"/></joint></robot>"""
+
+
+def test_arm_between_the_fingers_of_another_moves_slower_along_its_path() -> None:
+    """At full speed, the puck reaches the finger ahead of it, or it is reached by the one behind, whenever it starts."""
+    group = pp.model.load_robot_from_text(FORK).arms("fork", "puck")
+    names = {name: list(arm.joint_names) for name, arm in group.arms.items()}
+    motions = {
+        name: pp.time_parametrise(JointPath(np.array([[0.0], [2.0]]), names[name]), group.arms[name].limits)
+        for name in ("fork", "puck")
+    }
+    checker = pp.CollisionChecker(group)
+    result = coordinate(checker, motions)
+    assert result.ok
+    assert result.slowdowns["fork"] == 1.0
+    assert result.slowdowns["puck"] > 1.0
+    assert audit(result.trajectory, checker, step=0.002, measure=False).clean
+    ends = separate(result.trajectory, group)
+    assert np.allclose(ends["puck"].q[[0, -1]], [[0.0], [2.0]])
+    assert (np.abs(ends["puck"].velocities) <= 1.0 + 1e-9).all()
 
 
 def test_motions_that_never_fit_are_reported_with_the_bodies(cell) -> None:

@@ -384,7 +384,7 @@ def _balanced(cost: Array, meet: Array) -> list[int]:
     """
     units, arms = np.arange(len(cost)), range(cost.shape[1] if len(cost) else 0)
 
-    def load(chosen: Array) -> float:
+    def load(chosen: npt.NDArray[np.intp]) -> float:
         apart = chosen[:, None] != chosen
         met = (meet[units[:, None], chosen[:, None], units, chosen] * apart).sum(axis=1)
         seconds = cost[units, chosen] * (1.0 + CROWDED * met / np.maximum(apart.sum(axis=1), 1))

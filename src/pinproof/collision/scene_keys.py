@@ -92,7 +92,7 @@ INTRINSICS = KeyTable(
 VIEW = KeyTable(
     "view",
     "A depth image and its camera.",
-    required("image", TEXT, "the image (NPY, PNG or EXR), relative to the folder of this file"),
+    required("image", TEXT, "the image (NPY or PNG), relative to the folder of this file"),
     required("intrinsics", INTRINSICS, "the camera"),
     required("camera", POSE, "root_from_camera: x to the right, y downwards, z forward"),
     FileKey("depth_scale", POSITIVE, "metres per unit of the image, which images of integers need", "m"),

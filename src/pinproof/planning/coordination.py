@@ -1,7 +1,7 @@
-"""Coordination of several arms: each keeps its own motion, and arms wait so that all of them together are certified.
+"""Coordination of several arms: each keeps its own path, and arms wait or move slower so that all together are certified.
 
-The arms are coordinated in the order of their priority: the motion of an arm starts as early as the certificate of all
-motions so far allows. Delays are searched on a grid, so that the result is not the best one that exists.
+The arms are coordinated in the order of their priority: the motion of an arm ends as early as the certificate of all
+motions so far allows. Delays and slowdowns are searched on a grid, so that the result is not the best one that exists.
 
 :func:`plan_arms` plans the paths too: of all arms together in the space of all joints, and one arm after the other with
 waiting; the shorter certified motion is returned.
@@ -34,6 +34,9 @@ __all__ = ["CoordinationResult", "coordinate", "plan_arms"]
 STEP = 0.05
 """Seconds between the delays that are tried: a small part of a usual motion."""
 
+SLOWDOWNS = (1.0, 1.25, 1.5, 2.0, 3.0)
+"""Factors of the duration of a motion that are tried: an arm that follows another must not only wait, but move as slowly."""
+
 
 @dataclass(frozen=True, eq=False)
 class CoordinationResult:
@@ -47,6 +50,8 @@ class CoordinationResult:
         The certificate of it; otherwise that of the last delays that were tried.
     delays
         Seconds by which each arm starts later, by name.
+    slowdowns
+        The factor of the duration of each arm's motion, by name: 1 or more.
     message
         The result as a sentence.
     method
@@ -56,6 +61,7 @@ class CoordinationResult:
     trajectory: Trajectory | None
     certificate: Certificate
     delays: dict[str, float]
+    slowdowns: dict[str, float]
     message: str
     method: Literal["joint", "prioritised"] = "prioritised"
 
@@ -79,8 +85,8 @@ def coordinate(
         The checker of the joint group.
     trajectories
         For each arm of the group its motion, at rest at both ends. The first has the highest priority and starts at
-        once; the others wait. An arm that has not started rests at the start of its motion, and one that has arrived at
-        its end.
+        once; the others wait, or move slower along the same path, whichever ends earlier. An arm that has not started
+        rests at the start of its motion, and one that has arrived at its end.
     step
         Seconds between the delays that are tried.
 
@@ -95,31 +101,48 @@ def coordinate(
         raise InputError(f"step = {step!r}; it must be above 0 s")
     for name, each in trajectories.items():
         _require_rest(name, each)
-    group, delays = checker.group, dict.fromkeys(trajectories, 0.0)
-    placed: dict[str, Trajectory] = {}
+    group, placed = checker.group, dict[str, Trajectory]()
+    delays, slowdowns = dict.fromkeys(trajectories, 0.0), dict.fromkeys(trajectories, 1.0)
     whole = certificate = None
     for name, each in trajectories.items():
         waiting = {other: _resting(later) for other, later in trajectories.items() if other not in (*placed, name)}
+        if waiting and not placed:
+            placed[name] = each  # it starts at once in any case; the certificates with the other arms cover it
+            continue
         busy = max((motion.duration for motion in placed.values()), default=0.0)
-        # At a delay of `busy` all arms before it have arrived; a longer one changes nothing.
-        tried = [0.0] if not placed else [*np.arange(0.0, busy, step).tolist(), busy]
-        for delay in tried:
-            motion = _delayed(each, delay)
+        for delay, factor in _retimings(each.duration, busy, step):
+            slower = each if factor == 1.0 else each.slowed(factor)
+            motion = _delayed(slower, delay)
             whole = synchronise({**placed, name: motion, **waiting}, group, wait=True)
             certificate = certify(whole, checker)
             if certificate.status is CertificateStatus.FREE:
-                placed[name], delays[name] = motion, motion.duration - each.duration
+                placed[name], delays[name], slowdowns[name] = motion, motion.duration - slower.duration, factor
                 break
         else:
             if certificate is None:
                 raise InputError("there is no trajectory")
             message = f"arm {name!r} is not free of collisions at any delay up to {busy:.3g} s: {certificate.message}"
-            return CoordinationResult(None, certificate, delays, message)
+            return CoordinationResult(None, certificate, delays, slowdowns, message)
     if whole is None or certificate is None:
         raise InputError("there is no trajectory")
-    waits = ", ".join(f"{name} waits {delay:.3g} s" for name, delay in delays.items() if delay > 0.0)
-    message = f"{len(delays)} arms in {whole.duration:.3g} s; {waits or 'none waits'}; {certificate.message}"
-    return CoordinationResult(whole, certificate, delays, message)
+    changes = [f"{name} waits {delay:.3g} s" for name, delay in delays.items() if delay > 0.0]
+    changes += [f"{name} takes {factor:.3g} times as long" for name, factor in slowdowns.items() if factor > 1.0]
+    message = (
+        f"{len(delays)} arms in {whole.duration:.3g} s; {', '.join(changes) or 'none waits'}; {certificate.message}"
+    )
+    return CoordinationResult(whole, certificate, delays, slowdowns, message)
+
+
+def _retimings(duration: float, busy: float, step: float) -> list[tuple[float, float]]:
+    """Delays and slowdowns of a motion, the earliest end first, while other arms move for ``busy`` seconds.
+
+    At a delay of ``busy`` all other arms have arrived; a later end changes nothing.
+    """
+    if busy == 0.0:
+        return [(0.0, 1.0)]
+    delays = [*np.arange(0.0, busy, step).tolist(), busy]
+    tried = [(delay, factor) for delay in delays for factor in SLOWDOWNS if delay + (factor - 1.0) * duration <= busy]
+    return sorted(tried, key=lambda each: (each[0] + each[1] * duration, each[1]))
 
 
 def plan_arms(
@@ -174,7 +197,8 @@ def plan_arms(
         message = f"{len(group.ends)} arms in {motion.duration:.3g} s, planned together; {certificate.message}"
         reasons = [f"joint: {certificate.message}"]
         if certificate.free:
-            found.append(CoordinationResult(motion, certificate, dict.fromkeys(group.ends, 0.0), message, "joint"))
+            delays, slowdowns = dict.fromkeys(group.ends, 0.0), dict.fromkeys(group.ends, 1.0)
+            found.append(CoordinationResult(motion, certificate, delays, slowdowns, message, "joint"))
     begin = group.configuration(start, "start")
     # One goal for both, so that the order of the arms does not decide which one is reached.
     goal = np.atleast_2d(np.asarray(goals, dtype=float))[0] if plan.path is None else np.asarray(plan.path.q[-1])

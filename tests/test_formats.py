@@ -435,7 +435,8 @@ def test_reader_and_schema_agree_on_changed_files(name: str, folder: Path, data:
         return
     found = invalid(name, tree)
     if reason is None:
-        assert found == [], tree
+        # The reader drops points of a cloud that are not finite, which JSON cannot contain.
+        assert [each for each in found if "point_cloud.points" not in each or "inf is" not in each] == [], tree
     elif not found:
         assert BEYOND_A_SCHEMA.search(reason), reason
 

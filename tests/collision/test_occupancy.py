@@ -24,7 +24,7 @@ from pinproof import (
 from pinproof._core import carve
 from pinproof.collision import DepthView, Intrinsics, remove_body, remove_robot
 from pinproof.collision.bodies import shape_bodies
-from pinproof.collision.occupancy import FREE, SEEN, UNKNOWN
+from pinproof.collision.occupancy import CLEARED, FREE, SEEN, UNKNOWN
 from pinproof.collision.surfaces import cell_faces
 from pinproof.errors import FileError
 from tests.collision.depth_camera import Solid, depth_image, look_at, states_by_definition
@@ -204,7 +204,7 @@ def test_the_robot_is_removed_with_its_padding_and_nothing_else():
     assert checker.with_scene(Scene([Obstacle("camera", cleared)])).is_free(arm.home)
     assert "cells within" in cleared.record[-1]
     # Every cleared cell is within the padding of a body.
-    free = np.argwhere(cleared.cells == FREE)
+    free = np.argwhere(cleared.cells == CLEARED)
     padding = 0.005 + np.sqrt(3) * 0.02 + 1e-6
     rng = np.random.default_rng(0)
     chosen = rng.choice(free, 40)
@@ -216,13 +216,25 @@ def test_the_robot_is_removed_with_its_padding_and_nothing_else():
     assert 0 < same.counts[0] < cleared.counts[0]
 
 
+def test_a_surface_that_another_view_shows_is_kept_where_the_robot_was_removed():
+    arm = load_robot("ur5").arm()
+    checker = CollisionChecker(arm)
+    shape, low = (60, 60, 60), (-30, -30, 0)
+    cleared = remove_robot(OccupancyGrid(np.full(shape, UNKNOWN), 0.02, low), checker, arm.home)
+    for state, expected in ((SEEN, SEEN), (UNKNOWN, CLEARED), (FREE, FREE)):
+        other = OccupancyGrid(np.full(shape, state), 0.02, low)
+        for fused in (cleared | other, other | cleared):
+            assert (fused.cells[cleared.cells == CLEARED] == expected).all()
+            assert (fused.occupied == (fused.cells == SEEN) | (fused.cells == UNKNOWN)).all()
+
+
 PICKED = Obstacle("part", Box(0.1, 0.1, 0.1), PART.pose)
 
 
 def test_cells_of_a_body_are_removed_and_those_it_shares_stay():
     grid = view([TABLE, PART])
     rest = remove_body(grid, PICKED)
-    cells = np.argwhere((grid.cells != FREE) & (rest.cells == FREE)) + grid.low
+    cells = np.argwhere(grid.occupied & ~rest.occupied) + grid.low
     low, high = np.array([0.45, -0.05, 0.0]) - 1e-9, np.array([0.55, 0.05, 0.1]) + 1e-9
     assert len(cells) == 4 * 4 * 5  # entirely in the part: x from 0.46 to 0.54
     assert ((cells * 0.02 >= low) & ((cells + 1) * 0.02 <= high)).all()
@@ -238,7 +250,7 @@ def test_an_image_looks_through_a_body_to_be_picked_but_proves_nothing_behind_it
     for each in (TABLE, BEHIND):  # also where the part is on the table, and hides the other
         assert (states_at(grid, each.surface(3000, rng)) != FREE).all()
     inside_only = remove_body(view([TABLE, PART, BEHIND], camera, depth_uncertainty=0.003), PICKED)
-    assert ((inside_only.cells == FREE) <= (grid.cells == FREE)).all()
+    assert (~inside_only.occupied <= ~grid.occupied).all()
 
 
 def test_cells_at_the_visible_faces_of_a_removed_body_are_free():
@@ -369,7 +381,7 @@ def test_removal_from_something_else_is_refused():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"cells": np.full((2, 2, 2), 3)}, "states 0, 1 or 2"),
+        ({"cells": np.full((2, 2, 2), 4)}, "states 0 to 3"),
         ({"cells": np.zeros((2, 2))}, "shape"),
         ({"cells": np.zeros((0, 2, 2), int)}, "shape"),
         ({"low": (0, 0.5, 0)}, "three integers"),

@@ -23,14 +23,15 @@ from pinproof.common.validation import named_arguments, require_integer, require
 from pinproof.errors import InputError
 from pinproof.spatial import finite, matrix
 
-__all__ = ["FREE", "MOST_CELLS", "PIXEL_MARGIN", "POLICIES", "SEEN", "UNKNOWN", "OccupancyGrid"]
+__all__ = ["CLEARED", "FREE", "MOST_CELLS", "PIXEL_MARGIN", "POLICIES", "SEEN", "UNKNOWN", "OccupancyGrid"]
 
 Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.uint8]
 Bounds = Sequence[Sequence[float]] | Array
 
-FREE, SEEN, UNKNOWN = 0, 1, 2
-"""The states of a cell: proven free; a surface was measured in it or right beside it; neither."""
+FREE, SEEN, UNKNOWN, CLEARED = 0, 1, 2, 3
+"""The states of a cell: proven free; a surface was measured in it or right beside it; neither; free, because a body was
+removed, which another view may contradict."""
 
 MOST_CELLS = 2**26
 """Largest number of cells of a grid: 64 MB."""
@@ -56,7 +57,8 @@ class OccupancyGrid(ByContent):
     ----------
     cells
         (nx, ny, nz) the states of the cells: :data:`~pinproof.collision.occupancy.FREE` 0,
-        :data:`~pinproof.collision.occupancy.SEEN` 1, :data:`~pinproof.collision.occupancy.UNKNOWN` 2.
+        :data:`~pinproof.collision.occupancy.SEEN` 1, :data:`~pinproof.collision.occupancy.UNKNOWN` 2,
+        :data:`~pinproof.collision.occupancy.CLEARED` 3 (free, because a body was removed).
     voxel
         The side (m) of a cell.
     low
@@ -76,9 +78,15 @@ class OccupancyGrid(ByContent):
 
     def __post_init__(self) -> None:
         cells = np.array(self.cells)
-        if cells.ndim != 3 or cells.size == 0 or cells.dtype.kind not in "biu" or cells.min() < 0 or cells.max() > 2:
+        if (
+            cells.ndim != 3
+            or cells.size == 0
+            or cells.dtype.kind not in "biu"
+            or cells.min() < 0
+            or cells.max() > CLEARED
+        ):
             raise InputError(
-                f"OccupancyGrid.cells must be states 0, 1 or 2 of the shape (nx, ny, nz); they are {cells.dtype} of "
+                f"OccupancyGrid.cells must be states 0 to 3 of the shape (nx, ny, nz); they are {cells.dtype} of "
                 f"the shape {cells.shape}"
             )
         cells = np.ascontiguousarray(cells, dtype=np.uint8)
@@ -108,14 +116,14 @@ class OccupancyGrid(ByContent):
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """The number of free, seen and unknown cells."""
-        free, seen, hidden = np.bincount(self.cells.ravel(), minlength=3).tolist()
-        return free, seen, hidden
+        """The number of free (with cleared ones), seen and unknown cells."""
+        free, seen, hidden, cleared = np.bincount(self.cells.ravel(), minlength=4).tolist()
+        return free + cleared, seen, hidden
 
     @property
     def occupied(self) -> npt.NDArray[np.bool_]:
         """(nx, ny, nz) whether a cell is an obstacle."""
-        return self.cells != FREE if self.unknown == "occupied" else self.cells == SEEN
+        return (self.cells == SEEN) | (self.cells == UNKNOWN) if self.unknown == "occupied" else self.cells == SEEN
 
     @property
     def remark(self) -> str:
@@ -292,6 +300,7 @@ class OccupancyGrid(ByContent):
             clear_within(cells, np.array(self.low), self.voxel, piece.shape, piece.shape_from_root, padding)
             for piece in pieces
         )
+        cells[(cells == FREE) & (self.cells != FREE)] = CLEARED
         return replace(self, cells=cells, record=(*self.record, f"{count} cells {where} are cleared"))
 
     def fuse(self, *others: OccupancyGrid) -> OccupancyGrid:
@@ -300,8 +309,8 @@ class OccupancyGrid(ByContent):
         Of a cell that none proves free, it is known that a surface was measured if one of the views shows it. The
         views must be of the same state of the scene. ``a | b`` is the same as ``a.fuse(b)``.
 
-        Cells that were cleared in one grid are free in the result, even if another view measured a surface in them:
-        remove the robot after the fusion. If it moved between the views, remove it with ``padding=0`` before.
+        Cells that were cleared in one grid are free in the result unless another grid shows a surface in them. A robot
+        that is at the same place in several views is removed from each of them, or from the result.
 
         Raises
         ------
@@ -319,11 +328,15 @@ class OccupancyGrid(ByContent):
                     f"{other.bounds[0].tolist()} with unknown={other.unknown!r}"
                 )
         grids = (self, *others)
-        cells = np.minimum.reduce([grid.cells for grid in grids])
+        cells = _RANK[np.minimum.reduce([_RANK[grid.cells] for grid in grids])]
         return replace(self, cells=cells, record=tuple(dict.fromkeys(line for grid in grids for line in grid.record)))
 
     def __or__(self, other: OccupancyGrid) -> OccupancyGrid:
         return self.fuse(other)
+
+
+_RANK = np.array([FREE, SEEN, CLEARED, UNKNOWN], dtype=np.uint8)
+"""The order of the states in which views are fused, and the state of each rank: its own inverse."""
 
 
 def _lattice(

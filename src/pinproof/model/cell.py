@@ -25,7 +25,7 @@ def assemble(arms: Mapping[str, tuple[JointGroup, pin.SE3 | npt.ArrayLike]], *, 
     """Combine several robots into one joint group, to plan and certify their motions together.
 
     The result is a group of a new robot whose root link is ``world``. Links and joints have the names of the robots as
-    prefixes, such as ``left/wrist_1_link``, so that robots of the same model have distinct names. Scenes of the cell are
+    prefixes, such as ``left/wrist_1_link``, so that robots of one model have distinct names. Scenes of the cell are
     placed in ``world``. The pairs of links of different robots are all checked, the bases included;
     :class:`pinproof.CollisionChecker` refuses a cell whose bases overlap.
 

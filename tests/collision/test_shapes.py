@@ -7,20 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from pinproof import (
-    Box,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    HeightMap,
-    InputError,
-    Mesh,
-    Obstacle,
-    PointCloud,
-    Sphere,
-)
+from pinproof import Box, Cylinder, HalfSpace, InputError, Mesh, Obstacle, PointCloud, Sphere
+from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
 
 TETRAHEDRON = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]

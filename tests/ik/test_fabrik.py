@@ -60,7 +60,7 @@ def test_an_unreachable_target_ends_stretched_and_is_reported(planar, x, y):
     found = pp.Fabrik(restarts=2).solve(planar("-3.1 3.1", "-3 3"), pp.pose((x, y, 0)), [0.5, 0.5], task="position")
     assert not found.ok
     assert found.position_error == pytest.approx(np.hypot(x, y) - 2, abs=1e-3)
-    assert found.status is pp.IkStatus.NOT_FOUND
+    assert found.status is pp.ik.IkStatus.NOT_FOUND
 
 
 def test_prismatic_joints_reach_the_target():

@@ -108,8 +108,8 @@ def certify(
         keep their margin afterwards; :meth:`CollisionChecker.allowing` would exclude the pair instead. Cannot be
         combined with ``joint_tolerance`` or ``record``.
     constraints
-        :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.LookAt`: conditions of the tcp that
-        must hold over the whole curve too.
+        :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.collision.LookAt`: conditions of the
+        tcp that must hold over the whole curve too.
     movers
         :class:`~pinproof.Mover` for obstacles that move with time, such as parts on a conveyor, and trajectories of
         other joints of the robot, such as those of another arm of a cell. The certificate is then one of the motion of

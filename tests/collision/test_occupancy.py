@@ -64,6 +64,16 @@ def states_at(grid: OccupancyGrid, points: np.ndarray) -> np.ndarray:
 vectors = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 
 
+def test_bounds_of_depth_are_rounded_away_from_the_surface():
+    intrinsics, low = np.array([4.0, 4.0, 4.0, 4.0]), np.array([-1, -1, 1])
+    for share in (0.1, 0.9):  # between two numbers of single precision, near either of them
+        surface = 1.0 + share * 2.0**-23
+        cells = np.empty((2, 2, 1), dtype=np.uint8)
+        side = (surface + 0.02 * 2.0**-23) / 2  # the far sides of the cells are just behind the surface
+        carve(cells, low, side, np.eye(4), intrinsics, np.full((9, 9), surface), np.full((9, 9), surface), 0)
+        assert (cells == SEEN).all()
+
+
 @given(seed=st.integers(0, 2**32), margin=st.integers(0, 2), eye=vectors, roll=st.floats(-3, 3))
 @settings(max_examples=25, deadline=None)
 def test_states_are_those_of_their_definition(seed, margin, eye, roll):

@@ -15,7 +15,7 @@ from pinproof.errors import FileError, InputError
 from pinproof.spatial import SE3, finite, rigid
 from pinproof.units import MOST_REACH
 
-__all__ = ["DEPTH_UNCERTAINTY", "DepthView", "Intrinsics", "Piece", "RemovedBody", "read_image", "rounded"]
+__all__ = ["DEPTH_UNCERTAINTY", "DepthView", "Intrinsics", "Piece", "RemovedBody", "read_image"]
 
 Array = npt.NDArray[np.float64]
 
@@ -188,14 +188,6 @@ class DepthView:
                 f"every measured surface is within {float(self.depth.max()):.3g} m of the camera: it is covered or "
                 "inside an obstacle"
             )
-
-
-def rounded(values: Array, towards: float) -> npt.NDArray[np.float32]:
-    """Return depths in single precision, rounded towards 0 or infinity, so that bounds remain bounds."""
-    single = values.astype(np.float32)
-    wrong = single < values if towards > 0 else single > values
-    single[wrong] = np.nextafter(single[wrong], np.float32(towards))
-    return single
 
 
 def _pixels(image: Any) -> npt.NDArray[Any]:

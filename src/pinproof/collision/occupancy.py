@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import carve, clear_within
-from pinproof.collision.depth_image import DEPTH_UNCERTAINTY, DepthView, Intrinsics, Piece, rounded
+from pinproof.collision.depth_image import DEPTH_UNCERTAINTY, DepthView, Intrinsics, Piece
 from pinproof.collision.octomap_file import THRESHOLD, read_octomap
 from pinproof.collision.shape_values import LARGEST_SIZE, ByContent, checked_size
 from pinproof.common.validation import named_arguments, require_integer, require_positive
@@ -217,8 +217,7 @@ class OccupancyGrid(ByContent):
         view.refuse_covered(side)
         cells = np.empty(count, dtype=np.uint8)
         intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-        nearest, farthest = rounded(view.nearest, 0.0), rounded(view.farthest, np.inf)
-        carve(cells, low, side, matrix(camera_from_root), intrinsics, nearest, farthest, pixel_margin)
+        carve(cells, low, side, matrix(camera_from_root), intrinsics, view.nearest, view.farthest, pixel_margin)
         if (cells == UNKNOWN).all():
             center = camera_from_root.act((low + np.array(count) / 2) * side)
             place = ", ".join(f"{x:.3g}" for x in center)

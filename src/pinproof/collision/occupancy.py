@@ -7,6 +7,8 @@ that no view proves free are obstacles, whether a surface was measured in them o
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,7 +51,8 @@ POLICIES = ("occupied", "free")
 class OccupancyGrid(ByContent):
     """Cubic cells of a box of space, each free, occupied or unknown.
 
-    :meth:`from_depth` makes one from a depth image, :meth:`from_octomap` from a map of OctoMap. As the shape of an
+    :meth:`from_depth` makes one from a depth image, :meth:`from_points` from a point cloud and its camera, and
+    :meth:`from_octomap` from a map of OctoMap. As the shape of an
     :class:`~pinproof.Obstacle`, the occupied cells are joined to boxes. Space outside the grid is free; certificates
     note this.
 
@@ -158,9 +161,9 @@ class OccupancyGrid(ByContent):
         Parameters
         ----------
         image
-            (height, width) depth along the optical axis, or a file (``.npy``, ``.png``). Pixels that are 0, not
-            finite, masked, saturated (65535, in integers) or beyond 100 m have no measurement; the space behind them is
-            unknown. Lens distortion must be removed already.
+            (height, width) depth along the optical axis, or a file (``.npy``, ``.png``, ``.exr``). Pixels that are 0,
+            not finite, masked, saturated (65535, in integers) or beyond 100 m have no measurement; the space behind
+            them is unknown. Lens distortion must be removed already.
         intrinsics
             The camera: :class:`~pinproof.collision.Intrinsics`, or its matrix (3, 3).
         camera_pose
@@ -218,6 +221,7 @@ class OccupancyGrid(ByContent):
         cells = np.empty(count, dtype=np.uint8)
         intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         carve(cells, low, side, matrix(camera_from_root), intrinsics, view.nearest, view.farthest, pixel_margin)
+        _mark(cells, view.beside / side - low, float(view.uncertainty.max()) / side)
         if (cells == UNKNOWN).all():
             center = camera_from_root.act((low + np.array(count) / 2) * side)
             place = ", ".join(f"{x:.3g}" for x in center)
@@ -235,6 +239,59 @@ class OccupancyGrid(ByContent):
         for part in view.removed:
             grid = grid.cleared(part.pieces, 0.0, f"in {part.name}")
         return grid
+
+    @classmethod
+    def from_points(
+        cls,
+        points: npt.ArrayLike | str | Path,
+        intrinsics: Intrinsics,
+        camera_pose: pin.SE3 | npt.ArrayLike,
+        *,
+        voxel: float,
+        bounds: Bounds,
+        cloud_pose: pin.SE3 | npt.ArrayLike | None = None,
+        unknown: str = "occupied",
+        depth_uncertainty: float = DEPTH_UNCERTAINTY,
+        pixel_margin: int = PIXEL_MARGIN,
+    ) -> OccupancyGrid:
+        """Return the cells that a point cloud proves free: those that its camera saw in front of its points.
+
+        Points alone prove nothing free, so the cloud needs the camera that measured it. Its points become a depth image
+        in which each pixel shows the nearest point, and :meth:`from_depth` states the rule and what it assumes. Pixels
+        without a point prove nothing: for a sparse cloud, such as of a laser scanner, state a camera at the sensor
+        with pixels that are larger than the spacing of the points. Points outside the image are occupied cells too.
+        :class:`~pinproof.PointCloud` is the shape for points whose surroundings are assumed to be free.
+
+        Parameters
+        ----------
+        points
+            (N, 3) points (m), or a file (``.npy``, ``.ply``, ``.pcd``). Those that are not finite are dropped, and the
+            record states how many.
+        intrinsics
+            The camera.
+        camera_pose
+            ``root_from_camera``, as for :meth:`from_depth`.
+        voxel, bounds
+            As for :meth:`from_depth`.
+        cloud_pose
+            ``root_from_cloud``: the pose of the frame of the points in the frame of the grid; for points in the frame
+            of the camera it is ``camera_pose``. Default: the points are in the frame of the grid.
+        unknown, pixel_margin
+            As for :meth:`from_depth`.
+        depth_uncertainty
+            Largest error (m) of a point along the optical axis.
+
+        Raises
+        ------
+        InputError
+            If the cloud is empty, is not in metres, or has no point in the view; or as for :meth:`from_depth`.
+        FileError
+            If the file cannot be read.
+        """
+        view = DepthView.from_points(
+            points, intrinsics, camera_pose, cloud_pose=cloud_pose, depth_uncertainty=depth_uncertainty
+        )
+        return cls.from_view(view, voxel=voxel, bounds=bounds, unknown=unknown, pixel_margin=pixel_margin)
 
     @classmethod
     def from_octomap(
@@ -332,6 +389,15 @@ class OccupancyGrid(ByContent):
 
     def __or__(self, other: OccupancyGrid) -> OccupancyGrid:
         return self.fuse(other)
+
+
+def _mark(cells: Cells, points: Array, error: float) -> None:
+    """Set the cells within ``error`` of points (N, 3) to SEEN; lengths in cells from the first one."""
+    steps = np.linspace(-error, error, max(2, math.ceil(2 * error) + 1))
+    for offset in itertools.product(steps, repeat=3) if len(points) else ():
+        at = np.floor(points + offset)
+        at = at[((at >= 0) & (at < cells.shape)).all(axis=1)].astype(np.int64)
+        cells[tuple(at.T)] = SEEN
 
 
 _RANK = np.array([FREE, SEEN, CLEARED, UNKNOWN], dtype=np.uint8)

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from pinproof._core import carve, clear_within
 from pinproof.collision.depth_image import DEPTH_UNCERTAINTY, DepthView, Intrinsics, Piece
-from pinproof.collision.octomap_file import THRESHOLD, read_octomap
+from pinproof.collision.octomap_file import THRESHOLD, OctomapLeaves, read_octomap
 from pinproof.collision.shape_values import LARGEST_SIZE, ByContent, checked_size
 from pinproof.common.validation import named_arguments, require_integer, require_positive
 from pinproof.errors import InputError
@@ -296,7 +296,7 @@ class OccupancyGrid(ByContent):
     @classmethod
     def from_octomap(
         cls,
-        path: str | Path,
+        path: str | Path | OctomapLeaves,
         *,
         unknown: str = "occupied",
         bounds: Bounds | None = None,
@@ -309,7 +309,8 @@ class OccupancyGrid(ByContent):
         Parameters
         ----------
         path
-            The file: ``.bt`` (occupied and free leaves) or ``.ot`` (probabilities; OcTree or ColorOcTree).
+            The file: ``.bt`` (occupied and free leaves) or ``.ot`` (probabilities; OcTree or ColorOcTree). The scene
+            of a MoveIt planning scene contains the grid of its octomap already.
         unknown
             Whether cells that are unknown in the map are ``"occupied"`` or ``"free"``.
         bounds
@@ -327,17 +328,18 @@ class OccupancyGrid(ByContent):
             If the bounds are empty, contain no known leaf, or have too many cells; if a threshold is given for a
             ``.bt`` file.
         """
-        leaves = read_octomap(path, threshold)
+        leaves = path if isinstance(path, OctomapLeaves) else read_octomap(path, threshold)
         known: Array = np.asarray(leaves.bounds * leaves.resolution, dtype=np.float64)
-        lattice = f"the resolution of {Path(path).name}"
+        lattice = f"the resolution of the {leaves.source}"
         low, count, side = _lattice(known if bounds is None else bounds, leaves.resolution, lattice)
         cells = np.full(count, UNKNOWN, dtype=np.uint8)
         leaves.fill(cells, low, FREE, SEEN)
         if (cells == UNKNOWN).all():
-            raise InputError(f"bounds contain no known leaf of {path}; its known leaves are within {known.tolist()}")
+            box = known.tolist()
+            raise InputError(f"bounds contain no known leaf of the {leaves.source}; its known leaves are within {box}")
         judged = "" if leaves.threshold is None else f" (occupied from an occupancy of {leaves.threshold:g})"
         sentence = (
-            f"OctoMap file {Path(path).name} of {len(leaves.places)} known leaves{judged}; the map is trusted, bodies "
+            f"{leaves.source} of {len(leaves.places)} known leaves{judged}; the map is trusted, bodies "
             "that it does not show are not covered"
         )
         return cls(cells, side, tuple(low.tolist()), unknown, (sentence,))

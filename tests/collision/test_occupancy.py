@@ -226,6 +226,15 @@ def test_the_robot_is_removed_with_its_padding_and_nothing_else():
     assert 0 < same.counts[0] < cleared.counts[0]
 
 
+def test_a_robot_of_cylinders_is_removed_from_cells_in_line_with_their_axes():
+    """Nodes on an axis of a cylinder are a degenerate case of the distance."""
+    arm = load_robot("generic_6dof").arm()
+    checker = CollisionChecker(arm)
+    grid = OccupancyGrid(np.full((20, 10, 10), UNKNOWN), 0.02, (-10, -5, 0))
+    grid = remove_robot(grid, checker, arm.home)
+    assert checker.with_scene(Scene([Obstacle("camera", grid)])).is_free(arm.home)
+
+
 def test_a_surface_that_another_view_shows_is_kept_where_the_robot_was_removed():
     arm = load_robot("ur5").arm()
     checker = CollisionChecker(arm)

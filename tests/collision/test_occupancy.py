@@ -357,6 +357,7 @@ IMAGE = depth_image(CAMERA, ABOVE, [TABLE])
         ({"depth_scale": 0.001}, "depth_scale=1 "),
         ({"image": IMAGE[::2, ::2]}, r"80 x 60 pixels, the intrinsics are for 160 x 120"),
         ({"image": IMAGE[::2, ::2], "intrinsics": [[150, 0, 79.5], [0, 150, 59.5], [0, 0, 1]]}, "another size"),
+        ({"intrinsics": [[75, 0, 39.5], [0, 75, 29.5], [0, 0, 1]]}, "another size"),
         ({"intrinsics": np.eye(4)}, r"intrinsics"),
         ({"intrinsics": [[150, 1, 79.5], [0, 150, 59.5], [0, 0, 1]]}, r"\[\[fx, 0, cx\]"),
         ({"image": IMAGE * np.nan}, "no measurement"),
@@ -401,6 +402,9 @@ def test_removal_from_something_else_is_refused():
     ("changes", "words"),
     [
         ({"cells": np.full((2, 2, 2), 4)}, "states 0 to 3"),
+        ({"cells": [[[0, 1]], [[0]]]}, "differ in length"),
+        ({"record": "one sentence"}, "sequence of sentences"),
+        ({"record": [3]}, "sequence of sentences"),
         ({"cells": np.zeros((2, 2))}, "shape"),
         ({"cells": np.zeros((0, 2, 2), int)}, "shape"),
         ({"low": (0, 0.5, 0)}, "three integers"),

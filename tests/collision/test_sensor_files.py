@@ -85,6 +85,7 @@ def test_the_record_states_the_number_of_points_that_are_not_finite():
     ("points", "words"),
     [
         (np.zeros((0, 3)), "empty"),
+        ([], "empty"),
         (np.full((4, 3), np.nan), "is finite"),
         (CLOUD * 1000, "millimetres"),
         (CLOUD[:, :2], "shape"),

@@ -35,8 +35,9 @@ SATURATED = 2**16 - 1
 SAMPLES = 10_000
 """Number of pixels of which the unit of an image is judged."""
 
-OFF_CENTER = 0.25
-"""Share of the image by which the principal point of a camera may be off the center of its image."""
+OFF_CENTER = 0.2
+"""Share of the image by which the principal point of a camera may be off the center of its image; that of an image of
+half the size is off by 0.25."""
 
 
 @named_arguments
@@ -263,11 +264,13 @@ def _measured_points(points: npt.ArrayLike | str | Path) -> tuple[Array, str]:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{what} must be numbers of the shape (N, 3): {error}") from error
-    if stated.ndim != 2 or stated.shape[1] != 3:
+    if stated.size and (stated.ndim != 2 or stated.shape[1] != 3):
         raise InputError(f"{what} must have the shape (N, 3); it has {stated.shape}")
+    if not stated.size:
+        raise InputError(f"{what} is empty")
     cloud = stated[np.isfinite(stated).all(axis=1)]
     if not len(cloud):
-        raise InputError(f"{what} is empty" if not len(stated) else f"none of the points of {what} is finite")
+        raise InputError(f"none of the points of {what} is finite")
     median = float(np.median(np.linalg.norm(cloud, axis=1)))
     if median > MOST_REACH:
         raise InputError(f"the points of {what} are {median:g} m away (median), which looks like millimetres")

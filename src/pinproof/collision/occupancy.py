@@ -80,7 +80,12 @@ class OccupancyGrid(ByContent):
     record: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        cells = np.array(self.cells)
+        try:
+            cells = np.array(self.cells)
+        except ValueError as error:
+            raise InputError(
+                "OccupancyGrid.cells must have the shape (nx, ny, nz); its rows differ in length"
+            ) from error
         if (
             cells.ndim != 3
             or cells.size == 0
@@ -101,7 +106,10 @@ class OccupancyGrid(ByContent):
             raise InputError(f"OccupancyGrid.low = {self.low}; it must be three integers")
         if self.unknown not in POLICIES:
             raise InputError(f"OccupancyGrid.unknown = {self.unknown!r}; valid: {', '.join(map(repr, POLICIES))}")
-        for name, value in (("cells", cells), ("voxel", voxel), ("low", first), ("record", tuple(self.record))):
+        record = self.record if isinstance(self.record, (list, tuple)) else (None,)
+        if not all(isinstance(line, str) for line in record):
+            raise InputError(f"OccupancyGrid.record = {self.record!r}; it must be a sequence of sentences")
+        for name, value in (("cells", cells), ("voxel", voxel), ("low", first), ("record", tuple(record))):
             object.__setattr__(self, name, value)
         if float(np.abs(self.bounds).max()) > LARGEST_SIZE:
             raise InputError(f"OccupancyGrid reaches {np.abs(self.bounds).max():g} m; limit: {LARGEST_SIZE:g} m")

@@ -399,6 +399,7 @@ BEYOND_A_SCHEMA = re.compile(
     r"|axis of the fingers|no body has the inertia"
     # grids and their depth images
     r"|no cell of the bounds|far off the center|the image has|are empty|gives .* cells|median depth|inside an obstacle"
+    r"|in the view of the camera|to below 90 deg"
     r"|with at most|no known leaf|cannot be decoded|does not hold the states|OccupancyGrid reaches|bounds reach"
     r"|direction of .* is zero|the first angle must not exceed|required: 0 <= grip|is above|one per joint"
     r"|either all points|at time 0|increase strictly"

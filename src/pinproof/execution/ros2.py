@@ -144,7 +144,7 @@ def read_planning_scene(message: Mapping[str, Any]) -> Scene:
     Raises
     ------
     SceneError
-        If something is not supported, such as attached objects or an octomap; the message names it.
+        If something is not supported, such as attached objects; the message names it.
     """
     return Scene(**read_moveit_message(message)._asdict())
 

@@ -23,14 +23,12 @@ from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
+    Identity,
     MotionTube,
     UndecidedSpan,
     changes_since,
-    checked_hash,
-    curve_hash,
     free_sentence,
-    mesh_files,
-    notes_of,
+    identity_of,
     parameter_text,
 )
 from pinproof.collision.checker import CollisionChecker, Contact
@@ -150,7 +148,8 @@ def certify(
     def at(each: float) -> Certificate:
         def prove(part: Curve, judge: CollisionChecker) -> Certificate:
             settings = _settings(each, max_intervals, obstacles, record)
-            return _Proof(part, judge, settings, joints, obstacles, constraints).run()
+            # the hashes and notes of a part are those of the complete curve, which prove_parting states
+            return _Proof(part, judge, settings, joints, obstacles, constraints, identify=not parting).run()
 
         if not parting:
             return prove(curve, checker)
@@ -288,7 +287,10 @@ class _Proof:
         obstacles: float,
         constraints: Sequence[PathConstraint],
         known: KnownPairs | None = None,
+        *,
+        identify: bool = True,
     ) -> None:
+        self._identify = identify
         self._curve, self._checker, self._constraints, self._known = curve, checker, constraints, known
         judge = checker if known is None else known.rest
         self._judge = judge.moved_obstacles(obstacles) if obstacles > 0 else judge
@@ -442,12 +444,10 @@ class _Proof:
     ) -> Certificate:
         checker, state, known = self._checker, self._state, self._known
         free = status is CertificateStatus.FREE
-        curve = curve_hash(self._curve) if known is None else known.curve
-        if known is None:
-            files = mesh_files(checker)
-            setup, notes = checked_hash(checker, files), notes_of(checker, files)
+        if known is not None:
+            curve, setup, notes = known.curve, known.setup, known.notes
         else:
-            setup, notes = known.setup, known.notes
+            curve, setup, notes = identity_of(self._curve, checker) if self._identify else Identity("", "", ())
         evidence = state.evidence if self._settings.record else None
         if evidence is not None and known is not None:
             evidence = known.evidence_with(evidence)

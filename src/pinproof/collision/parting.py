@@ -25,8 +25,8 @@ from pinproof.collision.certificate import (
     MotionTube,
     Parting,
     UndecidedSpan,
-    curve_hash,
     free_sentence,
+    identity_of,
     parameter_text,
 )
 from pinproof.collision.checker import CollisionChecker
@@ -519,11 +519,14 @@ def _on_complete_curve(
     curve: Curve, checker: CollisionChecker, before: Sequence[Certificate], last: Certificate
 ) -> Certificate:
     """Return the verdict ``last`` on a part, after parts that are proven, as the verdict on the whole curve."""
+    own, setup, notes = identity_of(curve, checker)
     return replace(
         last,
         observed=min(certificate.observed for certificate in (*before, last)),
         intervals=sum(certificate.intervals for certificate in (*before, last)),
         pairs=len(checker.pairs),
         excluded=tuple(checker.excluded),
-        curve=curve_hash(curve),
+        curve=own,
+        setup=setup,
+        notes=notes,
     )

@@ -137,7 +137,7 @@ def read_ends(
     first = group.limits.snap(group.configuration(start, "start"))
     given = group.limits.snap(_read_goals(group, goals))
     many, index_of = with_turns(group, first, given) if turns else (given, list(range(len(given))))
-    inside = [not group.limits.violations(goal, group.joint_names) for goal in many]
+    inside: list[bool] = ((many >= group.limits.lower) & (many <= group.limits.upper)).all(axis=1).tolist()
     if constraints:
         tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(checker.arm, constraints)
         inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
@@ -158,7 +158,8 @@ def read_ends(
             return _invalid_start(checker, first)
 
     def valid() -> list[int]:
-        return [row for row, goal in enumerate(many) if inside[row] and checker.is_free_unchecked(goal)]
+        rows = np.flatnonzero(inside)
+        return np.asarray(rows[checker.is_free_batch(many[rows])]).tolist()
 
     rows = valid()
     if not rows:

@@ -57,7 +57,7 @@ def test_a_plain_list_of_picks_is_accepted_and_anything_else_is_named(arm) -> No
         report.verdicts[0].status
         == pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)), budget=budget).verdicts[0].status
     )
-    with pytest.raises(InputError, match=r"picks\[1\] is a str"):
+    with pytest.raises(InputError, match=r"picks\[1\] must be of type Pick"):
         pp.validate_picks(arm, pp.Scene(), [part(arm), "part"])
 
 

@@ -95,15 +95,6 @@ def test_a_continuous_joint_goes_round(turntable: pp.Arm) -> None:
     assert plan.path.end[0] in (pytest.approx(-0.1), pytest.approx(2 * np.pi - 0.1))
 
 
-def test_a_seven_joint_arm(panda: pp.Arm) -> None:
-    post = pp.Obstacle("post", pp.Box(0.08, 0.08, 1.0), pp.pose((0.4, 0.0, 0.5)))
-    checker = pp.CollisionChecker(panda, pp.Scene([post]), margin=0.002)
-    start, goal = panda.home.copy(), panda.home.copy()
-    start[0], goal[0] = -0.8, 0.8
-    plan = pp.planning.OmplPlanner(time_limit=60.0, max_edges=4000).plan(checker, start, goal)
-    _assert_solves(plan, checker, start, goal)
-
-
 def test_a_blocked_goal_is_not_found(gantry: pp.Arm) -> None:
     checker = pp.CollisionChecker(gantry, pp.Scene([pp.Obstacle("wall", pp.Box(0.02, 4.0, 1.0))]))
     plan = pp.planning.OmplPlanner("RRT", time_limit=600.0, max_edges=200).plan(checker, START, GOAL)

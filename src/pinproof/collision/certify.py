@@ -31,7 +31,7 @@ from pinproof.collision.certificate import (
     identity_of,
     parameter_text,
 )
-from pinproof.collision.checker import CollisionChecker, Contact
+from pinproof.collision.checker import CollisionChecker, Contact, require_curve
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.constraint_proofs import with_constraints
 from pinproof.collision.movers import Mover, with_movers
@@ -182,9 +182,8 @@ def _checked_tolerances(
     curve: Curve, checker: CollisionChecker, joint_tolerance: npt.ArrayLike, obstacle_tolerance: float
 ) -> Array:
     """The tolerance of each joint (n,), rad or m, of a curve of the joints of the checker."""
+    require_curve(curve, checker)
     group = checker.group
-    if tuple(curve.joint_names) != group.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {group.joint_names}")
     each = np.full(group.dof, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
     joints = finite("joint_tolerance", each, (group.dof,))
     if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.collision.overlaps import overlap_hint
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
 from pinproof.model.limits import AT_LIMIT
@@ -133,6 +134,7 @@ def read_ends(
     InputError
         If there is no goal, a shape is wrong or a number is not finite.
     """
+    require_type("checker", checker, CollisionChecker)
     group = checker.group
     first = group.limits.snap(group.configuration(start, "start"))
     given = group.limits.snap(_read_goals(group, goals))

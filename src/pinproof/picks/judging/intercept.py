@@ -436,10 +436,13 @@ class _AnyPlace:
     """The :class:`~pinproof.picks.judging.place.Scores` of which the first possible place is the best."""
 
     def without_lines(self, clearances: Array, seconds: Array) -> Array:
+        del seconds
         return np.zeros(len(clearances))
 
     def with_lines(self, release: Release, seconds: float) -> float:
+        del release, seconds
         return 0.0
 
     def placed(self, placing: Placing) -> float:
+        del placing
         return 0.0

@@ -30,8 +30,9 @@ class Scores(Protocol):
     """The scores of the complete motions with one transit and one grasp, and their upper bounds."""
 
     def without_lines(self, clearances: Array, seconds: Array) -> Array:
-        """(m,) upper bounds for releases whose lines are not planned: clearances (m), and lower bounds (s) of the time
-        from the end of the retreat.
+        """(m,) upper bounds for releases whose lines are not planned.
+
+        ``clearances`` (m,) are those at the releases, ``seconds`` (m,) lower bounds of the time after the retreat.
         """
 
     def with_lines(self, release: Release, seconds: float) -> float:
@@ -250,8 +251,8 @@ class Placer:
         low, high = span(down.q, down.lift, down.leave)
         goals = with_turns(arm, attempt.exit, down.entrance[None])[0] if turns else down.entrance[None]
         shifts = [goal - down.entrance for goal in goals]
-        within = limits.inside(np.array([low, high])[:, None] + np.array(shifts)).all(axis=0)
-        inside = [shift for shift, each in zip(shifts, within.tolist(), strict=True) if each]
+        within: list[bool] = limits.inside(np.array([low, high])[:, None] + np.array(shifts)).all(axis=0).tolist()
+        inside = [shift for shift, each in zip(shifts, within, strict=True) if each]
         shifts = inside or shifts[:1]
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
         goals, constraints = down.entrance + np.array(shifts), task.constraints(attempt.candidate.member)

@@ -30,7 +30,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import Curve, JointPath
 from pinproof.picks.input.pick import Member

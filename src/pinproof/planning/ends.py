@@ -138,7 +138,7 @@ def read_ends(
     given = group.limits.snap(_read_goals(group, goals))
     many, index_of = with_turns(group, first, given) if turns else (given, list(range(len(given))))
     within = (many >= group.limits.lower) & (many <= group.limits.upper)
-    inside: list[bool] = within.all(axis=1).tolist()
+    inside = np.asarray(within.all(axis=1)).tolist()
     if constraints:
         tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(checker.arm, constraints)
         inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]

@@ -251,8 +251,8 @@ class Placer:
         low, high = span(down.q, down.lift, down.leave)
         goals = with_turns(arm, attempt.exit, down.entrance[None])[0] if turns else down.entrance[None]
         shifts = [goal - down.entrance for goal in goals]
-        within: list[bool] = limits.inside(np.array([low, high])[:, None] + np.array(shifts)).all(axis=0).tolist()
-        inside = [shift for shift, each in zip(shifts, within, strict=True) if each]
+        within = np.asarray(limits.inside(np.array([low, high])[:, None] + np.array(shifts)).all(axis=0))
+        inside = [shift for shift, each in zip(shifts, within.tolist(), strict=True) if each]
         shifts = inside or shifts[:1]
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
         goals, constraints = down.entrance + np.array(shifts), task.constraints(attempt.candidate.member)

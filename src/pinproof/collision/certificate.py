@@ -487,8 +487,14 @@ def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = (),
     return digest.hexdigest()
 
 
-_examined: ContextVar[dict[str, FileStamp | None] | None] = ContextVar("examined", default=None)
-"""The files that were examined in the context of :func:`files_examined_once`."""
+class _Examined(NamedTuple):
+    """What was examined in the context of :func:`files_examined_once`: files, and checkers with the hash and notes."""
+
+    stamps: dict[str, FileStamp | None]
+    setups: dict[CollisionChecker, tuple[str, tuple[str, ...]]]
+
+
+_examined: ContextVar[_Examined | None] = ContextVar("examined", default=None)
 
 
 @contextmanager
@@ -498,7 +504,7 @@ def files_examined_once() -> Iterator[None]:
     A certificate states the files at the moment of their first examination in the context; of the outer one, if it is
     nested.
     """
-    token = _examined.set({} if (known := _examined.get()) is None else known)
+    token = _examined.set(_examined.get() or _Examined({}, {}))
     try:
         yield
     finally:
@@ -511,9 +517,9 @@ def _stamp(path: str | Path) -> FileStamp | None:
     if examined is None:
         return FileStamp.of(path)
     path = os.fspath(path)
-    if path not in examined:
-        examined[path] = FileStamp.of(path)
-    return examined[path]
+    if path not in examined.stamps:
+        examined.stamps[path] = FileStamp.of(path)
+    return examined.stamps[path]
 
 
 class Identity(NamedTuple):
@@ -526,8 +532,14 @@ class Identity(NamedTuple):
 
 def identity_of(curve: Curve, checker: CollisionChecker) -> Identity:
     """Return what a certificate of a curve states about the curve and the setup."""
-    files = mesh_files(checker)
-    return Identity(curve_hash(curve), checked_hash(checker, files), notes_of(checker, files))
+    examined = _examined.get()
+    known = None if examined is None else examined.setups.get(checker)
+    if known is None:
+        files = mesh_files(checker)
+        known = checked_hash(checker, files), notes_of(checker, files)
+        if examined is not None:
+            examined.setups[checker] = known
+    return Identity(curve_hash(curve), *known)
 
 
 class MeshFiles(NamedTuple):

@@ -294,6 +294,7 @@ class _Proof:
         judge = checker if known is None else known.rest
         self._judge = judge.moved_obstacles(obstacles) if obstacles > 0 else judge
         self._joints, self._obstacles = joints, obstacles
+        self._largest_margin = float(self._judge.margins.max(initial=0.0))
         self._knots, self._control = (np.ascontiguousarray(part) for part in curve.bezier())
         self._settings, self._state = settings, ProofState()
         if known is not None:
@@ -347,7 +348,8 @@ class _Proof:
         self._saw(near.nearest, near.upper)
         for pair in near.left_to_coal:
             self._saw(pair, space.measure(pair).attained)
-        return self._deepest(q)
+        apart = not near.contacts and not near.left_to_coal and near.lower > self._largest_margin
+        return None if apart and not self._judge.still.touching else self._deepest(q)
 
     def _saw(self, pair: int, attained: float) -> None:
         if pair < 0:

@@ -172,6 +172,7 @@ class CollisionChecker(CheckedBodies):
 
     _still: FixedPairs | None
     _kept: dict[Hashable, CollisionChecker]
+    _by_owners: Mapping[frozenset[str], list[int]] | None
 
     def __init__(
         self,
@@ -285,10 +286,14 @@ class CollisionChecker(CheckedBodies):
         self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
     ) -> CollisionChecker:
         """Return a checker of the same bodies and pairs with other margins (m)."""
-        other = copy(self)
         common = self.margin if margin is None else margin
-        other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
-        return other
+
+        def with_margin() -> CollisionChecker:
+            other = copy(self)
+            other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
+            return other
+
+        return with_margin() if margins is not None else self._made_once(("margin", common), with_margin)
 
     def padded(self, by: float) -> CollisionChecker:
         """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
@@ -469,6 +474,16 @@ class CollisionChecker(CheckedBodies):
         return tuple(dict.fromkeys(body.owner for body in self.bodies))
 
     @property
+    def pairs_of_owners(self) -> Mapping[frozenset[str], list[int]]:
+        """The indices of the checked pairs of each two owners; computed on first access."""
+        if self._by_owners is None:
+            found: dict[frozenset[str], list[int]] = {}
+            for k in range(len(self.pairs)):
+                found.setdefault(frozenset(self._owners(k)), []).append(k)
+            self._by_owners = found
+        return self._by_owners
+
+    @property
     def hollow(self) -> tuple[str, ...]:
         """Exact meshes that are not watertight: being wholly inside one of them is not seen as contact."""
         return tuple(b.name for b in self.bodies if b.solid is not None and not b.solid.watertight)
@@ -577,6 +592,7 @@ class CollisionChecker(CheckedBodies):
         self._geometry = made.geometry
         self._known, self._geometry_model = made.known, None
         self._exact = tuple(body for body in made.bodies if body.is_exact)
+        self._by_owners = None
         self._set_margins(self._margins)
 
     @property

@@ -415,7 +415,7 @@ def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> lis
                 raise UnknownNameError("body", name, known, "parting")
         if (one in checker.scene.names) == (other in checker.scene.names):
             raise InputError(f"parting: {one!r} and {other!r}; one must be an obstacle, the other a link or attached")
-        meant = [k for k in range(len(checker.pairs)) if set(_owners(checker, k)) == {one, other}]
+        meant = checker.pairs_of_owners.get(frozenset((one, other)), [])
         if not meant:
             raise InputError(
                 f"parting: {one!r} and {other!r} are not checked against each other, so parting does not apply to them"

@@ -129,6 +129,7 @@ EVERYTHING: dict[str, Any] = {
         "payload": {"mass": 0.8, "center_of_mass": [0, 0, 0.05], "inertia": [0.01, 0.01, 0.01], "frame": "flange"},
         "torque_limits": True,
         "optimise": 20,
+        "straight": 0.75,
         "frames": {
             "tray": {"xyz": [0.4, 0, 0], "rpy": [0, 0, "pi/2"], "frame": "table"},
             "box": {"quat_xyzw": [0, 0, 0, 1]},

@@ -252,6 +252,7 @@ class PickSetup:
             ),
             "conveyor": digest(self.shared.conveyor),
             "payload": digest((self.shared.payload, self.shared.torque_limits)),
+            "straight": self.shared.straight,
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
         }

@@ -729,6 +729,13 @@ class RrtSearch:
     def distance_of_trees(self) -> float: ...
 
 def shortcut(edges: EdgeChecker, path: NDArray[numpy.float64], draws: NDArray[numpy.float64]) -> NDArray[Any]: ...
+def search_tour(
+    job: NDArray[numpy.int64],
+    time: NDArray[numpy.float64],
+    pairs: NDArray[numpy.int64],
+    first: NDArray[numpy.int64],
+    draws: NDArray[numpy.float64],
+) -> NDArray[Any]: ...
 def fastest_speeds(
     alpha: NDArray[numpy.float64],
     beta: NDArray[numpy.float64],

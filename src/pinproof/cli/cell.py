@@ -104,6 +104,7 @@ def cell_sequence(
         typer.Option(help="Draw the heat map of a placement search (.csv with x, y, share) on the floor of the page."),
     ] = None,
     seed: Seed = 0,
+    workers: Annotated[int | None, typer.Option("--workers", help="Number of parallel processes.", min=1)] = None,
     cell: CellOptions,
     as_json: Json = False,
 ) -> None:
@@ -139,8 +140,9 @@ def cell_sequence(
                 end="free" if ordering.free_end else "home",
                 grip_dwell=ordering.grip_dwell,
                 release_dwell=ordering.release_dwell,
-                options=ordering.options,
+                budget=pp.cell.SequenceBudget(options=ordering.options),
                 order=[pick.name for pick in chosen] if ordering.file_order else None,
+                workers=workers,
                 progress=progress,
             )
     except pp.cell.SequenceInterrupted as error:

@@ -195,6 +195,12 @@ def search(**changes: Any) -> Any:
     return _core.RrtSearch(edges(), **{"step": 0.5, "max_nodes": 100, "max_samples": 100, **values})
 
 
+def staggered(**changes: Any) -> Any:
+    limits = {"velocity": np.ones(2), "acceleration": np.ones(2), "jerk": None, "sample_time": 0.1}
+    values = {"start": np.zeros(2), "goals": np.ones((1, 2)), "box": np.array([[-3.0, -3.0], [3.0, 3.0]]), **limits}
+    return _core.StaggeredSearch(edges(), **{**values, **changes})
+
+
 def settings(**changes: Any) -> Any:
     return _core.ProofSettings(**{"tolerance": 1e-4, "max_intervals": 100, **changes})
 
@@ -455,6 +461,14 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "an edge of one joint": lambda: edges().samples_free(np.zeros(1), np.zeros(2)),
     "points of one joint": lambda: edges().points_free(np.zeros((3, 1))),
     "no points of a motion": lambda: edges().points_free(np.zeros((0, 2))),
+    "staggered moves without goals": lambda: staggered(goals=np.zeros((0, 2))),
+    "staggered moves with goals that are NaN": lambda: staggered(goals=np.full((1, 2), NAN)),
+    "staggered moves with a limit of zero": lambda: staggered(velocity=np.zeros(2)),
+    "staggered moves with an infinite jerk": lambda: staggered(jerk=np.full(2, np.inf)),
+    "staggered moves of joints with one jerk": lambda: staggered(jerk=np.ones(1)),
+    "staggered moves with a sample time of zero": lambda: staggered(sample_time=0.0),
+    "draws of staggered moves in short rows": lambda: staggered().run(1.0, np.zeros((1, 3))),
+    "draws of staggered moves of 1": lambda: staggered().run(1.0, np.ones((1, staggered().draws_per_motion))),
     "a search without goals": lambda: search(goals=np.zeros((0, 2))),
     "a search with steps of zero": lambda: search(step=0.0),
     "a search with steps that are NaN": lambda: search(step=NAN),

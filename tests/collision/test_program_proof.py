@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision import certify_program, export_program
+from pinproof.collision.linear_moves import trace_line
 from pinproof.collision.program_proof import _share
 from pinproof.errors import InputError
-from pinproof.motion.program_steps import Blend, JointMove
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove
 from pinproof.motion.robot_program import RobotProgram, make_program
 
 Cell = tuple[pp.CollisionChecker, pp.Trajectory]
@@ -164,3 +166,72 @@ def test_prismatic_joints_are_refused() -> None:
     path = pp.JointPath([arm.home, arm.home + 0.01], arm.joint_names)
     with pytest.raises(InputError, match="revolute"):
         export_program(path, pp.CollisionChecker(arm), "rapid")
+
+
+@pytest.fixture(scope="module")
+def line() -> Cell:
+    """The UR5 and a motion: a joint move, then 150 mm straight down beside a box."""
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    box = pp.Obstacle("box", pp.Box(0.1, 0.1, 0.2), pp.pose((0.5, 0.25, 0.1)))
+    checker = pp.CollisionChecker(arm, pp.Scene([box]), margin=0.001)
+    above = pp.AnalyticIk().solve_all(arm, pp.pose((0.5, 0.1, 0.35), (np.pi, 0, 0))).q
+    start = next(q for q in above if checker.is_free(q))
+    there = pp.plan_linear(checker, start, pp.pose((0.5, 0.1, 0.2), (np.pi, 0, 0))).or_raise().path
+    down = pp.time_parametrise(there, arm.limits)
+    first = pp.time_parametrise(pp.JointPath([start + 0.1, start], arm.joint_names), arm.limits)
+    return checker, pp.Trajectory.join(first, down)
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_a_straight_line_of_the_tcp_becomes_a_certified_linear_move(line: Cell, dialect: str) -> None:
+    checker, motion = line
+    program, certificate = export_program(motion, checker, dialect, linear=True)
+    lines = [step for step in program.moves if isinstance(step, LinearMove)]
+    assert certificate.free
+    assert len(lines) == 1
+    again = certify_program(RobotProgram.parse(program.text, dialect=dialect), checker)
+    assert (again.free, again.hash) == (True, program.certificate)
+    (part,) = [part for part in certificate.parts if part.name.startswith("linear")]
+    assert part.line == lines[0].line
+    # Dense poses of the line, solved on their own, are within the tolerance of the certified curve.
+    arm = checker.arm
+    trace = trace_line(arm, motion(motion.times[0]) - 0.1, arm.forward_kinematics(motion.end))
+    first, last = (arm.forward_kinematics(q) for q in (trace.path.start, trace.path.end))
+    assert trace.tolerance < 0.001
+    for share in np.linspace(0, 1, 777):
+        pose = pp.pose(first.translation + share * (last.translation - first.translation), (np.pi, 0, 0))
+        pose.rotation = first.rotation
+        solved = pp.AnalyticIk().solve_all(arm, pose).q
+        at = trace.path(share * trace.path.domain[1])
+        assert np.abs(np.arctan2(np.sin(solved - at), np.cos(solved - at))).max(axis=1).min() <= trace.tolerance
+
+
+def test_what_a_linear_move_touches_is_found(line: Cell) -> None:
+    checker, motion = line
+    arm = checker.arm
+    beside, behind = (motion.end, pp.AnalyticIk().solve_all(arm, pp.pose((0.5, 0.45, 0.2), (np.pi, 0, 0))).q)
+    target = behind[np.abs(behind - beside).max(axis=1).argmin()]
+    steps = [JointMove(beside), LinearMove(target, duration=2.0)]
+    program = make_program(steps, arm.joint_names, dialect="urscript", deviation=0.001)
+    certificate = certify_program(program, checker)
+    assert certificate.status is pp.CertificateStatus.COLLIDING
+    assert "box" in certificate.message
+    assert f"linear move at line {program.moves[1].line}" in certificate.message
+
+
+def test_a_linear_move_whose_joint_values_are_not_known_is_undecided(line: Cell) -> None:
+    checker, motion = line
+    arm, q = checker.arm, motion.end
+    above = pp.AnalyticIk().solve_all(arm, pp.pose((0.5, 0.1, 0.35), (np.pi, 0, 0))).q
+    branch = above[np.abs(above - q).max(axis=1).argmax()]
+    near = above[np.abs(above - q).max(axis=1).argmin()]
+    turned = q + 0.5 * np.eye(6)[5]
+    for steps, words in (
+        ([LinearMove(q), JointMove(motion.start)], "first move"),
+        ([JointMove(q), LinearMove(turned)], "not published"),
+        ([JointMove(q), LinearMove(branch)], "another configuration"),
+        ([JointMove(motion.start), JointMove(q, 1.0, Blend(0.001)), LinearMove(near)], "before a linear move"),
+    ):
+        certificate = certify_program(make_program(steps, arm.joint_names, dialect="urscript"), checker)
+        assert certificate.status is pp.CertificateStatus.UNDECIDED
+        assert re.search(words, certificate.message)

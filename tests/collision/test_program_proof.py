@@ -193,17 +193,42 @@ def test_a_straight_line_of_the_tcp_becomes_a_certified_linear_move(line: Cell, 
     assert (again.free, again.hash) == (True, program.certificate)
     (part,) = [part for part in certificate.parts if part.name.startswith("linear")]
     assert part.line == lines[0].line
-    # Dense poses of the line, solved on their own, are within the tolerance of the certified curve.
-    arm = checker.arm
-    trace = trace_line(arm, motion(motion.times[0]) - 0.1, arm.forward_kinematics(motion.end))
-    first, last = (arm.forward_kinematics(q) for q in (trace.path.start, trace.path.end))
-    assert trace.tolerance < 0.001
-    for share in np.linspace(0, 1, 777):
-        pose = pp.pose(first.translation + share * (last.translation - first.translation), (np.pi, 0, 0))
-        pose.rotation = first.rotation
-        solved = pp.AnalyticIk().solve_all(arm, pose).q
-        at = trace.path(share * trace.path.domain[1])
-        assert np.abs(np.arctan2(np.sin(solved - at), np.cos(solved - at))).max(axis=1).min() <= trace.tolerance
+
+
+def test_linear_moves_are_refused_where_the_program_has_no_moves(line: Cell) -> None:
+    checker, motion = line
+    for dialect, period in (("ros2", None), ("urscript", 0.008)):
+        with pytest.raises(InputError, match="linear moves need"):
+            export_program(motion, checker, dialect, linear=True, period=period)
+
+
+@pytest.mark.slow
+def test_the_trace_covers_orientations_that_are_not_in_proportion_to_the_path() -> None:
+    arm, rng = pp.load_robot("ur5").arm(tcp="tool0"), np.random.default_rng(0)
+    covered = 0
+    for _ in range(8):
+        start = rng.uniform(-2, 2, 6)
+        first = arm.forward_kinematics(start)
+        end = pp.pose(first.translation + rng.uniform(-0.03, 0.03, 3))
+        axis = rng.normal(size=3)
+        end.rotation = first.rotation @ turned(axis, 3e-4)
+        trace = trace_line(arm, start, end)
+        if trace.reason:
+            continue
+        for share in rng.uniform(0, 1, 20):
+            wanted = pp.pose(first.translation + share * (end.translation - first.translation))
+            wanted.rotation = first.rotation @ turned(axis, rng.uniform(0, 3e-4)) @ turned(rng.normal(size=3), 1.5e-4)
+            at = trace.path(share * trace.path.domain[1])
+            found = pp.Clik(position_tolerance=1e-9, orientation_tolerance=1e-9).solve(arm, wanted, q0=at)
+            assert np.abs(found.q - at).max() <= trace.tolerance + 1e-7
+            covered += 1
+    assert covered >= 80
+
+
+def turned(axis: np.ndarray, angle: float) -> np.ndarray:
+    """A rotation (3, 3) by a small angle about an axis."""
+    x, y, z = angle * axis / np.linalg.norm(axis)
+    return pp.pose((0, 0, 0), (x, y, z)).rotation
 
 
 def test_what_a_linear_move_touches_is_found(line: Cell) -> None:

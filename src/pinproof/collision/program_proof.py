@@ -401,13 +401,13 @@ def _trace(step: LinearMove, here: Array | None, arm: Arm) -> tuple[LineTrace, s
 
 def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]:
     """The steps in which moves from stop to stop along a straight line of the tcp are one linear move."""
-    made, part = list(steps[:1]), list[JointMove]()
-    start = steps[0]
-    for step in steps[1:]:
-        if not isinstance(step, JointMove) or not isinstance(start, JointMove):
-            raise InputError("linear moves need a program of moves; remove period, or choose another language")
+    moves = [step for step in steps if isinstance(step, JointMove)]
+    if len(moves) < len(steps):
+        raise InputError("linear moves need a program of moves; remove period, or choose another language")
+    made, part, start = list[Step](moves[:1]), list[JointMove](), moves[0]
+    for step in moves[1:]:
         part.append(step)
-        if step.blend is not None and step is not steps[-1]:
+        if step.blend is not None and step is not moves[-1]:
             continue
         target = arm.forward_kinematics(step.q)
         trace = trace_line(arm, start.q, target)

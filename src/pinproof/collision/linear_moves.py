@@ -34,6 +34,9 @@ FEWEST, MOST = 8, 8192
 SOLVED = 1e-11
 """rad, and metres over ``UNIT``: error of a pose at which it is solved."""
 
+SINGULAR = 1e-6
+"""Ratio of the smallest to the largest singular value of the Jacobian below which the arm is singular."""
+
 ATTEMPTS = 10
 """Newton steps for a pose."""
 
@@ -83,7 +86,9 @@ def trace_line(arm: Arm, start: Array, target: pin.SE3) -> LineTrace:
         if chord <= CHORD:
             how = f"it rotates the tool by {angle:.2g} rad, and the interpolation of orientations is not published"
             return LineTrace(nothing, 0.0, how)
-        count *= 2
+        # The steps that the bounds need, if the norm does not exceed that at the samples by much.
+        needed = max(np.sqrt(change * inverse.max() ** 3 / (8.0 * CHORD)), 4.0 * change * inverse.max() ** 2)
+        count = max(2 * count, int(1.3 * whole * needed))
     return LineTrace(nothing, 0.0, "the arm is near a singularity on it")
 
 
@@ -107,14 +112,17 @@ def _solved(arm: Arm, start: Array, poses: list[pin.SE3]) -> tuple[Array, Array,
             turn = here.rotation @ pin.log3(here.rotation.T @ pose.rotation)
             error = scale * np.concatenate([pose.translation - here.translation, turn])
             jacobian = scale[:, None] * arm.jacobian(q)
-            values = np.linalg.svd(jacobian, compute_uv=False)
-            if values[-1] < 1e-6 * values[0]:
-                return np.array(rows), np.array(norms), "the arm is singular on it"
             if np.abs(error).max() <= SOLVED:
                 break
-            q = q + np.linalg.solve(jacobian, error)
+            try:
+                q = q + np.linalg.solve(jacobian, error)
+            except np.linalg.LinAlgError:
+                return np.array(rows), np.array(norms), "the arm is singular on it"
         else:
             return np.array(rows), np.array(norms), "the arm cannot follow it"
+        values = np.linalg.svd(jacobian, compute_uv=False)
+        if values[-1] < SINGULAR * values[0]:
+            return np.array(rows), np.array(norms), "the arm is singular on it"
         rows.append(q)
         norms.append(1.0 / values[-1])
     return np.array(rows), np.array(norms), ""

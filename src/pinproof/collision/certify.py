@@ -185,6 +185,8 @@ def _checked_tolerances(
     group = checker.group
     if tuple(curve.joint_names) != group.joint_names:
         raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {group.joint_names}")
+    if isinstance(joint_tolerance, float) and joint_tolerance == obstacle_tolerance == 0.0:
+        return np.zeros(group.dof)
     each = np.full(group.dof, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
     joints = finite("joint_tolerance", each, (group.dof,))
     if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:

@@ -207,11 +207,13 @@ def optimise(
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
-    task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
-    search = _Search(task, np.random.default_rng(rng), int(budget))
-    if budget > 0 and search.worthwhile:
-        search.run()
-    for motion, reached in reversed(search.proven):
+    search: _Search | None = None
+    if budget > 0 and (further or before.duration > lower_bound * (1.0 + CLOSE_ENOUGH)):
+        task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
+        search = _Search(task, np.random.default_rng(rng), int(budget))
+        if search.worthwhile:
+            search.run()
+    for motion, reached in reversed(search.proven if search else []):
         trajectory = _timed(search.trajectory(motion, reached), bounds, further)
         if trajectory is None or trajectory.duration >= before.duration:
             continue
@@ -220,13 +222,14 @@ def optimise(
             break
     else:
         trajectory, certificate = before, certify(before, checker, constraints=kept)
+    evaluations = 0 if search is None else search.evaluations
     given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
     index = next(iter(np.flatnonzero((given == trajectory.end).all(axis=1)).tolist()), None)
     message = (
         f"duration reduced from {before.duration:.3g} s to {trajectory.duration:.3g} s, lower bound without obstacles "
         f"{lower_bound:.3g} s; {certificate.message}"
     )
-    return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, search.evaluations, message)
+    return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, evaluations, message)
 
 
 def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> float:

@@ -20,6 +20,7 @@ from pinproof.motion import (
     time_parametrise,
 )
 from pinproof.motion.limits import Bounds
+from pinproof.motion.trajectory_files import seconds, whole_nanoseconds
 from pinproof.picks.input.pick import PARTS, Member
 from pinproof.picks.judging.joining import Chosen, JoinedMotion, LineEnd, backwards
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
@@ -99,9 +100,8 @@ def time_motion(
                 until_grasp = [*trajectories]
             elif part.name in ("transfer", "place"):
                 until_release = [*trajectories]
-        # Joined instead of summed, because times are rounded to nanoseconds and the grasp must be an exact time.
-        grasp_time = Trajectory.join(*until_grasp).duration if until_grasp else 0.0
-        release_time = Trajectory.join(*until_release).duration if until_release else None
+        grasp_time = _joined_duration(until_grasp)
+        release_time = _joined_duration(until_release) if until_release else None
         joined = Trajectory.join(*trajectories)
     except TimingError as error:
         return StageResult(Stage.TIMING, False, str(error)), None
@@ -116,6 +116,11 @@ def time_motion(
         message += f"; largest torque {torque}, in {name}"
         figures["torque_share"] = share
     return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
+
+
+def _joined_duration(parts: list[Trajectory]) -> float:
+    """The duration (s) of trajectories that are joined, whose times are whole nanoseconds."""
+    return float(seconds(np.sum([whole_nanoseconds(np.array(part.duration)) for part in parts])))
 
 
 def time_part(task: Task, part: MotionPart, attempt: Attempt) -> tuple[PickMotion | None, str]:

@@ -499,7 +499,7 @@ class _Run:
         return self.jobs[job].options[chosen].exit
 
     def _excluding(self, problem: TourProblem, failure: MotionFailure, previous: int, option: int) -> TourProblem:
-        """The problem with more precedence if a part is in the way, else without the failed transit or option."""
+        """The problem with more precedence if a part blocks the motion, else without the failed transit or option."""
         if option == START:
             end = problem.end.copy()
             end[previous] = np.inf

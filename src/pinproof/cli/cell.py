@@ -115,18 +115,13 @@ def cell_sequence(
     Example: pinproof cell sequence robots/ur5/picks.yaml --only bolt_1,bolt_2,bolt_5
     """
     outputs = output or []
-    for path in outputs:
-        if path.suffix.lower() not in pp.cell.SEQUENCE_SUFFIXES:
-            raise InputError(f"{path}: unknown file type; valid: {', '.join(pp.cell.SEQUENCE_SUFFIXES)}")
-    check_output_files(outputs, [file, heat_map, *cell.files])
+    check_output_files(outputs, [file, heat_map, *cell.files], pp.cell.SEQUENCE_SUFFIXES)
     if heat_map is not None and not any(path.suffix.lower() == ".html" for path in outputs):
         raise InputError("--heat-map belongs to a page; add -o FILE.html")
     heat = None if heat_map is None else pp.cell.read_heat_map(heat_map, placement(cell.place).inverse())
     arm, scene, source = cell.open(file)
     picks = source.load()
-    if picks.problems:
-        first = picks.problems[0]
-        raise InputError(f"{file}: {first.name or f'row {first.row}'}: {first.reason}")
+    refuse_problems(file, picks)
     setup = pp.picks.PickSetup.make(arm, scene, picks, home=None, rng=seed)
     chosen = selection.select(picks)
     interrupted: pp.cell.SequenceInterrupted | None = None
@@ -164,6 +159,13 @@ def cell_sequence(
         raise Interrupted(str(interrupted), result_printed=True)
     if not result.ok:
         raise typer.Exit(1)
+
+
+def refuse_problems(file: Path, picks: pp.Picks) -> None:
+    """Raise InputError if a row of a picks file is unreadable."""
+    if picks.problems:
+        first = picks.problems[0]
+        raise InputError(f"{file}: {first.name or f'row {first.row}'}: {first.reason}")
 
 
 def _names(text: str | None) -> list[str]:

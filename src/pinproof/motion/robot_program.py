@@ -234,7 +234,7 @@ def make_program(
     certificate: str = "",
     joint_map: JointMap | None = None,
 ) -> RobotProgram:
-    """Write a program and parse it back; the result is what the text says, with the numbers as rounded in it.
+    """Write a program and parse it back; the result has the numbers of the text, with their rounding.
 
     Raises
     ------

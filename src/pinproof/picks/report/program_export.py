@@ -63,7 +63,7 @@ def export_picks(
 ) -> PicksProgram:
     """Write good picks as one program with gripper outputs and waiting times, and certify what it executes.
 
-    The arm stops at every point of the program, because the contact of the part with its support leaves no room for a
+    The arm stops at every point of the program, because the contact of the part with its support permits no
     deviation in a blend. The motions are certified as straight lines between the points, as the text rounds them,
     under the conditions of each part of a pick. Motions on which a part is lifted off a support, or put onto it, are
     certified without the deviation of the controller, which would press the part into the support.

@@ -129,6 +129,7 @@ EVERYTHING: dict[str, Any] = {
         "payload": {"mass": 0.8, "center_of_mass": [0, 0, 0.05], "inertia": [0.01, 0.01, 0.01], "frame": "flange"},
         "torque_limits": True,
         "optimise": 20,
+        "straight": 0.75,
         "frames": {
             "tray": {"xyz": [0.4, 0, 0], "rpy": [0, 0, "pi/2"], "frame": "table"},
             "box": {"quat_xyzw": [0, 0, 0, 1]},
@@ -399,6 +400,7 @@ BEYOND_A_SCHEMA = re.compile(
     r"|axis of the fingers|no body has the inertia"
     # grids and their depth images
     r"|no cell of the bounds|far off the center|the image has|are empty|gives .* cells|median depth|inside an obstacle"
+    r"|in the view of the camera|to below 90 deg"
     r"|with at most|no known leaf|cannot be decoded|does not hold the states|OccupancyGrid reaches|bounds reach"
     r"|direction of .* is zero|the first angle must not exceed|required: 0 <= grip|is above|one per joint"
     r"|either all points|at time 0|increase strictly"

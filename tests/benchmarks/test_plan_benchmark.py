@@ -13,7 +13,7 @@ import pytest
 import pinproof as pp
 from pinproof.benchmarks import PlanTable, plan_benchmark, plan_markdown, write_plan_table
 from pinproof.benchmarks.plan_methods import OURS, STEPS, PlanAnswer, PlanMethod
-from pinproof.benchmarks.plan_peers import PEERS
+from pinproof.benchmarks.plan_peers import MPLIB_PYTHON, PEERS
 from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems
 from pinproof.benchmarks.plan_run import curve_length, motion_faults
 from pinproof.benchmarks.plan_table import COLUMNS
@@ -191,6 +191,7 @@ def test_another_planner_is_a_method_of_its_own() -> None:
 def test_missing_peers_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("roboplan", "roboplan.core", "roboplan.rrt", "ompl"):
         monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delenv(MPLIB_PYTHON, raising=False)
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
     assert table.methods == ("pinproof",)
     assert set(table.left_out) == {peer.key for peer in PEERS}
@@ -201,7 +202,7 @@ def test_installed_peers_are_checked_too() -> None:
     pytest.importorskip("roboplan.rrt")
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
     for peer in PEERS:
-        if peer.key == "ompl":
+        if peer.key in ("ompl", "mplib"):
             continue  # below
         figures = table.figures(peer.key)
         assert figures.solved == 1
@@ -218,6 +219,48 @@ def test_ompl_with_coal_solves_a_problem_from_start_to_goal(exact: pp.CollisionC
     assert set(answer.ms) == {"plan", "simplify"}
     at_ends = [answer.curve(answer.curve.domain[0]), answer.curve(answer.curve.domain[1])]
     np.testing.assert_allclose(at_ends, [easy.start, easy.goals[0]], atol=1e-12)
+
+
+FAKE_MPLIB = """
+import numpy as np
+class Pose:
+    def __init__(self, matrix): assert matrix.shape == (4, 4)
+def set_global_seed(seed): assert seed == 0
+class Any:
+    def __getattr__(self, name): return lambda *given: None
+class Planner:
+    def __init__(self, urdf, srdf, move_group):
+        from xml.etree import ElementTree
+        limits = [j.find("limit") for j in ElementTree.parse(urdf).iter("joint") if j.find("limit") is not None]
+        assert all(float(l.get("upper")) - float(l.get("lower")) < 6.29 for l in limits)
+        assert move_group in open(srdf).read()
+        self.user_joint_names = [f"joint_{k}" for k in (2, 1, 3, 4, 5, 6)]
+        self.move_group_joint_indices = list(range(6))
+        self.planning_world = self.acm = self.robot = Any()
+        self.planner = self
+    def plan(self, start, goals, **settings):
+        print("MPlib prints to standard output")
+        return "Exact solution", np.array([start, start, goals[0]])
+"""
+
+
+@pytest.mark.slow
+def test_mplib_runs_in_the_python_that_has_it_with_joints_in_its_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mplib").mkdir()
+    (tmp_path / "mplib" / "__init__.py").write_text(FAKE_MPLIB, encoding="utf-8")
+    shapes = "class Box:\n    def __init__(self, *sizes): pass\nCylinder = Sphere = CollisionObject = Box\n"
+    (tmp_path / "mplib" / "collision_detection.py").write_text(
+        f"class fcl:\n    {shapes.replace(chr(10), chr(10) + '    ')}", encoding="utf-8"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv(MPLIB_PYTHON, sys.executable)
+    (easy,) = own_problems("generic_6dof", "shelf", 1)
+    (peer,) = [each for each in PEERS if each.key == "mplib"]
+    answer = peer.prepare(easy, pp.CollisionChecker(easy.arm, easy.scene))(0)
+    assert answer.curve is not None
+    np.testing.assert_array_equal(answer.curve.q, [easy.start, easy.goals[0]])
 
 
 def test_an_error_of_a_peer_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -70,7 +70,7 @@ def test_the_object_stays_upright_from_the_grasp_to_the_release(tmp_path) -> Non
             assert tilts(verdict, motion.name).max() <= motion.certificate.constraints[0].largest <= LEVEL
     transfer = next(each.trajectory for each in verdict.motions if each.name == "transfer")
     resting = np.flatnonzero(~transfer.velocities.any(axis=1))
-    np.testing.assert_array_equal(resting, [0, len(transfer.times) - 1])  # no stop on the way
+    assert set(resting) <= {0, len(transfer.times) - 1}  # no stop on the way
 
 
 @pytest.mark.slow

@@ -8,8 +8,14 @@ was disabled.
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import tempfile
+import weakref
 from collections.abc import Callable
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -18,13 +24,13 @@ import numpy as np
 from pinproof.benchmarks.plan_methods import TIME_LIMIT, PlanAnswer, PlanMethod, Solve, Stopwatch
 from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.benchmarks.tables import NotApplicableError
-from pinproof.collision import Box, CollisionChecker, Cylinder, Sphere
+from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Sphere
 from pinproof.collision.coal_checks import PlainCoal
 from pinproof.motion import JointPath
 from pinproof.planning.rrt_connect import sampling_box
 from pinproof.spatial import matrix
 
-__all__ = ["PEERS"]
+__all__ = ["MPLIB_PYTHON", "PEERS"]
 
 GROUP = "arm"
 
@@ -36,6 +42,12 @@ FINE = 0.02
 
 OMPL_RESOLUTION = 0.01
 """Distance of OMPL's samples on an edge as a share of the extent of the joint space: its default."""
+
+MPLIB_PYTHON = "PINPROOF_MPLIB_PYTHON"
+"""Environment variable that names a Python with mplib, which needs NumPy 1 and thus an environment of its own."""
+
+HALF = np.pi - 1e-3
+"""Half the range (rad) of a periodic joint for MPlib, which shifts goals within ranges above 2 pi."""
 
 COLOUR = np.array([0.5, 0.5, 0.5, 1.0])
 
@@ -164,20 +176,113 @@ def _ompl(problem: PlanProblem, checker: CollisionChecker) -> Solve:
     return solve
 
 
+def _mplib(problem: PlanProblem, checker: CollisionChecker) -> Solve:
+    """MPlib (Guo and others): RRT-Connect of OMPL with FCL, in a process of the Python that has it.
+
+    MPlib may end a motion at a goal shifted by 2 pi. Its URDF therefore has ranges of 2 pi about start and goals.
+    """
+    python = os.environ.get(MPLIB_PYTHON)
+    if not python:
+        raise ImportError(f"mplib needs NumPy 1; {MPLIB_PYTHON} names the Python of an environment with it")
+    arm = problem.arm
+    with tempfile.TemporaryDirectory() as folder:
+        urdf, srdf = Path(folder) / "robot.urdf", Path(folder) / "robot.srdf"
+        urdf.write_text(_with_one_rotation(_urdf(problem, Path(folder)), problem), encoding="utf-8")
+        srdf.write_text(_srdf(problem, checker), encoding="utf-8")
+        worker = subprocess.Popen(
+            [python, Path(__file__).with_name("mplib_worker.py")],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        )  # fmt: skip
+        job = {
+            "urdf": str(urdf),
+            "srdf": str(srdf),
+            "tcp": arm.tcp,
+            "joints": list(arm.joint_names),
+            "held": dict(arm.held),
+            "obstacles": [_plain_obstacle(each) for each in problem.scene.obstacles],
+            "allowed": [pair.owners for pair in checker.excluded if set(pair.owners) & set(problem.scene.names)],
+            "start": problem.start.tolist(),
+            "goals": problem.goals.tolist(),
+            "time_limit": TIME_LIMIT,
+        }
+        _exchange(worker, job)
+
+    def solve(seed: int) -> PlanAnswer:
+        answer = _exchange(worker, {"seed": seed})
+        if answer["path"] is None:
+            return PlanAnswer(None, answer["ms"], message=answer["message"])
+        return PlanAnswer(JointPath(_distinct(np.array(answer["path"])), arm.joint_names), answer["ms"])
+
+    weakref.finalize(solve, _end, worker)
+    return solve
+
+
+def _with_one_rotation(urdf: str, problem: PlanProblem) -> str:
+    """The URDF with a range of at most 2 pi for each joint of the arm, about the middle of start and goals."""
+    from lxml import etree
+
+    arm, tree = problem.arm, etree.fromstring(urdf.encode())
+    ends = np.vstack([problem.start, problem.goals])
+    middle = (ends.min(axis=0) + ends.max(axis=0)) / 2
+    low, high = (np.maximum(arm.limits.lower, middle - HALF), np.minimum(arm.limits.upper, middle + HALF))
+    for joint in tree.iter("joint"):
+        if joint.get("name") in arm.joint_names and joint.find("limit") is not None:
+            index = arm.joint_names.index(joint.get("name"))
+            if arm.periodic[index] and np.ptp(ends[:, index]) < 2 * HALF:
+                joint.find("limit").set("lower", repr(float(low[index])))
+                joint.find("limit").set("upper", repr(float(high[index])))
+    return str(etree.tostring(tree, encoding="unicode"))
+
+
+def _exchange(worker: subprocess.Popen[str], question: dict[str, Any]) -> dict[str, Any]:
+    """Send a line of JSON to a worker and return its answer."""
+    if worker.stdin is None or worker.stdout is None:
+        raise RuntimeError("the worker was started without pipes")
+    worker.stdin.write(json.dumps(question) + "\n")
+    worker.stdin.flush()
+    line = worker.stdout.readline()
+    if not line:
+        raise NotApplicableError(f"the process of mplib ended with {worker.wait()}")
+    answer: dict[str, Any] = json.loads(line)
+    if "error" in answer:
+        raise NotApplicableError(f"mplib: {answer['error']}")
+    return answer
+
+
+def _end(worker: subprocess.Popen[str]) -> None:
+    worker.kill()
+    worker.communicate()
+
+
+def _plain_obstacle(obstacle: Obstacle) -> dict[str, Any]:
+    shape = obstacle.shape
+    if isinstance(shape, Box):
+        sizes = [shape.x, shape.y, shape.z]
+    elif isinstance(shape, Cylinder):
+        sizes = [shape.radius, shape.length]
+    elif isinstance(shape, Sphere):
+        sizes = [shape.radius]
+    else:
+        raise NotApplicableError(f"obstacle {obstacle.name}: {type(shape).__name__} is not supported for mplib")
+    kind = type(shape).__name__
+    return {"name": obstacle.name, "kind": kind, "sizes": sizes, "pose": matrix(obstacle.pose).tolist()}
+
+
 def _distinct(q: Any) -> Any:
     """The waypoints (m, n) without repetitions."""
     return q[np.concatenate([[True], np.abs(np.diff(q, axis=0)).max(axis=1) > 0.0])] if len(q) > 1 else q
 
 
-def _urdf(problem: PlanProblem) -> str:
-    """The URDF of the robot with absolute paths of its collision meshes."""
+def _urdf(problem: PlanProblem, folder: Path | None = None) -> str:
+    """The URDF of the robot with absolute paths of its collision meshes, or with paths relative to a folder."""
     urdf = problem.arm.robot.urdf
     if urdf.path is None or urdf.path.suffix != ".urdf":
         raise NotApplicableError("the planner reads URDF files only")
     text = urdf.path.read_text(encoding="utf-8")
     for geometry in urdf.collisions:
         if geometry.mesh is not None and geometry.mesh.path is not None:
-            text = text.replace(quoteattr(geometry.mesh.uri), quoteattr(str(geometry.mesh.path)))
+            path = str(geometry.mesh.path) if folder is None else os.path.relpath(geometry.mesh.path, folder)
+            text = text.replace(quoteattr(geometry.mesh.uri), quoteattr(path))
     return text
 
 
@@ -201,5 +306,6 @@ PEERS: tuple[PlanMethod, ...] = (
     PlanMethod("roboplan", "roboplan", _roboplan(True, None), "roboplan"),
     PlanMethod("roboplan_fine", f"roboplan, sampled at {FINE:g} rad", _roboplan(True, FINE), "roboplan"),
     PlanMethod("ompl", "OMPL RRTConnect with coal", _ompl, "ompl"),
+    PlanMethod("mplib", "MPlib", _mplib, "mplib"),
 )
-"""Roboplan with its default settings with and without shortcuts, and with finer samples; OMPL."""
+"""Roboplan with its default settings with and without shortcuts, and with finer samples; OMPL; MPlib."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass
@@ -110,8 +110,8 @@ class CheckResult:
         return "free" if self.free else f"{count} contact{'' if count == 1 else 's'}"
 
 
-LEVELS_KEPT = 16
-"""Number of checkers with finer bodies that a checker keeps."""
+CHECKERS_KEPT = 16
+"""Number of checkers with finer bodies, larger margins or fewer pairs that a checker keeps."""
 
 CHUNK = 64
 """Number of configurations that a thread processes at a time."""
@@ -171,8 +171,8 @@ class CollisionChecker(CheckedBodies):
     """
 
     _still: FixedPairs | None
-    _padded: tuple[float, CollisionChecker] | None
-    _on_levels: dict[frozenset[tuple[frozenset[str], int]], CollisionChecker]
+    _kept: dict[Hashable, CollisionChecker]
+    _by_owners: Mapping[frozenset[str], list[int]] | None
 
     def __init__(
         self,
@@ -286,19 +286,24 @@ class CollisionChecker(CheckedBodies):
         self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
     ) -> CollisionChecker:
         """Return a checker of the same bodies and pairs with other margins (m)."""
-        other = copy(self)
         common = self.margin if margin is None else margin
-        other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
-        return other
+
+        def with_margin() -> CollisionChecker:
+            other = copy(self)
+            other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
+            return other
+
+        return with_margin() if margins is not None else self._made_once(("margin", common), with_margin)
 
     def padded(self, by: float) -> CollisionChecker:
         """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
-        last = self._padded
-        if last is None or last[0] != by:
+
+        def padded() -> CollisionChecker:
             other = copy(self)
             other._set_margins(self._margins.padded(by))
-            self._padded = last = by, other
-        return last[1]
+            return other
+
+        return self._made_once(("padded", by), padded)
 
     def moved_obstacles(self, by: float) -> CollisionChecker:
         """Return a checker that allows obstacles to be displaced by up to ``by`` metres, by larger margins."""
@@ -373,11 +378,15 @@ class CollisionChecker(CheckedBodies):
         For proofs that handle the omitted pairs by other means: ``excluded`` does not list them, and checkers that
         are derived from this one by a new scene, attached object or allowed contact check them again.
         """
-        dropped = set(pairs)
-        kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
-        other = copy(self)
-        other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
-        return other
+        dropped = frozenset(pairs)
+
+        def without() -> CollisionChecker:
+            kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
+            other = copy(self)
+            other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
+            return other
+
+        return self._made_once(dropped, without)
 
     def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
         """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
@@ -413,15 +422,23 @@ class CollisionChecker(CheckedBodies):
         return self._on({**self._levels, **dict.fromkeys(pairs, EXACT)}) if pairs else self
 
     def _on(self, levels: Levels) -> CollisionChecker:
-        """Return the checker with other levels of detail; those that were made last are kept."""
-        key = frozenset(levels.items())
-        other = self._on_levels.get(key)
-        if other is None:
+        """Return the checker with other levels of detail."""
+
+        def finer() -> CollisionChecker:
             other = copy(self)
             other._levels = levels
             other._assemble(self.scene, self.attached, self._allowed)
-            kept = list(self._on_levels.items())[1 - LEVELS_KEPT :]  # replaced as a whole: threads share this checker
-            self._on_levels = {**dict(kept), key: other}
+            return other
+
+        return self._made_once(("levels", frozenset(levels.items())), finer)
+
+    def _made_once(self, key: Hashable, make: Callable[[], CollisionChecker]) -> CollisionChecker:
+        """Return a checker that is made from this one at its first use; those that were made last are kept."""
+        other = self._kept.get(key)
+        if other is None:
+            other = make()
+            kept = list(self._kept.items())[1 - CHECKERS_KEPT :]  # replaced as a whole: threads share this checker
+            self._kept = {**dict(kept), key: other}
         return other
 
     def _derived(
@@ -455,6 +472,16 @@ class CollisionChecker(CheckedBodies):
     def obstacles_and_links(self) -> tuple[str, ...]:
         """The owners of all bodies: links with geometry, attached objects, obstacles."""
         return tuple(dict.fromkeys(body.owner for body in self.bodies))
+
+    @property
+    def pairs_of_owners(self) -> Mapping[frozenset[str], list[int]]:
+        """The indices of the checked pairs of each two owners; computed on first access."""
+        if self._by_owners is None:
+            found: dict[frozenset[str], list[int]] = {}
+            for k in range(len(self.pairs)):
+                found.setdefault(frozenset(self._owners(k)), []).append(k)
+            self._by_owners = found
+        return self._by_owners
 
     @property
     def hollow(self) -> tuple[str, ...]:
@@ -565,6 +592,7 @@ class CollisionChecker(CheckedBodies):
         self._geometry = made.geometry
         self._known, self._geometry_model = made.known, None
         self._exact = tuple(body for body in made.bodies if body.is_exact)
+        self._by_owners = None
         self._set_margins(self._margins)
 
     @property
@@ -576,7 +604,7 @@ class CollisionChecker(CheckedBodies):
         """Set the margins of all pairs, increased where obstacles may be displaced."""
         self._margins = margins
         owners = map(self._owners, range(len(self.pairs)))
-        each = margins.of(owners, len(self.pairs), self.obstacles_and_links)
+        each = margins.of(owners, len(self.pairs), self.obstacles_and_links if margins.single else ())
         if self._moved:
             each += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
         each.setflags(write=False)
@@ -585,8 +613,8 @@ class CollisionChecker(CheckedBodies):
 
     def _forget(self) -> None:
         """Drop what is computed on first access."""
-        self._still = self._padded = None
-        self._on_levels = {}
+        self._still = None
+        self._kept = {}
         self._threads = threading.local()
 
     @property
@@ -616,7 +644,7 @@ class CollisionChecker(CheckedBodies):
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        left_out = ("_threads", "_known", "_geometry", "world", "_still", "_padded", "_on_levels")
+        left_out = ("_threads", "_known", "_geometry", "world", "_still", "_kept")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

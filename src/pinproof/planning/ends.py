@@ -139,7 +139,8 @@ def read_ends(
     first = group.limits.snap(group.configuration(start, "start"))
     given = group.limits.snap(_read_goals(group, goals))
     many, index_of = with_turns(group, first, given) if turns else (given, list(range(len(given))))
-    inside = [not group.limits.violations(goal, group.joint_names) for goal in many]
+    outside = np.maximum(group.limits.lower - many, many - group.limits.upper).max(axis=1)
+    inside = [excess <= 0.0 for excess in outside.tolist()]
     if constraints:
         tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(checker.arm, constraints)
         inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
@@ -160,7 +161,8 @@ def read_ends(
             return _invalid_start(checker, first)
 
     def valid() -> list[int]:
-        return [row for row, goal in enumerate(many) if inside[row] and checker.is_free_unchecked(goal)]
+        rows = np.flatnonzero(inside)
+        return np.asarray(rows[checker.is_free_batch(many[rows])]).tolist()
 
     rows = valid()
     if not rows:

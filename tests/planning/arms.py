@@ -33,3 +33,13 @@ def assert_free(path: pp.JointPath | pp.motion.CubicPath, checker: pp.CollisionC
     for q in path(np.linspace(first, last, count)):
         assert checker.is_free(q)
         assert checker.arm.limits.contains(q, 1e-9)
+
+
+def assert_solves(plan: pp.PlanResult, checker: pp.CollisionChecker, start: np.ndarray, goal: np.ndarray) -> None:
+    """The path is certified and free, and connects the start with the goal."""
+    path = plan.or_raise().path
+    assert np.array_equal(path.start, start)
+    assert np.array_equal(path.end, goal)
+    assert plan.certificate.free
+    assert plan.certificate.matches(path, checker.arm, checker.scene)
+    assert_free(path, checker)

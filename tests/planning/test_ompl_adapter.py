@@ -10,7 +10,7 @@ import pytest
 import pinproof as pp
 from pinproof.planning.edges import Edges
 
-from .arms import assert_free
+from .arms import assert_solves
 
 START, GOAL = np.array([-0.8, -0.8]), np.array([0.8, -0.8])
 
@@ -35,19 +35,10 @@ def slot(gantry: pp.Arm) -> pp.CollisionChecker:
     return pp.CollisionChecker(gantry, pp.Scene(walls), margin=0.005)
 
 
-def _assert_solves(plan: pp.PlanResult, checker: pp.CollisionChecker, start: np.ndarray, goal: np.ndarray) -> None:
-    path = plan.or_raise().path
-    assert np.array_equal(path.start, start)
-    assert np.array_equal(path.end, goal)
-    assert plan.certificate.free
-    assert plan.certificate.matches(path, checker.arm, checker.scene)
-    assert_free(path, checker)
-
-
 @pytest.mark.parametrize("name", ["RRTConnect", "PRM", "BKPIECE1", "BFMT"])
 def test_through_a_slot_with_any_planner(slot: pp.CollisionChecker, name: str) -> None:
     plan = pp.planning.OmplPlanner(name, time_limit=60.0, max_edges=4000).plan(slot, START, GOAL, rng=1)
-    _assert_solves(plan, slot, START, GOAL)
+    assert_solves(plan, slot, START, GOAL)
     assert name in plan.message
     assert plan.nodes > 0
     assert 0 < plan.samples <= 4000
@@ -57,7 +48,7 @@ def test_a_planner_that_shortens_is_the_same_within_a_budget_of_edges(slot: pp.C
     planner = pp.planning.OmplPlanner("RRTstar", time_limit=600.0, max_edges=2500, parameters={"range": 0.3})
     plans = [planner.plan(slot, START, GOAL, rng=seed) for seed in (2, 2, 3)]
     for plan in plans:
-        _assert_solves(plan, slot, START, GOAL)
+        assert_solves(plan, slot, START, GOAL)
     assert plans[0].path.q.tobytes() == plans[1].path.q.tobytes()
     assert plans[0].path.q.tobytes() != plans[2].path.q.tobytes()
     quick = pp.planning.OmplPlanner("RRTConnect", time_limit=600.0).plan(slot, START, GOAL, rng=2)
@@ -73,7 +64,7 @@ def test_an_edge_with_free_samples_that_fails_the_proof_is_never_used(gantry: pp
     start, goal = np.array([-0.9, -0.5]), np.array([0.9, -0.5])
     assert Edges(checker, 0.6, np.array([start, goal])).samples_free(start, goal)
     plan = pp.planning.OmplPlanner(time_limit=600.0, resolution=0.6, max_edges=20_000).plan(checker, start, goal)
-    _assert_solves(plan, checker, start, goal)
+    assert_solves(plan, checker, start, goal)
 
 
 def test_of_several_goals_the_reachable_one_is_reached(gantry: pp.Arm) -> None:
@@ -85,7 +76,7 @@ def test_of_several_goals_the_reachable_one_is_reached(gantry: pp.Arm) -> None:
     start, goals = np.array([-0.3, 0.8]), np.array([(0.3, 0.3), (0.0, 0.5), (0.8, -0.8)])
     plan = pp.planning.OmplPlanner(time_limit=600.0, max_edges=20_000).plan(checker, start, goals)
     assert plan.goal == 2
-    _assert_solves(plan, checker, start, goals[2])
+    assert_solves(plan, checker, start, goals[2])
 
 
 def test_a_continuous_joint_goes_round(turntable: pp.Arm) -> None:

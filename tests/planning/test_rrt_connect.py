@@ -10,20 +10,11 @@ import pytest
 import pinproof as pp
 from pinproof.planning.edges import Edges
 
-from .arms import assert_free, ball_arm
+from .arms import assert_free, assert_solves, ball_arm
 
 QUICK = pp.RrtConnect(max_nodes=4000, time_limit=600.0)
 
 TABLE = pp.Obstacle("table", pp.Box(1.2, 1.6, 0.04), pp.pose((0.4, 0.0, -0.03)))
-
-
-def _assert_solves(plan: pp.PlanResult, checker: pp.CollisionChecker, start: np.ndarray, goal: np.ndarray) -> None:
-    path = plan.or_raise().path
-    assert np.array_equal(path.start, start)
-    assert np.array_equal(path.end, goal)
-    assert plan.certificate.free
-    assert plan.certificate.matches(path, checker.arm, checker.scene)
-    assert_free(path, checker)
 
 
 def test_ur5_goes_round_a_post(ur5: pp.Arm) -> None:
@@ -31,7 +22,7 @@ def test_ur5_goes_round_a_post(ur5: pp.Arm) -> None:
     checker = pp.CollisionChecker(ur5, pp.Scene([TABLE, post], allowed=[("base_link", "table")]), margin=0.002)
     start, goal = np.array([-0.9, -1.2, 1.2, -1.5, -1.57, 0.0]), np.array([0.9, -1.2, 1.2, -1.5, -1.57, 0.0])
     assert not checker.is_free((start + goal) / 2)  # the straight line is blocked
-    _assert_solves(QUICK.plan(checker, start, goal, rng=1), checker, start, goal)
+    assert_solves(QUICK.plan(checker, start, goal, rng=1), checker, start, goal)
 
 
 def test_panda_between_two_posts(panda: pp.Arm) -> None:
@@ -42,7 +33,7 @@ def test_panda_between_two_posts(panda: pp.Arm) -> None:
     start, goal = panda.home.copy(), panda.home.copy()
     start[0], goal[0] = -1.3, 1.3
     assert not Edges(checker, 0.02, np.array([start, goal])).samples_free(start, goal)
-    _assert_solves(QUICK.plan(checker, start, goal, rng=0), checker, start, goal)
+    assert_solves(QUICK.plan(checker, start, goal, rng=0), checker, start, goal)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -53,14 +44,14 @@ def test_generic_arm_over_a_wall(generic: pp.Arm, seed: int) -> None:
         next(q for q in pp.Clik().solve_many(generic, pp.pose((0.45, y, 0.15), (np.pi, 0, 0))).q if checker.is_free(q))
         for y in (-0.25, 0.25)
     )
-    _assert_solves(QUICK.plan(checker, start, goal, rng=seed), checker, start, goal)
+    assert_solves(QUICK.plan(checker, start, goal, rng=seed), checker, start, goal)
 
 
 def test_through_a_narrow_slot(gantry: pp.Arm, slotted: pp.Scene) -> None:
     checker = pp.CollisionChecker(gantry, slotted, margin=0.005)
     start, goal = np.array([-0.8, -0.8]), np.array([0.8, -0.8])
     plan = QUICK.plan(checker, start, goal, rng=2)
-    _assert_solves(plan, checker, start, goal)
+    assert_solves(plan, checker, start, goal)
     crossing = plan.path(np.linspace(*plan.path.domain, 5000))
     at_wall = crossing[np.abs(crossing[:, 0]) < 0.01, 1]
     assert len(at_wall)
@@ -97,7 +88,7 @@ def test_between_ends_that_are_tight_themselves_it_keeps_off_less(gantry: pp.Arm
     walls = [pp.Obstacle(f"w{s:+}", pp.Box(2.4, 0.1, 1.0), pp.pose((0.0, s * (half + 0.05), 0.0))) for s in (-1, 1)]
     checker = pp.CollisionChecker(gantry, pp.Scene(walls), margin=0.005)
     start, goal = np.array([-0.5, 0.0]), np.array([0.5, 0.0])
-    _assert_solves(pp.RrtConnect(max_samples=100).plan(checker, start, goal), checker, start, goal)
+    assert_solves(pp.RrtConnect(max_samples=100).plan(checker, start, goal), checker, start, goal)
 
 
 def test_same_rng_same_path_to_the_last_bit(gantry: pp.Arm, slotted: pp.Scene) -> None:
@@ -165,7 +156,7 @@ def test_of_several_goals_the_valid_one_is_reached(gantry: pp.Arm, slotted: pp.S
     checker = pp.CollisionChecker(gantry, slotted)
     plan = QUICK.plan(checker, (-0.8, -0.8), goals)
     assert plan.goal == 2
-    _assert_solves(plan, checker, np.array([-0.8, -0.8]), goals[2])
+    assert_solves(plan, checker, np.array([-0.8, -0.8]), goals[2])
 
 
 def _cell(gantry: pp.Arm) -> pp.CollisionChecker:
@@ -183,7 +174,7 @@ def test_of_several_goals_the_reachable_one_is_reached(gantry: pp.Arm) -> None:
     start = np.array([-0.3, 0.8])
     plan = QUICK.plan(checker, start, goals)
     assert plan.goal == 2
-    _assert_solves(plan, checker, start, goals[2])
+    assert_solves(plan, checker, start, goals[2])
 
 
 @pytest.mark.parametrize(
@@ -235,7 +226,7 @@ def test_an_edge_with_free_samples_that_fails_the_proof_is_removed(gantry: pp.Ar
     assert Edges(checker, coarse, np.array([start, goal])).samples_free(start, goal)
     plan = pp.RrtConnect(resolution=coarse, max_nodes=4000, time_limit=600.0).plan(checker, start, goal, rng=0)
     assert plan.cut >= 1
-    _assert_solves(plan, checker, start, goal)
+    assert_solves(plan, checker, start, goal)
 
 
 def test_removed_edges_are_reported_if_no_path_is_found(gantry: pp.Arm) -> None:
@@ -254,7 +245,7 @@ def test_ends_hardly_beyond_the_margin_are_left_and_entered(gantry: pp.Arm) -> N
     wall = pp.Obstacle("wall", pp.Box(0.02, 1.2, 1.0), pp.pose((0.0, -0.4, 0.0)))
     checker = pp.CollisionChecker(gantry, pp.Scene([wall]), margin=0.005)
     start, goal = np.array([-0.0652, -0.5]), np.array([0.0652, -0.5])
-    _assert_solves(QUICK.plan(checker, start, goal, rng=0), checker, start, goal)
+    assert_solves(QUICK.plan(checker, start, goal, rng=0), checker, start, goal)
 
 
 def test_prismatic_and_continuous_joints_together() -> None:
@@ -262,7 +253,7 @@ def test_prismatic_and_continuous_joints_together() -> None:
     post = pp.Obstacle("post", pp.Box(0.2, 0.2, 1.0), pp.pose((0.0, 1.0, 0.0)))
     checker = pp.CollisionChecker(arm, pp.Scene([post]))
     start, goal = np.array([0.0, 0.0]), np.array([0.0, np.pi])
-    _assert_solves(QUICK.plan(checker, start, goal, rng=0), checker, start, goal)
+    assert_solves(QUICK.plan(checker, start, goal, rng=0), checker, start, goal)
 
 
 def test_a_continuous_joint_is_not_wrapped(turntable: pp.Arm) -> None:

@@ -145,12 +145,12 @@ class IterativeIk(ABC):
             Seed or Generator that shifts the set of starts of the other attempts.
         task
             ``"pose"``, ``"position"``, ``"orientation"``; ``"spin_z"`` (or x, y), the pose with a free rotation about
-            that axis of the target; or an :class:`IkTask` with any of the six coordinates.
+            that axis of the target; or an :class:`~pinproof.ik.IkTask` with any of the six coordinates.
         accept
             Called with a copy of each solution (n,). If it returns False, the search continues.
         goal
             Null-space objective for the degrees of freedom that the task leaves: ``"centre"`` (middle of the joint
-            ranges), ``"near"`` (close to q0), ``"manipulability"``, or an :class:`IkGoal`.
+            ranges), ``"near"`` (close to q0), ``"manipulability"``, or an :class:`~pinproof.ik.IkGoal`.
         on_step
             Called with every step, for example for plots.
 

@@ -195,8 +195,8 @@ class IkResult(IkOutcome):
     status
         The outcome; :attr:`ok` is True if it is FOUND.
     q
-        (n,) a configuration within the limits; a solution if :attr:`ok`, else as described in :class:`IkStatus`.
-        Read-only.
+        (n,) a configuration within the limits; a solution if :attr:`ok`, else see
+        :class:`~pinproof.ik.IkStatus`. Read-only.
     position_error
         Distance in m from the tcp to the target at ``q``, by forward kinematics.
     orientation_error

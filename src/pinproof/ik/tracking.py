@@ -228,7 +228,8 @@ def track(
     velocity
         Speed limits, rad/s or m/s, one for all joints or (n,); by default those of the arm.
     task
-        As for :meth:`pinproof.Clik.solve`: ``"pose"``, ``"position"``, ``"spin_z"``, ... or an :class:`IkTask`.
+        As for :meth:`pinproof.Clik.solve`: ``"pose"``, ``"position"``, ``"spin_z"``, ... or an
+        :class:`~pinproof.ik.IkTask`.
     goal
         Null-space objective, as for :meth:`pinproof.Clik.solve`; it never increases the error of the task. Its gain is
         per second here. ``"near"`` refers to q0.

@@ -67,11 +67,11 @@ def test_a_damaged_trajectory_is_refused_with_its_place(swing) -> None:
 
 def test_planning_scenes_are_restored() -> None:
     corners = [[x, y, z] for x in (0, 0.1) for y in (0, 0.2) for z in (0, 0.3)]
-    hull = pp.ConvexHull([*corners, [0.05, 0.1, 0.15]])
+    hull = pp.collision.ConvexHull([*corners, [0.05, 0.1, 0.15]])
     placed = pp.pose((0.3, 0.3, -0.9), (0.1, 0.2, 0.3))
     shapes = {
-        "box": pp.Box(0.1, 0.2, 0.3), "ball": pp.Sphere(0.1), "can": pp.Cylinder(0.1, 0.4), "cone": pp.Cone(0.1, 0.4),
-        "ground": pp.HalfSpace(), "hull": hull, "pill": pp.Capsule(0.05, 0.2),
+        "box": pp.Box(0.1, 0.2, 0.3), "ball": pp.Sphere(0.1), "can": pp.Cylinder(0.1, 0.4),
+        "cone": pp.collision.Cone(0.1, 0.4), "ground": pp.HalfSpace(), "hull": hull, "pill": pp.Capsule(0.05, 0.2),
     }  # fmt: skip
     scene = pp.Scene(
         [pp.Obstacle(name, shape, placed, (1, 0, 0, 1)) for name, shape in shapes.items()],

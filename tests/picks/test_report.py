@@ -19,17 +19,17 @@ PROBLEM = PickProblem(7, "torn, row", "xyz holds nan at index 1")
 
 
 def schema() -> dict:
-    return pp.file_schema("report")
+    return pp.formats.file_schema("report")
 
 
 @pytest.fixture(scope="module")
-def report(reports) -> pp.PickReport:
+def report(reports) -> pp.picks.PickReport:
     """Good picks, one out of reach and one that could not be read."""
     done = reports["generic_6dof"]
     far = pp.Pick('far, "away"', pp.pose(xyz=(9, 0, 0)))
     stage = StageResult(Stage.REACH, False, "out of reach")
-    verdict = pp.PickVerdict(far, PickStatus.NOT_FOUND, (stage,), 0)
-    return pp.PickReport(
+    verdict = pp.picks.PickVerdict(far, PickStatus.NOT_FOUND, (stage,), 0)
+    return pp.picks.PickReport(
         done.robot, (*done.verdicts, verdict), (PROBLEM,), done.acceleration_source, done.notes, done.setup
     )
 
@@ -38,7 +38,7 @@ def test_the_json_keeps_to_its_schema(report) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.Draft202012Validator.check_schema(schema())
     jsonschema.validate(report.to_dict(), schema())
-    jsonschema.validate(pp.PickReport("none", (), (), "none").to_dict(), schema())
+    jsonschema.validate(pp.picks.PickReport("none", (), (), "none").to_dict(), schema())
 
 
 def test_every_format_states_what_a_grid_of_the_scene_assumes(tmp_path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, OccupancyGrid, Scene
+from pinproof.collision.certificate import files_examined_once
 from pinproof.collision.overlaps import overlap_hint
 from pinproof.common.content_hash import digest
 from pinproof.common.display import outline
@@ -120,7 +121,8 @@ class PickSetup:
 
     def judge(self, index: int, pick: Pick) -> PickVerdict:
         """The verdict on the pick at ``index``."""
-        return judge(pick, self.cell, self.rng(index))
+        with files_examined_once():
+            return judge(pick, self.cell, self.rng(index))
 
     def recertify(self, program: MotionProgram, pick: Pick, *, deviation: float = 0.0) -> tuple[Certificate, ...]:
         """Certify the motions of a program again in this setup.
@@ -254,6 +256,7 @@ class PickSetup:
             ),
             "conveyor": digest(self.shared.conveyor),
             "payload": digest((self.shared.payload, self.shared.torque_limits)),
+            "straight": self.shared.straight,
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
         }

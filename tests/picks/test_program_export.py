@@ -11,6 +11,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import InputError
+from pinproof.motion import RobotProgram
 from pinproof.motion.program_steps import JointMove, SetOutput, Wait
 from pinproof.picks import PickReport, export_picks
 
@@ -72,6 +73,9 @@ def test_a_deviation_of_the_controller_is_covered_where_the_part_is_on_no_suppor
         else:
             assert np.all(np.asarray(tube.tube.joints) >= 0.0005)
             assert tube.clearance <= narrow.clearance
+    assert "not covered: over_the_wall" in wide.program.text
+    assert "not covered" not in exact.program.text
+    assert RobotProgram.parse(wide.program.text, dialect="urscript").certificate == wide.program.certificate != ""
     assert any(tube.partings for tube in wide.certificates[0])
     far = export_picks(report.setup, [(verdict.pick, program)], "urscript", output="0", deviation=0.2)
     assert not far.free

@@ -394,7 +394,7 @@ class OccupancyGrid(ByContent):
                     f"{other.bounds[0].tolist()} with unknown={other.unknown!r}"
                 )
         grids = (self, *others)
-        cells = _RANK[np.minimum.reduce([_RANK[grid.cells] for grid in grids])]
+        cells = _ranked(np.minimum.reduce([_ranked(grid.cells) for grid in grids]))
         return replace(self, cells=cells, record=tuple(dict.fromkeys(line for grid in grids for line in grid.record)))
 
     def __or__(self, other: OccupancyGrid) -> OccupancyGrid:
@@ -410,8 +410,9 @@ def _mark(cells: Cells, points: Array, error: float) -> None:
         cells[tuple(at.T)] = SEEN
 
 
-_RANK = np.array([FREE, SEEN, CLEARED, UNKNOWN], dtype=np.uint8)
-"""The order of the states in which views are fused, and the state of each rank: its own inverse."""
+def _ranked(cells: Cells) -> Cells:
+    """The ranks of states in the order FREE, SEEN, CLEARED, UNKNOWN in which views are fused; its own inverse."""
+    return np.bitwise_xor(cells, cells >> np.uint8(1), dtype=np.uint8)  # exchanges 2 and 3
 
 
 def _lattice(

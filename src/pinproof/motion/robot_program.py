@@ -232,9 +232,12 @@ def make_program(
     name: str = "motion",
     deviation: float = 0.0,
     certificate: str = "",
+    uncovered: str = "",
     joint_map: JointMap | None = None,
 ) -> RobotProgram:
     """Write a program and parse it back; the result has the numbers of the text, with their rounding.
+
+    ``uncovered`` states in the comments what the certificate does not cover.
 
     Raises
     ------
@@ -265,6 +268,8 @@ def make_program(
         "certificate": certificate or "none",
         "start": "the move to the first point is not certified",
     }
+    if uncovered:
+        entries["not covered"] = uncovered
     if not mapping.is_identity:
         entries["map"] = str(mapping)
     entries["lines"] = " ".join([_hash_of_entries(entries), *hashes])

@@ -126,7 +126,7 @@ def export_picks(
     if all(each.free for motions in certificates for each in motions):
         records = [each.motion_record() for motions in certificates for each in motions]
         text = json.dumps([record.to_dict() for record in records], sort_keys=True)
-        written = write(steps, certificate=hashlib.sha256(text.encode("utf-8")).hexdigest())
+        written = write(steps, certificate=hashlib.sha256(text.encode("utf-8")).hexdigest(), uncovered="; ".join(notes))
     return PicksProgram(written, tuple(certificates), tuple(notes))
 
 

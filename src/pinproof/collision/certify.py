@@ -31,7 +31,7 @@ from pinproof.collision.certificate import (
     identity_of,
     parameter_text,
 )
-from pinproof.collision.checker import CollisionChecker, Contact
+from pinproof.collision.checker import CollisionChecker, Contact, require_curve
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.constraint_proofs import with_constraints
 from pinproof.collision.movers import Mover, with_movers
@@ -106,8 +106,8 @@ def certify(
         keep their margin afterwards; :meth:`CollisionChecker.allowing` would exclude the pair instead. Cannot be
         combined with ``joint_tolerance`` or ``record``.
     constraints
-        :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.LookAt`: conditions of the tcp that
-        must hold over the whole curve too.
+        :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.collision.LookAt`: conditions of the
+        tcp that must hold over the whole curve too.
     movers
         :class:`~pinproof.Mover` for obstacles that move with time, such as parts on a conveyor, and trajectories of
         other joints of the robot, such as those of another arm of a cell. The certificate is then one of the motion of
@@ -182,9 +182,8 @@ def _checked_tolerances(
     curve: Curve, checker: CollisionChecker, joint_tolerance: npt.ArrayLike, obstacle_tolerance: float
 ) -> Array:
     """The tolerance of each joint (n,), rad or m, of a curve of the joints of the checker."""
+    require_curve(curve, checker)
     group = checker.group
-    if tuple(curve.joint_names) != group.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {group.joint_names}")
     if isinstance(joint_tolerance, float) and joint_tolerance == obstacle_tolerance == 0.0:
         return np.zeros(group.dof)
     each = np.full(group.dof, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance

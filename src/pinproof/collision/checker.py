@@ -38,11 +38,13 @@ from pinproof.collision.placed_bodies import FixedPairs, PlacedBodies, check_fix
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
 from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
+from pinproof.motion.curve import Curve
 from pinproof.spatial import finite
 
-__all__ = ["CheckResult", "CollisionChecker", "Contact"]
+__all__ = ["CheckResult", "CollisionChecker", "Contact", "require_curve"]
 
 Array = npt.NDArray[np.float64]
 
@@ -184,6 +186,7 @@ class CollisionChecker(CheckedBodies):
         trust_disabled: bool = False,
         housing: float | None = None,
     ) -> None:
+        require_type("arm", arm, JointGroup)
         urdf = arm.robot.urdf
         self._group = arm
         self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
@@ -196,7 +199,9 @@ class CollisionChecker(CheckedBodies):
         }
         self._margins, self._moved = Margins(margin, margins or {}), 0.0
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
-        self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
+        scene = Scene() if scene is None else scene
+        require_type("scene", scene, Scene)
+        self._assemble(scene, tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
         warn_of_units(arm, self.bodies, self.scene)
         self._refuse_overlapping_robots()
 
@@ -311,6 +316,7 @@ class CollisionChecker(CheckedBodies):
 
         Margins of single pairs are dropped if their obstacle is removed.
         """
+        require_type("scene", scene, Scene)
         return self._derived(scene, self.attached, self._allowed)
 
     def with_attached(self, *objects: Obstacle) -> CollisionChecker:
@@ -645,3 +651,12 @@ class CollisionChecker(CheckedBodies):
         self._forget()
         self._geometry = pack_geometry(self.group, self.bodies, self.rounding)
         self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)
+
+
+def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") -> None:
+    """Raise InputError unless the curve has the joints of the checker's group, in their order."""
+    require_type("checker", checker, CollisionChecker)
+    if not callable(getattr(curve, "bezier", None)):
+        raise InputError(f"the {name} must be a curve, such as a JointPath or a Trajectory, not {curve!r:.80}")
+    if tuple(curve.joint_names) != checker.group.joint_names:
+        raise InputError(f"the {name} has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")

@@ -140,7 +140,7 @@ class RrtConnect:
             shifted configuration; ``goal`` is the index of the given one.
         constraints
             Conditions of the tcp that hold on the whole path: :class:`~pinproof.Upright`, :class:`~pinproof.Within`,
-            :class:`~pinproof.LookAt`. The start and the goals must satisfy them. The path has many waypoints;
+            :class:`~pinproof.collision.LookAt`. The start and the goals must satisfy them. The path has many waypoints;
             :func:`simplify`, with the same constraints, makes it short and smooth.
         torque_limits
             The path avoids configurations at which the joints cannot hold the arm at rest; checked at samples, since

@@ -207,8 +207,9 @@ def optimise(
         search = _Search(task, np.random.default_rng(rng), int(budget))
         if search.worthwhile:
             search.run()
-    for motion, reached in reversed(search.proven if search else []):
-        trajectory = _timed(search.trajectory(motion, reached), bounds, further)
+    shorter = () if search is None else (search.trajectory(*each) for each in reversed(search.proven))
+    for motion in shorter:
+        trajectory = _timed(motion, bounds, further)
         if trajectory is None or trajectory.duration >= before.duration:
             continue
         certificate = certify(trajectory, checker, constraints=kept)

@@ -21,6 +21,7 @@ from pinproof import (
     load_robot,
     pose,
 )
+from pinproof.collision.certificate import files_examined_once
 
 
 def test_the_inputs_of_a_checker_cannot_be_changed_afterwards(panda):
@@ -166,6 +167,24 @@ def test_a_mesh_file_changed_later_matches_no_certificate(panda, tmp_path):
     again = certify(move, CollisionChecker(panda, scene))
     assert again.status.name == "COLLIDING"
     assert again.matches(move, panda, scene)
+
+
+def test_a_search_states_the_mesh_files_at_its_start_and_the_next_one_examines_them_again(panda, tmp_path):
+    file = tmp_path / "post.stl"
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
+    scene = Scene([Obstacle("post", Mesh(file), pose((0.3, 0.0, 2.5)))])
+    checker = CollisionChecker(panda, scene)
+    move = JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
+    with files_examined_once():
+        before = certify(move, checker)
+        trimesh.creation.box((0.1, 0.1, 4.5)).export(file)
+        with files_examined_once():
+            during = certify(move, checker)
+    with files_examined_once():
+        after = certify(move, checker)
+    assert (during.setup, during.notes) == (before.setup, before.notes)
+    assert after.setup != before.setup
+    assert any("post.stl" in note for note in after.notes)
 
 
 def test_a_certificate_does_not_match_a_scene_that_disables_other_pairs(panda):

@@ -95,13 +95,13 @@ def prove_parting(
     ends = np.unique([float(knots[0]), *(separating.proof.end for separating in separating_pairs)]).tolist()
     proven: list[Certificate] = []
     for first, last in zip(ends, [*ends[1:], float(knots[-1])], strict=True):
-        for separating in separating_pairs:
-            if separating.proof.end == first:
-                measured = full.checker.placed(bezier.evaluate(knots, control, first)).measure(separating.pair)
-                if measured.attained - obstacle_tolerance <= full.checker.margins[separating.pair]:
-                    return _on_complete_curve(
-                        curve, checker, proven, _not_separated(full.checker, separating, motion, prove)
-                    )
+        separated = [separating for separating in separating_pairs if separating.proof.end == first]
+        space = full.checker.placed(bezier.evaluate(knots, control, first)) if separated else None
+        for separating in separated:
+            attained = np.inf if space is None else space.measure(separating.pair).attained
+            if attained - obstacle_tolerance <= full.checker.margins[separating.pair]:
+                not_separated = _not_separated(full.checker, separating, motion, prove)
+                return _on_complete_curve(curve, checker, proven, not_separated)
         # Pairs of bodies are omitted, not of owners: other bodies of the same owners are checked on the whole curve.
         apart = {separating.pair for separating in separating_pairs if separating.proof.end > first}
         for pair, until in open_until.items():

@@ -12,7 +12,7 @@ shortcuts", ICRA 2010. Jerk-limited moves and modified states are additions.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from operator import attrgetter, mul
@@ -213,8 +213,9 @@ def optimise(
         search = _Search(task, np.random.default_rng(rng), int(budget))
         if search.worthwhile:
             search.run()
-    for found in () if search is None else search.trajectories():
-        trajectory = _timed(found, bounds, further)
+    shorter = () if search is None else (search.trajectory(*each) for each in reversed(search.proven))
+    for motion in shorter:
+        trajectory = _timed(motion, bounds, further)
         if trajectory is None or trajectory.duration >= before.duration:
             continue
         certificate = certify(trajectory, checker, constraints=kept)
@@ -361,10 +362,6 @@ class _Search:
         self._prove()
         self._best = self._improve(self._best, self._goal, self._left)
         self._prove()
-
-    def trajectories(self) -> Iterator[Trajectory]:
-        """The motions that were proven free, the shortest first."""
-        return (self.trajectory(*each) for each in reversed(self.proven))
 
     def trajectory(self, motion: MoveSequence, goal: int) -> Trajectory:
         """A motion to a goal as a trajectory."""

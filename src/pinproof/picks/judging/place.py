@@ -157,9 +157,11 @@ class Placer:
         """Upper bounds of the score through each of the releases, before their lines are planned."""
         task, member = self._task, attempt.candidate.member
         if member.words not in self._clearances:
-            q = self.releases(member)
-            free_hand = task.letting_go(member)
-            clearances = free_hand.clearance_batch(q) if asked.retreat > 0 else np.full(len(q), np.inf)
+            q, free_hand = self.releases(member), task.letting_go(member)
+            free = free_hand.is_free_batch(q)
+            clearances = np.where(free, np.inf, 0.0)
+            if asked.retreat > 0:  # otherwise there is no line with the empty hand, whose clearance counts
+                clearances[free] = free_hand.clearance_batch(q[free])
             self._clearances[member.words] = clearances
         ahead = self._what_is_ahead(member, exact=True)
         there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down

@@ -46,7 +46,7 @@ FEW_FRAMES = """{
   const next = window.requestAnimationFrame.bind(window);
   window.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 80);
 }"""
-"""A page draws at most twelve frames a second: a processor draws them here, and 60 would take most of the tests' time."""
+"""A page draws at most twelve frames a second, because here the processor draws them, and 60 take most of its time."""
 
 
 def find_browser() -> str | None:

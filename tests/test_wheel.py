@@ -1,8 +1,8 @@
 """The wheel, built from the source distribution, works in a clean environment.
 
 In CI the core is compiled from the source distribution, and pip installs the dependencies. Elsewhere the wheel contains
-the compiled core of the checkout, and the environment has links to the dependencies that are installed here, which saves
-two minutes of CPU time; that the distribution has all its sources is tested without compiling them.
+the compiled core of the checkout, and the environment has links to the dependencies that are installed here, which
+saves two minutes of CPU time; that the distribution has all its sources is tested without compiling them.
 """
 
 from __future__ import annotations

@@ -51,10 +51,23 @@ install_into_venv() {
     fi
     # An interrupted first run leaves an environment without pip.
     "$venv/bin/python" -m pip --version >/dev/null 2>&1 || "$venv/bin/python" -m ensurepip >/dev/null || return 1
+    # Modules are compiled to bytecode when they are first imported, which most never are.
+    local pip=("$venv/bin/python" -m pip install -qq --disable-pip-version-check --no-compile)
+    local tools compiling="" installed=0
+    if ! core_is_current; then # compile it while the other packages are installed
+        read -ra tools < <(sed -n 's/^core = \[\(.*\)\].*/\1/p' "$root/pyproject.toml" | tr -d '",')
+        "${pip[@]}" "${tools[@]}" >&2 || return 1
+        compile_core &
+        compiling=$!
+    fi
     # Only the Python part is installed here; scripts/build compiles the core into the source tree.
-    "$venv/bin/python" -m pip install -qq --disable-pip-version-check --config-settings wheel.cmake=false \
-        --config-settings wheel.py-api=py3 --config-settings editable.mode=inplace \
-        --editable "$root[core${extra:+,$extra}]" >&2 || return 1
+    "${pip[@]}" --config-settings wheel.cmake=false --config-settings wheel.py-api=py3 \
+        --config-settings editable.mode=inplace --editable "$root[core${extra:+,$extra}]" >&2 || installed=1
+    if [[ -n "$compiling" ]] && ! wait "$compiling"; then
+        say "the core could not be compiled; see the lines above"
+        return 1
+    fi
+    if ((installed != 0)); then return 1; fi
     fingerprint "" >"$venv/.installed-plain"
     if [[ -n "$extra" ]]; then fingerprint "$extra" >"$venv/.installed-$extra"; fi
 }
@@ -83,11 +96,11 @@ prepare_venv() {
     (
         flock 9 # if several first runs start together, one installs and the others wait
         if ! is_current "$extra"; then
-            say "installing pinproof${extra:+[$extra]} into .venv; this happens once and takes about a minute ..."
+            say "installing pinproof${extra:+[$extra]} into .venv and compiling its core; this takes about a minute ..."
             install_into_venv "$extra" || { say "the installation failed; see the lines above"; exit 1; }
         fi
         if ! core_is_current; then
-            say "compiling the core, which takes about a minute ..."
+            say "compiling the core, which takes about half a minute ..."
             compile_core || { say "the core could not be compiled; see the lines above"; exit 1; }
         fi
     ) 9>"$root/.venv.lock"

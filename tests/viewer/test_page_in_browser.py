@@ -19,7 +19,7 @@ from .browser import Browser, Page
 from .conftest import POST, certified, small_arm, swing, turn
 
 SMALLEST_LINK = 40
-"""Pixels of 1280 x 720 in which the smallest link, a finger of the Panda, can still be made out."""
+"""Pixels in which the smallest link, a finger of the Panda, can still be made out."""
 
 
 def check_picture(page: Page, least: float = 0.15) -> None:

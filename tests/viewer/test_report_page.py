@@ -156,6 +156,7 @@ def test_a_pick_that_is_chosen_again_plays_again(page: Page) -> None:
 
 
 def test_a_click_on_an_arrow_chooses_its_pick(page: Page) -> None:
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")  # it is drawn
     spot = page.evaluate(
         "(() => { const v = new MeshCat.THREE.Vector3(), m = new MeshCat.THREE.Matrix4();"
         " pinproof.arrows.getMatrixAt(0, m); v.set(0, 0, -pinproof.settings.markers.length * 0.9).applyMatrix4(m);"

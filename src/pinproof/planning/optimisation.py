@@ -63,7 +63,7 @@ DISTINCT = 0.15
 """Goals that differ by at most this (rad or m) in each joint count as one: their motions are similar."""
 
 STAGGERED = 4
-"""Number of staggered moves that are tried in addition for each evaluation of the budget. Each takes a tenth of its time."""
+"""Number of staggered moves that are tried in addition for each evaluation of the budget, in a tenth of its time."""
 
 STAGGERED_GOALS, STAGGERED_DISTINCT = 80, 0.05
 """As above for staggered moves, of which few are free: number of their goals, and their least difference (rad or m)."""

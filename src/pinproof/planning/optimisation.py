@@ -411,9 +411,10 @@ class _Search:
         given = self._given()
         if isinstance(self._path, JointPath) and (stopping := self._stopping(self._path.q)) is not None:
             given = stopping, given[1]
-        found = [given, *self._found[-1:], *self._plans(min(PLANS, budget // PER_PLAN))]
+        found = [given, *self._found[-1:]]
         if self.proven:
             found.append((self._best, self._goal))
+        found += self._plans(min(PLANS, budget // PER_PLAN + 1 - len(found)))
         rounds = max(math.ceil(math.log2(len(found))), 1)
         for _ in range(rounds):  # the better half continues
             share = budget // (rounds * len(found))

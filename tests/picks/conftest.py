@@ -33,11 +33,11 @@ def cells() -> dict[str, tuple[pp.Scene, pp.Picks]]:
 
 
 @pytest.fixture(scope="session")
-def reports(arms, cells) -> dict[str, pp.PickReport]:
+def reports(arms, cells) -> dict[str, pp.picks.PickReport]:
     return {name: pp.validate_picks(arms[name], *cells[name]) for name in ROBOTS}
 
 
-def _recheck(verdict: pp.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, home=None) -> None:
+def _recheck(verdict: pp.picks.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, home=None) -> None:
     """Check the claims of a good verdict independently: FK, limits, a new checker, dense samples."""
     pick, motion, time = verdict.pick, verdict.trajectory, verdict.grasp_time
     home = arm.home if home is None else home

@@ -106,7 +106,7 @@ class MotionProgram:
     robot, tcp
         The robot and its tcp frame; empty if they are not known.
     member
-        How the chosen grasp differs from the nominal one, as in :attr:`pinproof.PickVerdict.member`.
+        How the chosen grasp differs from the nominal one, as in :attr:`pinproof.picks.PickVerdict.member`.
 
     Raises
     ------

@@ -24,6 +24,7 @@ import numpy.typing as npt
 from pinproof._core import Manifold, RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
 from pinproof.collision.certify import is_proven_free
+from pinproof.collision.checker import require_curve
 from pinproof.collision.path_constraints import check_constraints
 from pinproof.common.display import html_block, html_of, outline
 from pinproof.errors import InputError, TimingError
@@ -190,8 +191,7 @@ def optimise(
         If the path cannot be timed within the limits.
     """
     arm = checker.group
-    if tuple(path.joint_names) != arm.joint_names:
-        raise InputError(f"the path has the joints {path.joint_names}, the arm {arm.joint_names}")
+    require_curve(path, checker, "path")
     if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or budget < 0:
         raise InputError(f"budget = {budget!r}; it must be a number of evaluations, 0 or more")
     further = checked_constraints(rate_limits)

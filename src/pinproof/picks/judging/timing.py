@@ -80,7 +80,8 @@ def time_motion(
     """Time and certify all parts of a motion."""
     motions: list[PickMotion] = []
     trajectories: list[Trajectory] = []
-    grasp_time, release_time = 0.0, None
+    until_grasp: list[Trajectory] = []
+    until_release: list[Trajectory] = []
     try:
         timing = _PartsTiming(task, motion_parts(task, attempt, path, placing), attempt.candidate.member)
         if task.cell.budget.motion > 0:
@@ -92,14 +93,15 @@ def time_motion(
             motions.append(motion)
             trajectory = motion.trajectory
             trajectories.append(trajectory)
-            # Joined instead of summed, because times are rounded to nanoseconds and the grasp must be an exact time.
             if part.name == "pick":
-                until = timing.trajectories(number)[: 1 + (attempt.approach is not None)]
-                grasp_time = Trajectory.join(*until).duration
+                until_grasp = timing.trajectories(number)[: 1 + (attempt.approach is not None)]
             elif part.name in ("transit", "approach"):
-                grasp_time = Trajectory.join(*trajectories).duration
+                until_grasp = [*trajectories]
             elif part.name in ("transfer", "place"):
-                release_time = Trajectory.join(*trajectories).duration
+                until_release = [*trajectories]
+        # Joined instead of summed, because times are rounded to nanoseconds and the grasp must be an exact time.
+        grasp_time = Trajectory.join(*until_grasp).duration if until_grasp else 0.0
+        release_time = Trajectory.join(*until_release).duration if until_release else None
         joined = Trajectory.join(*trajectories)
     except TimingError as error:
         return StageResult(Stage.TIMING, False, str(error)), None

@@ -274,7 +274,7 @@ class PickVerdict:
         grip_dwell, release_dwell
             Seconds that the arm rests while the gripper closes and while it opens.
         robot, tcp
-            The names that the program states; :meth:`pinproof.PickReport.programs` fills them in.
+            The names that the program states; :meth:`pinproof.picks.PickReport.programs` fills them in.
 
         Raises
         ------

@@ -171,7 +171,8 @@ PROGRAM_POINT = KeyTable(
 
 SEGMENT = KeyTable(
     "segment",
-    "A motion between two events or certificates. The arm rests at both ends.",
+    "A motion between two events or certificates. The arm rests at events; at other ends it may move, with the "
+    "velocity of the next segment.",
     required("name", ANY_TEXT, "name, such as `transit`"),
     required("certificate", ANY_TEXT, "hash that names the certificate under `certificates`"),
     required("start", TIME, "time of the first point: the end of the previous segment and of the dwell time after it"),

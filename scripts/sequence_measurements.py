@@ -15,26 +15,57 @@ import pinproof as pp
 from pinproof.benchmarks.tables import BenchmarkTable, provenance
 from pinproof.description import robots_folder
 from pinproof.picks import PickSetup
+from pinproof.spatial import SE3
 
 AUDIT_STEP = 0.04
 """Rad: no joint moves farther between two samples of the audit."""
 
-HEIGHTS, APPROACH = (0.15, 0.45), 0.03
-"""Range of heights (m) of random points above the base, and the length (m) of their approach and retreat."""
+CANDIDATES = 3
+"""Random poses that are screened for each pick of a bin."""
 
-DISTANCES = {"ur5": (0.3, 0.75), "panda": (0.35, 0.65)}
-"""Horizontal distances (m) of random points from the base."""
 
-CELLS: dict[str, tuple[str, int, int]] = {
-    "palletising, 200 boxes": ("ur10/pallet_picks.yaml", 0, 0),
-    "ur5, 200 points": ("ur5/picks.yaml", 200, 1),
-    "panda, 200 points": ("panda/picks.yaml", 200, 2),
-    "ur5, 8 points": ("ur5/picks.yaml", 8, 3),
-    "ur5, 8 other points": ("ur5/picks.yaml", 8, 4),
-    "panda, 8 points": ("panda/picks.yaml", 8, 5),
-    "palletising, 8 boxes": ("ur10/pallet_picks.yaml", 8, 0),
+@dataclass(frozen=True)
+class Region:
+    """Where random picks are, in the root frame: a box, or a ring around the base if ``ring``; m."""
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    line: float
+    ring: bool = False
+
+    def draw(self, rng: np.random.Generator) -> SE3:
+        """A random pose whose z axis points down."""
+        x, y, z = rng.uniform(self.low, self.high)
+        at = (x * np.cos(y), x * np.sin(y), z) if self.ring else (x, y, z)
+        return pp.pose(at, (np.pi, 0.0, rng.uniform(-np.pi, np.pi)))
+
+
+BOLTS = Region((0.33, -0.03, 0.035), (0.67, 0.23, 0.1), 0.1)
+"""In the bin of the UR5, between its walls; from the heads of bolts that stand on its floor to 20 mm below its rim."""
+
+BIN = Region((0.45, -0.17, 0.045), (0.69, 0.17, 0.1), 0.12)
+"""In the bin of the Panda, between its walls."""
+
+POINTS = {
+    "ur5": Region((0.3, -np.pi / 2, 0.15), (0.75, np.pi / 2, 0.45), 0.03, ring=True),
+    "panda": Region((0.35, -np.pi / 2, 0.15), (0.65, np.pi / 2, 0.45), 0.03, ring=True),
 }
-"""Each cell with its picks file, the number of picks (0: those of the file), and a seed of random points (0: none)."""
+"""Above the tables: distance from the base (m), angle (rad), and height (m)."""
+
+CELLS: dict[str, tuple[str, Region | None, int, int]] = {
+    "palletising, 200 boxes": ("ur10/pallet_picks.yaml", None, 0, 0),
+    "ur5 bin, 200 bolts": ("ur5/picks.yaml", BOLTS, 200, 1),
+    "ur5 bin, 200 other bolts": ("ur5/picks.yaml", BOLTS, 200, 2),
+    "ur5, 200 points": ("ur5/picks.yaml", POINTS["ur5"], 200, 1),
+    "panda bin, 200 parts": ("panda/bin_picks.yaml", BIN, 200, 1),
+    "panda bin, 200 other parts": ("panda/bin_picks.yaml", BIN, 200, 2),
+    "panda, 200 points": ("panda/picks.yaml", POINTS["panda"], 200, 2),
+    "ur5, 8 points": ("ur5/picks.yaml", POINTS["ur5"], 8, 3),
+    "ur5, 8 other points": ("ur5/picks.yaml", POINTS["ur5"], 8, 4),
+    "panda, 8 points": ("panda/picks.yaml", POINTS["panda"], 8, 5),
+    "palletising, 8 boxes": ("ur10/pallet_picks.yaml", None, 8, 0),
+}
+"""Each cell with its picks file, the region of random picks (None: those of the file), their number, and a seed."""
 
 
 @dataclass(frozen=True)
@@ -64,28 +95,26 @@ class SequenceTable(BenchmarkTable):
     rows: tuple[SequenceRow, ...] = ()
 
 
-def setup_of(file: str, count: int, seed: int) -> tuple[PickSetup, list[pp.Pick]]:
-    """The cell of a picks file with the first of its picks, or with random points above it."""
+def setup_of(file: str, region: Region | None, count: int, seed: int) -> tuple[PickSetup, list[pp.Pick]]:
+    """The cell of a picks file with the first of its picks, or with random picks whose grasps are free."""
     picks = pp.read_picks(robots_folder() / file)
     arm, scene = picks.load_arm(), pp.Scene.load(picks.scene or Path())
     setup = PickSetup.make(arm, scene, picks, home=None, rng=0)
-    if not seed:
+    if region is None:
         return setup, list(picks.picks[: count or None])
     rng = np.random.default_rng(seed)
-    low, high = DISTANCES[arm.robot.name]
-    found = []
-    for number in range(count):
-        radius, angle = rng.uniform(low, high), rng.uniform(-np.pi / 2, np.pi / 2)
-        at = radius * np.cos(angle), radius * np.sin(angle), rng.uniform(*HEIGHTS)
-        place = pp.pose(at, (np.pi, 0.0, rng.uniform(-np.pi, np.pi)))
-        found.append(pp.Pick(f"p{number}", place, approach=APPROACH, retreat=APPROACH))
-    return setup, found
+    drawn = [region.draw(rng) for _ in range(CANDIDATES * count)]
+    tried = [pp.Pick(f"p{k}", pose, approach=region.line, retreat=region.line) for k, pose in enumerate(drawn)]
+    away = [replace(pick, pose=pick.pose * pp.pose((0.0, 0.0, -region.line))) for pick in tried]  # end of the lines
+    ends = [pp.screen_picks(arm, scene, replace(picks, picks=tuple(each)), home=setup.home) for each in (tried, away)]
+    free = ends[0].free & ends[1].free
+    return setup, [pick for pick, ok in zip(tried, free, strict=True) if ok][:count]
 
 
 def measure(cell: str) -> SequenceRow:
     """The sequence of one of :data:`CELLS`."""
     setup, picks = setup_of(*CELLS[cell])
-    warm, few = setup_of("ur5/picks.yaml", 2, 1)
+    warm, few = setup_of("ur5/picks.yaml", POINTS["ur5"], 2, 1)
     pp.sequence(warm, few)  # loads libraries
     start = process_time()
     result = pp.sequence(setup, picks)

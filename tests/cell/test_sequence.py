@@ -17,6 +17,7 @@ from pinproof.cell import SequenceResult
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequencing import judge_options
 from pinproof.cell.tour import TourProblem
+from pinproof.cell.tour_bound import arc_bound
 from pinproof.cell.transits import scene_after
 from pinproof.errors import UnknownNameError
 from pinproof.picks import GraspSpin, PickBudget, PickSetup, PlaceTarget, SuctionCup
@@ -111,12 +112,16 @@ def test_no_allowed_reversal_or_move_makes_an_improved_tour_shorter(seed: int) -
             assert not (allowed and problem.seconds(other) < found.seconds - 1e-9)
 
 
-def test_search_finds_the_optimum_of_ten_jobs() -> None:
+@pytest.mark.slow
+def test_optimum_of_ten_jobs_is_found_by_the_search_and_not_below_the_bound() -> None:
     for seed in range(4):
         problem = random_problem(10, 3, 3 * seed, seed)
         first = problem.best_options(tuple(range(10)))
         searched = problem._searched(first, np.random.default_rng(0).random((300, 8)))
         assert searched.seconds == pytest.approx(problem.exact().seconds, abs=1e-9)
+        bounds = [arc_bound(problem.times_of_arcs(), problem.job, np.array(first.options), k) for k in (1, 12)]
+        assert 0.5 * searched.seconds < bounds[0] <= bounds[1] <= searched.seconds + 1e-9
+        assert seed or bounds[1] > 0.95 * searched.seconds
 
 
 def test_contradictory_precedence_names_a_cycle() -> None:

@@ -17,7 +17,7 @@ from pinproof.cell.options import Job, options_of, part_names, resolved
 from pinproof.cell.placement_stages import StageRunner
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequence_result import LeftOut, SequenceResult, SequenceStep
-from pinproof.cell.tour import SEARCH, Tour, TourProblem
+from pinproof.cell.tour import ROUNDS, SEARCH, Tour, TourProblem
 from pinproof.cell.transits import LongMotions, MotionFailure, Step, StepMotions, closing_motion, scene_after
 from pinproof.collision import Scene
 from pinproof.common.validation import require_integer
@@ -46,7 +46,7 @@ REPAIRS = 200
 """Largest number of times that another order is tried after motions have failed."""
 
 UNREACHED = 3
-"""Number of failed transits to an option after which it is excluded, because such options are rarely reached at all."""
+"""Number of failed transits to and from options that are not connected to home after which these are excluded."""
 
 WORTH = 1e-3
 """Share of the total time that another order must save to be certified."""
@@ -62,6 +62,8 @@ class SequenceBudget:
         Largest number of grasps and IK branches that are considered for each pick.
     search
         Number of disturbances of the order, after each of which it is improved.
+    bound
+        Number of times that violated constraints are added to the lower bound.
     refinements
         Number of times that the order is improved with certified instead of bounded times.
     motion
@@ -71,20 +73,21 @@ class SequenceBudget:
 
     options: int = 4
     search: int = SEARCH
+    bound: int = ROUNDS
     refinements: int = 1
     motion: int = 400
 
     def __post_init__(self) -> None:
-        for name, least in (("options", 1), ("search", 0), ("refinements", 0), ("motion", 0)):
+        for name, least in (("options", 1), ("search", 0), ("bound", 1), ("refinements", 0), ("motion", 0)):
             require_integer(f"SequenceBudget.{name}", getattr(self, name), least)
 
 
 class _ImpossibleError(Exception):
     """No option of a job has motions that can be certified."""
 
-    def __init__(self, job: int, reason: str) -> None:
-        super().__init__(reason)
-        self.job, self.reason = job, reason
+    def __init__(self, reasons: dict[int, str]) -> None:
+        super().__init__("; ".join(reasons.values()))
+        self.reasons = reasons
 
 
 @dataclass(eq=False)
@@ -124,7 +127,6 @@ class SequenceRun:
     nearest: float = float("nan")
     numbers: list[tuple[int, int]] = field(default_factory=list)
     precedence: Precedence = field(default_factory=lambda: Precedence(()))
-    unreached: dict[int, int] = field(default_factory=dict)
     found: dict[Place, PickVerdict | MotionFailure] = field(default_factory=dict)
     known: dict[tuple[int, ...], dict[str, Trajectory]] = field(default_factory=dict)
     """Trajectories by name: of a transit by the options before and after it, of all others by the option."""
@@ -171,10 +173,22 @@ class SequenceRun:
             tuple(names[i] for i in kept),
             {(new[a], new[b]): why for (a, b), why in reasons.items() if a in new and b in new},
         )
+        old_numbers = self.numbers
         self.numbers = [(k, o) for k, job in enumerate(self.jobs) for o in range(len(job.options))]
         self.partial = None
-        for numbered in (self.unreached, self.found, self.known, self.searched):  # by the numbers of options
-            numbered.clear()
+        at = {pair: number for number, pair in enumerate(self.numbers)}
+        number = {i: at[new[k], o] for i, (k, o) in enumerate(old_numbers) if k in new} | {START: START}
+        self.found = {
+            (number[a], number[b], Moved(number[each] for each in moved)): found
+            for (a, b, moved), found in self.found.items()
+            if {a, b, *moved} <= number.keys()
+        }
+        self.known = {
+            tuple(number[each] for each in key): found for key, found in self.known.items() if number.keys() >= set(key)
+        }
+        self.searched = {
+            (number[a], number[b], name, seconds) for a, b, name, seconds in self.searched if {a, b} <= number.keys()
+        }
 
     # -- the order ----------------------------------------------------------------------------------------------------
 
@@ -206,12 +220,12 @@ class SequenceRun:
                 self._optimise()
                 return
             except _ImpossibleError as error:
-                self._leave_out({error.job: error.reason})
+                self._leave_out(error.reasons)
 
     def _optimise(self) -> None:
         problem, order = self.problem(), self._wanted()
         self._report("order", 0, 1)
-        self.bound = problem.lower_bound()
+        self.bound = problem.lower_bound(self.budget.bound)
         feasible = problem.in_order(order)
         self.file_order = problem.best_options(feasible).seconds
         self.nearest = problem.nearest_neighbour().seconds
@@ -328,9 +342,11 @@ class SequenceRun:
                 name = self.precedence.names[problem.job[option]] if option >= 0 else "the end"
                 failed = f"{name}: {failure.part}: {failure.reason}"
                 problem = self._excluding(problem, failure, previous, option)
-                for job, choices in enumerate(problem.options):
-                    if not np.isfinite(problem.inner[choices]).any():
-                        raise _ImpossibleError(job, f"{failure.part}: {failure.reason}")
+            never = [k for k, choices in enumerate(problem.options) if not np.isfinite(problem.inner[choices]).any()]
+            if never:
+                why = {int(problem.job[option]): failure for failure, _, option in failures if option >= 0}
+                last_failures = {k: why.get(k, failures[-1][0]) for k in never}
+                raise _ImpossibleError({k: f"{each.part}: {each.reason}" for k, each in last_failures.items()})
             fixed = self.fixed_order is not None
             tour = problem.best_options(tour.order if fixed else problem.in_order(tour.order))
             if not fixed:
@@ -402,6 +418,10 @@ class SequenceRun:
     def _excluding(self, problem: TourProblem, failure: MotionFailure, previous: int, option: int) -> TourProblem:
         """The problem with more precedence if a part is in the way, else without the failed transit or option."""
         if option == START:
+            if drop := self._unconnected(previous):
+                inner = problem.inner.copy()
+                inner[list(drop)] = np.inf
+                return replace(problem, inner=inner)
             end = problem.end.copy()
             end[previous] = np.inf
             return replace(problem, end=end)
@@ -417,18 +437,41 @@ class SequenceRun:
                     if not more.cycle():
                         self.precedence = more
                         return replace(problem, precedence=more)
-        self.unreached[option] = self.unreached.get(option, 0) + (failure.part == "transit")
-        if failure.part == "transit" and self.unreached[option] < UNREACHED:
-            if previous == START:
-                start = problem.start.copy()
-                start[option] = np.inf
-                return replace(problem, start=start)
-            between = problem.between.copy()
-            between[previous, option] = np.inf
-            return replace(problem, between=between)
-        inner = problem.inner.copy()
-        inner[option] = np.inf
-        return replace(problem, inner=inner)
+        drop = {option} if failure.part != "transit" else self._unconnected(previous, option)
+        if drop:
+            inner = problem.inner.copy()
+            inner[list(drop)] = np.inf
+            return replace(problem, inner=inner)
+        if previous == START:
+            start = problem.start.copy()
+            start[option] = np.inf
+            return replace(problem, start=start)
+        between = problem.between.copy()
+        between[previous, option] = np.inf
+        return replace(problem, between=between)
+
+    def _unconnected(self, *ends: int) -> set[int]:
+        """The options connected to an end of a failed transit, if too many transits between them and others failed.
+
+        Options are connected by certified transits. Those connected to home are never returned.
+        """
+        near: dict[int, set[int]] = {}
+        failed = []
+        for (a, b, _), found in self.found.items():
+            if isinstance(found, PickVerdict):
+                near.setdefault(a, set()).add(b)
+                near.setdefault(b, set()).add(a)
+            elif found.part == "transit":
+                failed.append((a, b))
+        for end in ends:
+            group, queue = {end}, [end]
+            for option in queue:
+                more = near.get(option, set()) - group
+                group |= more
+                queue += more
+            if START not in group and sum((a in group) != (b in group) for a, b in failed) >= UNREACHED:
+                return group
+        return set()
 
     # -- the result ---------------------------------------------------------------------------------------------------
 

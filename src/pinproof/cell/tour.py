@@ -13,8 +13,7 @@ order by dynamic programming, also after random disturbances.
 
 Sources: M. Held, R. Karp (1962), "A dynamic programming approach to sequencing problems", SIAM J. 10(1);
 F. Suarez-Ruiz, T. Lembono, Q.-C. Pham (2018), "RoboTSP - a fast solution to the robotic task sequencing problem",
-ICRA; M. Fischetti, J. Salazar Gonzalez, P. Toth (1997), "A branch-and-cut algorithm for the symmetric generalized
-traveling salesman problem", Operations Research 45(3).
+ICRA.
 """
 
 from __future__ import annotations
@@ -28,6 +27,7 @@ import numpy.typing as npt
 
 from pinproof._core import search_tour
 from pinproof.cell.precedence import Precedence
+from pinproof.cell.tour_bound import arc_bound
 
 __all__ = ["EXACT", "Tour", "TourProblem"]
 
@@ -49,8 +49,8 @@ DRAWS = 8
 BLOCKED = 1e6
 """Seconds: the time of an arc that is excluded, in place of infinity."""
 
-CUTS = 12
-"""Largest number of times that violated subtour constraints are added to the lower bound."""
+ROUNDS = 12
+"""Default number of times that violated constraints are added to the lower bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,58 +229,21 @@ class TourProblem:
 
     # -- the lower bound ----------------------------------------------------------------------------------------------
 
-    def lower_bound(self) -> float:
+    def lower_bound(self, rounds: int = ROUNDS) -> float:
         """A lower bound (s) of the time of every tour.
 
-        Up to :data:`EXACT` jobs it is the optimum. For more, it is the bound of the linear program of the asymmetric
-        travelling salesman problem with the shortest time between any options of two jobs, each with half of the time
-        of both options; precedence and some subtour constraints are ignored.
+        Up to :data:`EXACT` jobs it is the optimum. For more, it is that of a linear program
+        (:mod:`pinproof.cell.tour_bound`) to which violated constraints are added ``rounds`` times.
         """
         if self.count <= EXACT:
             return self.exact().seconds
-        return _assignment_bound(self._between_jobs())
+        return arc_bound(self.times_of_arcs(), self.job, np.array(self.nearest_neighbour().options), rounds)
 
-    def _between_jobs(self) -> Array:
-        """(N + 1, N + 1) the shortest times between jobs; the last row and column are the start and the end."""
-        n, half = self.count, self.inner / 2
-        first = np.searchsorted(self.job, np.arange(n))
-        every = half[:, None] + self.between + half[None, :]
-        found = np.empty((n + 1, n + 1))
-        found[:-1, :-1] = np.minimum.reduceat(np.minimum.reduceat(every, first, axis=0), first, axis=1)
-        found[-1, :-1] = np.minimum.reduceat(self.start + half, first)
-        found[:-1, -1] = np.minimum.reduceat(half + self.end, first)
-        np.fill_diagonal(found, np.inf)
+    def times_of_arcs(self) -> Array:
+        """(M + 1, M + 1) seconds from option to option with half of both; home is last, excluded arcs are infinite."""
+        times = np.append(np.append(self.between, self.end[:, None], axis=1), [[*self.start, np.inf]], axis=0)
+        half = np.append(self.inner / 2, 0.0)
+        times = times + half[:, None] + half[None]
         for before, after in self.precedence.reasons:  # never directly in the other order
-            found[after, before] = np.inf
-        return found
-
-
-def _assignment_bound(costs: Array) -> float:
-    """The bound of the assignment problem, with constraints that join its cycles (Dantzig et al. 1954)."""
-    from scipy.optimize import linprog
-    from scipy.sparse import csr_array, vstack
-    from scipy.sparse.csgraph import connected_components
-
-    n = len(costs)
-    rows, columns = np.nonzero(np.isfinite(costs))
-    each = np.arange(len(rows))
-    ones = np.ones(len(rows))
-    degree = vstack(
-        [csr_array((ones, (rows, each)), (n, len(rows))), csr_array((ones, (columns, each)), (n, len(rows)))]
-    )
-    cuts: list[Array] = []
-    bound = 0.0
-    for _ in range(CUTS):
-        limits = {} if not cuts else {"A_ub": csr_array(np.array(cuts)), "b_ub": -np.ones(len(cuts))}
-        found = linprog(costs[rows, columns], A_eq=degree, b_eq=np.ones(2 * n), bounds=(0, 1), method="highs", **limits)
-        if not found.success:
-            return bound
-        bound = float(found.fun)
-        used = found.x > 1e-6
-        count, label = connected_components(
-            csr_array((ones[used], (rows[used], columns[used])), (n, n)), connection="weak"
-        )
-        if count == 1:
-            return bound
-        cuts += [-((label[rows] == k) & (label[columns] != k)).astype(float) for k in range(count)]
-    return bound
+            times[np.ix_(self.options[after], self.options[before])] = np.inf
+        return times

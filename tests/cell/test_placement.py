@@ -71,7 +71,7 @@ def found(arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks) -> PlacementResult:
 
 def judged_again(
     arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, root_from_cell: object, moved: tuple[str, ...] = ()
-) -> pp.PickReport:
+) -> pp.picks.PickReport:
     """The picks judged with the original robot, in the scene moved into its frame."""
     there = scene.transformed(root_from_cell)
     for name in moved:

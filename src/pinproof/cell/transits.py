@@ -154,7 +154,7 @@ class CertifiedMotions:
             key = (previous, number) if part.name == "transit" else (number,)
             known = {"transit": arrive, "transfer": across}.get(part.name) or self._again(part, key)
             if known is None:
-                _, known, why = time_part(task, part, attempt)
+                known, why = time_part(task, part, attempt)
                 if known is None:
                     return MotionFailure(part.name, why, _first_bodies(prove_part(part, self._timed(part))))
                 self._known[key, part.name] = known.trajectory

@@ -45,8 +45,12 @@ def heat_map_picture(result: PlacementResult) -> bytes:
             (panels[number][0], share, "share of picks that work", "viridis", (0.0, 1.0)),
             (panels[number][1], seconds, "estimated cycle time [s]", "viridis_r", (None, None)),
         ):
-            image = panel.pcolormesh(x, y, values.T, cmap=colours, vmin=limits[0], vmax=limits[1])
-            figure.colorbar(image, ax=panel, label=label, shrink=0.85)
+            if np.isfinite(values).any():
+                image = panel.pcolormesh(x, y, values.T, cmap=colours, vmin=limits[0], vmax=limits[1])
+                figure.colorbar(image, ax=panel, label=label, shrink=0.85)
+            else:
+                panel.text(0.5, 0.5, f"no {label.split(' [')[0]}", transform=panel.transAxes, ha="center", zorder=3,
+                           bbox={"facecolor": "white", "edgecolor": GREY})  # fmt: skip
             _hatch(panel, x, y, empty[number], "//", RED)
             _hatch(panel, x, y, slower[number], "..", BLACK)
             _mark(panel, result, name)
@@ -57,7 +61,9 @@ def heat_map_picture(result: PlacementResult) -> bytes:
             panel.set_title(name or "best over z and yaw", fontsize=10)
     proven = "; lines: proven to have no placement" if empty.any() else ""
     proven += "; dots: proven to have none that is faster" if slower.any() else ""
-    figure.suptitle(f"Placements of the base: star, best certified; grey, no placement{proven}", fontsize=11)
+    star = "star, best certified; " if result.ok else ""
+    circle = "circle, judged; " if len(result.candidates) > result.ok else ""
+    figure.suptitle(f"Placements of the base: {star}{circle}grey, no placement{proven}", fontsize=11)
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
     return out.getvalue()

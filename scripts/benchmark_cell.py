@@ -3,8 +3,9 @@
 
 python scripts/benchmark_cell.py                          all cells; prints the table
 python scripts/benchmark_cell.py bolts --workers 2        one cell
-python scripts/benchmark_cell.py --exhaustive             also judges every placement of small grids; takes long
-python scripts/benchmark_cell.py --docs                   rewrites docs/benchmarks/cell.*
+python scripts/benchmark_cell.py "small bolts"            judges every placement of a small grid; takes long
+python scripts/benchmark_cell.py pallets --scale 10000    only screens so many placements, kills the process and resumes
+python scripts/benchmark_cell.py bolts --docs             replaces these rows in docs/benchmarks/cell.*
 python scripts/benchmark_cell.py --render                 rewrites the page from cell.json
 """
 
@@ -13,11 +14,15 @@ from __future__ import annotations
 import argparse
 import os
 import resource
+import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
-from time import perf_counter
+from tempfile import TemporaryDirectory
+from time import perf_counter, sleep
 from typing import Any, ClassVar
 
 import numpy as np
@@ -123,7 +128,11 @@ CELLS: Mapping[str, Callable[[], BenchmarkCell]] = {
     "pallets, every 4th": lambda: pallets(4),
 }
 
-SMALL = {"small bolts": lambda: bolts((5, 4)), "small bolts, random 1": lambda: bolts((5, 4), seed=1)}
+SMALL = {
+    "small bolts": lambda: bolts((5, 4)),
+    "small bolts, random 1": lambda: bolts((5, 4), seed=1),
+    "small pallets": lambda: pallets(20),
+}
 """Cells for which every placement of a grid is judged."""
 
 SMALL_GRID = (15, 15, 4, 6)
@@ -144,6 +153,29 @@ class PlacementRow:
     best: float | None
     median: float | None
     covered: float
+    slower: float = 0.0
+    load: float | None = None
+
+
+@dataclass(frozen=True)
+class ScaleRow:
+    """A screened grid: the work (s), memory and storage (MB), and what was left after the process was killed.
+
+    ``equal`` states whether the resumed search has the same rows as one that was not killed.
+    """
+
+    cell: str
+    picks: int
+    placements: int
+    workers: int
+    seconds: float
+    cpu_seconds: float
+    memory: float
+    worker_memory: float
+    storage: float
+    killed_after: int
+    equal: bool
+    load: float | None = None
 
 
 @dataclass(frozen=True)
@@ -160,6 +192,7 @@ class ExhaustiveRow:
     grid_median: float
     search_best: float
     search_cpu_seconds: float
+    load: float | None = None
 
 
 @dataclass(frozen=True)
@@ -168,9 +201,14 @@ class CellTable(BenchmarkTable):
 
     placements: tuple[PlacementRow, ...] = ()
     exhaustive: tuple[ExhaustiveRow, ...] = ()
+    scale: tuple[ScaleRow, ...] = ()
 
     topic: ClassVar[str] = "cells"
-    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {"placements": PlacementRow, "exhaustive": ExhaustiveRow}
+    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {
+        "placements": PlacementRow,
+        "exhaustive": ExhaustiveRow,
+        "scale": ScaleRow,
+    }
 
 
 def cpu_seconds() -> float:
@@ -191,21 +229,25 @@ def search(cell: BenchmarkCell, workers: int | None) -> tuple[PlacementResult, f
     return found, perf_counter() - start, cpu_seconds() - before
 
 
-def judged(cell: BenchmarkCell, placed: PlacedRobot, values: np.ndarray) -> float:
+def judged(cell: BenchmarkCell, placed: PlacedRobot, values: np.ndarray, executor: Executor | None = None) -> float:
     """The certified cycle time (s) at a placement; NaN unless every pick is good."""
-    report = pp.validate_picks(placed.arm_at(values), placed.scene, cell.picks, weights=FASTEST, budget=JUDGING)
+    report = pp.validate_picks(
+        placed.arm_at(values), placed.scene, cell.picks, weights=FASTEST, budget=JUDGING, executor=executor
+    )
     return total_time(report) if report.ok else np.nan
 
 
 def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow:
     """One search, with the certified median over feasible placements of its grid."""
+    load = os.getloadavg()[0]
     found, seconds, cpu = search(cell, workers)
     times: list[float] = []
     if found.map is not None and found.best is not None:
         rows = np.flatnonzero(found.map.feasible)
         rows = rows[np.argsort(found.map.seconds[rows], kind="stable")]
         chosen = rows[((np.arange(QUANTILES) + 0.5) / QUANTILES * len(rows)).astype(int)]
-        times = [judged(cell, found.best.placed, found.map.placements[k]) for k in chosen]
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as executor:
+            times = [judged(cell, found.best.placed, found.map.placements[k], executor) for k in chosen]
     good = len(found.least_failing.report.good) if found.least_failing is not None else 0
     return PlacementRow(
         name,
@@ -218,12 +260,54 @@ def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow
         None if found.best is None else found.best.cycle_time,
         float(np.nanmedian(times)) if np.isfinite(times).any() else None,
         found.covered,
+        found.slower_share,
+        load,
     )
+
+
+def screen_into(name: str, placements: int, workers: int, folder: Path) -> PlacementResult:
+    """A search without refinement and proofs that keeps its rows in a folder."""
+    cell = CELLS[name]()
+    budget = PlacementBudget(grid=placements, runs=0, evaluations=0, certified=1, proofs=0)
+    return place_base(
+        cell.arm, cell.scene, cell.picks, cell.region, moves_with_base=cell.moves_with_base,
+        placement_budget=budget, workers=workers, folder=folder,
+    )  # fmt: skip
+
+
+def scale(name: str, placements: int, workers: int) -> ScaleRow:
+    """Screen a large grid; then again in a process that is killed, and resume."""
+    load = os.getloadavg()[0]
+    with TemporaryDirectory() as scratch:
+        once, killed = Path(scratch) / "once", Path(scratch) / "killed"
+        start, before = perf_counter(), cpu_seconds()
+        found = screen_into(name, placements, workers, once)
+        seconds, cpu = perf_counter() - start, cpu_seconds() - before
+        memory = [resource.getrusage(who).ru_maxrss / 1e3 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+        storage = sum(file.stat().st_size for file in once.rglob("*") if file.is_file()) / 1e6
+        command = [sys.executable, __file__, name, "--scale", str(placements), "--workers", str(workers)]
+        process = subprocess.Popen([*command, "--folder", str(killed)], stdout=subprocess.DEVNULL)
+        journal = killed / "grid" / "journal.jsonl"
+        while process.poll() is None and not (journal.exists() and lines(journal) > 0.4 * placements):
+            sleep(0.1)
+        process.kill()
+        process.wait()
+        done = lines(journal) if journal.exists() else placements
+        again = screen_into(name, placements, workers, killed)
+    equal = again.to_dict() == found.to_dict() and again.map is not None and found.map is not None
+    equal = equal and again.map.to_csv() == found.map.to_csv()  # type: ignore[union-attr]
+    rows = 0 if found.map is None else len(found.map)
+    return ScaleRow(name, len(found.picks), rows, workers, seconds, cpu, *memory, storage, done, equal, load)
+
+
+def lines(path: Path) -> int:
+    """The number of complete rows of a journal."""
+    return path.read_bytes().count(b"\n") - 1
 
 
 def exhaustive(name: str, cell: BenchmarkCell) -> ExhaustiveRow:
     """Judge every placement of a grid at which the base and all grasps are free, and search for the best placement."""
-    before = cpu_seconds()
+    load, before = os.getloadavg()[0], cpu_seconds()
     placed = PlacedRobot.make(cell.arm, cell.scene, np.eye(4), cell.moves_with_base)
     grid = np.stack(np.meshgrid(*cell.region.cells(SMALL_GRID), indexing="ij"), axis=-1).reshape(-1, 4)
     free = placed.checker(cell.picks).is_free_batch(np.hstack([grid, np.tile(cell.arm.home, (len(grid), 1))]))
@@ -236,13 +320,14 @@ def exhaustive(name: str, cell: BenchmarkCell) -> ExhaustiveRow:
     found, _, search_cpu = search(cell, None)
     return ExhaustiveRow(
         name, len(cell.picks), len(grid), len(times), int(np.isfinite(times).sum()), cpu, float(np.nanmin(times)),
-        float(np.nanmedian(times)), np.nan if found.best is None else found.best.cycle_time, search_cpu,
+        float(np.nanmedian(times)), np.nan if found.best is None else found.best.cycle_time, search_cpu, load,
     )  # fmt: skip
 
 
 def markdown(table: CellTable) -> str:
     """The page."""
-    lines = ["# Cell benchmark", "", *wrapped(provenance_text(table), "Times are in seconds."), ""]
+    note = "Times are in seconds. The load of a row is the load average of the machine when it was started."
+    lines = ["# Cell benchmark", "", *wrapped(provenance_text(table), note), ""]
     lines += ["## Base placement", ""]
     text = (
         "Searches over x, y, z and yaw of the base. Screened: placements at which all picks are screened. Seconds: of "
@@ -250,7 +335,8 @@ def markdown(table: CellTable) -> str:
         "above; CPU: the processor time of all processes. Good: picks that are certified at the best placement. Best: "
         "the certified cycle time there, and how far it is below the median, which is that of "
         f"{QUANTILES} placements of the grid at which all picks work, at equal steps of their rank, with all picks "
-        "judged. Empty: share of the region that is proven to be out of reach."
+        "judged. Empty: share of the region that is proven to have no placement. Slower: share of the region in which "
+        "every placement is proven to be slower than the best one."
     )
     cells = [
         [
@@ -265,10 +351,26 @@ def markdown(table: CellTable) -> str:
             _number(row.median),
             "" if row.best is None or row.median is None else f"{1 - row.best / row.median:.0%}",
             f"{row.covered:.0%}",
+            f"{row.slower:.0%}",
+            _number(row.load),
         ]
         for row in table.placements
     ]
-    columns = ("cell", "picks", "screened", "workers", "seconds", "CPU", "good", "best", "median", "below", "empty")
+    columns = (
+        "cell",
+        "picks",
+        "screened",
+        "workers",
+        "seconds",
+        "CPU",
+        "good",
+        "best",
+        "median",
+        "below",
+        "empty",
+        "slower",
+        "load",
+    )
     if cells:
         lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
     if table.exhaustive:
@@ -289,15 +391,42 @@ def markdown(table: CellTable) -> str:
                 _number(row.search_best),
                 f"{row.search_best / row.grid_best - 1:+.1%}",
                 f"{row.search_cpu_seconds:.0f}",
+                _number(row.load),
             ]
             for row in table.exhaustive
         ]
         columns = (
             "cell", "picks", "grid", "judged", "all good", "CPU", "grid best", "grid median", "search best",
-            "difference", "CPU of search",
+            "difference", "CPU of search", "load",
         )  # fmt: skip
         lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
+    if table.scale:
+        lines += [*scale_section(table.scale), ""]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def scale_section(rows: Sequence[ScaleRow]) -> list[str]:
+    """The table of large grids."""
+    text = (
+        "Large grids: every placement of the grid is screened with all picks and stored in a folder, and the best is "
+        "certified. Memory: the largest resident memory of the main process and of a worker. The search is then run "
+        "again, its process is killed with SIGKILL after the stated number of placements, and the search is resumed: "
+        "the last column states whether the result and the heat map are equal to those of the first run."
+    )
+    columns = (
+        "cell", "picks", "placements", "workers", "seconds", "CPU", "MB", "MB of a worker", "MB stored", "killed after",
+        "equal", "load",
+    )  # fmt: skip
+    cells = [
+        [
+            row.cell, str(row.picks), f"{row.placements:,}", str(row.workers), f"{row.seconds:.0f}",
+            f"{row.cpu_seconds:.0f}", f"{row.memory:.0f}", f"{row.worker_memory:.0f}", f"{row.storage:.1f}",
+            f"{row.killed_after:,}", "yes" if row.equal else "NO",
+            _number(row.load),
+        ]
+        for row in rows
+    ]  # fmt: skip
+    return [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1)]
 
 
 def _number(value: float | None) -> str:
@@ -309,8 +438,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("cells", nargs="*", metavar="CELL", help=f"any of: {', '.join((*CELLS, *SMALL))}")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
-    parser.add_argument("--exhaustive", action="store_true", help="also judge every placement of small grids")
-    parser.add_argument("--docs", action="store_true", help="rewrite docs/benchmarks/cell.json and cell.md")
+    parser.add_argument("--scale", type=int, metavar="N", help="only screen N placements, kill the process and resume")
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--docs", action="store_true", help="replace the rows in docs/benchmarks/cell.json and cell.md")
     parser.add_argument("--render", action="store_true", help="rewrite the page from cell.json")
     stated = parser.parse_args(arguments)
     if stated.render:
@@ -319,14 +449,34 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     if unknown := [name for name in stated.cells if name not in (*CELLS, *SMALL)]:
         parser.error(f"unknown cell {unknown[0]!r}; valid: {', '.join((*CELLS, *SMALL))}")
-    chosen = stated.cells or [*CELLS, *(SMALL if stated.exhaustive else ())]
-    origin = provenance(0)
-    rows = [measure(name, CELLS[name](), stated.workers) for name in chosen if name in CELLS]
-    grids = [exhaustive(name, SMALL[name]()) for name in chosen if name in SMALL]
-    table = CellTable({"workers": stated.workers}, origin, tuple(rows), tuple(grids))
-    if stated.docs:
-        table.write(FOLDER, "cell", markdown(table))
+    chosen = stated.cells or [*CELLS]
+    if stated.folder is not None:
+        screen_into(chosen[0], stated.scale, stated.workers, stated.folder)
+        return
+    table = CellTable({"workers": stated.workers}, provenance(0))
+    for name in chosen:
+        if stated.scale:
+            table = replace(table, scale=(*table.scale, scale(name, stated.scale, stated.workers)))
+        elif name in SMALL:
+            table = replace(table, exhaustive=(*table.exhaustive, exhaustive(name, SMALL[name]())))
+        else:
+            row = measure(name, CELLS[name](), stated.workers)
+            table = replace(table, placements=(*table.placements, row))
+        sys.stderr.write(f"{name}: done\n")
     sys.stdout.write(markdown(table))
+    if stated.docs:
+        table = merged(CellTable.load(FOLDER / "cell.json"), table)
+        table.write(FOLDER, "cell", markdown(table))
+
+
+def merged(stored: CellTable, new: CellTable) -> CellTable:
+    """The stored table with the new rows in the place of those of the same cells."""
+    kinds = {}
+    for kind in CellTable.row_types:
+        rows = {row.cell: row for table in (stored, new) for row in getattr(table, kind)}
+        order = [*CELLS, *SMALL]
+        kinds[kind] = tuple(sorted(rows.values(), key=lambda row: order.index(row.cell)))
+    return replace(new, **kinds)
 
 
 if __name__ == "__main__":

@@ -339,7 +339,7 @@ class _Search:
         self._certify(found, steps)
         self._prove_empty(axes)
         if self.candidates and self.candidates[0].ok:
-            self._prove_slower(axes, steps)
+            self._prove_slower(steps)
             self._measure_sensitivity()
         return self.result()
 
@@ -413,13 +413,13 @@ class _Search:
             items, found, tuple(each.name for each in self.alternatives), self.picks, self.region
         )
 
-    def _prove_slower(self, axes: tuple[Array, Array, Array, Array], steps: Array) -> None:
+    def _prove_slower(self, steps: Array) -> None:
         """Prove that cells of the grid have no placement with a shorter cycle time than the best one."""
         if not self.budget.proofs or self.objective != "cycle_time" or self.map is None:
             return
         best, names = self.candidates[0].cycle_time, tuple(each.name for each in self.alternatives)
         task = SlowTask(tuple(each.screening for each in self.alternatives), steps / 2, best)
-        items = task.items(axes, self.map.seconds, self.empty, names)
+        items = task.items(self.map, self.empty)
         self.slower = slow_cells(items, self.runner.run("bounds", task, items, 64), names, best)
         self.slower_share = len(self.slower) / len(self.map)
 

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.cell.placement_proofs import CellReach, Target, pick_targets
-from pinproof.cell.placement_result import EmptyCell, SlowCell
+from pinproof.cell.placement_result import EmptyCell, PlacementMap, SlowCell
 from pinproof.cell.placement_screening import PlacementScreening
 from pinproof.ik.reach_proof import is_provable
 from pinproof.model import Arm, JointLimits
@@ -38,7 +38,6 @@ from pinproof.spatial import matrix
 __all__ = ["SlowTask", "slow_cells", "travel"]
 
 Array = npt.NDArray[np.float64]
-Axes = tuple[Array, Array, Array, Array]
 
 BOXES = 12
 """Boxes of joint values in a proof; ten times more raise the bound by few percent."""
@@ -63,9 +62,6 @@ SURELY_FASTER = 1.3
 """A cell is not examined if the time that is estimated at its centre is below the best one times this factor, because
 bounds are much lower than estimates."""
 
-INSIDE = 1e-9
-"""m and rad: allowance for rounding of the ends of cells."""
-
 Item = tuple[int, Array, Array]
 """The choice, and the lower and upper ends (4,) of a cell."""
 
@@ -86,23 +82,13 @@ class SlowTask:
     best: float
     _bounds: dict[int, _Bounds] = field(default_factory=dict, init=False, repr=False)
 
-    def items(self, axes: Axes, seconds: Array, empty: Sequence[EmptyCell], choices: Sequence[str]) -> list[Item]:
-        """The cells of a grid that are not proven to be empty and are not faster than the best placement.
-
-        ``seconds`` (N,) are the estimates of all choices at the centres, in the order of the grid.
-        """
-        shape = tuple(len(axis) for axis in axes)
-        left = ~(seconds < SURELY_FASTER * self.best).reshape(len(choices), *shape)
-        for cell in empty:
-            ends = zip(axes, cell.lower - INSIDE, cell.upper + INSIDE, strict=True)
-            within = tuple(slice(*np.searchsorted(axis, (low, high)).tolist()) for axis, low, high in ends)
-            left[choices.index(cell.choice)][within] = False
-        for number, screening in enumerate(self.screenings):
-            left[number] &= is_provable(screening.placed.original)
+    def items(self, grid: PlacementMap, empty: Sequence[EmptyCell]) -> list[Item]:
+        """The cells of a grid that are not proven to be empty, and may be slower than the best placement."""
+        provable = np.array([is_provable(screening.placed.original) for screening in self.screenings])
+        left = provable[grid.choice] & ~grid.within(empty) & ~(grid.seconds < SURELY_FASTER * self.best)
         return [
-            (int(at[0]), centre - self.half, centre + self.half)
-            for at in np.argwhere(left)
-            for centre in [np.array([axis[k] for axis, k in zip(axes, at[1:], strict=True)])]
+            (int(grid.choice[k]), grid.placements[k] - self.half, grid.placements[k] + self.half)
+            for k in np.flatnonzero(left)
         ]
 
     def __call__(self, start: int, part: Sequence[Item]) -> list[dict[str, Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,6 +41,9 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
+
+INSIDE = 1e-9
+"""m and rad: allowance for rounding of the ends of cells."""
 
 MOST_FAILING = 20
 """Largest number of failing picks that are listed in text; JSON has all of them."""
@@ -187,6 +189,15 @@ class PlacementMap:
     def feasible(self) -> Mask:
         """(N,) placements at which every pick works, as far as it was screened."""
         return np.asarray(np.isfinite(self.estimate))
+
+    def within(self, cells: Sequence[EmptyCell | SlowCell]) -> Mask:
+        """(N,) placements in one of the cells of their choice."""
+        found = np.zeros((len(self.choices), *(len(axis) for axis in self.axes)), dtype=bool)
+        for cell in cells:
+            ends = zip(self.axes, cell.lower - INSIDE, cell.upper + INSIDE, strict=True)
+            inside = tuple(slice(*np.searchsorted(axis, (low, high)).tolist()) for axis, low, high in ends)
+            found[self.choices.index(cell.choice)][inside] = True
+        return found.ravel()
 
     def over_floor(self, values: Array, choice: int, best: Any = np.nanmax) -> Array:
         """(nx, ny) the best of values (N,) over z and yaw at each x and y; NaN where no value exists."""
@@ -524,10 +535,15 @@ class PlacementResult:
         formats: dict[str, Callable[[], str | bytes]] = {
             ".json": lambda: json_text(self.to_dict()),
             ".csv": grid,
-            ".png": lambda: heat_map_picture(self),
+            ".png": self._picture,
             ".md": self.to_markdown,
         }
         save_as(path, formats)
+
+    def _picture(self) -> bytes:
+        from pinproof.cell.placement_picture import heat_map_picture
+
+        return heat_map_picture(self)
 
 
 _COLUMNS = ("choice", "x", "y", "z", "yaw", "good", "cycle time [s]", "clearance [mm]")
@@ -537,71 +553,3 @@ def _length(axis: str, value: float) -> str:
     if np.isinf(value):
         return "beyond the range"
     return f"{np.degrees(value):.2f} deg" if axis == "yaw" else f"{value * 1e3:.1f} mm"
-
-
-def heat_map_picture(result: PlacementResult) -> bytes:
-    """A PNG with the share of picks that work and the estimated cycle time over the floor, one row per choice."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
-
-    grid = result.map
-    if grid is None:
-        raise InputError("the search was interrupted before the heat map was complete")
-    names = grid.choices
-    figure = Figure(figsize=(10.5, 4.2 * len(names) + 0.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(names), 2, squeeze=False)
-    x, y = (
-        _edges(axis, bounds) for axis, bounds in zip(grid.axes[:2], (result.region.x, result.region.y), strict=True)
-    )
-    for number, name in enumerate(names):
-        share = grid.over_floor(grid.share, number)
-        seconds = grid.over_floor(grid.seconds, number, np.nanmin)
-        for panel, values, label, colours, limits in (
-            (panels[number][0], share, "share of picks that work", "viridis", (0.0, 1.0)),
-            (panels[number][1], seconds, "estimated cycle time [s]", "viridis_r", (None, None)),
-        ):
-            panel.set_facecolor("#d9d9d9")
-            image = panel.pcolormesh(x, y, values.T, cmap=colours, vmin=limits[0], vmax=limits[1])
-            figure.colorbar(image, ax=panel, label=label, shrink=0.85)
-            for cell in result.empty:
-                if cell.choice == name:
-                    size = np.maximum(cell.upper - cell.lower, 1e-9)
-                    panel.add_patch(
-                        Rectangle(
-                            (cell.lower[0], cell.lower[1]),
-                            size[0],
-                            size[1],
-                            fill=False,
-                            hatch="//",
-                            edgecolor="#b3191f",
-                            lw=0,
-                        )
-                    )
-            spots = [each.placement for each in result.candidates if each.placement.choice == name]
-            for rank, spot in enumerate(spots):
-                best = rank == 0 and result.ok and result.candidates[0].placement is spot
-                panel.plot(
-                    spot.x, spot.y, "*" if best else "o", color="#b3191f" if best else "white", markeredgecolor="black",
-                    markersize=15 if best else 6, clip_on=False,
-                )  # fmt: skip
-            panel.set_xlim(x[0], x[-1])
-            panel.set_ylim(y[0], y[-1])
-            panel.set_aspect("equal")
-            panel.set_xlabel("x of the base [m]")
-            panel.set_ylabel("y of the base [m]")
-            panel.set_title(name or "best over z and yaw", fontsize=10)
-    hatched = "; hatched: proven to have no placement" if result.empty else ""
-    figure.suptitle(f"Placements of the base: star, best certified; grey, no placement{hatched}", fontsize=11)
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
-    return out.getvalue()
-
-
-def _edges(centres: Array, bounds: Sequence[float]) -> Array:
-    """The edges of cells with these centres; a single cell without extent is drawn 1 cm wide."""
-    low, high = bounds
-    if high <= low:
-        return np.array([low - 0.005, low + 0.005])
-    return np.linspace(low, high, len(centres) + 1)

@@ -256,8 +256,10 @@ def timed_curve(
     return result.trajectory, result.certificate
 
 
-def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:
+def recertify(task: Task, program: MotionProgram, deviation: float = 0.0) -> tuple[Certificate, ...]:
     """Certify the motions of a program again in the present cell, each as :func:`time_motion` certifies it.
+
+    Motions on which a part is lifted off a support, or put onto it, are certified without the deviation (rad or m).
 
     Raises
     ------
@@ -272,7 +274,7 @@ def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:
     for key, trajectory in program.motions.items():
         name = program.certificates[key].name
         part = _part_again(task, member, name, trajectory)
-        found.append(prove_part(part, trajectory))
+        found.append(prove_part(part, trajectory, 0.0 if part.parting else deviation))
     return tuple(found)
 
 
@@ -358,17 +360,23 @@ def motion_parts(
     return parts
 
 
-def prove_part(part: MotionPart, trajectory: Trajectory) -> Certificate:
+def prove_part(part: MotionPart, trajectory: Trajectory, joint_tolerance: float = 0.0) -> Certificate:
     """The certificate of a timed part; of several conditions, that of the first that is not proven."""
     if not part.backwards or not part.parting:
-        proof = certify(trajectory, part.checker, parting=part.parting, constraints=part.constraints)
+        proof = certify(
+            trajectory,
+            part.checker,
+            joint_tolerance=joint_tolerance,
+            parting=part.parting,
+            constraints=part.constraints,
+        )
     else:
         proof = certify(backwards(trajectory), part.checker, parting=part.parting, constraints=part.constraints)
         # both directions have the same configurations, so the proof applies to both
         proof = replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
     if proof.free and part.passing is not None:
         q = trajectory.end if part.name == "approach" else trajectory.start
-        passed = certify(trajectory, passing_at(part.passing, q))
+        passed = certify(trajectory, passing_at(part.passing, q), joint_tolerance=joint_tolerance)
         if not passed.free:
             return replace(passed, message=f"the open fingers collide with the object: {passed.message}")
     return proof

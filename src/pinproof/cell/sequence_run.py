@@ -237,7 +237,9 @@ class SequenceRun:
         for _ in range(self.budget.refinements):
             problem = self._with_certified_times(problem, self.best)
             same = Tour(self.best.tour.order, self.best.tour.options, problem.seconds(self.best.tour.options))
-            tour = problem.best_options(same.order) if fixed else problem.improved(same)
+            tour = problem.best_options(same.order)
+            if not fixed:
+                tour = min(problem.improved(same), problem.solve(same.order, search=self.budget.search), key=_seconds)
             if tour.seconds > (1 - WORTH) * self.best.seconds:
                 break
             problem, other = self._certified(problem, tour)
@@ -503,6 +505,10 @@ class SequenceRun:
             len(self.jobs),
             interrupted,
         )
+
+
+def _seconds(tour: Tour) -> float:
+    return tour.seconds
 
 
 @dataclass(frozen=True, eq=False)

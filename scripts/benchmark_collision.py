@@ -13,17 +13,15 @@ Exit code 1 if a verdict on an edge is wrong.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from collision_checks import BLOCK, PROOF_REPEATS, REPEATS, CheckRow, CollisionTable, Times, collision_benchmark
-from collision_edges import AUDIT_STEP, SAMPLES, TOLERANCE, EdgeRow
+from benchmark_page import FOLDER, page_parser, report
+from collision_checks import BLOCK, PROOF_REPEATS, REPEATS, CheckRow, CollisionTable, collision_benchmark
+from collision_edges import AUDIT_STEP, SAMPLES, TOLERANCE, EdgeRow, edge_table, total_row
 
-from pinproof.benchmarks.tables import bullet_section, markdown_table, new_figure, provenance_text, wrapped
-
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
+from pinproof.benchmarks.tables import bullet_section, new_figure, provenance_text, row_table, wrapped
 
 CURVES = (
     ("is_free", "pinproof, is_free", "C0"),
@@ -69,40 +67,25 @@ def _checks(rows: Sequence[CheckRow]) -> list[str]:
         "the same bodies and pairs: with all pairs, and with a broad phase (a dynamic AABB tree). The speed-up is the "
         "time of the faster of these two divided by that of is_free."
     )
-    columns = (
-        "robot",
-        "scene",
-        "pairs",
-        "free",
-        "is_free",
-        "check",
-        "clearance",
-        "batch, 1 thread",
-        "2 threads",
-        "coal, all pairs",
-        "coal, broad phase",
-        "speed-up",
-    )
-    cells = [
-        [
-            row.robot,
-            row.scene,
-            f"{row.pairs:,}",
-            f"{100 * row.free_share:.0f} %",
-            *map(_times, (row.is_free, row.check, row.clearance)),
-            f"{row.batch_us:.2f}",
-            f"{row.batch_threads_us:.2f}",
-            _times(row.coal),
-            _times(row.coal_tree),
-            _speed_up(row),
-        ]
-        for row in rows
-    ]
+    columns = {
+        "robot": "{.robot}",
+        "scene": "{.scene}",
+        "pairs": "{.pairs:,}",
+        "free": _free,
+        "is_free": "{.is_free}",
+        "check": "{.check}",
+        "clearance": "{.clearance}",
+        "batch, 1 thread": "{.batch_us:.2f}",
+        "2 threads": "{.batch_threads_us:.2f}",
+        "coal, all pairs": "{.coal}",
+        "coal, broad phase": "{.coal_tree}",
+        "speed-up": _speed_up,
+    }
     agreement = (
         f"is_free and coal disagree at {sum(r.disagreements for r in rows)} of {sum(r.configurations for r in rows):,} "
         f"configurations; at {sum(r.missed_contacts for r in rows)} of these only coal finds a contact."
     )
-    return [*wrapped(text), "", *markdown_table(columns, cells, text_columns=2), "", *wrapped(agreement)]
+    return [*wrapped(text), "", *row_table(columns, rows, text_columns=2), "", *wrapped(agreement)]
 
 
 def _growth(rows: Sequence[CheckRow]) -> list[str]:
@@ -111,33 +94,19 @@ def _growth(rows: Sequence[CheckRow]) -> list[str]:
         "grows much more slowly than their number, since a bounding volume hierarchy excludes distant boxes. Times as "
         "above; set-up is the time to build the checker of another scene."
     )
-    columns = (
-        "boxes",
-        "pairs",
-        "free",
-        "is_free",
-        "batch, 1 thread",
-        "coal, all pairs",
-        "coal, broad phase",
-        "speed-up",
-        "set-up, ms",
-    )
-    cells = [
-        [
-            row.scene.partition(": ")[2],
-            f"{row.pairs:,}",
-            f"{100 * row.free_share:.0f} %",
-            _times(row.is_free),
-            f"{row.batch_us:.2f}",
-            _times(row.coal),
-            _times(row.coal_tree),
-            _speed_up(row),
-            f"{row.setup_ms:.1f}",
-        ]
-        for row in rows
-    ]
+    columns = {
+        "boxes": lambda row: row.scene.partition(": ")[2],
+        "pairs": "{.pairs:,}",
+        "free": _free,
+        "is_free": "{.is_free}",
+        "batch, 1 thread": "{.batch_us:.2f}",
+        "coal, all pairs": "{.coal}",
+        "coal, broad phase": "{.coal_tree}",
+        "speed-up": _speed_up,
+        "set-up, ms": "{.setup_ms:.1f}",
+    }
     picture = "![Mean time of a check against the number of boxes](collision.png)"
-    return [*wrapped(text), "", picture, "", *markdown_table(columns, cells, text_columns=0)]
+    return [*wrapped(text), "", picture, "", *row_table(columns, rows, text_columns=0)]
 
 
 def _proofs(table: CollisionTable) -> list[str]:
@@ -146,27 +115,19 @@ def _proofs(table: CollisionTable) -> list[str]:
         "thread, without building the checker. No peer measured here proves a path; [HPP and Drake](../comparison.md) "
         "do."
     )
-    columns = (
-        "problems",
-        "paths",
-        "FREE",
-        "UNDECIDED",
-        "COLLIDING",
-        "median waypoints",
-        "median intervals",
-        "median",
-        "p95",
-        "maximum",
-    )
-    cells = [
-        [
-            row.problems,
-            *map(str, (row.paths, row.free, row.undecided, row.colliding, round(row.waypoints), round(row.intervals))),
-            *(f"{ms:.2f}" for ms in (row.median_ms, row.p95_ms, row.largest_ms)),
-        ]
-        for row in table.proofs
-    ]
-    return [*wrapped(text), "", *markdown_table(columns, cells)]
+    columns = {
+        "problems": "{.problems}",
+        "paths": "{.paths}",
+        "FREE": "{.free}",
+        "UNDECIDED": "{.undecided}",
+        "COLLIDING": "{.colliding}",
+        "median waypoints": "{.waypoints:.0f}",
+        "median intervals": "{.intervals:.0f}",
+        "median": "{.median_ms:.2f}",
+        "p95": "{.p95_ms:.2f}",
+        "maximum": "{.largest_ms:.2f}",
+    }
+    return [*wrapped(text), "", *row_table(columns, table.proofs)]
 
 
 def _edges(rows: Sequence[EdgeRow]) -> list[str]:
@@ -178,21 +139,13 @@ def _edges(rows: Sequence[EdgeRow]) -> list[str]:
         f"at samples at most {AUDIT_STEP:g} rad or m apart. Every COLLIDING verdict must name a configuration at which "
         "coal finds a distance not larger than the margin."
     )
-    columns = ("robot", "edges", "FREE", "COLLIDING", "UNDECIDED", "mean, ms", "checked configurations", "wrong")
-    counts = [(r.edges, r.free, r.colliding, r.undecided, r.checked, len(r.wrong)) for r in rows]
-    total = tuple(sum(column) for column in zip(*counts, strict=True))
-    cells = []
-    for name, mean, numbers in [(r.robot, f"{r.mean_ms:.2f}", n) for r, n in zip(rows, counts, strict=True)] + [
-        ("all", "", total)
-    ]:
-        texts = [f"{number:,}" for number in numbers]
-        cells.append([name, *texts[:4], mean, *texts[4:]])
-    undecided = f"UNDECIDED: {100 * total[3] / max(total[0], 1):.3f} %."
-    return [*wrapped(text), "", *markdown_table(columns, cells), "", undecided]
+    total = total_row(rows)
+    undecided = f"UNDECIDED: {100 * total.undecided / max(total.edges, 1):.3f} %."
+    return [*wrapped(text), "", *edge_table("robot", [*rows, total]), "", undecided]
 
 
-def _times(times: Times) -> str:
-    return " / ".join("-" if us is None else f"{us:.1f}" for us in (times.free, times.colliding))
+def _free(row: CheckRow) -> str:
+    return f"{100 * row.free_share:.0f} %"
 
 
 def _speed_up(row: CheckRow) -> str:
@@ -230,20 +183,13 @@ def write_growth_plot(table: CollisionTable, path: str | Path) -> None:
 
 def main() -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = page_parser(__doc__, "collision")
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help="arms in our scenes")
     parser.add_argument("--mbm", type=Path, metavar="FOLDER", help="MotionBenchMaker problems")
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
     parser.add_argument("--edges", type=int, default=0, metavar="N", help="number of random edges to certify and check")
     parser.add_argument("--only-edges", type=int, metavar="N", help="certify and check random edges only")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/collision.*")
-    parser.add_argument("--render", action="store_true", help="rewrite the page and the plot from collision.json")
     options = parser.parse_args()
-
-    def report(text: str) -> None:
-        print(text, file=sys.stderr)
-
     common = {"seed": options.seed, "on_progress": report}
     if options.render:
         table = CollisionTable.load(FOLDER / "collision.json")

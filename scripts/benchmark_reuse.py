@@ -11,9 +11,8 @@ Exit code 1 if a verdict is wrong.
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -21,6 +20,7 @@ from time import process_time
 from typing import Any, ClassVar
 
 import numpy as np
+from benchmark_page import FOLDER, finish, page_parser, report
 
 import pinproof as pp
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
@@ -29,14 +29,12 @@ from pinproof.benchmarks.tables import (
     BenchmarkTable,
     bullet_section,
     installed_version,
-    markdown_table,
     provenance,
     provenance_text,
+    row_table,
     wrapped,
 )
 from pinproof.collision.reuse import SetupChange, StoredProof
-
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 
 KINDS = ("moved", "added", "removed")
 
@@ -202,7 +200,7 @@ def page(table: ReuseTable) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _spread(values: list[float]) -> str:
+def _spread(values: Sequence[float]) -> str:
     return f"{median(values):.3f} / {np.percentile(values, 95):.3f} / {max(values):.3f}" if values else ""
 
 
@@ -214,8 +212,15 @@ def _times(table: ReuseTable) -> list[str]:
         "percentile / largest. The scene column is the new checker and its comparison with the old one, once for each "
         "change and all motions of a library."
     )
-    columns = ("set", "motions", "pairs", *KINDS, "all changes", "from scratch", "scene")
-    cells = []
+    columns = {
+        "set": "{.set}",
+        "motions": "{.motions}",
+        "pairs": "{.pairs:.0f}",
+        **{kind: lambda row, kind=kind: _spread(row.again[kind]) for kind in KINDS},
+        "all changes": lambda row: _spread([t for kind in KINDS for t in row.again[kind]]),
+        "from scratch": lambda row: _spread(row.scratch),
+        "scene": lambda row: _spread(row.change),
+    }
     rows = table.times
     total = TimeRow(
         "all",
@@ -225,12 +230,7 @@ def _times(table: ReuseTable) -> list[str]:
         [t for row in rows for t in row.scratch],
         [t for row in rows for t in row.change],
     )
-    for row in (*rows, total):
-        every = [t for kind in KINDS for t in row.again[kind]]
-        kinds = [_spread(list(row.again[kind])) for kind in KINDS]
-        last = [_spread(every), _spread(list(row.scratch)), _spread(list(row.change))]
-        cells.append([row.set, str(row.motions), f"{row.pairs:.0f}", *kinds, *last])
-    return [*wrapped(text), "", *markdown_table(columns, cells)]
+    return [*wrapped(text), "", *row_table(columns, (*rows, total))]
 
 
 def _verdicts(table: ReuseTable) -> list[str]:
@@ -240,31 +240,24 @@ def _verdicts(table: ReuseTable) -> list[str]:
         f"exceeds a measured distance. One of {AUDITED} FREE motions is checked by coal at samples between which no "
         f"joint moves more than {AUDIT_STEP:g} rad. The column 'different' counts verdicts of which one is UNDECIDED."
     )
-    columns = ("set", "changes", "FREE", "COLLIDING", "UNDECIDED", "different", "audited", "samples", "wrong")
-    cells = [
-        [
-            row.set,
-            f"{row.changes:,}",
-            *(f"{row.verdicts[key]:,}" for key in ("FREE", "COLLIDING", "UNDECIDED")),
-            f"{row.different:,}",
-            f"{row.audited:,}",
-            f"{row.samples:,}",
-            str(len(row.wrong)),
-        ]
-        for row in table.verdicts
-    ]
-    return [*wrapped(text), "", *markdown_table(columns, cells)]
+    columns = {
+        "set": "{.set}",
+        "changes": "{.changes:,}",
+        **{key: f"{{0.verdicts[{key}]:,}}" for key in ("FREE", "COLLIDING", "UNDECIDED")},
+        "different": "{.different:,}",
+        "audited": "{.audited:,}",
+        "samples": "{.samples:,}",
+        "wrong": lambda row: str(len(row.wrong)),
+    }
+    return [*wrapped(text), "", *row_table(columns, table.verdicts)]
 
 
 def main() -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = page_parser(__doc__, "reuse")
     parser.add_argument("--mbm", type=Path, metavar="FOLDER", help="MotionBenchMaker problems of the Panda")
     parser.add_argument("--problems", type=int, default=20, metavar="N", help="problems per set")
     parser.add_argument("--changes", type=int, default=0, metavar="N", help="number of random changes to check")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/reuse.*")
-    parser.add_argument("--render", action="store_true", help="rewrite the page from reuse.json")
     options = parser.parse_args()
     if options.render:
         table = ReuseTable.load(FOLDER / "reuse.json")
@@ -278,13 +271,10 @@ def main() -> None:
             times.append(measure_times(each.name, proofs, options.seed))
             if options.changes:
                 verdicts.append(check_verdicts(each.name, proofs, -(-options.changes // len(sets)), options.seed))
-            print(each.name, _times(ReuseTable({}, origin, (times[-1],), ()))[-1], verdicts[-1:], file=sys.stderr)
+            report(f"{each.name}: {times[-1].motions} motions, {verdicts[-1:]}")
         settings = {"problems": options.problems, "changes": options.changes, "coal": installed_version("coal")}
         table = ReuseTable(settings, origin, tuple(times), tuple(verdicts))
-    text = page(table)
-    if options.docs or options.render:
-        table.write(FOLDER, "reuse", text)
-    print(text)
+    finish(table, "reuse", page(table), options)
     sys.exit(1 if table.wrong else 0)
 
 

@@ -16,24 +16,25 @@ Exit code 1 if a motion is in collision or a verdict on an edge is wrong.
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from time import process_time
+from time import process_time, process_time_ns
 from typing import Any, ClassVar
 
 import numpy as np
 from belt_picks import SPEEDS, STEP, BeltRow, belt_rows
-from collision_edges import EdgeRow, check_edges
+from benchmark_page import FOLDER, finish, page_parser, report
+from collision_edges import EdgeRow, check_edges, edge_table
 from mover_edges import FASTEST, SAMPLE_STEP, mover_edge_rows
 from shared_bin import AUDIT_STEP as BIN_AUDIT_STEP
 from shared_bin import SharedBinRow, measure_shared_bin
 
 import pinproof as pp
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
+from pinproof.benchmarks.plan_methods import Stopwatch
 from pinproof.benchmarks.plan_problems import PlanProblem, end_faults
 from pinproof.benchmarks.tables import (
     BenchmarkTable,
@@ -42,11 +43,10 @@ from pinproof.benchmarks.tables import (
     markdown_table,
     provenance,
     provenance_text,
+    row_table,
     wrapped,
 )
 from pinproof.collision import audit, is_proven_free
-
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 
 STEPS = ("plan", "shortcut", "time", "certify")
 
@@ -62,16 +62,16 @@ class MotionOfTwoRow:
     """One problem: processor times in ms, and the results of the proof and of the independent check."""
 
     problem: str
-    ends: str
-    status: str
-    ms: Mapping[str, float]
-    edges: int
-    edge_ms: float
-    longest_edge_ms: float
-    clearance: float | None
-    duration: float | None
-    audit: str
-    samples: int
+    ends: str = ""
+    status: str = ""
+    ms: Mapping[str, float] = field(default_factory=dict)
+    edges: int = 0
+    edge_ms: float = 0.0
+    longest_edge_ms: float = 0.0
+    clearance: float | None = None
+    duration: float | None = None
+    audit: str = ""
+    samples: int = 0
     notes: tuple[str, ...] = ()
 
 
@@ -108,22 +108,21 @@ def measure_problem(problem: PlanProblem, seed: int) -> MotionOfTwoRow:
     checker = pp.CollisionChecker(group, problem.scene, trust_disabled=True)
     faults = end_faults(problem, checker)
     if faults:
-        return MotionOfTwoRow(problem.name, "; ".join(faults), "", {}, 0, 0.0, 0.0, None, None, "", 0)
+        return MotionOfTwoRow(problem.name, "; ".join(faults))
     best: dict[str, float] = {}
     for _ in range(REPEATS):
-        laps = [process_time()]
+        watch = Stopwatch(process_time_ns)
         plan = pp.RrtConnect().plan(checker, problem.start, problem.goals, rng=seed)
-        laps.append(process_time())
+        watch.lap("plan")
         if plan.path is None:
-            return MotionOfTwoRow(problem.name, "", plan.message, {}, 0, 0.0, 0.0, None, None, "", 0)
+            return MotionOfTwoRow(problem.name, status=plan.message)
         path = pp.shortcut(plan.path, checker, rng=seed)
-        laps.append(process_time())
+        watch.lap("shortcut")
         trajectory = pp.time_parametrise(path, group.limits)
-        laps.append(process_time())
+        watch.lap("time")
         certificate = pp.certify(trajectory, checker)
-        laps.append(process_time())
-        for step, duration in zip(STEPS, np.diff(laps), strict=True):
-            best[step] = min(best.get(step, np.inf), 1e3 * float(duration))
+        watch.lap("certify")
+        best = {step: min(ms, best.get(step, np.inf)) for step, ms in watch.ms.items()}
     edges = [pp.JointPath(np.array(ends), group.joint_names) for ends in zip(path.q[:-1], path.q[1:], strict=True)]
     times = [min(_edge_ms(edge, checker) for _ in range(REPEATS)) for edge in edges]
     meshes = pp.CollisionChecker(group, problem.scene, trust_disabled=True, link_meshes="surface")
@@ -203,16 +202,9 @@ def page(table: SeveralArmsTable) -> str:
         *wrapped(_other_runs(table)),
         "",
     ]
-    if table.motions:
-        lines += ["## Motions of both arms", "", *_motions(table), ""]
-    if table.edges:
-        lines += ["## Certificates of random edges", "", *_edges(table), ""]
-    if table.mover_edges:
-        lines += ["## Certificates among moving obstacles", "", *_mover_edges(table), ""]
-    if table.cells:
-        lines += ["## Picks of two arms over one bin", "", *_cells(table), ""]
-    if table.belts:
-        lines += ["## Picks from a conveyor", "", *_belts(table), ""]
+    for part, (title, _, section) in SECTIONS.items():
+        if getattr(table, part):
+            lines += [f"## {title}", "", *section(table), ""]
     lines += bullet_section("Wrong verdicts", table.wrong)
     return "\n".join(lines).rstrip() + "\n"
 
@@ -282,7 +274,7 @@ def _edges(table: SeveralArmsTable) -> list[str]:
         f"meshes at samples between which no joint moves more than {AUDIT_STEP:g} rad or m. COLLIDING is checked at "
         "the configuration that it names. Times are means over edges of all kinds."
     )
-    return [*wrapped(text), "", *_edge_table("group", table.edges)]
+    return [*wrapped(text), "", *edge_table("group", table.edges)]
 
 
 def _mover_edges(table: SeveralArmsTable) -> list[str]:
@@ -294,7 +286,7 @@ def _mover_edges(table: SeveralArmsTable) -> list[str]:
         "the distances by coal must not be below the proven clearance. COLLIDING is checked at the instant that it "
         "names. The times include the set-up of the movers."
     )
-    return [*wrapped(text), "", *_edge_table("robot", table.mover_edges)]
+    return [*wrapped(text), "", *edge_table("robot", table.mover_edges)]
 
 
 def _other_runs(table: SeveralArmsTable) -> str:
@@ -303,18 +295,8 @@ def _other_runs(table: SeveralArmsTable) -> str:
     kept = {part: commit for part, commit in table.settings.get("measured", {}).items() if commit != own}
     if not kept:
         return ""
-    parts = "; ".join(f"{PARTS[part]}: {commit[:12]}" for part, commit in kept.items())
+    parts = "; ".join(f"{SECTIONS[part][1]}: {commit[:12]}" for part, commit in kept.items())
     return f"Parts that were measured at another commit: {parts}."
-
-
-PARTS = {
-    "motions": "motions of both arms",
-    "edges": "random edges",
-    "mover_edges": "edges among moving obstacles",
-    "cells": "picks of two arms",
-    "belts": "picks from a conveyor",
-}
-"""The parts of the page, which can be measured in separate runs."""
 
 
 def _cells(table: SeveralArmsTable) -> list[str]:
@@ -327,26 +309,21 @@ def _cells(table: SeveralArmsTable) -> list[str]:
         f"common times between which no joint moves more than {BIN_AUDIT_STEP:g} rad. The last column is the processor "
         "time of everything but the audit, the sequences of one arm included."
     )
-    columns = ("cell", "picks", "makespan", "one arm", "ratio", "waiting", "utilisation", "certified")
-    columns = (*columns, "clearance, mm", "audited samples", "unsafe", "time")
-    cells = [
-        [
-            row.cell,
-            str(row.picks),
-            f"{row.makespan:.1f} s",
-            f"{row.one_arm:.1f} s",
-            f"{row.ratio:.3f}",
-            " / ".join(f"{each:.1f} s" for each in row.waiting),
-            " / ".join(f"{100 * each:.0f} %" for each in row.utilisation),
-            f"{row.status}, {row.intervals} intervals",
-            f"{1e3 * row.clearance:.1f}",
-            f"{row.samples:,}",
-            str(len(row.unsafe)),
-            f"{row.seconds:.0f} s",
-        ]
-        for row in table.cells
-    ]
-    return [*wrapped(text), "", *markdown_table(columns, cells)]
+    columns = {
+        "cell": "{.cell}",
+        "picks": "{.picks}",
+        "makespan": "{.makespan:.1f} s",
+        "one arm": "{.one_arm:.1f} s",
+        "ratio": "{.ratio:.3f}",
+        "waiting": lambda row: " / ".join(f"{each:.1f} s" for each in row.waiting),
+        "utilisation": lambda row: " / ".join(f"{100 * each:.0f} %" for each in row.utilisation),
+        "certified": "{0.status}, {0.intervals} intervals",
+        "clearance, mm": lambda row: f"{1e3 * row.clearance:.1f}",
+        "audited samples": "{.samples:,}",
+        "unsafe": lambda row: str(len(row.unsafe)),
+        "time": "{.seconds:.0f} s",
+    }
+    return [*wrapped(text), "", *row_table(columns, table.cells)]
 
 
 def _belts(table: SeveralArmsTable) -> list[str]:
@@ -358,52 +335,33 @@ def _belts(table: SeveralArmsTable) -> list[str]:
         "deviation is the largest proven bound of the distance of the tcp from its place on the moving part while the "
         "gripper closes."
     )
-    columns = (
-        "cell", "belt, m/s", "taken", "cycle, s", "deviation, mm", "clearance, mm", "planning, s for each", "samples",
-        "unsafe in the audit",
-    )  # fmt: skip
-    cells = [
-        [
-            row.cell,
-            f"{row.speed:g}",
-            f"{row.taken} of {row.parts}",
-            f"{row.mean_cycle:.2f}",
-            f"{row.deviation * 1e3:.4f}",
-            f"{row.clearance * 1e3:.1f}",
-            f"{row.seconds / row.parts:.2f}",
-            f"{row.samples:,}",
-            str(len(row.wrong)),
-        ]
-        for row in table.belts
-    ]
-    return [*wrapped(text), "", *markdown_table(columns, cells)]
+    columns = {
+        "cell": "{.cell}",
+        "belt, m/s": "{.speed:g}",
+        "taken": "{0.taken} of {0.parts}",
+        "cycle, s": "{.mean_cycle:.2f}",
+        "deviation, mm": lambda row: f"{row.deviation * 1e3:.4f}",
+        "clearance, mm": lambda row: f"{row.clearance * 1e3:.1f}",
+        "planning, s for each": lambda row: f"{row.seconds / row.parts:.2f}",
+        "samples": "{.samples:,}",
+        "unsafe in the audit": lambda row: str(len(row.wrong)),
+    }
+    return [*wrapped(text), "", *row_table(columns, table.belts)]
 
 
-def _edge_table(name: str, rows: Sequence[EdgeRow]) -> list[str]:
-    columns = (name, "edges", "FREE", "COLLIDING", "UNDECIDED", "configurations checked", "mean, ms", "wrong")
-    cells = [
-        [
-            row.robot,
-            f"{row.edges:,}",
-            f"{row.free:,}",
-            f"{row.colliding:,}",
-            f"{row.undecided:,}",
-            f"{row.checked:,}",
-            f"{row.mean_ms:.2f}",
-            str(len(row.wrong)),
-        ]
-        for row in rows
-    ]
-    return markdown_table(columns, cells)
-
-
-def _progress(text: str) -> None:
-    print(text, file=sys.stderr)
+SECTIONS = {
+    "motions": ("Motions of both arms", "motions of both arms", _motions),
+    "edges": ("Certificates of random edges", "random edges", _edges),
+    "mover_edges": ("Certificates among moving obstacles", "edges among moving obstacles", _mover_edges),
+    "cells": ("Picks of two arms over one bin", "picks of two arms", _cells),
+    "belts": ("Picks from a conveyor", "picks from a conveyor", _belts),
+}
+"""The sections of the page, which can be measured in separate runs: title, name in a sentence, and what writes it."""
 
 
 def main() -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = page_parser(__doc__, "several_arms")
     parser.add_argument("--mbm", type=Path, metavar="FOLDER", help="MotionBenchMaker problems of several arms")
     parser.add_argument("--robot", help="the robot of these problems, if the files do not name one")
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
@@ -412,9 +370,6 @@ def main() -> None:
     parser.add_argument("--shared-bin", action="store_true", help="the picks of two arms over one bin")
     parser.add_argument("--keep", action="store_true", help="keep the parts of the page that are not measured")
     parser.add_argument("--belt", action="store_true", help="picks from a conveyor")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/several_arms.*")
-    parser.add_argument("--render", action="store_true", help="rewrite the page from several_arms.json")
     options = parser.parse_args()
     if options.render:
         table = SeveralArmsTable.load(FOLDER / "several_arms.json")
@@ -422,12 +377,12 @@ def main() -> None:
         origin, motions = provenance(options.seed), []
         for each in [] if options.mbm is None else find_sets(options.mbm, options.robot):
             for problem in read_problems(each, options.problems, as_stated=True):
-                print(problem.name, file=sys.stderr)
+                report(problem.name)
                 motions.append(measure_problem(problem, options.seed))
-        edges = measure_edges(options.edges, options.seed, _progress) if options.edges else []
-        mover_edges = mover_edge_rows(options.mover_edges, options.seed, _progress) if options.mover_edges else []
-        cells = [measure_shared_bin(options.seed, _progress)] if options.shared_bin else []
-        belts = belt_rows(SPEEDS, options.seed, _progress) if options.belt else []
+        edges = measure_edges(options.edges, options.seed, report) if options.edges else []
+        mover_edges = mover_edge_rows(options.mover_edges, options.seed, report) if options.mover_edges else []
+        cells = [measure_shared_bin(options.seed, report)] if options.shared_bin else []
+        belts = belt_rows(SPEEDS, options.seed, report) if options.belt else []
         rows = {"motions": motions, "edges": edges, "mover_edges": mover_edges, "cells": cells, "belts": belts}
         measured = {part: origin["commit"] for part, found in rows.items() if found}
         if options.keep:
@@ -438,10 +393,7 @@ def main() -> None:
             rows |= {part: getattr(before, part) for part in kept}
         settings = {"coal": installed_version("coal"), "measured": measured}
         table = SeveralArmsTable(settings, origin, **{part: tuple(found) for part, found in rows.items()})
-    text = page(table)
-    if options.docs or options.render:
-        table.write(FOLDER, "several_arms", text)
-    print(text)
+    finish(table, "several_arms", page(table), options)
     sys.exit(1 if table.wrong else 0)
 
 

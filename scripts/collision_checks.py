@@ -61,6 +61,9 @@ class Times:
     free: float | None
     colliding: float | None
 
+    def __str__(self) -> str:
+        return " / ".join("-" if us is None else f"{us:.1f}" for us in (self.free, self.colliding))
+
 
 @dataclass(frozen=True)
 class CheckRow:

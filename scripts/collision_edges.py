@@ -7,7 +7,7 @@ configuration at which coal finds a distance not larger than the margin.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import process_time
 
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.benchmarks.plan_problems import own_reach
+from pinproof.benchmarks.tables import row_table
 from pinproof.collision import (
     Box,
     Capsule,
@@ -141,36 +142,80 @@ def check_edges(
         checkers = CollisionChecker(arm), CollisionChecker(arm, link_meshes="surface")
     hulls, exact = checkers
     reach = own_reach(hulls.arm) if reach is None else reach
+
+    def edges_of_scene(rng: np.random.Generator) -> EdgeCase:
+        scene, margin = random_scene(rng, reach), float(rng.choice(MARGINS))
+        checker, mesh_checker = hulls.with_scene(scene).with_margin(margin), exact.with_scene(scene)
+
+        def case() -> tuple[Certificate, float, int, str]:
+            path = random_edge(checker, rng)
+            begin = process_time()
+            certificate = certify(path, checker, tolerance=TOLERANCE)
+            seconds = process_time() - begin
+            return (
+                certificate,
+                seconds,
+                *check_verdict(path, certificate, checker, mesh_checker, samples=samples, step=step),
+            )
+
+        return case
+
+    return count_verdicts(robot, edges, (seed,), on_progress, edges_of_scene)
+
+
+EdgeCase = Callable[[], tuple[Certificate, float, int, str]]
+"""Certifies another edge of a scene: the certificate, its processor time (s), the number of configurations at which it
+was checked, and how they contradict it."""
+
+
+def count_verdicts(
+    name: str,
+    edges: int,
+    seeds: tuple[int, ...],
+    on_progress: Callable[[str], None],
+    edges_of_scene: Callable[[np.random.Generator], EdgeCase],
+) -> EdgeRow:
+    """Certify this number of edges, a few in each scene; each scene depends only on the seeds and its number."""
     counts = dict.fromkeys(CertificateStatus, 0)
     wrong: list[str] = []
     checked, seconds, scenes = 0, 0.0, -(-edges // EDGES_PER_SCENE)
     for number in range(scenes):
-        rng = np.random.default_rng([seed, number])
-        scene, margin = random_scene(rng, reach), float(rng.choice(MARGINS))
-        checker, mesh_checker = hulls.with_scene(scene).with_margin(margin), exact.with_scene(scene)
+        case = edges_of_scene(np.random.default_rng([*seeds, number]))
         for edge in range(min(EDGES_PER_SCENE, edges - number * EDGES_PER_SCENE)):
-            path = random_edge(checker, rng)
-            begin = process_time()
-            certificate = certify(path, checker, tolerance=TOLERANCE)
-            seconds += process_time() - begin
+            certificate, duration, count, error = case()
+            seconds, checked = seconds + duration, checked + count
             counts[certificate.status] += 1
-            count, error = check_verdict(path, certificate, checker, mesh_checker, samples=samples, step=step)
-            checked += count
             if error:
-                wrong.append(f"{robot}, seed {seed}, scene {number}, edge {edge}: {error}")
+                wrong.append(f"{name}, seed {seeds[0]}, scene {number}, edge {edge}: {error}")
         if number % 10 == 9:
-            on_progress(f"{robot}: {min((number + 1) * EDGES_PER_SCENE, edges)} of {edges} edges, {len(wrong)} wrong")
-    return EdgeRow(
-        robot=robot,
-        scenes=scenes,
-        edges=edges,
-        free=counts[CertificateStatus.FREE],
-        colliding=counts[CertificateStatus.COLLIDING],
-        undecided=counts[CertificateStatus.UNDECIDED],
-        checked=checked,
-        mean_ms=1e3 * seconds / max(edges, 1),
-        wrong=tuple(wrong),
-    )
+            on_progress(f"{name}: {min((number + 1) * EDGES_PER_SCENE, edges)} of {edges} edges, {len(wrong)} wrong")
+    verdicts = (counts[each] for each in (CertificateStatus.FREE, CertificateStatus.COLLIDING))
+    mean, undecided = 1e3 * seconds / max(edges, 1), counts[CertificateStatus.UNDECIDED]
+    return EdgeRow(name, scenes, edges, *verdicts, undecided, checked, mean, tuple(wrong))
+
+
+def edge_table(name: str, rows: Sequence[EdgeRow]) -> list[str]:
+    """Return the lines of a table of edges; ``name`` is the title of the first column."""
+    columns = {
+        name: "{.robot}",
+        "edges": "{.edges:,}",
+        "FREE": "{.free:,}",
+        "COLLIDING": "{.colliding:,}",
+        "UNDECIDED": "{.undecided:,}",
+        "configurations checked": "{.checked:,}",
+        "mean, ms": "{.mean_ms:.2f}",
+        "wrong": lambda row: str(len(row.wrong)),
+    }
+    return row_table(columns, rows)
+
+
+def total_row(rows: Sequence[EdgeRow]) -> EdgeRow:
+    """Return the row of all edges."""
+    counts = ("scenes", "edges", "free", "colliding", "undecided", "checked")
+    edges = sum(row.edges for row in rows)
+    mean = sum(row.edges * row.mean_ms for row in rows) / max(edges, 1)
+    wrong = tuple(text for row in rows for text in row.wrong)
+    return EdgeRow("all", *(sum(getattr(row, each) for row in rows) for each in counts), mean, wrong)
 
 
 def check_verdict(

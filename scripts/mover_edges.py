@@ -14,10 +14,11 @@ import numpy.typing as npt
 import pinocchio as pin
 from collision_edges import (
     DISTANCE_ERROR,
-    EDGES_PER_SCENE,
     MARGINS,
     TOLERANCE,
+    EdgeCase,
     EdgeRow,
+    count_verdicts,
     random_edge,
     random_scene,
 )
@@ -48,30 +49,21 @@ def check_robot(robot: str, edges: int, seed: int, on_progress: Callable[[str], 
     """Certify random timed edges of a robot among movers and check the verdicts."""
     arm = pp.load_robot(robot).arm()
     reach, empty = own_reach(arm), pp.CollisionChecker(arm)
-    counts, wrong = dict.fromkeys(pp.CertificateStatus, 0), list[str]()
-    checked, seconds, scenes = 0, 0.0, -(-edges // EDGES_PER_SCENE)
-    for number in range(scenes):
-        rng = np.random.default_rng([seed, 1, number])
+
+    def edges_of_scene(rng: np.random.Generator) -> EdgeCase:
         checker = empty.with_scene(random_scene(rng, reach)).with_margin(float(rng.choice(MARGINS)))
         oracle = Oracle(checker)
-        for edge in range(min(EDGES_PER_SCENE, edges - number * EDGES_PER_SCENE)):
+
+        def case() -> tuple[pp.Certificate, float, int, str]:
             trajectory = pp.time_parametrise(random_edge(checker, rng), arm.limits)
             movers = random_movers(checker.scene.names, trajectory.duration, reach, rng)
             begin = process_time()
             certificate = pp.certify(trajectory, checker, movers=movers, tolerance=TOLERANCE)
-            seconds += process_time() - begin
-            counts[certificate.status] += 1
-            samples, error = check_verdict(trajectory, movers, certificate, oracle)
-            checked += samples
-            if error:
-                wrong.append(f"{robot} with movers, seed {seed}, scene {number}, edge {edge}: {error}")
-        if number % 10 == 9:
-            on_progress(f"{robot} with movers: {(number + 1) * EDGES_PER_SCENE} of {edges} edges, {len(wrong)} wrong")
-    free, colliding, undecided = (
-        counts[getattr(pp.CertificateStatus, name)] for name in ("FREE", "COLLIDING", "UNDECIDED")
-    )
-    mean = 1e3 * seconds / max(edges, 1)
-    return EdgeRow(robot, scenes, edges, free, colliding, undecided, checked, mean, tuple(wrong))
+            return certificate, process_time() - begin, *check_verdict(trajectory, movers, certificate, oracle)
+
+        return case
+
+    return count_verdicts(robot, edges, (seed, 1), on_progress, edges_of_scene)
 
 
 def random_movers(names: Sequence[str], duration: float, reach: float, rng: np.random.Generator) -> list[pp.Mover]:

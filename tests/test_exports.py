@@ -56,9 +56,17 @@ def test_dir_lists_what_is_exported() -> None:
     assert dir(pp) == pp.__all__
 
 
-def test_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'telepathy'"):
-        _ = pp.telepathy
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [("Cone", "pp.collision.Cone"), ("certfy", "pp.certify"), ("telepathy", "no attribute 'telepathy'$")],
+)
+def test_unknown_name_leads_to_the_place_of_a_similar_one(name: str, place: str) -> None:
+    with pytest.raises(AttributeError, match=place):
+        getattr(pp, name)
+
+
+def test_the_top_level_stays_small() -> None:
+    assert len(pp.__all__) <= 75
 
 
 def test_the_errors_that_users_catch_are_exported() -> None:

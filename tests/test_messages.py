@@ -99,7 +99,7 @@ def plan_from_contact() -> object:
 
 def plan_without_ompl() -> object:
     with patch.dict(sys.modules, {"ompl": None}):
-        return pp.OmplPlanner("RRTConnect").plan(checker(), np.zeros(6), [np.ones(6)])
+        return pp.planning.OmplPlanner("RRTConnect").plan(checker(), np.zeros(6), [np.ones(6)])
 
 
 def verdict(x: float, *obstacles: pp.Obstacle) -> str:

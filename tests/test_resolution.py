@@ -16,7 +16,7 @@ else:
     import tomli as tomllib
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-EXTRAS = ("dask", "ompl", "xacro")
+EXTRAS = ("dask", "ompl", "sensor", "xacro")
 
 only_in_ci = pytest.mark.skipif(
     not os.environ.get("CI"), reason="takes 15 s of CPU time; outside CI test_wheel.py installs for the current Python"

@@ -37,14 +37,8 @@ _HOME = {  # package: the names that the top level exports
         "DampedLeastSquares",
         "Fabrik",
         "IkBatch",
-        "IkBranches",
-        "IkGoal",
         "IkResult",
-        "IkStatus",
-        "IkTask",
         "PseudoInverse",
-        "TrackResult",
-        "Tracker",
         "prove_unreachable",
         "track",
     ),
@@ -54,13 +48,8 @@ _HOME = {  # package: the names that the top level exports
         "Certificate",
         "CertificateStatus",
         "CollisionChecker",
-        "Cone",
-        "ConvexHull",
         "Cylinder",
-        "Ellipsoid",
         "HalfSpace",
-        "HeightMap",
-        "LookAt",
         "Mesh",
         "Mover",
         "Obstacle",
@@ -75,14 +64,11 @@ _HOME = {  # package: the names that the top level exports
         "verify_proof",
     ),
     "pinproof.planning": (
-        "OmplPlanner",
         "PlanResult",
-        "PlanStatus",
         "RrtConnect",
         "blend",
         "optimise",
         "plan_linear",
-        "plan_poses",
         "shortcut",
         "simplify",
     ),
@@ -91,17 +77,13 @@ _HOME = {  # package: the names that the top level exports
     "pinproof.picks": (
         "Campaign",
         "Pick",
-        "PickReport",
-        "PickVerdict",
         "Picks",
-        "ReachMap",
         "reach_map",
         "read_picks",
         "screen_picks",
         "validate_picks",
     ),
     "pinproof.cell": ("place_base", "sequence"),
-    "pinproof.formats": ("file_schema",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -134,13 +116,8 @@ if TYPE_CHECKING:
         Certificate as Certificate,
         CertificateStatus as CertificateStatus,
         CollisionChecker as CollisionChecker,
-        Cone as Cone,
-        ConvexHull as ConvexHull,
         Cylinder as Cylinder,
-        Ellipsoid as Ellipsoid,
         HalfSpace as HalfSpace,
-        HeightMap as HeightMap,
-        LookAt as LookAt,
         Mesh as Mesh,
         Mover as Mover,
         Obstacle as Obstacle,
@@ -164,23 +141,14 @@ if TYPE_CHECKING:
         UnknownNameError as UnknownNameError,
     )
     from pinproof.execution import Monitor as Monitor, MotionLibrary as MotionLibrary
-    from pinproof.formats import (
-        file_schema as file_schema,
-    )
     from pinproof.ik import (
         AnalyticIk as AnalyticIk,
         Clik as Clik,
         DampedLeastSquares as DampedLeastSquares,
         Fabrik as Fabrik,
         IkBatch as IkBatch,
-        IkBranches as IkBranches,
-        IkGoal as IkGoal,
         IkResult as IkResult,
-        IkStatus as IkStatus,
-        IkTask as IkTask,
         PseudoInverse as PseudoInverse,
-        Tracker as Tracker,
-        TrackResult as TrackResult,
         prove_unreachable as prove_unreachable,
         track as track,
     )
@@ -197,24 +165,18 @@ if TYPE_CHECKING:
     from pinproof.picks import (
         Campaign as Campaign,
         Pick as Pick,
-        PickReport as PickReport,
         Picks as Picks,
-        PickVerdict as PickVerdict,
-        ReachMap as ReachMap,
         reach_map as reach_map,
         read_picks as read_picks,
         screen_picks as screen_picks,
         validate_picks as validate_picks,
     )
     from pinproof.planning import (
-        OmplPlanner as OmplPlanner,
         PlanResult as PlanResult,
-        PlanStatus as PlanStatus,
         RrtConnect as RrtConnect,
         blend as blend,
         optimise as optimise,
         plan_linear as plan_linear,
-        plan_poses as plan_poses,
         shortcut as shortcut,
         simplify as simplify,
     )
@@ -233,10 +195,23 @@ def __getattr__(name: str) -> Any:
     if name in _PACKAGES:
         return importlib.import_module(f"pinproof.{name}")
     if name not in _MODULE_OF:
-        raise AttributeError(f"module 'pinproof' has no attribute {name!r}")
+        place = "" if name.startswith("_") else _where(name)
+        raise AttributeError(f"module 'pinproof' has no attribute {name!r}{place}")
     value = getattr(importlib.import_module(_MODULE_OF[name]), name)
     globals()[name] = value
     return value
+
+
+def _where(name: str) -> str:
+    """The package that exports the name, or the most similar public names, as the end of a message."""
+    import difflib
+
+    places = {each: f"pp.{each}" for each in __all__}
+    for package in _PACKAGES:
+        for each in importlib.import_module(f"pinproof.{package}").__all__:
+            places.setdefault(each, f"pp.{package}.{each}")
+    similar = [name] if name in places else difflib.get_close_matches(name, places, 3)
+    return f"; did you mean {' or '.join(places[each] for each in similar)}?" if similar else ""
 
 
 def __dir__() -> list[str]:

@@ -872,8 +872,8 @@ def carve(
     side: float,
     camera_from_grid: NDArray[numpy.float64],
     intrinsics: NDArray[numpy.float64],
-    nearest: NDArray[numpy.float32],
-    farthest: NDArray[numpy.float32],
+    nearest: NDArray[numpy.float64],
+    farthest: NDArray[numpy.float64],
     pixel_margin: int,
 ) -> None: ...
 def clear_within(

@@ -25,11 +25,11 @@ def cell() -> tuple[pp.Arm, pp.Scene, pp.Picks]:
 
 
 @pytest.fixture(scope="module")
-def report(cell: tuple[pp.Arm, pp.Scene, pp.Picks]) -> pp.PickReport:
+def report(cell: tuple[pp.Arm, pp.Scene, pp.Picks]) -> pp.picks.PickReport:
     return pp.validate_picks(*cell, budget=QUICK)
 
 
-def test_each_kind_of_change_is_found(cell: tuple[pp.Arm, pp.Scene, pp.Picks], report: pp.PickReport) -> None:
+def test_each_kind_of_change_is_found(cell: tuple[pp.Arm, pp.Scene, pp.Picks], report: pp.picks.PickReport) -> None:
     arm, scene, picks = cell
     without_stop = scene.remove("stop")
     blocked = pp.Obstacle("post", pp.Box(0.02, 0.02, 0.3), scene["bolt_1_1"].pose * pp.pose(xyz=(0.03, 0, 0.1)))
@@ -48,7 +48,7 @@ def test_each_kind_of_change_is_found(cell: tuple[pp.Arm, pp.Scene, pp.Picks], r
     assert [each.name for each in backwards.of(PickChange.LOST)] == ["unturned"]
 
 
-def test_slower_joints_make_picks_slower(cell: tuple[pp.Arm, pp.Scene, pp.Picks], report: pp.PickReport) -> None:
+def test_slower_joints_make_picks_slower(cell: tuple[pp.Arm, pp.Scene, pp.Picks], report: pp.picks.PickReport) -> None:
     arm, scene, picks = cell
     limits = arm.limits
     slow = arm.with_limits(pp.JointLimits(limits.lower, limits.upper, limits.velocity / 2, limits.acceleration / 4))
@@ -61,7 +61,7 @@ def test_slower_joints_make_picks_slower(cell: tuple[pp.Arm, pp.Scene, pp.Picks]
     assert [each.change for each in compare(report, report).differences[:2]] == [PickChange.SAME] * 2
 
 
-def test_comparison_is_saved(tmp_path: Path, report: pp.PickReport) -> None:
+def test_comparison_is_saved(tmp_path: Path, report: pp.picks.PickReport) -> None:
     found = compare(report, report)
     for suffix in ("json", "csv", "md"):
         found.save(tmp_path / f"comparison.{suffix}")
@@ -70,12 +70,12 @@ def test_comparison_is_saved(tmp_path: Path, report: pp.PickReport) -> None:
     assert len((tmp_path / "comparison.csv").read_text().splitlines()) == 4
 
 
-def test_reports_on_different_picks_are_refused(report: pp.PickReport) -> None:
+def test_reports_on_different_picks_are_refused(report: pp.picks.PickReport) -> None:
     with pytest.raises(pp.UnknownNameError, match="unturned"):
         compare(report, replace(report, verdicts=report.verdicts[:2]))
 
 
-def test_proven_tolerance_contains_no_collision(report: pp.PickReport) -> None:
+def test_proven_tolerance_contains_no_collision(report: pp.picks.PickReport) -> None:
     study = tolerance_study(report, position=0.001, rotation=0.01, samples=4, largest=3.0)
     assert [each.good for each in study.picks] == [True, True, False]
     assert study.proven_share == pytest.approx(2 / 3)
@@ -109,7 +109,7 @@ def test_proven_tolerance_contains_no_collision(report: pp.PickReport) -> None:
                 assert pp.certify(motion.trajectory, checker).free
 
 
-def test_too_large_a_tolerance_is_not_proven(report: pp.PickReport) -> None:
+def test_too_large_a_tolerance_is_not_proven(report: pp.picks.PickReport) -> None:
     study = tolerance_study(report, position=0.2, rotation=0.0, samples=0, largest=1.0)
     assert study.proven_share == 0.0
     assert all(each.limited_by for each in study.picks)
@@ -117,7 +117,7 @@ def test_too_large_a_tolerance_is_not_proven(report: pp.PickReport) -> None:
 
 
 @pytest.mark.slow
-def test_workers_do_not_change_a_study(report: pp.PickReport) -> None:
+def test_workers_do_not_change_a_study(report: pp.picks.PickReport) -> None:
     one = tolerance_study(report, samples=3)
     assert tolerance_study(report, samples=3, workers=2).to_dict() == one.to_dict()
 
@@ -131,6 +131,6 @@ def test_workers_do_not_change_a_study(report: pp.PickReport) -> None:
         ({"position": -1.0}, "position"),
     ],
 )
-def test_invalid_tolerances_are_refused(report: pp.PickReport, settings: dict[str, object], words: str) -> None:
+def test_invalid_tolerances_are_refused(report: pp.picks.PickReport, settings: dict[str, object], words: str) -> None:
     with pytest.raises(pp.InputError, match=words):
         tolerance_study(report, **settings)  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -22,8 +23,12 @@ from pinproof.cell import (
 )
 from pinproof.cell.base_proofs import BaseContacts
 from pinproof.cell.placed_robot import PlacedRobot
+from pinproof.cell.placement_bounds import SlowTask
 from pinproof.cell.placement_region import mounting_pose
+from pinproof.cell.placement_screening import GraspTable, PlacementScreening
+from pinproof.common.files import json_text
 from pinproof.picks import PickBudget, PickWeights
+from pinproof.picks.judging.task import Cell
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 SMALL = PlacementBudget(grid=60, runs=2, evaluations=24, certified=2, proofs=0)
@@ -62,7 +67,7 @@ def found(arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks) -> PlacementResult:
 
 def judged_again(
     arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, root_from_cell: object, moved: tuple[str, ...] = ()
-) -> pp.PickReport:
+) -> pp.picks.PickReport:
     """The picks judged with the original robot, in the scene moved into its frame."""
     there = scene.transformed(root_from_cell)
     for name in moved:
@@ -256,6 +261,75 @@ def test_proven_empty_cells_have_no_placement(
 
 
 @pytest.mark.slow
+def test_cells_that_are_proven_to_be_slower_are_neither_empty_nor_the_best(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks
+) -> None:
+    velocity = arm.limits.velocity * [0.15, 1, 1, 1, 1, 1]  # the yaw of the base has a large effect
+    slow = arm.with_limits(pp.JointLimits(arm.limits.lower, arm.limits.upper, velocity, arm.limits.acceleration))
+    region = PlacementRegion(x=(-0.3, 0.1), y=(-0.4, 0.4), yaw=(-np.pi, np.pi))
+    budget = PlacementBudget(grid=300, runs=0, certified=1, proofs=50)
+    result = place_base(slow, scene, bolts, region, placement_budget=budget, budget=QUICK)
+    assert result.best is not None
+    assert result.slower_share == pytest.approx(len(result.slower) / len(result.map))  # type: ignore[arg-type]
+    assert result.slower
+    assert all(cell.seconds > result.best.cycle_time for cell in result.slower)
+    at = np.array([0.5 * (cell.lower + cell.upper) for cell in result.slower])
+    for lower, upper in [(result.best.placement.values,) * 2, *((cell.lower, cell.upper) for cell in result.empty)]:
+        half = result.slower[0].upper - at[0] if lower is upper else 0.0
+        assert not ((lower - half <= at) & (at <= upper + half)).all(axis=1).any()
+    assert json.loads(json_text(result.to_dict()))["proven_slower"]["share"] == result.slower_share
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_no_placement_of_a_cell_is_faster_than_its_bound(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, held: bool
+) -> None:
+    if held:  # the motion also rests at the start of the approach
+        scene, bolts = without_parts(arm, scene, replace(bolts, picks=[replace(p, carried=p.name) for p in bolts]))
+    limits = arm.limits  # one full rotation of each joint has fewer solutions to compare
+    arm = arm.with_limits(pp.JointLimits(np.full(6, -np.pi), np.full(6, np.pi), limits.velocity, limits.acceleration))
+    placed, home = PlacedRobot.make(arm, scene, np.eye(4)), np.array(arm.home)
+    checker = pp.CollisionChecker(placed.arm_at(np.zeros(4)), placed.scene, attached=bolts.open_tool)
+    table = GraspTable.of(bolts, Cell(checker, replace(bolts, picks=()), home))
+    half = np.array([0.04, 0.04, 0.05, 0.1])
+    task = SlowTask((PlacementScreening(placed, bolts, home, table),), half, 3.0)
+    generator, shares = np.random.default_rng(0), []
+    for centre in generator.uniform([-0.5, -0.4, -0.1, -np.pi], [0.3, 0.4, 0.1, np.pi], (16, 4)):
+        (row,) = task(0, [(0, centre - half, centre + half)])
+        samples = centre + half * generator.choice([-1.0, 0.0, 1.0], (8, 4))  # corners, and points between them
+        least = min(sum(least_time(placed, bolts, pick, home, values) for pick in bolts) for values in samples)
+        assert row["seconds"] <= least + 1e-9
+        shares.append(row["seconds"] / least)
+    assert max(shares) > 0.5
+
+
+def least_time(placed: PlacedRobot, picks: pp.Picks, pick: pp.Pick, home: np.ndarray, values: np.ndarray) -> float:
+    """The least time of a pick at a placement from the IK solutions at its poses; obstacles are not considered."""
+    arm, there = placed.original, placed.root_from_cell(values)
+    limits = arm.limits
+
+    def solutions(back: float) -> np.ndarray:
+        target = there @ pick.pose.homogeneous @ pp.pose(xyz=(0, 0, -back)).homogeneous
+        tcp = picks.tcp_target(pp.pose(target[:3, 3], pp.xyz_rpy(target)[3:]), arm.root_from_base)
+        return pp.AnalyticIk().solve_all(arm, tcp).q
+
+    def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        far = np.abs(a[:, None] - b[None])
+        far = np.minimum(far % (2 * np.pi), 2 * np.pi - far % (2 * np.pi))
+        ramps = limits.velocity**2 / limits.acceleration
+        long = far / limits.velocity + limits.velocity / limits.acceleration
+        return np.where(far >= ramps, long, 2 * np.sqrt(far / limits.acceleration)).max(axis=2)
+
+    stops = [solutions(back) for back in ((pick.approach, 0.0) if pick.carried is not None else (0.0,))]
+    cost = times(home[None], stops[0])[0]
+    for before, after in zip(stops, [*stops[1:], solutions(pick.retreat)], strict=True):
+        if not len(after) or not len(before):
+            return np.inf
+        cost = (cost[:, None] + times(before, after)).min(axis=0)
+    return float(cost.min(initial=np.inf))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("mounting", ["floor", "ceiling", "wall"])
 def test_base_is_in_contact_in_every_cell_for_which_it_is_proven(arm: pp.Arm, mounting: str) -> None:
     column = pp.Obstacle("column", pp.Box(0.24, 0.16, 0.5), pp.pose(xyz=(0.05, 0, -0.3), rpy=(0.1, 0, 0.2)))
@@ -341,7 +415,6 @@ def test_sensitivity_brackets_the_first_failure(arm: pp.Arm, scene: pp.Scene, pi
 
 def test_files_hold_the_result(tmp_path: Path, found: PlacementResult) -> None:
     import csv
-    import json
 
     for suffix in ("json", "md", "csv", "png"):
         found.save(tmp_path / f"placement.{suffix}")

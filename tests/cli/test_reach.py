@@ -28,7 +28,7 @@ def test_the_tool_of_a_picks_file_is_a_collision_body(run: Run) -> None:
     scene = ("--scene", str(CELL / "scene.yaml"))
     assert run(*scene, "--tip", "0 0 0.105", "-o", "tip.npz")[0] == 0
     assert run(*scene, "--tool-of", str(CELL / "picks.yaml"), "-o", "tool.npz")[0] == 0
-    tip, tool = pp.ReachMap.load("tip.npz"), pp.ReachMap.load("tool.npz")
+    tip, tool = pp.picks.ReachMap.load("tip.npz"), pp.picks.ReachMap.load("tool.npz")
     assert "with picker, tip (0, 0, 0.105) m from the tcp" in tool.title
     assert not (tool.free & ~tip.free).any()
     picks = pp.read_picks(CELL / "picks.yaml")
@@ -53,7 +53,7 @@ def test_a_new_placement_is_compared_with_the_previous_one(run: Run) -> None:
     assert Path("c.csv").read_text().startswith("x,y,z,before,after,won,lost")
     assert "gained minus lost" in Path("c.html").read_text()
     arm, world = pp.load_robot("generic_6dof").arm(), pp.Scene.load(CELL / "scene.yaml")
-    before = pp.ReachMap.load("here.npz")
+    before = pp.picks.ReachMap.load("here.npz")
     stands = pp.pose((-0.2, 0.0, 0.0), (0.0, 0.0, 0.3))
     seen = pp.Scene(
         [pp.Obstacle(o.name, o.shape, stands.actInv(o.pose)) for o in world.obstacles], allowed=world.allowed
@@ -112,7 +112,7 @@ def test_a_planar_arm_is_mapped_with_the_direction_of_its_tool_at_home(any_run: 
     Path("planar.yaml").write_text(f"convention: standard\nrows:\n{rows}")
     code, out, _ = any_run("planar.yaml", "--orientations", "home", "-o", "map.npz")
     assert (code, "takes none" in out) == (0, False)
-    found = pp.ReachMap.load("map.npz")
+    found = pp.picks.ReachMap.load("map.npz")
     assert found.reachable.mean() > 0.5
     np.testing.assert_allclose(found.orientations[:, :, 2], [[0, 0, 1]] * 2, atol=1e-12)
 
@@ -125,6 +125,6 @@ def test_a_region_out_of_reach_is_no_matter_of_orientations(any_run: Run) -> Non
 
 def test_straight_down_is_one_of_all_orientations(any_run: Run) -> None:
     any_run("scara", "--orientations", "all", "-o", "map.npz")
-    axes = pp.ReachMap.load("map.npz").orientations[:, :, 2]
+    axes = pp.picks.ReachMap.load("map.npz").orientations[:, :, 2]
     assert len(axes) == 12 * 2
     assert (np.abs(axes - [0, 0, -1]).max(axis=1) < 1e-12).sum() == 2

@@ -17,12 +17,8 @@ from pinproof import (
     Box,
     Capsule,
     CollisionChecker,
-    Cone,
-    ConvexHull,
     Cylinder,
-    Ellipsoid,
     HalfSpace,
-    HeightMap,
     InputError,
     Mesh,
     Obstacle,
@@ -31,6 +27,7 @@ from pinproof import (
     Sphere,
     pose,
 )
+from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
 from pinproof.collision.bodies import GEOMETRIES, shape_bodies, shape_body
 from pinproof.collision.coal_checks import GJK_SLACK
 from pinproof.collision.hulls import Solid

@@ -10,7 +10,8 @@ import pytest
 import trimesh
 import yaml
 
-from pinproof import Box, CollisionChecker, Cone, Cylinder, HalfSpace, InputError, Scene, Sphere, pose
+from pinproof import Box, CollisionChecker, Cylinder, HalfSpace, InputError, Scene, Sphere, pose
+from pinproof.collision import Cone
 from pinproof.errors import SceneError
 from pinproof.spatial import matrix
 

@@ -64,6 +64,16 @@ def states_at(grid: OccupancyGrid, points: np.ndarray) -> np.ndarray:
 vectors = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 
 
+def test_bounds_of_depth_are_rounded_away_from_the_surface():
+    intrinsics, low = np.array([4.0, 4.0, 4.0, 4.0]), np.array([-1, -1, 1])
+    for share in (0.1, 0.9):  # between two numbers of single precision, near either of them
+        surface = 1.0 + share * 2.0**-23
+        cells = np.empty((2, 2, 1), dtype=np.uint8)
+        side = (surface + 0.02 * 2.0**-23) / 2  # the far sides of the cells are just behind the surface
+        carve(cells, low, side, np.eye(4), intrinsics, np.full((9, 9), surface), np.full((9, 9), surface), 0)
+        assert (cells == SEEN).all()
+
+
 @given(seed=st.integers(0, 2**32), margin=st.integers(0, 2), eye=vectors, roll=st.floats(-3, 3))
 @settings(max_examples=25, deadline=None)
 def test_states_are_those_of_their_definition(seed, margin, eye, roll):
@@ -216,6 +226,15 @@ def test_the_robot_is_removed_with_its_padding_and_nothing_else():
     assert 0 < same.counts[0] < cleared.counts[0]
 
 
+def test_a_robot_of_cylinders_is_removed_from_cells_in_line_with_their_axes():
+    """Nodes on an axis of a cylinder are a degenerate case of the distance."""
+    arm = load_robot("generic_6dof").arm()
+    checker = CollisionChecker(arm)
+    grid = OccupancyGrid(np.full((20, 10, 10), UNKNOWN), 0.02, (-10, -5, 0))
+    grid = remove_robot(grid, checker, arm.home)
+    assert checker.with_scene(Scene([Obstacle("camera", grid)])).is_free(arm.home)
+
+
 def test_a_surface_that_another_view_shows_is_kept_where_the_robot_was_removed():
     arm = load_robot("ur5").arm()
     checker = CollisionChecker(arm)
@@ -338,6 +357,7 @@ IMAGE = depth_image(CAMERA, ABOVE, [TABLE])
         ({"depth_scale": 0.001}, "depth_scale=1 "),
         ({"image": IMAGE[::2, ::2]}, r"80 x 60 pixels, the intrinsics are for 160 x 120"),
         ({"image": IMAGE[::2, ::2], "intrinsics": [[150, 0, 79.5], [0, 150, 59.5], [0, 0, 1]]}, "another size"),
+        ({"intrinsics": [[75, 0, 39.5], [0, 75, 29.5], [0, 0, 1]]}, "another size"),
         ({"intrinsics": np.eye(4)}, r"intrinsics"),
         ({"intrinsics": [[150, 1, 79.5], [0, 150, 59.5], [0, 0, 1]]}, r"\[\[fx, 0, cx\]"),
         ({"image": IMAGE * np.nan}, "no measurement"),
@@ -382,6 +402,9 @@ def test_removal_from_something_else_is_refused():
     ("changes", "words"),
     [
         ({"cells": np.full((2, 2, 2), 4)}, "states 0 to 3"),
+        ({"cells": [[[0, 1]], [[0]]]}, "differ in length"),
+        ({"record": "one sentence"}, "sequence of sentences"),
+        ({"record": [3]}, "sequence of sentences"),
         ({"cells": np.zeros((2, 2))}, "shape"),
         ({"cells": np.zeros((0, 2, 2), int)}, "shape"),
         ({"low": (0, 0.5, 0)}, "three integers"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from pinproof import CollisionChecker, InputError, Obstacle, OccupancyGrid, Scen
 from pinproof.collision.occupancy import FREE, SEEN, UNKNOWN
 from pinproof.collision.octomap_file import read_octomap
 from pinproof.errors import FileError, SceneError
+from pinproof.execution import ros2
 
 Node = float | list  # the log-odds of a leaf, or its eight children, of which some are None
 LEVELS = 16
@@ -231,3 +233,55 @@ def test_trees_without_usable_leaves_are_refused(tmp_path: Path) -> None:
         OccupancyGrid.from_octomap(written(tmp_path, "nan.ot", [float("nan"), *[None] * 7]))
     with pytest.raises(FileError, match="missing"):
         OccupancyGrid.from_octomap(tmp_path / "missing.bt")
+
+
+def octomap(nodes: bytes, **changes: object) -> dict[str, object]:
+    """An octomap_msgs/OctomapWithPose with signed bytes, as in messages."""
+    signed = np.frombuffer(nodes, dtype=np.int8).tolist()
+    tree = {"header": {}, "binary": True, "id": "OcTree", "resolution": 0.05, "data": signed, **changes}
+    origin = {"position": {"x": 0.5, "y": 0.0, "z": 0.1}, "orientation": {"w": 1.0}}
+    return {"header": {"frame_id": "world"}, "origin": origin, "octomap": tree}
+
+
+@pytest.mark.parametrize("kind", ["binary", "full", "full in colour"])
+@pytest.mark.parametrize("as_message", [False, True])
+def test_the_octomap_of_a_planning_scene_is_a_grid_at_its_pose(tmp_path: Path, kind: str, as_message: bool) -> None:
+    root = random_tree(1)
+    data = binary(root) if kind == "binary" else full(root, b"\1\2\3" if "colour" in kind else b"")
+    map_ = octomap(data, binary=kind == "binary", id="ColorOcTree" if "colour" in kind else "OcTree")
+    matrix = {"entry_names": ["hand", "<octomap>"], "entry_values": [[False, True], [True, False]]}
+    content = {"world": {"collision_objects": [], "octomap": map_}, "allowed_collision_matrix": matrix}
+    (tmp_path / "cell.yaml").write_text(json.dumps(content))
+    scene = ros2.read_planning_scene(content) if as_message else Scene.load(tmp_path / "cell.yaml")
+    grid = scene["<octomap>"].shape
+    assert_states(grid, root)
+    assert grid.unknown == "occupied"
+    assert any("unknown in the octomap" in note for note in scene.notes)
+    assert scene["<octomap>"].pose.translation.tolist() == [0.5, 0.0, 0.1]
+    assert list(scene.allowed) == [("hand", "<octomap>")]
+
+
+def test_an_empty_octomap_is_no_obstacle(tmp_path: Path) -> None:
+    (tmp_path / "cell.yaml").write_text(json.dumps({"world": {"octomap": octomap(b"")}}))
+    assert Scene.load(tmp_path / "cell.yaml").obstacles == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"data": [1]}, "damaged|truncated"),
+        ({"data": [1.5]}, "integers of 8 bits"),
+        ({"data": [300]}, "integers of 8 bits"),
+        ({"data": "none"}, "integers of 8 bits"),
+        ({"resolution": 0.0}, "not positive"),
+        ({"resolution": "fine"}, "resolution"),
+        ({"binary": 1}, "neither true nor false"),
+        ({"binary": False, "id": "OcTreeStamped"}, "OcTreeStamped"),
+        ({"leaves": 1}, "leaves"),
+    ],
+)
+def test_a_damaged_octomap_of_a_planning_scene_is_refused(tmp_path: Path, changes: dict, words: str) -> None:
+    map_ = octomap(binary(random_tree(1)), **changes)
+    (tmp_path / "cell.yaml").write_text(json.dumps({"world": {"octomap": map_}}))
+    with pytest.raises(SceneError, match=rf"cell\.yaml.*octomap.*({words})"):
+        Scene.load(tmp_path / "cell.yaml")

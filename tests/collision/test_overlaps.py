@@ -111,7 +111,7 @@ def test_the_overlaps_of_the_catalogue_touch_in_every_sample(name):
 def test_a_start_in_self_collision_names_the_command(wrist):
     arm = pp.load_robot(wrist).arm()
     plan = pp.RrtConnect().plan(pp.CollisionChecker(arm), arm.home, arm.home + 0.1, rng=0)
-    assert plan.status is pp.PlanStatus.START_INVALID
+    assert plan.status is pp.planning.PlanStatus.START_INVALID
     assert "info ROBOT --overlaps" in plan.message
     with pytest.raises(pp.InputError, match="info ROBOT --overlaps"):
         pp.validate_picks(arm, pp.Scene(), [pp.Pick("a", pp.pose((0, 0, 0.5)))])
@@ -121,7 +121,7 @@ def test_an_obstacle_at_home_is_no_reason_for_an_srdf():
     arm = pp.load_robot("ur5").arm()
     scene = pp.Scene([pp.Obstacle("block", pp.Box(2, 2, 2))])
     plan = pp.RrtConnect().plan(pp.CollisionChecker(arm, scene), arm.home, arm.home + 0.1, rng=0)
-    assert plan.status is pp.PlanStatus.START_INVALID
+    assert plan.status is pp.planning.PlanStatus.START_INVALID
     assert "--overlaps" not in plan.message
 
 

@@ -16,7 +16,6 @@ from pinproof import (
     CollisionChecker,
     Cylinder,
     HalfSpace,
-    HeightMap,
     InputError,
     JointPath,
     Mesh,
@@ -30,6 +29,7 @@ from pinproof import (
     pose,
     time_parametrise,
 )
+from pinproof.collision import HeightMap
 from pinproof.collision.certificate import Parting
 from pinproof.collision.separation import MovingBody, directions_to_facets
 from pinproof.motion import CubicPath, bezier

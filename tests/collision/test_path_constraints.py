@@ -49,7 +49,7 @@ def random_constraint(arm: pp.Arm, q: np.ndarray, rng: np.random.Generator, tole
     if kind == 1:
         axis = rng.normal(size=3)
         target = placement.act(axis / np.linalg.norm(axis) * rng.uniform(0.2, 2.0))
-        return pp.LookAt(point=target, tolerance=tolerance, axis_in_tcp=axis)
+        return pp.collision.LookAt(point=target, tolerance=tolerance, axis_in_tcp=axis)
     if kind == 2:
         return pp.Within.plane(at, rng.normal(size=3), tolerance=tolerance, point_in_tcp=point)
     if kind == 3:
@@ -207,7 +207,7 @@ def test_a_motion_file_records_its_constraints(tmp_path) -> None:
         (lambda: pp.Upright(tolerance=float("nan")), "tolerance"),
         (lambda: pp.Upright(tolerance=0.1, axis_in_tcp=(0, 0, 0)), "axis_in_tcp"),
         (lambda: pp.Upright(tolerance=0.1, up=(0, 1)), "up"),
-        (lambda: pp.LookAt(point=(0, 0, float("inf")), tolerance=0.1), "point"),
+        (lambda: pp.collision.LookAt(point=(0, 0, float("inf")), tolerance=0.1), "point"),
         (lambda: pp.Within.plane((0, 0, 0), (0, 0, 0), tolerance=0.1), "normal"),
         (lambda: pp.Within.line((0, 0, 0), (1, 0, 0), tolerance=-0.1), "tolerance"),
         (lambda: pp.Within.box(pp.pose(), (1, -1, 1), tolerance=0.1), "size"),

@@ -17,9 +17,7 @@ from pinproof import (
     Box,
     Capsule,
     CollisionChecker,
-    Cone,
     Cylinder,
-    Ellipsoid,
     FileError,
     HalfSpace,
     InputError,
@@ -34,6 +32,7 @@ from pinproof import (
     time_parametrise,
     verify_proof,
 )
+from pinproof.collision import Cone, Ellipsoid
 from pinproof.errors import NotProvenFree
 from pinproof.motion import CubicPath
 from pinproof.verifier import curve_digest, load, verify

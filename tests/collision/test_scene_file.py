@@ -15,12 +15,8 @@ from pinproof import (
     Box,
     Capsule,
     CollisionChecker,
-    Cone,
-    ConvexHull,
     Cylinder,
-    Ellipsoid,
     HalfSpace,
-    HeightMap,
     InputError,
     Mesh,
     Obstacle,
@@ -32,7 +28,7 @@ from pinproof import (
     load_robot,
     pose,
 )
-from pinproof.collision import Shape
+from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap, Shape
 from pinproof.description import robots_folder
 from pinproof.errors import SceneError
 from pinproof.spatial import matrix

@@ -7,20 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from pinproof import (
-    Box,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    HeightMap,
-    InputError,
-    Mesh,
-    Obstacle,
-    PointCloud,
-    Sphere,
-)
+from pinproof import Box, Cylinder, HalfSpace, InputError, Mesh, Obstacle, PointCloud, Sphere
+from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
 
 TETRAHEDRON = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
@@ -58,9 +46,13 @@ def test_numbers_are_copied_and_cannot_be_changed(kind):
     assert hull == ConvexHull(TETRAHEDRON)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 1e5, "wide", None])
+@pytest.mark.parametrize("value", [0.0, -1.0, 1e-9, float("nan"), float("inf"), 1e5, "wide", None])
 def test_an_invalid_size_is_refused(value):
     for make in (
+        Sphere,
+        lambda v: Box(1, v, 1),
+        lambda v: Cylinder(0.1, v),
+        lambda v: Cylinder(v, 0.1),
         lambda v: Cone(v, 1),
         lambda v: Cone(1, v),
         lambda v: Ellipsoid(1, v, 1),

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import threading
-
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-import trimesh
 
 from pinproof import Box, CertificateStatus, CollisionChecker, InputError, Mesh, Obstacle, Scene, Sphere, certify, pose
 from pinproof.collision.hulls import bvh
@@ -48,18 +45,6 @@ def test_a_shape_pinocchio_does_not_know_is_dropped_there_and_kept_here(capfd):
         load_robot_from_text(one_joint(moving='<cone radius="0.1" length="0.5"/>'))
 
 
-@pytest.mark.parametrize("radius", ["-1", "nan"])
-def test_a_ball_that_never_collides_is_refused(radius):
-    sphere = coal.Sphere(float(radius))
-    places = [coal.Transform3s(np.eye(3), np.array([x, 0, 0])) for x in (0.0, 0.1)]
-    touch = coal.collide(
-        sphere, places[0], coal.Box(1, 1, 1), places[1], coal.CollisionRequest(), coal.CollisionResult()
-    )
-    assert not touch  # the trap: in the middle of a box of a metre
-    with pytest.raises(UrdfError):
-        load_robot_from_text(one_joint(moving=f'<sphere radius="{radius}"/>'))
-
-
 def test_places_that_are_none_are_refused():
     placement = pin.SE3(np.full((3, 3), np.nan), np.zeros(3))
     assert np.isnan(placement.rotation).all()  # the trap: nothing was said
@@ -79,60 +64,6 @@ def test_an_axis_of_no_length_is_refused():
         load_robot_from_text(text)
 
 
-def test_the_base_is_checked_against_the_scene():
-    """``addAllCollisionPairs`` leaves out what hangs on the same joint: the base and the world are one to it."""
-    text = one_joint('<box size="0.2 0.2 0.2"/>', '<sphere radius="0.01"/>')
-    _, geometry = in_pinocchio(text)
-    table = pin.GeometryObject("table", 0, 0, pin.SE3.Identity(), coal.Box(1, 1, 0.1))
-    geometry.addGeometryObject(table)
-    geometry.addAllCollisionPairs()
-    names = [
-        {geometry.geometryObjects[p.first].name, geometry.geometryObjects[p.second].name}
-        for p in geometry.collisionPairs
-    ]
-    assert {"base_0", "table"} not in names  # the trap
-    assert {"arm_0", "table"} in names
-    checker = CollisionChecker(
-        load_robot_from_text(text).arm(tcp="tip"), Scene([Obstacle("table", Box(1, 1, 0.1), pose((0, 0, -0.1)))])
-    )
-    assert [contact.bodies for contact in checker.check([0.0]).contacts] == [("base", "table")]
-    assert not checker.is_free([0.0])
-
-
-def test_a_mimic_joint_is_not_a_free_joint():
-    """By default Pinocchio treats a mimic joint as a free joint: it does not follow its leader."""
-    ball = '<collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>'
-    follower = (
-        f'<link name="follower">{ball}</link><joint name="f" type="revolute"><parent link="base"/>'
-        f'<child link="follower"/><axis xyz="0 0 1"/>{LIMIT}<mimic joint="q" multiplier="2"/></joint>'
-    )
-    text = one_joint(moving='<sphere radius="0.01"/>', extra=follower)
-    assert pin.buildModelFromXML(text).nq == 2  # the trap
-    arm = load_robot_from_text(text).arm(tcp="tip")
-    assert arm.dof == 1
-    post = Scene([Obstacle("post", Sphere(0.05), pose((0, 0.5, 0)))])  # where the follower is for q = pi / 4
-    assert not CollisionChecker(arm, post).is_free([np.pi / 4])
-    assert CollisionChecker(arm, post).is_free([0.0])
-
-
-def test_a_scene_that_changes_is_a_new_model(slider):
-    """Geometry added after the data were made has no place there; coal reads beyond their end."""
-    geometry, model = pin.GeometryModel(), pin.Model()
-    data = geometry.createData()
-    geometry.addGeometryObject(pin.GeometryObject("late", 0, 0, pin.SE3.Identity(), coal.Sphere(0.1)))
-    assert len(data.oMg) == 0 < geometry.ngeoms  # the trap
-    assert model.nq == 0
-    checker = CollisionChecker(slider, Scene())
-    for x in (0.5, 0.2, 0.8):
-        assert checker.is_free([x])
-        checker = checker.with_scene(checker.scene.add(Obstacle(f"at_{x}", Sphere(0.05), pose((x, 0, 0)))))
-        assert not checker.is_free([x])
-        assert [contact.bodies[1] for contact in checker.check([x]).contacts] == [f"at_{x}"]
-    emptied = checker.with_scene(checker.scene.remove("at_0.5"))
-    assert emptied.is_free([0.5])
-    assert not checker.is_free([0.5])
-
-
 def test_broadphase_managers_of_coal_ignore_margins_and_ours_do_not(slider):
     manager, request = coal.DynamicAABBTreeCollisionManager(), coal.CollisionRequest()
     request.security_margin = 0.1
@@ -148,12 +79,6 @@ def test_broadphase_managers_of_coal_ignore_margins_and_ours_do_not(slider):
     assert [contact.bodies for contact in checker.check([0.15]).contacts] == [("ball", "wall_0")]
     assert checker.clearance([0.15]) == pytest.approx(0.09, abs=1e-8)
     assert checker.is_free([0.13])
-
-
-def test_sides_are_full_sides_and_lengths_full_lengths(slider):
-    """A box of 0.2 m reaches 0.1 m from its middle; in other libraries the same number means half a side."""
-    checker = CollisionChecker(slider, Scene([Obstacle("box", Box(0.2, 1, 1), pose((1, 0, 0)))]))
-    assert checker.clearance([0.5]) == pytest.approx(1 - 0.1 - 0.01 - 0.5, abs=1e-9)
 
 
 def test_needle_triangles_of_a_hollow_mesh_are_detected(slider):
@@ -183,26 +108,3 @@ def test_no_continuous_check_in_coal_is_relied_on(slider, path):
     certificate = certify(move, checker)
     assert certificate.status is CertificateStatus.COLLIDING
     assert certificate.first_contact.proven_free_until == pytest.approx(0.49, abs=1e-3)
-
-
-@pytest.mark.slow
-def test_one_checker_serves_threads_where_one_data_does_not(ur5, mesh_file):
-    """Pinocchio's data are one configuration's; shared by threads they are the last one. Here each has its own."""
-    model, data = ur5.model, ur5.model.createData()
-    first, second = np.zeros(6), np.ones(6)
-    pin.forwardKinematics(model, data, first)
-    placement = data.oMi[6]
-    before = placement.translation.copy()
-    pin.forwardKinematics(model, data, second)
-    assert not np.allclose(placement.translation, before)  # the trap: what was handed out has changed
-    thing = Mesh(mesh_file(trimesh.creation.torus(0.2, 0.05)), hull=False)
-    checker = CollisionChecker(ur5, Scene([Obstacle("ring", thing, pose((0.5, 0.1, 0.4)))]))
-    Q = np.random.default_rng(0).uniform(-2, 2, (120, 6))
-    alone = [checker.clearance(q) for q in Q]
-    answers = [[] for _ in range(4)]
-    threads = [threading.Thread(target=lambda out=out: out.extend(checker.clearance(q) for q in Q)) for out in answers]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert all(out == alone for out in answers)

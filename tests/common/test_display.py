@@ -98,15 +98,15 @@ def ur5() -> dict[str, object]:
 
 
 @pytest.fixture(scope="module")
-def hundred(ur5) -> pp.PickReport:
+def hundred(ur5) -> pp.picks.PickReport:
     """A report of 100 picks that states its verdicts, one of them with a hostile name and reason."""
     pick = ur5["picks"].picks[0]
     failed = (StageResult(Stage.INPUT, True, "valid"), StageResult(Stage.REACH, False, f"out of reach {HOSTILE}"))
     verdicts = tuple(
-        pp.PickVerdict(replace(pick, name=f"bolt {HOSTILE if k == 7 else k}"), PickStatus.NOT_FOUND, failed)
+        pp.picks.PickVerdict(replace(pick, name=f"bolt {HOSTILE if k == 7 else k}"), PickStatus.NOT_FOUND, failed)
         for k in range(100)
     )
-    return pp.PickReport("ur5", verdicts, (), "default: a guess")
+    return pp.picks.PickReport("ur5", verdicts, (), "default: a guess")
 
 
 def test_every_repr_has_at_most_ten_lines(ur5, hundred) -> None:

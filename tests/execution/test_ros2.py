@@ -67,11 +67,11 @@ def test_a_damaged_trajectory_is_refused_with_its_place(swing) -> None:
 
 def test_planning_scenes_are_restored() -> None:
     corners = [[x, y, z] for x in (0, 0.1) for y in (0, 0.2) for z in (0, 0.3)]
-    hull = pp.ConvexHull([*corners, [0.05, 0.1, 0.15]])
+    hull = pp.collision.ConvexHull([*corners, [0.05, 0.1, 0.15]])
     placed = pp.pose((0.3, 0.3, -0.9), (0.1, 0.2, 0.3))
     shapes = {
-        "box": pp.Box(0.1, 0.2, 0.3), "ball": pp.Sphere(0.1), "can": pp.Cylinder(0.1, 0.4), "cone": pp.Cone(0.1, 0.4),
-        "ground": pp.HalfSpace(), "hull": hull, "pill": pp.Capsule(0.05, 0.2),
+        "box": pp.Box(0.1, 0.2, 0.3), "ball": pp.Sphere(0.1), "can": pp.Cylinder(0.1, 0.4),
+        "cone": pp.collision.Cone(0.1, 0.4), "ground": pp.HalfSpace(), "hull": hull, "pill": pp.Capsule(0.05, 0.2),
     }  # fmt: skip
     scene = pp.Scene(
         [pp.Obstacle(name, shape, placed, (1, 0, 0, 1)) for name, shape in shapes.items()],
@@ -183,8 +183,6 @@ class StubNode:
 class Message(dict):
     """A message whose dictionary is itself."""
 
-    is_diff = False
-
 
 def stub(monkeypatch, name: str, **attributes: object) -> None:
     module = ModuleType(name)
@@ -211,8 +209,13 @@ def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checke
     exec(compile(source, "certified_execution.py", "exec"), names)
     node = names["CertifiedExecution"]()
 
-    node.callbacks["/monitored_planning_scene"](Message(ros2.planning_scene(checker.scene)))
-    assert node.checker.scene.names == checker.scene.names
+    assert len([line for line in source.splitlines() if line.strip()]) <= 40
+
+    def complete(scene: pp.Scene) -> Message:
+        return Message(ros2.planning_scene(scene), is_diff=False)
+
+    node.callbacks["/monitored_planning_scene"](complete(checker.scene))
+    assert node.execution.checker.scene.names == checker.scene.names
     node.callbacks["/display_planned_path"](Message(ros2.display_trajectory([swing])))
     assert ros2.read_joint_trajectory(node.published[0]).digest() == swing.digest()
 
@@ -231,10 +234,25 @@ def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checke
     assert np.abs(stop.start - swing(0.3) - 0.05).max() < 1e-12
     assert not stop.velocities[-1].any()
     assert (stop.max_acceleration() <= checker.arm.limits.acceleration * (1 + 1e-9)).all()
-    assert node.monitor is None
+    assert node.execution.monitor is None
 
     ball = pp.Obstacle("ball", pp.Sphere(0.05), checker.arm.forward_kinematics(swing(1.9)))
-    node.callbacks["/monitored_planning_scene"](Message(ros2.planning_scene(checker.scene.add(ball))))
+    node.callbacks["/monitored_planning_scene"](complete(checker.scene.add(ball)))
     node.callbacks["/display_planned_path"](Message(ros2.display_trajectory([swing])))
     assert len(node.published) == 2, "a motion in collision is not sent"
     assert "ball" in node.logged[-1]
+
+
+def test_no_motion_is_sent_after_a_scene_or_a_motion_that_cannot_be_read(checker, swing) -> None:
+    execution = ros2.CertifiedExecution(checker)
+    shown = ros2.display_trajectory([swing])
+    assert execution.on_scene({"is_diff": True, "world": {"unknown": 1}}, 0.0) == ros2.Reply()
+    refused = execution.on_scene({"is_diff": False, "world": {"unknown": 1}}, 0.0)
+    assert refused.alarm
+    assert "'unknown'" in refused.text
+    assert execution.on_path(shown, 0.0).command is None
+    assert execution.on_scene({**ros2.planning_scene(checker.scene), "is_diff": False}, 0.0) == ros2.Reply()
+    assert execution.on_path({"trajectory": [{}]}, 0.0).command is None
+    assert execution.monitor is None
+    assert execution.on_path(shown, 0.0).command is not None
+    assert execution.monitor is not None

@@ -74,7 +74,12 @@ SCENE = {
                         "depth_scale": 1.0,
                         "depth_uncertainty": 0.01,
                         "pixel_margin": 0,
-                    }
+                    },
+                    {
+                        "points": "cloud.npy",
+                        "intrinsics": {"fx": 4, "fy": 4, "cx": 1.5, "cy": 1, "width": 4, "height": 3},
+                        "camera": {"xyz": [0.1, 0.1, 0.8], "rpy": ["pi", 0, 0]},
+                    },
                 ],
             },
         },
@@ -322,5 +327,6 @@ def write_parts(folder: Path) -> None:
     """Write the files that the samples name."""
     trimesh.creation.box((100, 100, 100)).export(folder / "part.stl")
     np.save(folder / "view.npy", np.full((3, 4), 0.8))
+    np.save(folder / "cloud.npy", np.array([[0.1, 0.1, 0.0]]))
     free_root = struct.pack("<fB", -1.0, 0)
     (folder / "map.ot").write_bytes(b"# Octomap OcTree file\nid OcTree\nsize 1\nres 0.1\ndata\n" + free_root)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import trimesh
@@ -140,3 +141,43 @@ def test_too_few_joints_and_unknown_frames_are_refused():
         robot.arm(tcp="tool")
     with pytest.raises(pp.UnknownNameError, match=r"unknown robot 'ur5x'.*valid: ur5"):
         pp.load_robot("ur5x")
+
+
+@pytest.fixture(scope="module")
+def given() -> SimpleNamespace:
+    arm = pp.load_robot("ur5").arm()
+    two = pp.assemble({"left": (arm, pp.pose()), "right": (arm, pp.pose((1.5, 0, 0)))})
+    path = pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names)
+    return SimpleNamespace(
+        arm=arm, checker=pp.CollisionChecker(arm), two=two, of_two=pp.CollisionChecker(two), path=path
+    )
+
+
+@pytest.mark.parametrize(
+    ("call", "stated"),
+    [
+        (lambda g: g.checker.with_scene(None), "scene must be of type Scene, not None"),
+        (lambda _: pp.CollisionChecker("ur5"), "arm must be of type JointGroup, not 'ur5'"),
+        (lambda _: pp.Scene(["table"]), "must be of type Obstacle, not 'table'"),
+        (lambda _: pp.load_robot(None), "source must be of type str or PathLike or DhTable, not None"),
+        (lambda g: pp.certify(None, g.checker), "the curve must be a curve, such as a JointPath"),
+        (lambda g: pp.certify(g.path, None), "checker must be of type CollisionChecker"),
+        (lambda g: pp.time_parametrise(g.path, None), "limits must be JointLimits, such as arm.limits"),
+        (
+            lambda g: pp.RrtConnect().plan("x", g.arm.home, g.arm.home),
+            "of type CollisionChecker, not 'x'",
+        ),
+        (lambda _: pp.Clik().solve(None, pp.pose()), "arm must be of type Arm"),
+        (lambda g: pp.write_html("x.html", g.arm, "table"), "scene must be of type Scene or None, not 'table'"),
+        (lambda g: pp.validate_picks(g.arm, None, None), "picks must be of type Picks or Iterable"),
+        (lambda g: pp.cell.allocate(g.two, None, None), "picks must be of type Picks, not None"),
+        (lambda g: pp.planning.coordinate(g.of_two, {"left": None}), "motion of 'left'.* type Trajectory"),
+        (
+            lambda g: pp.planning.plan_arms(g.of_two, g.two.home, g.two.home, planner="x"),
+            r"planner must be make_planner\(NAME\), with NAME one of rrt_connect, ompl, not 'x'",
+        ),
+    ],
+)
+def test_an_argument_of_another_type_is_refused_with_the_valid_type(given, call, stated) -> None:
+    with pytest.raises(pp.InputError, match=stated):
+        call(given)

@@ -21,6 +21,8 @@ from ..examples import examples
 from .mutations import bytes_of, worse_lines, worse_tree, worse_xml
 from .samples import MJCF, READERS, SRDF, TABLES, TREES, URDF, write_parts
 
+pytestmark = pytest.mark.filterwarnings("ignore::pinproof.errors.UnitWarning")
+
 EXAMPLES = int(os.environ.get("PINPROOF_FUZZ_EXAMPLES", "25"))
 """Number of examples of each test; errors were found with thousands."""
 

@@ -187,20 +187,6 @@ def test_rejected_solutions_have_the_status_refused(ur5):
     assert caught.value.result is result
 
 
-def test_results_depend_on_the_seed_and_not_on_threads(panda):
-    targets = reachable(panda, 30, seed=3)
-    one, two = (pp.Clik().solve_batch(panda, targets, rng=7, threads=threads) for threads in (1, 2))
-    assert one.q.tobytes() == two.q.tobytes()
-    assert one.restarts.max() > 0  # so random starts were drawn
-    assert np.array_equal(one.iterations, two.iterations)
-
-
-def test_a_result_does_not_depend_on_the_other_targets(panda):
-    targets = reachable(panda, 20, seed=3)
-    solver = pp.Clik()
-    assert np.array_equal(solver.solve_batch(panda, targets).q[:5], solver.solve_batch(panda, targets[:5]).q)
-
-
 def test_single_solves_are_repeatable(panda):
     target = reachable(panda, 1, seed=8)[0]
     first, second = (pp.Clik().solve(panda, target, q0=panda.home + 0.4, rng=5) for _ in range(2))

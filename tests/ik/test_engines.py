@@ -77,7 +77,7 @@ def test_both_engines_give_the_same_answer_after_restarts(arms, name):
         assert fast.q == pytest.approx(slow.q, abs=1e-4)  # at a singular target 1e-6 of pose is 1e-4 of joints
 
 
-@pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
+@pytest.mark.parametrize("solver", [*METHODS, pp.Fabrik()], ids=lambda solver: type(solver).__name__)
 @pytest.mark.parametrize("threads", [2, 3])
 def test_results_are_bit_identical_for_any_number_of_threads(arms, solver, threads):
     targets = random_targets(arms["panda"], 101, seed=4)

@@ -165,7 +165,7 @@ def test_undecided_proof_has_nothing_to_verify(arms) -> None:
 
 def test_closed_form_without_a_branch_returns_a_proof_for_redundant_arms(arms) -> None:
     found = pp.AnalyticIk().solve(arms["panda"], pp.pose((0.9, 0.0, 0.4)))
-    assert found.status is pp.IkStatus.IMPOSSIBLE
+    assert found.status is pp.ik.IkStatus.IMPOSSIBLE
 
 
 def links_of(arm: pp.Arm, q: np.ndarray) -> list[np.ndarray]:

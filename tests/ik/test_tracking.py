@@ -207,11 +207,11 @@ def test_a_goal_moves_a_redundant_arm_without_tracking_error(panda):
     q = panda.home + 0.3
     poses = [panda.forward_kinematics(q)] * 1000
     still = pp.track(panda, poses, q, dt=5e-3).or_raise()
-    tracked = pp.track(panda, poses, q, dt=5e-3, goal=pp.IkGoal("near", 2.0)).or_raise()
+    tracked = pp.track(panda, poses, q, dt=5e-3, goal=pp.ik.IkGoal("near", 2.0)).or_raise()
     assert np.abs(still.q - q).max() < 1e-9
     assert np.abs(tracked.q - q).max() < 1e-6
     lower, upper = panda.limits.lower, panda.limits.upper
-    centred = pp.track(panda, poses, q, dt=5e-3, goal=pp.IkGoal("centre", 20.0)).or_raise()
+    centred = pp.track(panda, poses, q, dt=5e-3, goal=pp.ik.IkGoal("centre", 20.0)).or_raise()
     kept_limits(panda, centred)
 
     def away(row):
@@ -242,7 +242,7 @@ def test_cycles_equal_the_sequence_bit_for_bit_also_when_repeated(panda, goal):
     poses = panda.forward_kinematics_batch(Q)
     poses[120:] = poses[0]  # a jump, so that there is slip too
     complete = pp.track(panda, poses, Q[0], dt=5e-3, goal=goal)
-    tracker = pp.Tracker(panda, 5e-3, Q[0], goal=goal)
+    tracker = pp.ik.Tracker(panda, 5e-3, Q[0], goal=goal)
     for again in range(2):
         ticks = np.array([tracker.step(pose) for pose in poses])
         assert (ticks == complete.q).all(), again
@@ -349,7 +349,7 @@ def test_invalid_input_is_refused_with_its_name(ur5, planar):
 
 
 def test_a_tracker_refuses_an_invalid_pose_and_keeps_its_state(ur5):
-    tracker = pp.Tracker(ur5, 1e-3, ur5.home)
+    tracker = pp.ik.Tracker(ur5, 1e-3, ur5.home)
     assert (tracker.q == ur5.home).all()
     assert tracker.slip == (0.0, 0.0)
     with pytest.raises(pp.InputError, match="pose holds numbers that are not finite"):

@@ -120,7 +120,7 @@ def test_cups_on_random_parts_agree_with_rays_to_their_triangles(monkeypatch):
     assert min(seen.values()) >= 8
 
 
-def judge(arm: pp.Arm, tip: tuple[float, float, float], turn=DOWN, **shared) -> pp.PickVerdict:
+def judge(arm: pp.Arm, tip: tuple[float, float, float], turn=DOWN, **shared) -> pp.picks.PickVerdict:
     table = pp.Obstacle("table", pp.Box(1.6, 1.2, 0.04), pp.pose((0.35, 0, -0.025)))
     cube = pp.Obstacle("cube", pp.Box(SIDE, SIDE, SIDE), pp.pose((*AT, TOP - SIDE / 2)))
     scene = pp.Scene([table, cube], allowed=[("base_link", "table")])

@@ -21,7 +21,7 @@ def arm(arms) -> pp.Arm:
     return arms["ur5"]
 
 
-def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, **settings) -> pp.PickVerdict:
+def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, **settings) -> pp.picks.PickVerdict:
     budget = pp.picks.PickBudget(compared=1, **settings)
     (verdict,) = pp.validate_picks(arm, pp.Scene(obstacles), pp.Picks((pick,), margin=0.002), budget=budget).verdicts
     return verdict
@@ -120,7 +120,7 @@ def test_out_of_reach_names_the_residual_and_a_shift_that_reaches(arm) -> None:
 
 
 def test_weights_choose_among_complete_motions(arm) -> None:
-    def best(**weights) -> pp.PickVerdict:
+    def best(**weights) -> pp.picks.PickVerdict:
         none = {"clearance": 0.0, "limit_margin": 0.0, "manipulability": 0.0, "duration": 0.0}
         picks = pp.Picks((PICK,), margin=0.002)
         return pp.validate_picks(arm, pp.Scene(), picks, weights=pp.picks.PickWeights(**{**none, **weights})).verdicts[

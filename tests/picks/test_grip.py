@@ -44,7 +44,7 @@ def arm(arms) -> pp.Arm:
     return arms["ur5"]
 
 
-def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, budget=QUICK, **shared) -> pp.PickVerdict:
+def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, budget=QUICK, **shared) -> pp.picks.PickVerdict:
     table = pp.Obstacle("table", pp.Box(1.6, 1.2, 0.04), pp.pose((0.35, 0, -0.025)))
     cube = pp.Obstacle("cube", pp.Box(SIDE, SIDE, SIDE), pp.pose((*AT, TOP - SIDE / 2)))
     scene = pp.Scene([table, cube, *obstacles], allowed=[("base_link", "table")])

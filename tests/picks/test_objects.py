@@ -33,7 +33,7 @@ def arm(arms) -> pp.Arm:
     return arms["ur5"]
 
 
-def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, **shared) -> pp.PickVerdict:
+def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, **shared) -> pp.picks.PickVerdict:
     picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
     scene = pp.Scene([table(), bolt(0.45, 0.15), *obstacles], allowed=[("base_link", "table")])
     settings = {"tip": pp.pose((0, 0, TIP)), "tool": (picker,), "margin": 0.002, **shared}
@@ -41,7 +41,7 @@ def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, **shared) -> pp.P
     return verdict
 
 
-def recheck(verdict: pp.PickVerdict, arm: pp.Arm) -> None:
+def recheck(verdict: pp.picks.PickVerdict, arm: pp.Arm) -> None:
     """Each motion by a fresh checker at dense samples, and that they join."""
     assert verdict.ok, verdict.reason
     assert verdict.certificate is None
@@ -175,7 +175,7 @@ def test_an_object_may_have_several_supports(arm) -> None:
     scene = pp.Scene([*rails, bolt(0.45, 0.15)])
     picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
 
-    def lifted(support) -> pp.PickVerdict:
+    def lifted(support) -> pp.picks.PickVerdict:
         pick = replace(PICK, support=support)
         picks = pp.Picks((pick,), tip=pp.pose((0, 0, TIP)), tool=(picker,), margin=0.002)
         (verdict,) = pp.validate_picks(arm, scene, picks, budget=QUICK).verdicts

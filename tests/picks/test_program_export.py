@@ -49,7 +49,9 @@ def test_moves_between_stops_take_as_long_as_the_limits_require(report: PickRepo
     made = export_picks(report.setup, [(verdict.pick, report.programs()[0])], "urscript", output="0")
     for before, after in pairwise(made.program.moves):
         needed = pp.time_parametrise(pp.JointPath([before.q, after.q], arm.joint_names), arm.limits).duration
-        assert after.duration >= needed - 2e-6
+        # The text rounds joints to 1e-6 rad; a time grows at most in proportion to the relative change of a distance.
+        rounding = 1e-6 / np.abs(after.q - before.q).max()
+        assert after.duration >= needed * (1.0 - rounding) - 2e-6
 
 
 def test_programs_that_do_not_meet_are_refused(report: PickReport) -> None:

@@ -18,7 +18,7 @@ from pinproof.motion import MotionProgram
 
 
 @pytest.fixture(scope="module")
-def carried() -> tuple[pp.PickReport, pp.Picks]:
+def carried() -> tuple[pp.picks.PickReport, pp.Picks]:
     """The first picks with an object and a place of the UR5 example."""
     file = robots_folder() / "ur5" / "carry.yaml"
     picks = pp.read_picks(file)
@@ -30,7 +30,7 @@ def carried() -> tuple[pp.PickReport, pp.Picks]:
 
 
 @pytest.fixture(scope="module")
-def empty() -> tuple[pp.PickReport, pp.Picks]:
+def empty() -> tuple[pp.picks.PickReport, pp.Picks]:
     """The first pick of the UR5 example, which states no object."""
     file = robots_folder() / "ur5" / "picks.yaml"
     picks = replace(pp.read_picks(file), picks=pp.read_picks(file).picks[:1])

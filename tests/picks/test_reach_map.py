@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.errors import FileError
+from pinproof.picks import ReachMap
 from pinproof.spatial import matrix
 
 from ..examples import examples
@@ -27,11 +28,11 @@ def ur5() -> pp.CollisionChecker:
 
 
 @pytest.fixture(scope="module")
-def map_of_ur5(ur5: pp.CollisionChecker) -> pp.ReachMap:
+def map_of_ur5(ur5: pp.CollisionChecker) -> ReachMap:
     return pp.reach_map(ur5, BOX, DOWN)
 
 
-def _targets(arm: pp.Arm, found: pp.ReachMap) -> list[tuple[tuple[int, int], np.ndarray]]:
+def _targets(arm: pp.Arm, found: ReachMap) -> list[tuple[tuple[int, int], np.ndarray]]:
     frames = []
     for i, point in enumerate(found.region.points):
         for k, rotation in enumerate(found.orientations):
@@ -41,7 +42,7 @@ def _targets(arm: pp.Arm, found: pp.ReachMap) -> list[tuple[tuple[int, int], np.
     return frames
 
 
-def test_a_closed_form_judges_every_branch(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
+def test_a_closed_form_judges_every_branch(ur5: pp.CollisionChecker, map_of_ur5: ReachMap) -> None:
     assert map_of_ur5.complete
     for where, target in _targets(ur5.arm, map_of_ur5):
         branches = pp.AnalyticIk().solve_all(ur5.arm, target).branches
@@ -49,7 +50,7 @@ def test_a_closed_form_judges_every_branch(ur5: pp.CollisionChecker, map_of_ur5:
         assert map_of_ur5.free[where] == any(ur5.is_free(q) for q in branches)
 
 
-def test_a_free_pose_reports_its_most_manipulable_branch(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
+def test_a_free_pose_reports_its_most_manipulable_branch(ur5: pp.CollisionChecker, map_of_ur5: ReachMap) -> None:
     for where, target in _targets(ur5.arm, map_of_ur5):
         free = [q for q in pp.AnalyticIk().solve_all(ur5.arm, target).branches if ur5.is_free(q)]
         if free:
@@ -61,7 +62,7 @@ def test_a_free_pose_reports_its_most_manipulable_branch(ur5: pp.CollisionChecke
             assert np.isnan(map_of_ur5.clearance[where])
 
 
-def test_the_map_knows_poses_of_every_kind(map_of_ur5: pp.ReachMap) -> None:
+def test_the_map_knows_poses_of_every_kind(map_of_ur5: ReachMap) -> None:
     assert 0 < map_of_ur5.free.sum() < map_of_ur5.reachable.sum() < map_of_ur5.reachable.size
 
 
@@ -91,7 +92,7 @@ def test_targets_beyond_the_span_of_an_arm_are_not_searched() -> None:
         assert not Span(arm).may_reach(targets).any()
 
 
-def test_the_answers_do_not_depend_on_the_number_of_threads(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
+def test_the_answers_do_not_depend_on_the_number_of_threads(ur5: pp.CollisionChecker, map_of_ur5: ReachMap) -> None:
     again = pp.reach_map(ur5, BOX, DOWN, threads=3)
     assert np.array_equal(again.free, map_of_ur5.free)
     assert np.array_equal(again.clearance, map_of_ur5.clearance, equal_nan=True)
@@ -117,35 +118,35 @@ def test_the_region_is_transformed_to_the_base_of_a_moved_robot(ur5: pp.Collisio
     assert "the robot at (0.3, -0.2, 0.1) m" in moved.title
 
 
-def test_a_wall_taken_away_is_only_won(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
+def test_a_wall_taken_away_is_only_won(ur5: pp.CollisionChecker, map_of_ur5: ReachMap) -> None:
     change = pp.picks.ReachComparison(map_of_ur5, pp.reach_map(ur5.with_scene(pp.Scene([TABLE])), BOX, DOWN))
     assert change.won.any()
     assert not change.lost.any()
     assert "won" in change.summary
 
 
-def test_maps_of_other_poses_are_not_compared(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
+def test_maps_of_other_poses_are_not_compared(ur5: pp.CollisionChecker, map_of_ur5: ReachMap) -> None:
     other = pp.reach_map(ur5, pp.picks.ReachRegion.box((0, 0, 0), (0.4, 0, 0), 0.2), DOWN)
     with pytest.raises(pp.InputError, match="different regions"):
         pp.picks.ReachComparison(map_of_ur5, other)
 
 
-def test_a_map_comes_back_from_its_file(map_of_ur5: pp.ReachMap, tmp_path: Path) -> None:
+def test_a_map_comes_back_from_its_file(map_of_ur5: ReachMap, tmp_path: Path) -> None:
     map_of_ur5.save(tmp_path / "map.npz")
-    back = pp.ReachMap.load(tmp_path / "map.npz")
+    back = ReachMap.load(tmp_path / "map.npz")
     assert back.same_question(map_of_ur5) == ""
     assert np.array_equal(back.free, map_of_ur5.free)
     assert back.summary == map_of_ur5.summary
 
 
-def test_the_table_has_a_row_for_each_point(map_of_ur5: pp.ReachMap, tmp_path: Path) -> None:
+def test_the_table_has_a_row_for_each_point(map_of_ur5: ReachMap, tmp_path: Path) -> None:
     map_of_ur5.save(tmp_path / "map.csv")
     rows = (tmp_path / "map.csv").read_text().splitlines()
     assert len(rows) == 1 + len(BOX)
     assert float(rows[1].split(",")[4]) == pytest.approx(map_of_ur5.free_share[0])
 
 
-def test_the_slices_show_the_share_by_colour(map_of_ur5: pp.ReachMap, tmp_path: Path) -> None:
+def test_the_slices_show_the_share_by_colour(map_of_ur5: ReachMap, tmp_path: Path) -> None:
     from PIL import Image
 
     map_of_ur5.save(tmp_path / "map.png")
@@ -158,7 +159,7 @@ def test_the_slices_show_the_share_by_colour(map_of_ur5: pp.ReachMap, tmp_path: 
 def test_a_file_that_is_not_a_map_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "odd.npz").write_bytes(content)
     with pytest.raises(FileError, match=r"odd\.npz"):
-        pp.ReachMap.load(tmp_path / "odd.npz")
+        ReachMap.load(tmp_path / "odd.npz")
 
 
 def test_single_points_have_no_slices(ur5: pp.CollisionChecker, tmp_path: Path) -> None:

@@ -26,13 +26,13 @@ def cell(arms) -> tuple[pp.Arm, pp.Scene, pp.Picks]:
 
 def judge(
     cell, pick: pp.Pick, *, scene: pp.Scene | None = None, budget: pp.picks.PickBudget | None = None
-) -> pp.PickVerdict:
+) -> pp.picks.PickVerdict:
     arm, usual, picks = cell
     (verdict,) = pp.validate_picks(arm, scene or usual, replace(picks, picks=(pick,)), budget=budget).verdicts
     return verdict
 
 
-def suggested(verdict: pp.PickVerdict, start: str) -> str:
+def suggested(verdict: pp.picks.PickVerdict, start: str) -> str:
     return next(text for text in verdict.suggestions if text.startswith(start))
 
 

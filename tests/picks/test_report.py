@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.collision import remove_robot
 from pinproof.picks import PickStatus, Stage, StageResult
 from pinproof.picks.input.pick import PickProblem
 from pinproof.picks.report.report import CSV_COLUMNS, REPORT_SUFFIXES
@@ -18,17 +19,17 @@ PROBLEM = PickProblem(7, "torn, row", "xyz holds nan at index 1")
 
 
 def schema() -> dict:
-    return pp.file_schema("report")
+    return pp.formats.file_schema("report")
 
 
 @pytest.fixture(scope="module")
-def report(reports) -> pp.PickReport:
+def report(reports) -> pp.picks.PickReport:
     """Good picks, one out of reach and one that could not be read."""
     done = reports["generic_6dof"]
     far = pp.Pick('far, "away"', pp.pose(xyz=(9, 0, 0)))
     stage = StageResult(Stage.REACH, False, "out of reach")
-    verdict = pp.PickVerdict(far, PickStatus.NOT_FOUND, (stage,), 0)
-    return pp.PickReport(
+    verdict = pp.picks.PickVerdict(far, PickStatus.NOT_FOUND, (stage,), 0)
+    return pp.picks.PickReport(
         done.robot, (*done.verdicts, verdict), (PROBLEM,), done.acceleration_source, done.notes, done.setup
     )
 
@@ -37,7 +38,25 @@ def test_the_json_keeps_to_its_schema(report) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.Draft202012Validator.check_schema(schema())
     jsonschema.validate(report.to_dict(), schema())
-    jsonschema.validate(pp.PickReport("none", (), (), "none").to_dict(), schema())
+    jsonschema.validate(pp.picks.PickReport("none", (), (), "none").to_dict(), schema())
+
+
+def test_every_format_states_what_a_grid_of_the_scene_assumes(tmp_path) -> None:
+    """Also what was removed from it, and that space outside of it is free."""
+    arm = pp.load_robot("generic_6dof").arm()
+    cells = np.full((20, 10, 10), 2, dtype=np.uint8)
+    grid = remove_robot(pp.OccupancyGrid(cells, 0.02, (-10, -5, 0)), pp.CollisionChecker(arm), arm.home)
+    cleared = grid.record[-1]
+    assert int(cleared.split()[0]) > 0
+    scene = pp.Scene([pp.Obstacle("camera", grid)])
+    far = pp.Picks((pp.Pick("far", pp.pose(xyz=(9, 0, 0))),), ())
+    done = pp.validate_picks(arm, scene, far, home=arm.home, executor=None)
+    for suffix in (".json", ".md", ".html"):
+        done.save(tmp_path / f"report{suffix}")
+        text = (tmp_path / f"report{suffix}").read_text(encoding="utf-8")
+        assert "what camera does not show" in text
+        assert cleared in text
+        assert "space that was not seen is an obstacle" in text
 
 
 @pytest.mark.parametrize("lost", ["reason", "xyz", "stages", "clearance_proven", "motions", "refuted", "member"])

@@ -31,7 +31,7 @@ def arm() -> pp.Arm:
     return pp.load_robot("panda").arm(held={"panda_finger_joint1": OPEN})
 
 
-def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, grip: float = GRIP) -> pp.PickVerdict:
+def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, grip: float = GRIP) -> pp.picks.PickVerdict:
     table = pp.Obstacle("table", pp.Box(1.5, 1.3, 0.04), pp.pose((0.4, 0, -0.025)))
     cube = pp.Obstacle("cube", pp.Box(0.04, 0.04, 0.04), pp.pose((0.5, 0.1, 0.0155)))
     scene = pp.Scene([table, cube, *obstacles], allowed=[("panda_link0", "table")])
@@ -41,7 +41,7 @@ def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, grip: float = GRI
 
 
 @pytest.fixture(scope="module")
-def good(arm) -> pp.PickVerdict:
+def good(arm) -> pp.picks.PickVerdict:
     verdict = judge(arm, PICK)
     assert verdict.ok, verdict.reason
     return verdict

@@ -30,16 +30,16 @@ PICKS = robots_folder() / "ur5" / "carry.yaml"
 
 
 @pytest.fixture(scope="module")
-def report(arms, cells) -> pp.PickReport:
+def report(arms, cells) -> pp.picks.PickReport:
     budget = pp.picks.PickBudget(remedies=1)
     return pp.validate_picks(arms["ur5"], cells["ur5"][0], pp.read_picks(PICKS), budget=budget)
 
 
 @pytest.fixture
-def judge(arms, cells) -> Callable[..., pp.PickVerdict]:
+def judge(arms, cells) -> Callable[..., pp.picks.PickVerdict]:
     """Judge a changed pick."""
 
-    def verdict_of(pick: pp.Pick, remedies: int = 0) -> pp.PickVerdict:
+    def verdict_of(pick: pp.Pick, remedies: int = 0) -> pp.picks.PickVerdict:
         picks = replace(pp.read_picks(PICKS), picks=(pick,))
         budget = pp.picks.PickBudget(remedies=remedies)
         return pp.validate_picks(arms["ur5"], cells["ur5"][0], picks, budget=budget).verdicts[0]
@@ -47,7 +47,7 @@ def judge(arms, cells) -> Callable[..., pp.PickVerdict]:
     return verdict_of
 
 
-def verdict_of(report: pp.PickReport, name: str) -> pp.PickVerdict:
+def verdict_of(report: pp.picks.PickReport, name: str) -> pp.picks.PickVerdict:
     return next(verdict for verdict in report.verdicts if verdict.pick.name == name)
 
 

@@ -54,9 +54,9 @@ class Example:
     arm: pp.Arm
     scene: pp.Scene
     picks: pp.Picks
-    report: pp.PickReport
+    report: pp.picks.PickReport
 
-    def verdict(self, name: str) -> pp.PickVerdict:
+    def verdict(self, name: str) -> pp.picks.PickVerdict:
         return next(verdict for verdict in self.report.verdicts if verdict.pick.name == name)
 
 

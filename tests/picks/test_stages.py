@@ -30,7 +30,7 @@ def grasp(arm: pp.Arm):
 
 def judge_one(
     arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, margin: float = 0.002, budget: pp.picks.PickBudget = QUICK
-) -> pp.PickVerdict:
+) -> pp.picks.PickVerdict:
     (verdict,) = pp.validate_picks(arm, pp.Scene(obstacles), pp.Picks((pick,), margin=margin), budget=budget).verdicts
     if not verdict.ok:
         assert verdict.status in (PickStatus.NOT_FOUND, PickStatus.IMPOSSIBLE)

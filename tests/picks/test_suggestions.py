@@ -29,7 +29,7 @@ def arm(arms) -> pp.Arm:
     return arms["ur5"]
 
 
-def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, remedies: int = 0, **shared) -> pp.PickVerdict:
+def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, remedies: int = 0, **shared) -> pp.picks.PickVerdict:
     picks = pp.Picks((pick,), margin=0.002, **shared)
     budget = pp.picks.PickBudget(compared=1, remedies=remedies)
     return pp.validate_picks(arm, pp.Scene(obstacles), picks, budget=budget).verdicts[0]
@@ -46,7 +46,7 @@ def shifted(pick: pp.Pick, millimetres: np.ndarray) -> pp.Pick:
     return replace(pick, pose=SE3(pick.pose.rotation, pick.pose.translation + millimetres / 1e3))
 
 
-def shift_of(verdict: pp.PickVerdict) -> str:
+def shift_of(verdict: pp.picks.PickVerdict) -> str:
     return next(each for each in verdict.suggestions if each.startswith("move the pick"))
 
 
@@ -135,7 +135,7 @@ def test_grasp_and_place_move_together_so_that_the_object_is_placed_where_it_was
     post = pp.Obstacle("post", pp.Box(0.02, 0.02, 0.02), pp.pose((0.46, 0.15 + 0.029, 0.08)))
     scene = scene.add(post)
 
-    def of(pick: pp.Pick, remedies: int) -> pp.PickVerdict:
+    def of(pick: pp.Pick, remedies: int) -> pp.picks.PickVerdict:
         budget = pp.picks.PickBudget(remedies=remedies, compared=1)
         return pp.validate_picks(arm, scene, replace(picks, picks=(pick,)), budget=budget).verdicts[0]
 

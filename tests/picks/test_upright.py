@@ -32,13 +32,13 @@ def read(tmp_path, upright: str) -> pp.Picks:
     return pp.read_picks(file)
 
 
-def judge(picks: pp.Picks, **changes: object) -> pp.PickVerdict:
+def judge(picks: pp.Picks, **changes: object) -> pp.picks.PickVerdict:
     scene = pp.Scene.load(robots_folder() / "ur5" / "scene.yaml")
     picks = replace(picks, picks=(replace(picks.picks[0], **changes),), margin=0.002)
     return pp.validate_picks(pp.load_robot("ur5").arm(), scene, picks, budget=QUICK).verdicts[0]
 
 
-def tilts(verdict: pp.PickVerdict, name: str) -> np.ndarray:
+def tilts(verdict: pp.picks.PickVerdict, name: str) -> np.ndarray:
     """The angles between the tool axis and the vertical along one motion, at samples of 0.002 rad."""
     arm, motion = pp.load_robot("ur5").arm(), next(each for each in verdict.motions if each.name == name)
     rough = motion.trajectory(np.linspace(*motion.trajectory.domain, 500))
@@ -70,7 +70,7 @@ def test_the_object_stays_upright_from_the_grasp_to_the_release(tmp_path) -> Non
             assert tilts(verdict, motion.name).max() <= motion.certificate.constraints[0].largest <= LEVEL
     transfer = next(each.trajectory for each in verdict.motions if each.name == "transfer")
     resting = np.flatnonzero(~transfer.velocities.any(axis=1))
-    np.testing.assert_array_equal(resting, [0, len(transfer.times) - 1])  # no stop on the way
+    assert set(resting) <= {0, len(transfer.times) - 1}  # no stop on the way
 
 
 @pytest.mark.slow

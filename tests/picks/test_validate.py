@@ -57,7 +57,7 @@ def test_a_plain_list_of_picks_is_accepted_and_anything_else_is_named(arm) -> No
         report.verdicts[0].status
         == pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)), budget=budget).verdicts[0].status
     )
-    with pytest.raises(InputError, match=r"picks\[1\] is a str"):
+    with pytest.raises(InputError, match=r"picks\[1\] must be of type Pick"):
         pp.validate_picks(arm, pp.Scene(), [part(arm), "part"])
 
 
@@ -186,7 +186,7 @@ def test_a_solution_that_only_the_wider_search_meets_is_still_a_solution(arm, mo
     monkeypatch.setattr(Clik, "solve_many", unlucky)
     (verdict,) = pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),))).verdicts
     assert verdict.ok
-    missed = pp.IkResult(pp.IkStatus.NOT_FOUND, arm.home, 0.1, 0.1, 1, 0, "pinocchio", "missed")
+    missed = pp.IkResult(pp.ik.IkStatus.NOT_FOUND, arm.home, 0.1, 0.1, 1, 0, "pinocchio", "missed")
     monkeypatch.setattr(Clik, "solve", lambda *args, **settings: missed)
     direct = pp.Pick("part", part(arm).pose, approach=0, retreat=0)  # straight moves solve by Clik.solve
     (verdict,) = pp.validate_picks(arm, pp.Scene(), pp.Picks((direct,))).verdicts

@@ -49,14 +49,14 @@ def test_a_rack_that_cannot_pass_a_board_makes_the_plan_impossible(direction: in
     checker = pp.CollisionChecker(RACK, pp.Scene([BOARD]), margin=0.001)
     ends = [START, GOAL][::direction]
     plan = BUDGET.plan(checker, *ends)
-    assert plan.status is pp.PlanStatus.IMPOSSIBLE
+    assert plan.status is pp.planning.PlanStatus.IMPOSSIBLE
     assert not plan.ok
     for name in ("z cannot pass 0.2", "carriage penetrates board"):
         assert name in plan.message
     assert plan.gap > 0
-    assert BUDGET.plan(checker, *ends, portfolio=3).status is pp.PlanStatus.IMPOSSIBLE
+    assert BUDGET.plan(checker, *ends, portfolio=3).status is pp.planning.PlanStatus.IMPOSSIBLE
     far = BUDGET.plan(checker, ends[0], [ends[1], ends[1] + [0.1 * direction, 0, 0]])
-    assert far.status is pp.PlanStatus.IMPOSSIBLE
+    assert far.status is pp.planning.PlanStatus.IMPOSSIBLE
 
 
 def test_a_goal_before_the_board_is_reached() -> None:
@@ -69,7 +69,7 @@ def test_a_goal_before_the_board_is_reached() -> None:
 def test_a_long_search_ends_with_the_proof_and_not_with_its_budget() -> None:
     checker = pp.CollisionChecker(RACK, pp.Scene([BOARD]), margin=0.001)
     plan = pp.RrtConnect(time_limit=600.0).plan(checker, START, GOAL)
-    assert plan.status is pp.PlanStatus.IMPOSSIBLE
+    assert plan.status is pp.planning.PlanStatus.IMPOSSIBLE
     assert plan.samples < pp.RrtConnect().max_samples / 4
 
 
@@ -90,7 +90,7 @@ def test_a_contact_of_the_hull_alone_proves_nothing(tmp_path: Path) -> None:
     rod = pp.Obstacle("board", pp.Box(0.05, 0.05, 0.02), pp.pose((0, 0.6, 0.25)))
     checker = pp.CollisionChecker(rack, pp.Scene([rod]), margin=0.001)
     assert not checker.is_free([0.25, 0, 0])
-    assert BUDGET.plan(checker, START, GOAL).status is pp.PlanStatus.OUT_OF_BUDGET
+    assert BUDGET.plan(checker, START, GOAL).status is pp.planning.PlanStatus.OUT_OF_BUDGET
     wide = pp.Obstacle("board", pp.Box(0.4, 0.05, 0.02), pp.pose((0, 0.6, 0.25)))
     checker = pp.CollisionChecker(rack, pp.Scene([wide]), margin=0.001)
-    assert BUDGET.plan(checker, START, GOAL).status is pp.PlanStatus.IMPOSSIBLE
+    assert BUDGET.plan(checker, START, GOAL).status is pp.planning.PlanStatus.IMPOSSIBLE

@@ -23,7 +23,7 @@ def checker(ur5: pp.Arm) -> pp.CollisionChecker:
     return pp.CollisionChecker(ur5, pp.Scene([TABLE, POST]), margin=0.002)
 
 
-def sampled_error(constraint: pp.Upright | pp.Within | pp.LookAt, arm: pp.Arm, curve: pp.Trajectory) -> float:
+def sampled_error(constraint: pp.Upright | pp.Within | pp.collision.LookAt, arm: pp.Arm, curve: pp.Trajectory) -> float:
     """The largest error at samples between which no joint moves by more than 0.002 rad, by Pinocchio."""
     rough = curve(np.linspace(*curve.domain, 2000))
     count = int(np.abs(np.diff(rough, axis=0)).max(axis=1).sum() / 0.002) + 2
@@ -75,16 +75,16 @@ def test_the_same_seed_gives_the_same_constrained_path(ur5: pp.Arm, checker: pp.
 
 
 @pytest.mark.parametrize(("start", "goal", "status"), [
-    (START + TILT, GOAL, pp.PlanStatus.START_INVALID),
-    (START, GOAL + TILT, pp.PlanStatus.GOAL_INVALID),
+    (START + TILT, GOAL, pp.planning.PlanStatus.START_INVALID),
+    (START, GOAL + TILT, pp.planning.PlanStatus.GOAL_INVALID),
 ])  # fmt: skip
 def test_an_end_that_violates_a_constraint_is_reported_with_its_excess(
-    ur5: pp.Arm, checker: pp.CollisionChecker, start: np.ndarray, goal: np.ndarray, status: pp.PlanStatus
+    ur5: pp.Arm, checker: pp.CollisionChecker, start: np.ndarray, goal: np.ndarray, status: pp.planning.PlanStatus
 ) -> None:
     upright = pp.Upright.keeping(ur5, START, tolerance=0.1)
     plan = pp.RrtConnect().plan(checker, start, goal, constraints=[upright])
     assert plan.status is status
-    excess = math.degrees(upright.error(ur5, start if status is pp.PlanStatus.START_INVALID else goal) - 0.1)
+    excess = math.degrees(upright.error(ur5, start if status is pp.planning.PlanStatus.START_INVALID else goal) - 0.1)
     assert f"{math.ceil(excess * 100) / 100:.2f} deg too much" in plan.message
 
 
@@ -96,14 +96,14 @@ def test_a_goal_on_the_other_side_of_an_impossible_region_is_not_found(ur5: pp.A
     )
     upright = pp.Upright.keeping(ur5, START, tolerance=0.05)
     plan = pp.RrtConnect().limited_to(200).plan(checker, START, GOAL, constraints=[upright])
-    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
     assert plan.path is None
 
 
 def test_ompl_refuses_constraints(ur5: pp.Arm, checker: pp.CollisionChecker) -> None:
     pytest.importorskip("ompl")
     with pytest.raises(pp.InputError, match="rrt_connect"):
-        pp.OmplPlanner().plan(checker, START, GOAL, constraints=[pp.Upright(tolerance=0.1)])
+        pp.planning.OmplPlanner().plan(checker, START, GOAL, constraints=[pp.Upright(tolerance=0.1)])
 
 
 def test_projection_ends_inside_the_tolerance_and_the_limits(panda: pp.Arm) -> None:

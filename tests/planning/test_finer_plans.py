@@ -68,8 +68,8 @@ def test_finer_bodies_are_not_checked_if_the_hulls_suffice(ring: pp.Arm) -> None
 def test_a_real_contact_is_named_all_the_same(ring: pp.Arm) -> None:
     checker = pp.CollisionChecker(ring, _peg(0.3))
     plan = PLANNER.plan(checker, THREADED, BESIDE)
-    assert plan.status is pp.PlanStatus.START_INVALID
+    assert plan.status is pp.planning.PlanStatus.START_INVALID
     assert [contact.bodies for contact in plan.contacts] == [("ring", "peg")]
     plan = PLANNER.plan(checker, BESIDE, [THREADED])
-    assert plan.status is pp.PlanStatus.GOAL_INVALID
+    assert plan.status is pp.planning.PlanStatus.GOAL_INVALID
     assert "ring penetrates peg" in plan.message

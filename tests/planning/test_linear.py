@@ -369,7 +369,7 @@ def test_a_continuous_joint_moves_beyond_pi() -> None:
     assert max(ends) > np.pi
 
 
-@pytest.mark.parametrize("task", [pp.IkTask(x=False), pp.IkTask(rx=False, ry=False), "nonsense"])
+@pytest.mark.parametrize("task", [pp.ik.IkTask(x=False), pp.ik.IkTask(rx=False, ry=False), "nonsense"])
 def test_a_task_that_no_line_leads_to_is_refused(ur5: pp.Arm, free: pp.CollisionChecker, task: object) -> None:
     with pytest.raises(pp.PinproofError):
         pp.plan_linear(free, READY, ur5.forward_kinematics(READY), task=task)

@@ -19,7 +19,7 @@ def test_without_ompl_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch)
     for name in ("ompl", "ompl.base", "ompl.geometric", "ompl.util"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(pp.InputError, match=r"pip install 'pinproof\[ompl\]'"):
-        pp.OmplPlanner("RRTConnect")
+        pp.planning.OmplPlanner("RRTConnect")
 
 
 pytest.importorskip("ompl")
@@ -46,7 +46,7 @@ def _assert_solves(plan: pp.PlanResult, checker: pp.CollisionChecker, start: np.
 
 @pytest.mark.parametrize("name", ["RRTConnect", "PRM", "BKPIECE1", "BFMT"])
 def test_through_a_slot_with_any_planner(slot: pp.CollisionChecker, name: str) -> None:
-    plan = pp.OmplPlanner(name, time_limit=60.0, max_edges=4000).plan(slot, START, GOAL, rng=1)
+    plan = pp.planning.OmplPlanner(name, time_limit=60.0, max_edges=4000).plan(slot, START, GOAL, rng=1)
     _assert_solves(plan, slot, START, GOAL)
     assert name in plan.message
     assert plan.nodes > 0
@@ -54,13 +54,13 @@ def test_through_a_slot_with_any_planner(slot: pp.CollisionChecker, name: str) -
 
 
 def test_a_planner_that_shortens_is_the_same_within_a_budget_of_edges(slot: pp.CollisionChecker) -> None:
-    planner = pp.OmplPlanner("RRTstar", time_limit=600.0, max_edges=2500, parameters={"range": 0.3})
+    planner = pp.planning.OmplPlanner("RRTstar", time_limit=600.0, max_edges=2500, parameters={"range": 0.3})
     plans = [planner.plan(slot, START, GOAL, rng=seed) for seed in (2, 2, 3)]
     for plan in plans:
         _assert_solves(plan, slot, START, GOAL)
     assert plans[0].path.q.tobytes() == plans[1].path.q.tobytes()
     assert plans[0].path.q.tobytes() != plans[2].path.q.tobytes()
-    quick = pp.OmplPlanner("RRTConnect", time_limit=600.0).plan(slot, START, GOAL, rng=2)
+    quick = pp.planning.OmplPlanner("RRTConnect", time_limit=600.0).plan(slot, START, GOAL, rng=2)
     assert plans[0].path.length < quick.path.length
 
 
@@ -72,7 +72,7 @@ def test_an_edge_with_free_samples_that_fails_the_proof_is_never_used(gantry: pp
     checker = pp.CollisionChecker(gantry, pp.Scene(plates))
     start, goal = np.array([-0.9, -0.5]), np.array([0.9, -0.5])
     assert Edges(checker, 0.6, np.array([start, goal])).samples_free(start, goal)
-    plan = pp.OmplPlanner(time_limit=600.0, resolution=0.6, max_edges=20_000).plan(checker, start, goal)
+    plan = pp.planning.OmplPlanner(time_limit=600.0, resolution=0.6, max_edges=20_000).plan(checker, start, goal)
     _assert_solves(plan, checker, start, goal)
 
 
@@ -83,41 +83,32 @@ def test_of_several_goals_the_reachable_one_is_reached(gantry: pp.Arm) -> None:
     ]
     checker = pp.CollisionChecker(gantry, pp.Scene(walls))
     start, goals = np.array([-0.3, 0.8]), np.array([(0.3, 0.3), (0.0, 0.5), (0.8, -0.8)])
-    plan = pp.OmplPlanner(time_limit=600.0, max_edges=20_000).plan(checker, start, goals)
+    plan = pp.planning.OmplPlanner(time_limit=600.0, max_edges=20_000).plan(checker, start, goals)
     assert plan.goal == 2
     _assert_solves(plan, checker, start, goals[2])
 
 
 def test_a_continuous_joint_goes_round(turntable: pp.Arm) -> None:
     checker = pp.CollisionChecker(turntable)
-    plan = pp.OmplPlanner(time_limit=60.0).plan(checker, [0.1], [2 * np.pi - 0.1], turns=True)
+    plan = pp.planning.OmplPlanner(time_limit=60.0).plan(checker, [0.1], [2 * np.pi - 0.1], turns=True)
     assert plan.ok
     assert plan.path.end[0] in (pytest.approx(-0.1), pytest.approx(2 * np.pi - 0.1))
 
 
-def test_a_seven_joint_arm(panda: pp.Arm) -> None:
-    post = pp.Obstacle("post", pp.Box(0.08, 0.08, 1.0), pp.pose((0.4, 0.0, 0.5)))
-    checker = pp.CollisionChecker(panda, pp.Scene([post]), margin=0.002)
-    start, goal = panda.home.copy(), panda.home.copy()
-    start[0], goal[0] = -0.8, 0.8
-    plan = pp.OmplPlanner(time_limit=60.0, max_edges=4000).plan(checker, start, goal)
-    _assert_solves(plan, checker, start, goal)
-
-
 def test_a_blocked_goal_is_not_found(gantry: pp.Arm) -> None:
     checker = pp.CollisionChecker(gantry, pp.Scene([pp.Obstacle("wall", pp.Box(0.02, 4.0, 1.0))]))
-    plan = pp.OmplPlanner("RRT", time_limit=600.0, max_edges=200).plan(checker, START, GOAL)
-    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    plan = pp.planning.OmplPlanner("RRT", time_limit=600.0, max_edges=200).plan(checker, START, GOAL)
+    assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
     assert plan.path is None
     assert "max_edges = 200" in plan.message
     assert plan.gap > 0.7  # from the wall to the goal
-    timed = pp.OmplPlanner("RRTConnect", time_limit=0.05).plan(checker, START, GOAL)
+    timed = pp.planning.OmplPlanner("RRTConnect", time_limit=0.05).plan(checker, START, GOAL)
     assert "time_limit = 0.05 s" in timed.message
 
 
 def test_an_end_in_contact_is_named(slot: pp.CollisionChecker) -> None:
-    plan = pp.OmplPlanner().plan(slot, (0.03, 0.0), GOAL)
-    assert plan.status is pp.PlanStatus.START_INVALID
+    plan = pp.planning.OmplPlanner().plan(slot, (0.03, 0.0), GOAL)
+    assert plan.status is pp.planning.PlanStatus.START_INVALID
     assert "below" in plan.message
 
 
@@ -130,23 +121,23 @@ def test_exceptions_raised_inside_ompl_are_propagated(
 
     monkeypatch.setattr(Edges, "proven_free", fail)
     with pytest.raises(KeyboardInterrupt):
-        pp.OmplPlanner(name, time_limit=600.0).plan(slot, START, GOAL)
+        pp.planning.OmplPlanner(name, time_limit=600.0).plan(slot, START, GOAL)
 
 
 def test_nothing_is_printed(slot: pp.CollisionChecker, capfd: pytest.CaptureFixture[str]) -> None:
-    pp.OmplPlanner("RRTConnect", time_limit=60.0).plan(slot, START, GOAL)
+    pp.planning.OmplPlanner("RRTConnect", time_limit=60.0).plan(slot, START, GOAL)
     assert capfd.readouterr() == ("", "")
 
 
 def test_names_that_do_not_exist() -> None:
     with pytest.raises(pp.UnknownNameError, match="RRTstar") as caught:
-        pp.OmplPlanner("RRTsta")
+        pp.planning.OmplPlanner("RRTsta")
     assert set(caught.value.valid) == set(pp.planning.ompl_planners())
     with pytest.raises(pp.UnknownNameError, match="range"):
-        pp.OmplPlanner("RRTConnect", parameters={"rnage": 1.0})
+        pp.planning.OmplPlanner("RRTConnect", parameters={"rnage": 1.0})
 
 
 @pytest.mark.parametrize("name", ["time_limit", "max_edges", "resolution"])
 def test_settings_that_make_no_sense(name: str) -> None:
     with pytest.raises(pp.InputError, match=name):
-        pp.OmplPlanner(**{name: 0})
+        pp.planning.OmplPlanner(**{name: 0})

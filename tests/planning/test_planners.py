@@ -43,7 +43,7 @@ def test_a_budget_of_work_ends_a_search_without_a_path(planner: Planner, checker
     walls = [pp.Obstacle(f"wall {x}", pp.Box(1.5, 0.02, 3.0), pp.pose(xyz=(x, 0.0, 1.0))) for x in (-1.0, 1.0)]
     divided = checker.with_scene(pp.Scene(walls))
     plan = planner.limited_to(1).plan(divided, START, GOAL, rng=0)
-    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
     assert plan.path is None
 
 

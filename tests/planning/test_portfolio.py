@@ -45,14 +45,14 @@ def test_the_shortest_path_wins_wherever_the_searches_run(slot: pp.CollisionChec
 
 def test_a_failed_portfolio_has_one_message(slot: pp.CollisionChecker) -> None:
     plan = pp.RrtConnect(max_samples=5, time_limit=600.0).plan(slot, START, GOAL, portfolio=3)
-    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
     assert plan.message.startswith("none of 3 searches")
     assert "max_samples = 5" in plan.message
 
 
 def test_invalid_ends_are_reported_without_a_search(slot: pp.CollisionChecker) -> None:
     plan = PLANNER.plan(slot, (0.03, 0.0), GOAL, portfolio=3, executor=_Never())
-    assert plan.status is pp.PlanStatus.START_INVALID
+    assert plan.status is pp.planning.PlanStatus.START_INVALID
 
 
 class _Never(Executor):
@@ -74,14 +74,14 @@ def test_a_callback_stops_searches_that_wait(slot: pp.CollisionChecker) -> None:
         return len(data) < 2
 
     plan = PLANNER.plan(slot, START, GOAL, portfolio=3, executor=pool, progress=stop)
-    assert plan.status is pp.PlanStatus.CANCELLED
+    assert plan.status is pp.planning.PlanStatus.CANCELLED
     assert "0 of 3 searches" in plan.message
     assert all(future.cancelled() for future in pool.futures)
 
 
 def test_a_callback_stops_searches_here(slot: pp.CollisionChecker) -> None:
     plan = PLANNER.plan(slot, START, GOAL, portfolio=3, progress=lambda _: False)
-    assert plan.status is pp.PlanStatus.CANCELLED
+    assert plan.status is pp.planning.PlanStatus.CANCELLED
 
 
 def test_an_empty_portfolio_is_refused(slot: pp.CollisionChecker) -> None:

@@ -124,7 +124,7 @@ def test_start_is_goal(gantry: pp.Arm, slotted: pp.Scene) -> None:
 
 def test_start_in_contact_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
     plan = QUICK.plan(pp.CollisionChecker(gantry, slotted), (0.03, 0.0), (0.5, 0.5))
-    assert plan.status is pp.PlanStatus.START_INVALID
+    assert plan.status is pp.planning.PlanStatus.START_INVALID
     assert "below" in plan.message
     assert "l2" in plan.message
     assert plan.path is None
@@ -136,7 +136,7 @@ def test_start_in_contact_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
 
 def test_start_outside_limits_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
     plan = QUICK.plan(pp.CollisionChecker(gantry, slotted), (0.5, 1.5), (0.5, 0.5))
-    assert plan.status is pp.PlanStatus.START_INVALID
+    assert plan.status is pp.planning.PlanStatus.START_INVALID
     assert "y = 1.5" in plan.message
     assert "[-1, 1]" in plan.message
 
@@ -147,13 +147,13 @@ def test_ends_within_rounding_of_a_limit_are_taken_as_the_limit(gantry: pp.Arm) 
     assert plan.path.q[0].tolist() == [0.5, 1.0]
     assert plan.path.q[-1].tolist() == [0.0, -1.0]
     refused = QUICK.plan(checker, (0.5, 1 + 1e-8), (0.0, 0.0))
-    assert refused.status is pp.PlanStatus.START_INVALID
+    assert refused.status is pp.planning.PlanStatus.START_INVALID
     assert "y = 1.00000001 is outside" in refused.message
 
 
 def test_every_refused_goal_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
     plan = QUICK.plan(pp.CollisionChecker(gantry, slotted), (0.5, 0.5), [(0.0, 0.9), (2.0, 0.0)])
-    assert plan.status is pp.PlanStatus.GOAL_INVALID
+    assert plan.status is pp.planning.PlanStatus.GOAL_INVALID
     assert "goal 0" in plan.message
     assert "above" in plan.message
     assert "goal 1" in plan.message
@@ -196,7 +196,7 @@ def test_of_several_goals_the_reachable_one_is_reached(gantry: pp.Arm) -> None:
 )
 def test_an_exhausted_budget_is_reported(gantry: pp.Arm, planner: pp.RrtConnect, spent: str) -> None:
     plan = planner.plan(_cell(gantry), (-0.5, 0.5), (0.5, 0.5))
-    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
     assert plan.path is None
     assert plan.certificate is None
     assert plan.goal is None
@@ -218,7 +218,7 @@ def test_trees_that_cannot_grow_end_too(gantry: pp.Arm) -> None:
     ]
     checker = pp.CollisionChecker(gantry, pp.Scene(walls))
     plan = pp.RrtConnect(max_samples=500, time_limit=600.0).plan(checker, (-0.5, 0.0), (0.5, 0.0))
-    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
     assert "max_samples" in plan.message
     assert "x stayed in" in plan.message  # the joint in which the trees never met
 
@@ -243,7 +243,7 @@ def test_removed_edges_are_reported_if_no_path_is_found(gantry: pp.Arm) -> None:
     checker = pp.CollisionChecker(gantry, pp.Scene([plate]))
     planner = pp.RrtConnect(resolution=0.6, max_nodes=150, time_limit=600.0)
     plan = planner.plan(checker, (-0.9, 0.0), (0.9, 0.0))
-    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
     assert plan.cut >= 1
     assert f"{plan.cut} edges failed the proof" in plan.message
     assert "plate" in plan.message
@@ -283,7 +283,7 @@ def test_with_rotations_a_goal_behind_a_wall_is_reached_in_the_other_direction(t
     checker = pp.CollisionChecker(turntable, pp.Scene([post]))
     budget = pp.RrtConnect(max_nodes=100, max_samples=500, time_limit=600.0)
     without = budget.plan(checker, [0.0], [3.0])
-    assert without.status is pp.PlanStatus.IMPOSSIBLE
+    assert without.status is pp.planning.PlanStatus.IMPOSSIBLE
     assert "turns=True" in without.message
     plan = budget.plan(checker, [0.0], [3.0], turns=True)
     assert plan.path.end[0] == pytest.approx(3.0 - 2 * np.pi, abs=1e-12)
@@ -295,7 +295,7 @@ def test_rotations_are_not_suggested_if_all_are_goals(turntable: pp.Arm) -> None
     checker = pp.CollisionChecker(turntable, pp.Scene(posts))
     budget = pp.RrtConnect(max_nodes=100, max_samples=500, time_limit=600.0)
     plan = budget.plan(checker, [0.0], [[3.0], [3.0 - 2 * np.pi]])
-    assert plan.status is pp.PlanStatus.IMPOSSIBLE
+    assert plan.status is pp.planning.PlanStatus.IMPOSSIBLE
     assert "turns=True" not in plan.message
 
 
@@ -349,8 +349,8 @@ def test_configurations_that_gravity_does_not_permit_are_avoided(ur5: pp.Arm) ->
     assert torques.standstill_share(path(np.linspace(*path.domain, 2000))) <= 1.0
     assert pp.time_parametrise(path, ur5.limits, rate_limits=[torques]).duration > 0
     refused = pp.RrtConnect().plan(checker, ends[0], stretched, torque_limits=torques)
-    assert refused.status is pp.PlanStatus.GOAL_INVALID
+    assert refused.status is pp.planning.PlanStatus.GOAL_INVALID
     assert "shoulder_lift_joint" in refused.message
     assert pp.RrtConnect().plan(checker, stretched, ends[0], torque_limits=torques).status is (
-        pp.PlanStatus.START_INVALID
+        pp.planning.PlanStatus.START_INVALID
     )

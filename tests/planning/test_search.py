@@ -35,7 +35,7 @@ ENDLESS = pp.RrtConnect(max_nodes=10**9, max_samples=10**9, time_limit=600.0)
 def test_the_callback_receives_the_progress(parted: pp.CollisionChecker) -> None:
     data: list[pp.planning.PlanProgress] = []
     plan = pp.RrtConnect(max_samples=3000, time_limit=600.0).plan(parted, START, GOAL, progress=data.append)
-    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
     assert len(data) > 3
     for name in ("nodes", "samples", "seconds"):
         values = [getattr(each, name) for each in data]
@@ -63,7 +63,7 @@ def test_a_callback_stops_the_search(parted: pp.CollisionChecker, calls: int) ->
         return len(data) < calls
 
     plan = ENDLESS.plan(parted, START, GOAL, progress=stop)
-    assert plan.status is pp.PlanStatus.CANCELLED
+    assert plan.status is pp.planning.PlanStatus.CANCELLED
     assert len(data) == calls
     assert plan.path is None
     assert plan.certificate is None
@@ -114,7 +114,7 @@ def test_contacts_of_the_ends_are_reported(slot: pp.CollisionChecker) -> None:
     at_start = pp.RrtConnect().plan(slot, (0.03, 0.0), GOAL)
     assert [contact.bodies for contact in at_start.contacts] == [("l2", "below")]
     at_goals = pp.RrtConnect().plan(slot, START, [(0.03, 0.0), (0.03, 0.9), (0.5, 2.0)])
-    assert at_goals.status is pp.PlanStatus.GOAL_INVALID
+    assert at_goals.status is pp.planning.PlanStatus.GOAL_INVALID
     assert [contact.bodies for contact in at_goals.contacts] == [("l2", "below"), ("l2", "above")]
     assert np.isnan(at_goals.gap)
 

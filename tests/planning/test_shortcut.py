@@ -81,17 +81,6 @@ def test_no_attempts_still_skips_waypoints(checker: pp.CollisionChecker, detour:
     assert short.length < detour.length
 
 
-def test_ur5_plan_shortened(ur5: pp.Arm) -> None:
-    post = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.4), pp.pose((0.5, 0.0, 0.6)))
-    checker = pp.CollisionChecker(ur5, pp.Scene([post]), margin=0.002)
-    start, goal = np.array([-0.9, -1.2, 1.2, -1.5, -1.57, 0.0]), np.array([0.9, -1.2, 1.2, -1.5, -1.57, 0.0])
-    plan = pp.RrtConnect(max_nodes=4000, time_limit=600.0).plan(checker, start, goal, rng=3).or_raise()
-    short = pp.shortcut(plan.path, checker, rng=0, attempts=40)
-    assert short.length <= plan.path.length
-    assert pp.certify(short, checker).free
-    assert_free(short, checker)
-
-
 def test_arguments_that_make_no_sense(checker: pp.CollisionChecker, detour: pp.JointPath) -> None:
     with pytest.raises(pp.InputError, match="joints"):
         pp.shortcut(pp.JointPath([(0.0, 0.0)], ("a", "b")), checker)

@@ -79,8 +79,8 @@ def small_proofs():
     )
     scene = pp.Scene(
         [
-            pp.Obstacle("egg", pp.Ellipsoid(0.05, 0.1, 0.08), pp.pose((0.5, 0.2, 0.6), (0.3, 0.1, 0))),
-            pp.Obstacle("tip", pp.Cone(0.1, 0.2), pp.pose((-0.3, 0.0, 0.6))),
+            pp.Obstacle("egg", pp.collision.Ellipsoid(0.05, 0.1, 0.08), pp.pose((0.5, 0.2, 0.6), (0.3, 0.1, 0))),
+            pp.Obstacle("tip", pp.collision.Cone(0.1, 0.2), pp.pose((-0.3, 0.0, 0.6))),
         ]
     )
     waypoints = [[0.1, 0.0, 0.0], [0.3, 0.05, 0.7], [0.2, 0.0, 1.0]]

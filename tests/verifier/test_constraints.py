@@ -20,7 +20,7 @@ def constraints_of(arm):
     middle = arm.forward_kinematics(WAYPOINTS[1])
     return [
         pp.Upright.keeping(arm, WAYPOINTS[0], tolerance=1.3),
-        pp.LookAt(point=middle.act(np.array([0.0, 0.0, 3.0])), tolerance=1.4),
+        pp.collision.LookAt(point=middle.act(np.array([0.0, 0.0, 3.0])), tolerance=1.4),
         pp.Within.line(middle.translation, (1, 2, 0.5), tolerance=1.0, point_in_tcp=(0.05, 0.0, 0.1)),
     ]
 
@@ -67,7 +67,7 @@ def test_a_saved_proof_is_compared_with_the_required_constraints(certificate, ch
     for absent in (
         stricter,
         pp.Upright(tolerance=1.3, axis_in_tcp=(0, 1, 0)),
-        pp.LookAt(point=(0, 0, 9), tolerance=1.4),
+        pp.collision.LookAt(point=(0, 0, 9), tolerance=1.4),
     ):
         verdict = pp.verify_proof(file, checker, curve, [absent])
         assert not verdict.ok

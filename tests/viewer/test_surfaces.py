@@ -9,21 +9,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof import (
-    Box,
-    Capsule,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    HeightMap,
-    Mesh,
-    Obstacle,
-    OccupancyGrid,
-    PointCloud,
-    Sphere,
-)
+from pinproof import Box, Capsule, Cylinder, HalfSpace, Mesh, Obstacle, OccupancyGrid, PointCloud, Sphere
+from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
 from pinproof.collision.bodies import shape_body
 from pinproof.collision.shapes import Shape
 from pinproof.description import LinkGeometry

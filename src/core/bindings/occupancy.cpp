@@ -1,9 +1,11 @@
 // Grids of cells that depth images prove to be free.
 #include <nanobind/stl/tuple.h>
 
+#include <bit>
 #include <limits>
 #include <stdexcept>
 #include <tuple>
+#include <vector>
 
 #include "bindings/arrays.h"
 #include "bindings/bindings.h"
@@ -12,7 +14,7 @@
 namespace pinproof {
 namespace {
 
-using Image = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Image = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Cells = nb::ndarray<std::uint8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 
 // Cells on either side of the origin along each axis: their corners are exact doubles, and no index overflows.
@@ -37,6 +39,24 @@ Transform placement_of(const char* name, const Matrix& matrix) {
     return read_transform(matrix.data());
 }
 
+// The depths in single precision, rounded down or up, so that bounds remain bounds. The next number of a positive one is
+// that whose bits, read as an integer, are one more.
+template <bool up>
+std::vector<float> rounded(const Image& image) {
+    const double* depth = image.data();
+    std::vector<float> values(image.size());
+    bool valid = true;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        const auto nearest = static_cast<float>(depth[i]);
+        const auto bits = std::bit_cast<std::uint32_t>(nearest);
+        const auto wrong = static_cast<std::uint32_t>(up ? nearest < depth[i] : nearest > depth[i]);
+        values[i] = std::bit_cast<float>(up ? bits + wrong : bits - wrong);
+        valid &= depth[i] >= 0.0;
+    }
+    if (!valid) throw std::invalid_argument("a depth is negative or NaN");
+    return values;
+}
+
 }  // namespace
 
 void bind_occupancy(nb::module_& module) {
@@ -56,10 +76,7 @@ void bind_occupancy(nb::module_& module) {
                 throw std::invalid_argument("an image has 1 to 65536 rows and columns");
             if (pixel_margin < 0 || pixel_margin > static_cast<int>(kMostPixels))
                 throw std::invalid_argument("pixel_margin is out of range");
-            const std::size_t pixels = width * height;
-            for (const Image* image : {&nearest, &farthest})
-                if (!std::all_of(image->data(), image->data() + pixels, [](float z) { return z >= 0.0f; }))
-                    throw std::invalid_argument("a depth is negative or NaN");
+            const std::vector<float> near_bounds = rounded<false>(nearest), far_bounds = rounded<true>(farthest);
             const PinholeCamera camera{intrinsics(0),
                                        intrinsics(1),
                                        intrinsics(2),
@@ -68,8 +85,7 @@ void bind_occupancy(nb::module_& module) {
                                        static_cast<int>(height),
                                        placement_of("camera_from_grid", camera_from_grid)};
             nb::gil_scoped_release release;
-            carve(grid, camera, {{nearest.data(), pixels}, {farthest.data(), pixels}}, pixel_margin,
-                  {cells.data(), grid.size()});
+            carve(grid, camera, {near_bounds, far_bounds}, pixel_margin, {cells.data(), grid.size()});
         },
         nb::arg("cells").noconvert(), nb::arg("low"), nb::arg("side"), nb::arg("camera_from_grid"),
         nb::arg("intrinsics"), nb::arg("nearest"), nb::arg("farthest"), nb::arg("pixel_margin"),

@@ -372,7 +372,12 @@ std::size_t clear_within(const CellGrid& grid, const Shape& shape, const Transfo
             for (std::size_t k = 0; k < nz; ++k) {
                 const Transform at{{}, shape_from_grid * grid.corner(i, first[1] + j, first[2] + k)};
                 const DistanceQuery query{.above = padding, .below = padding};
-                within[1][j * nz + k] = bound_distance(shape, point, at, query, separation).upper <= padding;
+                DistanceBounds bounds = bound_distance(shape, point, at, query, separation);
+                if (bounds.lower <= padding && padding < bounds.upper) {  // The simplex of the previous node was flat.
+                    separation = {};
+                    bounds = bound_distance(shape, point, at, query, separation);
+                }
+                within[1][j * nz + k] = bounds.upper <= padding;
             }
         }
         if (i == first[0]) continue;

@@ -30,6 +30,7 @@ __all__ = [
     "peer_versions",
     "provenance",
     "provenance_text",
+    "row_table",
     "save_figure",
     "wrapped",
 ]
@@ -230,6 +231,17 @@ def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, tex
     shown = [k for k in range(len(columns)) if any(row[k] for row in rows)]
     rule = ["---" if k < text_columns else "--:" for k in range(len(columns))]
     return [f"| {' | '.join(cells[k] for k in shown)} |" for cells in (columns, rule, *rows)]
+
+
+def row_table(
+    columns: Mapping[str, str | Callable[[Any], str]], rows: Iterable[Any], *, text_columns: int = 1
+) -> list[str]:
+    """Return the lines of a table with one line for each row.
+
+    ``columns`` maps each title to a format of the row, such as ``"{.edges:,}"``, or to a function of the row.
+    """
+    cells = [[c.format(row) if isinstance(c, str) else c(row) for c in columns.values()] for row in rows]
+    return markdown_table(tuple(columns), cells, text_columns=text_columns)
 
 
 def bullet_section(title: str, entries: Iterable[str]) -> list[str]:

@@ -23,6 +23,7 @@ from pinproof.cell.placement_result import (
     PlacementMap,
     PlacementResult,
     PlacementSensitivity,
+    SlowCell,
 )
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequence_page import read_heat_map, write_sequence_page
@@ -64,6 +65,7 @@ __all__ = [
     "SequenceInterrupted",
     "SequenceResult",
     "SequenceStep",
+    "SlowCell",
     "Timing",
     "ToleranceStudy",
     "allocate",

@@ -22,7 +22,7 @@ from pinproof.cell.sequence_result import LeftOut, SequenceResult
 from pinproof.cell.sequence_run import SequenceBudget
 from pinproof.cell.sequencing import judge_options, sequence
 from pinproof.collision import CollisionChecker, Obstacle, Scene
-from pinproof.common.validation import Rng
+from pinproof.common.validation import Rng, require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.model import JointGroup, Payload
 from pinproof.model.robot import PART
@@ -107,6 +107,7 @@ def allocate(
         If no sequence of an arm can be certified.
     """
     _check(group, picks)
+    require_type("scene", scene, Scene)
     dwell, effort = (grip_dwell, release_dwell), budget or SequenceBudget()
     run = _Run(group, scene, picks, tuple(precedence), dwell, effort, progress or _silent, rng)
     run.judge()
@@ -122,6 +123,8 @@ def _silent(*_: object) -> None:
 
 
 def _check(group: JointGroup, picks: Picks) -> None:
+    require_type("group", group, JointGroup)
+    require_type("picks", picks, Picks)
     if len(group.ends) < 2:
         raise InputError("picks are allocated to several arms; for one arm use pinproof.sequence")
     if shared := group.shared_joints:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.cell.placed_robot import PlacedRobot
+from pinproof.cell.placement_bounds import SlowTask, slow_cells
 from pinproof.cell.placement_proofs import EMPTY_BUDGET, EmptyTask, empty_cells
 from pinproof.cell.placement_region import AXES, Placement, PlacementChoice, PlacementRegion
 from pinproof.cell.placement_result import (
@@ -25,6 +26,7 @@ from pinproof.cell.placement_result import (
     PlacementMap,
     PlacementResult,
     PlacementSensitivity,
+    SlowCell,
 )
 from pinproof.cell.placement_screening import FREE, REACH, GraspTable, PlacementScreening
 from pinproof.cell.placement_stages import Progress, StageRunner
@@ -282,6 +284,8 @@ class _Search:
     candidates: list[CertifiedPlacement] = field(default_factory=list)
     empty: tuple[EmptyCell, ...] = ()
     covered: float = 0.0
+    slower: tuple[SlowCell, ...] = ()
+    slower_share: float = 0.0
     sensitivity: tuple[PlacementSensitivity, ...] = ()
     evaluations: int = 0
 
@@ -338,6 +342,7 @@ class _Search:
         self._certify(found, steps)
         self._prove_empty(axes, rows)
         if self.candidates and self.candidates[0].ok:
+            self._prove_slower(axes, steps)
             self._measure_sensitivity()
         return self.result()
 
@@ -411,6 +416,16 @@ class _Search:
             items, found, tuple(each.name for each in self.alternatives), self.picks, self.region
         )
 
+    def _prove_slower(self, axes: tuple[Array, Array, Array, Array], steps: Array) -> None:
+        """Prove that cells of the grid have no placement with a shorter cycle time than the best one."""
+        if not self.budget.proofs or self.objective != "cycle_time" or self.map is None:
+            return
+        best, names = self.candidates[0].cycle_time, tuple(each.name for each in self.alternatives)
+        task = SlowTask(tuple(each.screening for each in self.alternatives), steps / 2, best)
+        items = task.items(axes, self.map.seconds, self.empty, names)
+        self.slower = slow_cells(items, self.runner.run("bounds", task, items, 64), names, best)
+        self.slower_share = len(self.slower) / len(self.map)
+
     def _measure_sensitivity(self) -> None:
         """Find how far the base may be off along each axis."""
         best = self.candidates[0]
@@ -439,6 +454,8 @@ class _Search:
             self.objective,
             self.empty,
             self.covered,
+            self.slower,
+            self.slower_share,
             self.sensitivity,
             tolerance,
             failing,
@@ -486,6 +503,8 @@ class _Search:
         more = "; interrupted" if interrupted else ""
         if self.covered > 0:
             more = f"; {self.covered:.1%} of the region proven to have no placement{more}"
+        if self.slower:
+            more = f"; {self.slower_share:.1%} proven to be slower{more}"
         if not self.map.base.any():
             contacts = self.alternatives[0].screening.base_contacts(self.map.placements[len(self.map) // 2])
             return f"no placement: the base or the arm at home is in contact everywhere ({contacts}); {searched}{more}"

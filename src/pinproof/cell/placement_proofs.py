@@ -33,10 +33,10 @@ from pinproof.cell.placement_screening import REACH, PlacementScreening
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.model import Arm, JointLimits
 from pinproof.picks.batch.proposals import Span
-from pinproof.picks.input.pick import TIP, GraspTolerance, Picks, family
+from pinproof.picks.input.pick import TIP, GraspTolerance, Picks, family, moved
 from pinproof.spatial import matrix, rigid
 
-__all__ = ["EMPTY_BUDGET", "EmptyTask", "empty_cells"]
+__all__ = ["EMPTY_BUDGET", "CellReach", "EmptyTask", "Target", "empty_cells", "pick_targets"]
 
 Array = npt.NDArray[np.float64]
 
@@ -55,7 +55,7 @@ base is in contact there."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Target:
+class Target:
     """``cell_from_tcp`` (4, 4) of one grasp, and by how much grasps between the samples differ from it (m, rad)."""
 
     pose: Array
@@ -126,50 +126,81 @@ class EmptyTask:
         self, screening: PlacementScreening, lower: Array, upper: Array, picks: Sequence[int]
     ) -> tuple[int | None, int]:
         """The pick that is proven to be out of reach in the cell, and the number of boxes of the proof."""
-        centre = 0.5 * (lower + upper)
-        width = 0.5 * float(upper[3] - lower[3])
-        half_diagonal = 0.5 * float(np.linalg.norm(upper[:3] - lower[:3]))
-        base_from_cell = screening.placed.base_from_cell(centre[None])[0]
-        arm = screening.placed.original
-        turns = _yaw_is_first_joint(screening)
-        if turns and width > 0:
-            arm = _with_wider_first_joint(arm, width)
-        span = Span(screening.placed.original)
-        targets = {pick: _targets(screening, pick) for pick in picks}
+        centre, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+        reach = CellReach(screening, half)
+        targets = {pick: pick_targets(screening, pick) for pick in picks}
         far = sorted(picks, key=lambda pick: -float(np.linalg.norm(targets[pick][0].pose[:3, 3] - centre[:3])))
-        provable = is_provable(arm)
         for pick in far[:PICKS_TRIED]:
-            boxes = 0
-            for target in targets[pick]:
-                radius = float(np.linalg.norm(target.pose[:2, 3] - centre[:2])) + target.position
-                position = target.position + half_diagonal
-                rotation = target.rotation
-                if not turns:
-                    position += 2.0 * np.sin(min(width, np.pi) / 2.0) * radius
-                    rotation += width
-                at = base_from_cell @ target.pose
-                if span.is_beyond(at, position, rotation):
-                    continue
-                if not provable:
-                    break
-                proof = prove_unreachable(
-                    arm,
-                    at,
-                    position_tolerance=max(position, 1e-6),
-                    orientation_tolerance=max(rotation, 1e-6),
-                    budget=self.budget,
-                    search=False,
-                )
-                if not proof.proven:
-                    break
-                boxes += proof.examined
-            else:
+            boxes = reach.excluded(screening.placed.original, centre, targets[pick], self.budget)
+            if boxes is not None:
                 return pick, boxes
         return None, 0
 
 
-def _targets(screening: PlacementScreening, number: int) -> list[_Target]:
-    """Targets that together cover every grasp of a pick."""
+class CellReach:
+    """Proofs that targets are out of reach from all placements of cells of one size.
+
+    Parameters
+    ----------
+    screening
+        The robot.
+    half
+        (4,) half the sides of the cells.
+    """
+
+    def __init__(self, screening: PlacementScreening, half: Array) -> None:
+        self._placed, arm = screening.placed, screening.placed.original
+        self._span, self._provable = Span(arm), is_provable(arm)
+        self._width, self._half_diagonal = float(half[3]), float(np.linalg.norm(half[:3]))
+        self._turns = _yaw_is_first_joint(screening)
+        self._wider: dict[int, Arm] = {}
+
+    def excluded(self, arm: Arm, centre: Array, targets: Sequence[Target], budget: int) -> int | None:
+        """The number of boxes of a proof that no target is in reach of an arm; None without a proof.
+
+        ``arm`` has the chain of the robot, and perhaps narrower limits; ``centre`` (4,) is that of the cell.
+        """
+        base_from_cell = self._placed.base_from_cell(centre[None])[0]
+        boxes = 0
+        for target in targets:
+            position, rotation = target.position + self._half_diagonal, target.rotation
+            if not self._turns:
+                radius = float(np.linalg.norm(target.pose[:2, 3] - centre[:2])) + target.position
+                position += 2.0 * np.sin(min(self._width, np.pi) / 2.0) * radius
+                rotation += self._width
+            at = base_from_cell @ target.pose
+            if self._span.is_beyond(at, position, rotation):
+                continue
+            if not self._provable:
+                return None
+            proof = prove_unreachable(
+                self._with_width(arm),
+                at,
+                position_tolerance=max(position, 1e-6),
+                orientation_tolerance=max(rotation, 1e-6),
+                budget=budget,
+                search=False,
+            )
+            if not proof.proven:
+                return None
+            boxes += proof.examined
+        return boxes
+
+    def _with_width(self, arm: Arm) -> Arm:
+        """The arm with the limits of the first joint wider by the half width of the yaw, if it has the same axis."""
+        if not self._turns or self._width == 0.0:
+            return arm
+        if id(arm) not in self._wider:
+            change = np.zeros(arm.dof)
+            change[0] = self._width
+            limits = arm.limits
+            wider = JointLimits(limits.lower - change, limits.upper + change, limits.velocity, limits.acceleration)
+            self._wider[id(arm)] = arm.with_limits(wider)
+        return self._wider[id(arm)]
+
+
+def pick_targets(screening: PlacementScreening, number: int, back: float = 0.0) -> list[Target]:
+    """Targets that together cover every grasp of a pick, or the poses of the tool ``back`` metres before them."""
     pick = screening.picks.picks[number]
     tip = screening.picks.tip.inverse()
     lever = float(np.linalg.norm(tip.translation))
@@ -187,8 +218,10 @@ def _targets(screening: PlacementScreening, number: int) -> list[_Target]:
         )  # the step across a full rotation, if all angles are allowed
         half_step = 0.5 * (max(step, around) if around < 1.5 * step else step)
     rotation = half_step + np.sqrt(2.0) * pick.tolerance.tilt
-    position = float(np.linalg.norm(pick.tolerance.position)) + 2.0 * np.sin(min(rotation, np.pi) / 2.0) * lever
-    return [_Target(matrix(pose * each.nominal_from_tip * tip), position, rotation) for each in members]
+    position = float(np.linalg.norm(pick.tolerance.position))
+    position += 2.0 * np.sin(min(rotation, np.pi) / 2.0) * (lever + back)
+    grasps = (moved(pose * m.nominal_from_tip, -back, pick.approach_direction, pick.approach_frame) for m in members)
+    return [Target(matrix(grasp * tip), position, rotation) for grasp in grasps]
 
 
 def _yaw_is_first_joint(screening: PlacementScreening) -> bool:
@@ -199,15 +232,6 @@ def _yaw_is_first_joint(screening: PlacementScreening) -> bool:
     joint = screening.placed.mounting @ matrix(arm.root_from_base) @ arm.chain.before[0]
     aligned = np.abs(joint[:2, 2]).max() < SAME_AXIS
     return bool(aligned and np.abs(joint[:2, 3]).max() < SAME_AXIS)
-
-
-def _with_wider_first_joint(arm: Arm, by: float) -> Arm:
-    limits = arm.limits
-    change = np.zeros(arm.dof)
-    change[0] = by
-    return arm.with_limits(
-        JointLimits(limits.lower - change, limits.upper + change, limits.velocity, limits.acceleration)
-    )
 
 
 def empty_cells(

@@ -36,6 +36,7 @@ __all__ = [
     "PlacementMap",
     "PlacementResult",
     "PlacementSensitivity",
+    "SlowCell",
 ]
 
 Array = npt.NDArray[np.float64]
@@ -283,15 +284,44 @@ class EmptyCell:
         freeze_arrays(self, "lower", "upper")
 
     def __repr__(self) -> str:
-        ranges = ", ".join(f"{n} {a:.3f} to {b:.3f}" for n, a, b in zip(AXES, self.lower, self.upper, strict=True))
         why = f"{self.pick} is out of reach" if self.pick else f"{self.contact[0]} penetrates {self.contact[1]}"
-        return f"EmptyCell({ranges}: {why})"
+        return f"EmptyCell({_ranges(self)}: {why})"
 
     @property
     def volume(self) -> float:
         """Product of the sides that are not 0."""
         sides = self.upper - self.lower
         return float(np.prod(sides[sides > 0]))
+
+
+@dataclass(frozen=True, eq=False)
+class SlowCell:
+    """A cell of placements, at each of which the cycle time is proven to be larger than that of the best placement.
+
+    Parameters
+    ----------
+    choice
+        The name of the discrete choice.
+    lower, upper
+        (4,) the ranges of x, y, z and yaw.
+    seconds
+        A lower bound of the cycle time at all placements of the cell, for motions that rest where those of picks do.
+    """
+
+    choice: str
+    lower: Array
+    upper: Array
+    seconds: float
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "lower", "upper")
+
+    def __repr__(self) -> str:
+        return f"SlowCell({_ranges(self)}: at least {self.seconds:.3f} s)"
+
+
+def _ranges(cell: EmptyCell | SlowCell) -> str:
+    return ", ".join(f"{n} {a:.3f} to {b:.3f}" for n, a, b in zip(AXES, cell.lower, cell.upper, strict=True))
 
 
 @dataclass(frozen=True)
@@ -344,6 +374,9 @@ class PlacementResult:
         Cells of placements that are proven to be empty.
     covered
         Share of the region (0 to 1) that these cells cover, over all choices.
+    slower, slower_share
+        Cells of placements that are proven to be slower than the best one, none of them in an empty cell, and the share
+        of the region that they cover. No placement in them or in ``empty`` has a shorter cycle time.
     sensitivity
         How far the base may be off at the best placement, for each axis of the region.
     tolerance
@@ -364,6 +397,8 @@ class PlacementResult:
     objective: str
     empty: tuple[EmptyCell, ...] = ()
     covered: float = 0.0
+    slower: tuple[SlowCell, ...] = ()
+    slower_share: float = 0.0
     sensitivity: tuple[PlacementSensitivity, ...] = ()
     tolerance: float = 0.0
     failing: Mapping[str, str] = field(default_factory=dict)
@@ -442,6 +477,13 @@ class PlacementResult:
                         "contact": list(c.contact),
                     }
                     for c in self.empty
+                ],
+            },
+            "proven_slower": {
+                "share": self.slower_share,
+                "cells": [
+                    {"choice": c.choice, "lower": c.lower.tolist(), "upper": c.upper.tolist(), "seconds": c.seconds}
+                    for c in self.slower
                 ],
             },
             "map": None if self.map is None else self.map.to_dict(),

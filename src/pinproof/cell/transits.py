@@ -145,7 +145,7 @@ def _parts(
     for part in motion_parts(task, attempt, way, placing, separate=True):
         motion = {"transit": arrive, "transfer": across}.get(part.name) or _again(part, known)
         if motion is None:
-            _, motion, why = time_part(task, part, attempt)
+            motion, why = time_part(task, part, attempt)
             if motion is None:
                 return MotionFailure(part.name, why, _first_bodies(prove_part(part, _timed(part))))
         motions.append(motion)

@@ -205,13 +205,13 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
 
 
-def write_motion(verdict: pp.PickVerdict, arm: pp.Arm, html: Path, motion: Path) -> list[Path]:
+def write_motion(verdict: pp.picks.PickVerdict, arm: pp.Arm, html: Path, motion: Path) -> list[Path]:
     """Write the trajectory of a good pick and its pages, and return the files written."""
     verdict.save_motion(motion)
     return [*write_pages(verdict, arm, html), motion]
 
 
-def write_pages(verdict: pp.PickVerdict, arm: pp.Arm, html: Path) -> list[Path]:
+def write_pages(verdict: pp.picks.PickVerdict, arm: pp.Arm, html: Path) -> list[Path]:
     """Write a page of the motion of a good pick, or one for each part if the attached bodies change along it."""
     pages = []
     single = len(verdict.motions) == 1

@@ -130,7 +130,7 @@ def ik(
         _print_all(branches if accept is None else branches.free(accept), as_json)
         return
     found = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
-    if found.status is pp.IkStatus.NOT_FOUND and task is TaskOption.POSE and pp.ik.is_provable(arm):
+    if found.status is pp.ik.IkStatus.NOT_FOUND and task is TaskOption.POSE and pp.ik.is_provable(arm):
         found = _proven(found, arm, target, solver)
     if as_json:
         print_json(
@@ -161,14 +161,14 @@ def _proven(found: pp.IkResult, arm: pp.Arm, target: SE3, solver: pp.ik.Iterativ
         return found
     nearest = f"the nearest configuration found is {found.position_error * 1e3:.4g} mm and "
     nearest += f"{math.degrees(found.orientation_error):.3g} deg from it"
-    return replace(found, status=pp.IkStatus.IMPOSSIBLE, words=f"{proof.message}; {nearest}")
+    return replace(found, status=pp.ik.IkStatus.IMPOSSIBLE, words=f"{proof.message}; {nearest}")
 
 
 COLUMN = 10
 """Characters of a joint value in a table."""
 
 
-def _print_all(found: pp.IkBranches, as_json: bool) -> None:
+def _print_all(found: pp.ik.IkBranches, as_json: bool) -> None:
     """Print the distinct IK solutions, nearest to ``q0`` first, and count those that differ by full rotations."""
     names = found.arm.joint_names
     if as_json:

@@ -159,7 +159,7 @@ class OutputOptions:
         elif not path.parent.is_dir():
             raise InputError(f"{path}: the folder {path.parent} does not exist")
 
-    def write(self, report: pp.PickReport) -> str:
+    def write(self, report: pp.picks.PickReport) -> str:
         """Write the report and, to a folder, the motions of the good picks; return what was written; without -o ''."""
         output = self.output
         if output is None:
@@ -183,7 +183,7 @@ class OutputOptions:
         picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
         return f"{names}; for {picks} its motion and program, such as {more}{programs}"
 
-    def _export(self, report: pp.PickReport, stems: Sequence[str]) -> str:
+    def _export(self, report: pp.picks.PickReport, stems: Sequence[str]) -> str:
         """Write a robot program of each good pick; those that are not proven are noted. Return what was written."""
         if self.export is None or self.output is None or report.setup is None:
             return ""
@@ -396,7 +396,7 @@ def judge_file(
     cell: CellOptions | None = None,
     seed: int = 0,
     **settings: Any,
-) -> tuple[pp.Arm, pp.Scene, pp.Picks, pp.PickReport]:
+) -> tuple[pp.Arm, pp.Scene, pp.Picks, pp.picks.PickReport]:
     """Check the picks of a file; return the arm, the scene, the picks and the report.
 
     ``cell`` overrides the file; ``settings`` are those of :func:`pinproof.validate_picks`.

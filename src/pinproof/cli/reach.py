@@ -113,7 +113,7 @@ def reach(
     outputs = output or []
     _check_suffixes(outputs)
     check_output_files(outputs, [robot, scene_options.scene, chain.srdf, chain.limits, against, *tool.files])
-    before = None if against is None else pp.ReachMap.load(against)
+    before = None if against is None else pp.picks.ReachMap.load(against)
     grid, world_from_root = _region(region, step), placement(place)
     arm = chain.arm(robot, tool=tool)
     checker = _checker(arm, scene_options, tool, world_from_root)
@@ -179,7 +179,7 @@ def _never(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Or
     )
 
 
-def _figures(found: pp.ReachMap, change: pp.picks.ReachComparison | None) -> dict[str, Any]:
+def _figures(found: pp.picks.ReachMap, change: pp.picks.ReachComparison | None) -> dict[str, Any]:
     """The figures of a map for JSON output."""
     points, orientations = found.free.shape
     counts = {"points": points, "orientations": orientations, "complete": found.complete}
@@ -191,7 +191,7 @@ def _figures(found: pp.ReachMap, change: pp.picks.ReachComparison | None) -> dic
 def _write_page(
     path: Path,
     checker: pp.CollisionChecker,
-    found: pp.ReachMap,
+    found: pp.picks.ReachMap,
     change: pp.picks.ReachComparison | None,
     world_from_root: SE3,
     step: float,
@@ -202,7 +202,7 @@ def _write_page(
 
 
 def _points(
-    found: pp.ReachMap, change: pp.picks.ReachComparison | None, world_from_root: SE3, step: float
+    found: pp.picks.ReachMap, change: pp.picks.ReachComparison | None, world_from_root: SE3, step: float
 ) -> pp.viewer.ColouredPoints:
     """The points with reached (or changed) orientations in the frame of the robot's root; others would hide them."""
     values = found.free_share if change is None else change.won.mean(axis=1) - change.lost.mean(axis=1)

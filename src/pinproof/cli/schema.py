@@ -33,7 +33,7 @@ def schema(
     Example: pinproof schema picks -o picks.schema.json
     """
     check_output_files([output])
-    found = pp.file_schema(name)
+    found = pp.formats.file_schema(name)
     if output is None:
         print_json(found)
         return

@@ -27,6 +27,7 @@ from pinproof.collision.path_constraints import (
 from pinproof.collision.program_proof import ProgramCertificate, ProgramPart, certify_program, export_program
 from pinproof.collision.proof_file import verify_proof
 from pinproof.collision.scene import Attachments, Scene
+from pinproof.collision.sensor_files import read_points
 from pinproof.collision.sensor_removal import remove_body, remove_robot
 from pinproof.collision.shapes import (
     Box,
@@ -93,6 +94,7 @@ __all__ = [
     "certify_program",
     "export_program",
     "is_proven_free",
+    "read_points",
     "remove_body",
     "remove_robot",
     "sample_overlaps",

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.checker import CollisionChecker
+from pinproof.collision.checker import CollisionChecker, require_curve
 from pinproof.collision.movers import Mover, with_movers
 from pinproof.common.display import html_block, html_list
 from pinproof.errors import InputError
@@ -99,8 +99,7 @@ def audit(
     InputError
         If the curve's joints are not the arm's, or the step is not positive.
     """
-    if tuple(curve.joint_names) != checker.group.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")
+    require_curve(curve, checker)
     if not step > 0:
         raise InputError(f"step = {step}; it must be positive (rad or m)")
     if movers:

@@ -9,7 +9,9 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
@@ -57,7 +59,9 @@ __all__ = [
     "changes_since",
     "checked_hash",
     "curve_hash",
+    "files_examined_once",
     "free_sentence",
+    "identity_of",
     "mesh_files",
     "missing_since",
     "notes_of",
@@ -483,6 +487,61 @@ def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = (),
     return digest.hexdigest()
 
 
+class _Examined(NamedTuple):
+    """What was examined in the context of :func:`files_examined_once`: files, and checkers with the hash and notes."""
+
+    stamps: dict[str, FileStamp | None]
+    setups: dict[CollisionChecker, tuple[str, tuple[str, ...]]]
+
+
+_examined: ContextVar[_Examined | None] = ContextVar("examined", default=None)
+
+
+@contextmanager
+def files_examined_once() -> Iterator[None]:
+    """In this context, each mesh file is examined at most once, for a search that makes many certificates.
+
+    A certificate states the files at the moment of their first examination in the context; of the outer one, if it is
+    nested.
+    """
+    token = _examined.set(_examined.get() or _Examined({}, {}))
+    try:
+        yield
+    finally:
+        _examined.reset(token)
+
+
+def _stamp(path: str | Path) -> FileStamp | None:
+    """Return the present stamp of a file; None if there is no file."""
+    examined = _examined.get()
+    if examined is None:
+        return FileStamp.of(path)
+    path = os.fspath(path)
+    if path not in examined.stamps:
+        examined.stamps[path] = FileStamp.of(path)
+    return examined.stamps[path]
+
+
+class Identity(NamedTuple):
+    """The hashes of a curve and of the setup of its checker, and the notes about the setup."""
+
+    curve: str
+    setup: str
+    notes: tuple[str, ...]
+
+
+def identity_of(curve: Curve, checker: CollisionChecker) -> Identity:
+    """Return what a certificate of a curve states about the curve and the setup."""
+    examined = _examined.get()
+    known = None if examined is None else examined.setups.get(checker)
+    if known is None:
+        files = mesh_files(checker)
+        known = checked_hash(checker, files), notes_of(checker, files)
+        if examined is not None:
+            examined.setups[checker] = known
+    return Identity(curve_hash(curve), *known)
+
+
 class MeshFiles(NamedTuple):
     """The present state of the mesh files of a checker."""
 
@@ -509,7 +568,7 @@ def mesh_files(checker: CollisionChecker) -> MeshFiles:
         read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
         known = _meshes[checker] = [None if path is None else os.fspath(path) for path in paths], list(read)
     named, read_files = known
-    now = {path: FileStamp.of(path) for path in {*named, *(file.path for file in read_files)} if path is not None}
+    now = {path: _stamp(path) for path in {*named, *(file.path for file in read_files)} if path is not None}
     stamps = tuple(None if path is None else now[path] for path in named)
     return MeshFiles(stamps, tuple(file for file in read_files if now[file.path] != file))
 
@@ -538,7 +597,7 @@ def _hash_of(arm: JointGroup, meshes: tuple[str, ...]) -> Any:
 
 def _content_hash(path: str | Path | None) -> str:
     """Return a hash of the present content of a file; empty if there is no file."""
-    stamp = None if path is None else FileStamp.of(path)
+    stamp = None if path is None else _stamp(path)
     return "" if stamp is None else _hash_of_file(stamp)
 
 

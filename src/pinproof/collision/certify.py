@@ -23,17 +23,15 @@ from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
+    Identity,
     MotionTube,
     UndecidedSpan,
     changes_since,
-    checked_hash,
-    curve_hash,
     free_sentence,
-    mesh_files,
-    notes_of,
+    identity_of,
     parameter_text,
 )
-from pinproof.collision.checker import CollisionChecker, Contact
+from pinproof.collision.checker import CollisionChecker, Contact, require_curve
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.constraint_proofs import with_constraints
 from pinproof.collision.movers import Mover, with_movers
@@ -108,8 +106,8 @@ def certify(
         keep their margin afterwards; :meth:`CollisionChecker.allowing` would exclude the pair instead. Cannot be
         combined with ``joint_tolerance`` or ``record``.
     constraints
-        :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.LookAt`: conditions of the tcp that
-        must hold over the whole curve too.
+        :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.collision.LookAt`: conditions of the
+        tcp that must hold over the whole curve too.
     movers
         :class:`~pinproof.Mover` for obstacles that move with time, such as parts on a conveyor, and trajectories of
         other joints of the robot, such as those of another arm of a cell. The certificate is then one of the motion of
@@ -150,7 +148,8 @@ def certify(
     def at(each: float) -> Certificate:
         def prove(part: Curve, judge: CollisionChecker) -> Certificate:
             settings = _settings(each, max_intervals, obstacles, record)
-            return _Proof(part, judge, settings, joints, obstacles, constraints).run()
+            # the hashes and notes of a part are those of the complete curve, which prove_parting states
+            return _Proof(part, judge, settings, joints, obstacles, constraints, identify=not parting).run()
 
         if not parting:
             return prove(curve, checker)
@@ -183,9 +182,8 @@ def _checked_tolerances(
     curve: Curve, checker: CollisionChecker, joint_tolerance: npt.ArrayLike, obstacle_tolerance: float
 ) -> Array:
     """The tolerance of each joint (n,), rad or m, of a curve of the joints of the checker."""
+    require_curve(curve, checker)
     group = checker.group
-    if tuple(curve.joint_names) != group.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {group.joint_names}")
     each = np.full(group.dof, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
     joints = finite("joint_tolerance", each, (group.dof,))
     if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
@@ -288,11 +286,15 @@ class _Proof:
         obstacles: float,
         constraints: Sequence[PathConstraint],
         known: KnownPairs | None = None,
+        *,
+        identify: bool = True,
     ) -> None:
+        self._identify = identify
         self._curve, self._checker, self._constraints, self._known = curve, checker, constraints, known
         judge = checker if known is None else known.rest
         self._judge = judge.moved_obstacles(obstacles) if obstacles > 0 else judge
         self._joints, self._obstacles = joints, obstacles
+        self._largest_margin = float(self._judge.margins.max(initial=0.0))
         self._knots, self._control = (np.ascontiguousarray(part) for part in curve.bezier())
         self._settings, self._state = settings, ProofState()
         if known is not None:
@@ -346,7 +348,8 @@ class _Proof:
         self._saw(near.nearest, near.upper)
         for pair in near.left_to_coal:
             self._saw(pair, space.measure(pair).attained)
-        return self._deepest(q)
+        apart = not near.contacts and not near.left_to_coal and near.lower > self._largest_margin
+        return None if apart and not self._judge.still.touching else self._deepest(q)
 
     def _saw(self, pair: int, attained: float) -> None:
         if pair < 0:
@@ -442,12 +445,10 @@ class _Proof:
     ) -> Certificate:
         checker, state, known = self._checker, self._state, self._known
         free = status is CertificateStatus.FREE
-        curve = curve_hash(self._curve) if known is None else known.curve
-        if known is None:
-            files = mesh_files(checker)
-            setup, notes = checked_hash(checker, files), notes_of(checker, files)
+        if known is not None:
+            curve, setup, notes = known.curve, known.setup, known.notes
         else:
-            setup, notes = known.setup, known.notes
+            curve, setup, notes = identity_of(self._curve, checker) if self._identify else Identity("", "", ())
         evidence = state.evidence if self._settings.record else None
         if evidence is not None and known is not None:
             evidence = known.evidence_with(evidence)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass
@@ -38,11 +38,13 @@ from pinproof.collision.placed_bodies import FixedPairs, PlacedBodies, check_fix
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
 from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
+from pinproof.motion.curve import Curve
 from pinproof.spatial import finite
 
-__all__ = ["CheckResult", "CollisionChecker", "Contact"]
+__all__ = ["CheckResult", "CollisionChecker", "Contact", "require_curve"]
 
 Array = npt.NDArray[np.float64]
 
@@ -108,8 +110,8 @@ class CheckResult:
         return "free" if self.free else f"{count} contact{'' if count == 1 else 's'}"
 
 
-LEVELS_KEPT = 16
-"""Number of checkers with finer bodies that a checker keeps."""
+CHECKERS_KEPT = 16
+"""Number of checkers with finer bodies, larger margins or fewer pairs that a checker keeps."""
 
 CHUNK = 64
 """Number of configurations that a thread processes at a time."""
@@ -169,8 +171,8 @@ class CollisionChecker(CheckedBodies):
     """
 
     _still: FixedPairs | None
-    _padded: tuple[float, CollisionChecker] | None
-    _on_levels: dict[frozenset[tuple[frozenset[str], int]], CollisionChecker]
+    _kept: dict[Hashable, CollisionChecker]
+    _by_owners: Mapping[frozenset[str], list[int]] | None
 
     def __init__(
         self,
@@ -185,6 +187,7 @@ class CollisionChecker(CheckedBodies):
         trust_disabled: bool = False,
         housing: float | None = None,
     ) -> None:
+        require_type("arm", arm, JointGroup)
         urdf = arm.robot.urdf
         self._group = arm
         self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
@@ -197,7 +200,9 @@ class CollisionChecker(CheckedBodies):
         }
         self._margins, self._moved = Margins(margin, margins or {}), 0.0
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
-        self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
+        scene = Scene() if scene is None else scene
+        require_type("scene", scene, Scene)
+        self._assemble(scene, tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
         warn_of_units(arm, self.bodies, self.scene)
         self._refuse_overlapping_robots()
 
@@ -281,19 +286,24 @@ class CollisionChecker(CheckedBodies):
         self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
     ) -> CollisionChecker:
         """Return a checker of the same bodies and pairs with other margins (m)."""
-        other = copy(self)
         common = self.margin if margin is None else margin
-        other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
-        return other
+
+        def with_margin() -> CollisionChecker:
+            other = copy(self)
+            other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
+            return other
+
+        return with_margin() if margins is not None else self._made_once(("margin", common), with_margin)
 
     def padded(self, by: float) -> CollisionChecker:
         """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
-        last = self._padded
-        if last is None or last[0] != by:
+
+        def padded() -> CollisionChecker:
             other = copy(self)
             other._set_margins(self._margins.padded(by))
-            self._padded = last = by, other
-        return last[1]
+            return other
+
+        return self._made_once(("padded", by), padded)
 
     def moved_obstacles(self, by: float) -> CollisionChecker:
         """Return a checker that allows obstacles to be displaced by up to ``by`` metres, by larger margins."""
@@ -307,6 +317,7 @@ class CollisionChecker(CheckedBodies):
 
         Margins of single pairs are dropped if their obstacle is removed.
         """
+        require_type("scene", scene, Scene)
         return self._derived(scene, self.attached, self._allowed)
 
     def with_attached(self, *objects: Obstacle) -> CollisionChecker:
@@ -367,11 +378,15 @@ class CollisionChecker(CheckedBodies):
         For proofs that handle the omitted pairs by other means: ``excluded`` does not list them, and checkers that
         are derived from this one by a new scene, attached object or allowed contact check them again.
         """
-        dropped = set(pairs)
-        kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
-        other = copy(self)
-        other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
-        return other
+        dropped = frozenset(pairs)
+
+        def without() -> CollisionChecker:
+            kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
+            other = copy(self)
+            other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
+            return other
+
+        return self._made_once(dropped, without)
 
     def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
         """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
@@ -407,15 +422,23 @@ class CollisionChecker(CheckedBodies):
         return self._on({**self._levels, **dict.fromkeys(pairs, EXACT)}) if pairs else self
 
     def _on(self, levels: Levels) -> CollisionChecker:
-        """Return the checker with other levels of detail; those that were made last are kept."""
-        key = frozenset(levels.items())
-        other = self._on_levels.get(key)
-        if other is None:
+        """Return the checker with other levels of detail."""
+
+        def finer() -> CollisionChecker:
             other = copy(self)
             other._levels = levels
             other._assemble(self.scene, self.attached, self._allowed)
-            kept = list(self._on_levels.items())[1 - LEVELS_KEPT :]  # replaced as a whole: threads share this checker
-            self._on_levels = {**dict(kept), key: other}
+            return other
+
+        return self._made_once(("levels", frozenset(levels.items())), finer)
+
+    def _made_once(self, key: Hashable, make: Callable[[], CollisionChecker]) -> CollisionChecker:
+        """Return a checker that is made from this one at its first use; those that were made last are kept."""
+        other = self._kept.get(key)
+        if other is None:
+            other = make()
+            kept = list(self._kept.items())[1 - CHECKERS_KEPT :]  # replaced as a whole: threads share this checker
+            self._kept = {**dict(kept), key: other}
         return other
 
     def _derived(
@@ -449,6 +472,16 @@ class CollisionChecker(CheckedBodies):
     def obstacles_and_links(self) -> tuple[str, ...]:
         """The owners of all bodies: links with geometry, attached objects, obstacles."""
         return tuple(dict.fromkeys(body.owner for body in self.bodies))
+
+    @property
+    def pairs_of_owners(self) -> Mapping[frozenset[str], list[int]]:
+        """The indices of the checked pairs of each two owners; computed on first access."""
+        if self._by_owners is None:
+            found: dict[frozenset[str], list[int]] = {}
+            for k in range(len(self.pairs)):
+                found.setdefault(frozenset(self._owners(k)), []).append(k)
+            self._by_owners = found
+        return self._by_owners
 
     @property
     def hollow(self) -> tuple[str, ...]:
@@ -559,6 +592,7 @@ class CollisionChecker(CheckedBodies):
         self._geometry = made.geometry
         self._known, self._geometry_model = made.known, None
         self._exact = tuple(body for body in made.bodies if body.is_exact)
+        self._by_owners = None
         self._set_margins(self._margins)
 
     @property
@@ -570,7 +604,7 @@ class CollisionChecker(CheckedBodies):
         """Set the margins of all pairs, increased where obstacles may be displaced."""
         self._margins = margins
         owners = map(self._owners, range(len(self.pairs)))
-        each = margins.of(owners, len(self.pairs), self.obstacles_and_links)
+        each = margins.of(owners, len(self.pairs), self.obstacles_and_links if margins.single else ())
         if self._moved:
             each += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
         each.setflags(write=False)
@@ -579,8 +613,8 @@ class CollisionChecker(CheckedBodies):
 
     def _forget(self) -> None:
         """Drop what is computed on first access."""
-        self._still = self._padded = None
-        self._on_levels = {}
+        self._still = None
+        self._kept = {}
         self._threads = threading.local()
 
     @property
@@ -610,7 +644,7 @@ class CollisionChecker(CheckedBodies):
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        left_out = ("_threads", "_known", "_geometry", "world", "_still", "_padded", "_on_levels")
+        left_out = ("_threads", "_known", "_geometry", "world", "_still", "_kept")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -619,3 +653,12 @@ class CollisionChecker(CheckedBodies):
         self._forget()
         self._geometry = pack_geometry(self.group, self.bodies, self.rounding)
         self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)
+
+
+def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") -> None:
+    """Raise InputError unless the curve has the joints of the checker's group, in their order."""
+    require_type("checker", checker, CollisionChecker)
+    if not callable(getattr(curve, "bezier", None)):
+        raise InputError(f"the {name} must be a curve, such as a JointPath or a Trajectory, not {curve!r:.80}")
+    if tuple(curve.joint_names) != checker.group.joint_names:
+        raise InputError(f"the {name} has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")

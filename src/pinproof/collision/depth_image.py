@@ -1,8 +1,8 @@
-"""Depth images: cameras, files, checks of units and sizes, and the bodies that an image looks through."""
+"""Depth images and point clouds: cameras, checks of units and sizes, and the bodies that an image looks through."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Shape
+from pinproof.collision.sensor_files import read_image, read_points
 from pinproof.common.validation import named_arguments, require_integer, require_positive
-from pinproof.errors import FileError, InputError
-from pinproof.spatial import SE3, finite, rigid
+from pinproof.errors import InputError
+from pinproof.spatial import SE3, finite, matrix, rigid
 from pinproof.units import MOST_REACH
 
-__all__ = ["DEPTH_UNCERTAINTY", "DepthView", "Intrinsics", "Piece", "RemovedBody", "read_image", "rounded"]
+__all__ = ["DEPTH_UNCERTAINTY", "DepthView", "Intrinsics", "Piece", "RemovedBody"]
 
 Array = npt.NDArray[np.float64]
 
@@ -34,8 +35,9 @@ SATURATED = 2**16 - 1
 SAMPLES = 10_000
 """Number of pixels of which the unit of an image is judged."""
 
-OFF_CENTER = 0.25
-"""Share of the image by which the principal point of a camera may be off the center of its image."""
+OFF_CENTER = 0.2
+"""Share of the image by which the principal point of a camera may be off the center of its image; that of an image of
+half the size is off by 0.25."""
 
 
 @named_arguments
@@ -130,6 +132,8 @@ class DepthView:
         The bodies that :func:`pinproof.collision.remove_body` removed.
     record
         What was done, in sentences.
+    beside
+        (K, 3) measured points (m) outside the image, in the frame of the grid; only of point clouds.
     """
 
     depth: Array
@@ -140,6 +144,7 @@ class DepthView:
     root_from_camera: SE3
     removed: tuple[RemovedBody, ...] = ()
     record: tuple[str, ...] = ()
+    beside: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
     def read(
@@ -175,6 +180,46 @@ class DepthView:
         nearest = np.where(measured, np.maximum(depth - error, 0.0), 0.0)
         return cls(depth, nearest, np.where(measured, depth + error, 0.0), error, camera, pose)
 
+    @classmethod
+    def from_points(
+        cls,
+        points: npt.ArrayLike | str | Path,
+        intrinsics: Intrinsics,
+        camera_pose: SE3 | npt.ArrayLike,
+        *,
+        cloud_pose: SE3 | npt.ArrayLike | None = None,
+        depth_uncertainty: float = DEPTH_UNCERTAINTY,
+    ) -> DepthView:
+        """Return the view of a point cloud, of which each pixel shows the nearest point.
+
+        Arguments and errors are those of :meth:`pinproof.OccupancyGrid.from_points`.
+        """
+        if not isinstance(intrinsics, Intrinsics):
+            raise InputError(f"intrinsics must be Intrinsics, not {type(intrinsics).__name__}: a cloud has no size")
+        require_positive("depth_uncertainty", depth_uncertainty, zero=True)
+        root_from_camera = rigid("camera_pose", camera_pose)
+        cloud, record = _measured_points(points)
+        if cloud_pose is not None:
+            cloud = _moved(rigid("cloud_pose", cloud_pose), cloud)
+        seen = _moved(root_from_camera.inverse(), cloud)
+        front = np.maximum(seen[:, 2], LEAST_DEPTH)
+        column = np.rint(intrinsics.fx * seen[:, 0] / front + intrinsics.cx)
+        row = np.rint(intrinsics.fy * seen[:, 1] / front + intrinsics.cy)
+        shown = (seen[:, 2] >= LEAST_DEPTH) & (column >= 0) & (column < intrinsics.width)
+        shown &= (row >= 0) & (row < intrinsics.height)
+        if not shown.any():
+            raise InputError(f"none of the {len(cloud)} points is in the view of the camera; check camera_pose")
+        pixels = (row[shown] * intrinsics.width + column[shown]).astype(np.int64)
+        nearest = np.full(intrinsics.height * intrinsics.width, np.inf)
+        farthest = np.zeros_like(nearest)
+        np.minimum.at(nearest, pixels, seen[shown, 2])
+        np.maximum.at(farthest, pixels, seen[shown, 2])
+        shape, error = (intrinsics.height, intrinsics.width), float(depth_uncertainty)
+        depth = np.where(np.isfinite(nearest), nearest, 0.0).reshape(shape)
+        farthest = np.where(farthest > 0, farthest + error, 0.0).reshape(shape)
+        bound = np.maximum(depth - error, 0.0)
+        return cls(depth, bound, farthest, np.array(error), intrinsics, root_from_camera, (), (record,), cloud[~shown])
+
     @property
     def stated_uncertainty(self) -> str:
         """The uncertainty as text."""
@@ -188,14 +233,6 @@ class DepthView:
                 f"every measured surface is within {float(self.depth.max()):.3g} m of the camera: it is covered or "
                 "inside an obstacle"
             )
-
-
-def rounded(values: Array, towards: float) -> npt.NDArray[np.float32]:
-    """Return depths in single precision, rounded towards 0 or infinity, so that bounds remain bounds."""
-    single = values.astype(np.float32)
-    wrong = single < values if towards > 0 else single > values
-    single[wrong] = np.nextafter(single[wrong], np.float32(towards))
-    return single
 
 
 def _pixels(image: Any) -> npt.NDArray[Any]:
@@ -216,6 +253,35 @@ def _pixels(image: Any) -> npt.NDArray[Any]:
             f"{what} must be numbers of the shape (height, width); it is {pixels.dtype} of the shape {pixels.shape}"
         )
     return pixels
+
+
+def _measured_points(points: npt.ArrayLike | str | Path) -> tuple[Array, str]:
+    """Return the finite points (N, 3) of an array or file, and a sentence on their number."""
+    what = f"the point cloud {points}" if isinstance(points, (str, Path)) else "the point cloud"
+    try:
+        stated = np.array(read_points(points) if isinstance(points, (str, Path)) else points, dtype=float)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{what} must be numbers of the shape (N, 3): {error}") from error
+    if stated.size and (stated.ndim != 2 or stated.shape[1] != 3):
+        raise InputError(f"{what} must have the shape (N, 3); it has {stated.shape}")
+    if not stated.size:
+        raise InputError(f"{what} is empty")
+    cloud = stated[np.isfinite(stated).all(axis=1)]
+    if not len(cloud):
+        raise InputError(f"none of the points of {what} is finite")
+    median = float(np.median(np.linalg.norm(cloud, axis=1)))
+    if median > MOST_REACH:
+        raise InputError(f"the points of {what} are {median:g} m away (median), which looks like millimetres")
+    dropped = f"; {len(stated) - len(cloud)} others are not finite" if len(stated) > len(cloud) else ""
+    return cloud, f"its pixels show the nearest points of a cloud of {len(cloud)}{dropped}"
+
+
+def _moved(to_from: SE3, points: Array) -> Array:
+    """Return points (N, 3) in another frame."""
+    transform = matrix(to_from)
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
 
 
 def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
@@ -255,35 +321,3 @@ def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
         )
     depth = np.where(measured, raw, 0) * float(depth_scale)
     return np.where(depth <= MOST_REACH, depth, 0.0)
-
-
-def read_image(path: str | Path) -> npt.NDArray[Any]:
-    """Return the numbers of an image file: ``.npy`` or ``.png``.
-
-    Raises
-    ------
-    FileError
-        If it has another suffix or cannot be read.
-    """
-    file = Path(path)
-    readers = {".npy": _read_npy, ".png": _read_png}
-    reader = readers.get(file.suffix.lower())
-    if reader is None:
-        raise FileError(file, f"is not a depth image; valid suffixes: {', '.join(readers)}")
-    try:
-        return reader(file)
-    except (OSError, ValueError, SyntaxError) as error:  # Pillow raises SyntaxError for damaged files
-        raise FileError(file, f"cannot be read as a depth image: {error}") from error
-
-
-def _read_npy(path: Path) -> npt.NDArray[Any]:
-    return np.asarray(np.load(path, allow_pickle=False))
-
-
-def _read_png(path: Path) -> npt.NDArray[Any]:
-    from PIL import Image as PngImage
-
-    with PngImage.open(path) as image:
-        if image.mode not in ("I;16", "I;16B", "I", "F"):
-            raise ValueError(f"it has the mode {image.mode}; depth images have one channel of 16 bits")
-        return np.asarray(image)

@@ -132,7 +132,10 @@ def _view(
     missing = [key for key in VIEW.required if key not in stated]
     if missing:
         raise InputError(f"a view of occupancy_grid does not state its {' and '.join(missing)}")
-    image = _existing(path, "view.image", stated["image"])
+    source = [key for key in ("image", "points") if key in stated]
+    if len(source) != 1 or ("points" in stated and "depth_scale" in stated):
+        raise InputError("a view of occupancy_grid needs one of image and points; points have no depth_scale")
+    file = _existing(path, f"view.{source[0]}", stated[source[0]])
     for key, table in (("intrinsics", INTRINSICS), ("camera", POSE)):
         if not isinstance(stated[key], dict):
             raise InputError(f"view.{key}: {stated[key]!r} is not a mapping of {', '.join(table.names)}")
@@ -146,5 +149,6 @@ def _view(
     for key in ("width", "height"):
         if key in lens and lens[key] == int(lens[key]):
             lens[key] = int(lens[key])
-    seen = DepthView.read(image, Intrinsics(**lens), pose_of(stated["camera"]), **settings)
+    read = DepthView.read if source == ["image"] else DepthView.from_points
+    seen = read(file, Intrinsics(**lens), pose_of(stated["camera"]), **settings)
     return seen, {key: stated[key] for key in ("pixel_margin",) if key in stated}

@@ -9,7 +9,9 @@ MotionBenchMaker, as lists (``position: [0, 0, 1]``); both are read. Nothing is 
   :attr:`Scene.disabled <pinproof.Scene.disabled>`;
 - the frame of the objects must be the robot's root: empty, ``world``, one of the fixed frames of the file, or the name
   of the root link, which the checker compares; if the file places a floating robot, that pose is inverted;
-- attached objects, octomaps and operations other than ADD are refused; paddings and scales of links become a note.
+- an octomap (binary or full) becomes the obstacle ``<octomap>``, an :class:`~pinproof.OccupancyGrid`. MoveIt treats its
+  unknown cells as free; here they are obstacles, with a note;
+- attached objects and operations other than ADD are refused; paddings and scales of links become a note.
 
 Joint positions are not read: joints outside the arm keep the values that the arm holds.
 """
@@ -27,6 +29,8 @@ import pinocchio as pin
 
 from pinproof.collision.bodies import triangles_of
 from pinproof.collision.hulls import Solid, hull_triangles
+from pinproof.collision.occupancy import OccupancyGrid
+from pinproof.collision.octomap_file import octomap_leaves
 from pinproof.collision.scene_file import SceneContent, numbers_of
 from pinproof.collision.shapes import (
     ANYTHING,
@@ -43,7 +47,7 @@ from pinproof.collision.shapes import (
 )
 from pinproof.common.yaml_file import LinedMapping, refuse_unknown, require_list
 from pinproof.description.packages import locate
-from pinproof.errors import InputError, MeshError, SceneError
+from pinproof.errors import FileError, InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose
 
 __all__ = ["allowed_pairs", "is_moveit", "moveit_message", "read_moveit_message", "read_moveit_scene"]
@@ -114,6 +118,8 @@ OBJECT_KEYS = (
     "id", "header", "pose", "type", "operation", "primitives", "primitive_poses", "meshes", "mesh_poses", "planes",
     "plane_poses", "subframe_names", "subframe_poses",
 )  # fmt: skip
+
+TREE_KEYS = ("header", "binary", "id", "resolution", "data")
 
 PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone"}
 """The numbers of shape_msgs/SolidPrimitive."""
@@ -256,13 +262,6 @@ def _scene(path: Path, content: LinedMapping) -> SceneContent:
     if carried:
         how = "remove them from the file and pass them to the CollisionChecker as attached"
         raise SceneError(path, f"has objects attached to the robot ({', '.join(carried)}), which are not read; {how}")
-    octomap = world.get("octomap") or {}
-    if (octomap.get("octomap") or octomap).get("data"):
-        raise SceneError(
-            path,
-            "holds an octomap, which is not read; use OccupancyGrid.from_octomap with a file of the map instead",
-            "key octomap",
-        )
     frames = _Frames(path, content, state)
     colours = {part.get("id"): part.get("color") for part in content.get("object_colors") or []}
     notes = [
@@ -270,8 +269,8 @@ def _scene(path: Path, content: LinedMapping) -> SceneContent:
         for key in ("link_padding", "link_scale")
         if _is_set(content, key)
     ]
-    obstacles: list[Obstacle] = []
-    parts: dict[str, tuple[str, ...]] = {}
+    obstacles = _octomap(path, _mapping(path, world.get("octomap") or {}, "octomap"), frames, notes)
+    parts: dict[str, tuple[str, ...]] = {each.name: (each.name,) for each in obstacles}
     for stated in require_list(SceneError, path, "world.collision_objects", world.get("collision_objects") or []):
         name, where = _name(path, stated)
         if name in parts:
@@ -290,6 +289,39 @@ def _scene(path: Path, content: LinedMapping) -> SceneContent:
         parts[name] = tuple(names)
     allowed, disabled = allowed_pairs(path, content.get("allowed_collision_matrix") or {}, parts)
     return SceneContent(obstacles, allowed, disabled, frames.root, notes)
+
+
+def _octomap(path: Path, stated: Mapping[str, Any], frames: _Frames, notes: list[str]) -> list[Obstacle]:
+    """The obstacle of an octomap_msgs/OctomapWithPose; none if it is empty."""
+    tree = _mapping(path, stated.get("octomap") or {}, "octomap")
+    where = "key octomap"
+    refuse_unknown(SceneError, path, "key of world.octomap", stated, ("header", "origin", "octomap"), where)
+    refuse_unknown(SceneError, path, "key of the octomap", tree, TREE_KEYS, where)
+    data = tree.get("data")
+    if data is None or len(data) == 0:
+        return []
+    missing = [key for key in ("binary", "id", "resolution") if key not in tree]
+    if missing:
+        raise SceneError(path, f"does not state {' and '.join(missing)} of the octomap", where)
+    if not isinstance(tree["binary"], bool):
+        raise SceneError(path, f"states binary = {tree['binary']!r}, which is neither true nor false", where)
+    try:
+        if not isinstance(data, bytes | bytearray):
+            numbers = np.asarray(data)
+            if numbers.ndim != 1 or numbers.dtype.kind not in "iu" or numbers.min() < -128 or numbers.max() > 255:
+                raise InputError("the data of the octomap must be a list of integers of 8 bits")
+            data = numbers.astype(np.int64).astype(np.uint8).tobytes()
+        resolution = float(finite("resolution of the octomap", tree["resolution"], ()))
+        leaves = octomap_leaves(path, bytes(data), str(tree["id"]), resolution, binary=tree["binary"])
+        grid = OccupancyGrid.from_octomap(replace(leaves, source=f"octomap in {path.name}"))
+    except (FileError, InputError, ValueError, OverflowError) as error:
+        raise SceneError(path, str(getattr(error, "reason", error)), where) from error
+    notes.append(
+        "space that is unknown in the octomap is an obstacle, which it is not in MoveIt; "
+        "pinproof.collision.remove_robot removes the robot from the grid"
+    )
+    root_from_map = frames.placed({"header": stated.get("header"), "pose": stated.get("origin")}, where)
+    return [Obstacle(OCTOMAP, grid, root_from_map)]
 
 
 class _Frames:

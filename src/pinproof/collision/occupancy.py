@@ -7,6 +7,8 @@ that no view proves free are obstacles, whether a surface was measured in them o
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,8 +18,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import carve, clear_within
-from pinproof.collision.depth_image import DEPTH_UNCERTAINTY, DepthView, Intrinsics, Piece, rounded
-from pinproof.collision.octomap_file import THRESHOLD, read_octomap
+from pinproof.collision.depth_image import DEPTH_UNCERTAINTY, DepthView, Intrinsics, Piece
+from pinproof.collision.octomap_file import THRESHOLD, OctomapLeaves, read_octomap
 from pinproof.collision.shape_values import LARGEST_SIZE, ByContent, checked_size
 from pinproof.common.validation import named_arguments, require_integer, require_positive
 from pinproof.errors import InputError
@@ -49,7 +51,8 @@ POLICIES = ("occupied", "free")
 class OccupancyGrid(ByContent):
     """Cubic cells of a box of space, each free, occupied or unknown.
 
-    :meth:`from_depth` makes one from a depth image, :meth:`from_octomap` from a map of OctoMap. As the shape of an
+    :meth:`from_depth` makes one from a depth image, :meth:`from_points` from a point cloud and its camera, and
+    :meth:`from_octomap` from a map of OctoMap. As the shape of an
     :class:`~pinproof.Obstacle`, the occupied cells are joined to boxes. Space outside the grid is free; certificates
     note this.
 
@@ -77,7 +80,12 @@ class OccupancyGrid(ByContent):
     record: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        cells = np.array(self.cells)
+        try:
+            cells = np.array(self.cells)
+        except ValueError as error:
+            raise InputError(
+                "OccupancyGrid.cells must have the shape (nx, ny, nz); its rows differ in length"
+            ) from error
         if (
             cells.ndim != 3
             or cells.size == 0
@@ -98,7 +106,10 @@ class OccupancyGrid(ByContent):
             raise InputError(f"OccupancyGrid.low = {self.low}; it must be three integers")
         if self.unknown not in POLICIES:
             raise InputError(f"OccupancyGrid.unknown = {self.unknown!r}; valid: {', '.join(map(repr, POLICIES))}")
-        for name, value in (("cells", cells), ("voxel", voxel), ("low", first), ("record", tuple(self.record))):
+        record = self.record if isinstance(self.record, (list, tuple)) else (None,)
+        if not all(isinstance(line, str) for line in record):
+            raise InputError(f"OccupancyGrid.record = {self.record!r}; it must be a sequence of sentences")
+        for name, value in (("cells", cells), ("voxel", voxel), ("low", first), ("record", tuple(record))):
             object.__setattr__(self, name, value)
         if float(np.abs(self.bounds).max()) > LARGEST_SIZE:
             raise InputError(f"OccupancyGrid reaches {np.abs(self.bounds).max():g} m; limit: {LARGEST_SIZE:g} m")
@@ -158,9 +169,9 @@ class OccupancyGrid(ByContent):
         Parameters
         ----------
         image
-            (height, width) depth along the optical axis, or a file (``.npy``, ``.png``). Pixels that are 0, not
-            finite, masked, saturated (65535, in integers) or beyond 100 m have no measurement; the space behind them is
-            unknown. Lens distortion must be removed already.
+            (height, width) depth along the optical axis, or a file (``.npy``, ``.png``, ``.exr``). Pixels that are 0,
+            not finite, masked, saturated (65535, in integers) or beyond 100 m have no measurement; the space behind
+            them is unknown. Lens distortion must be removed already.
         intrinsics
             The camera: :class:`~pinproof.collision.Intrinsics`, or its matrix (3, 3).
         camera_pose
@@ -217,8 +228,8 @@ class OccupancyGrid(ByContent):
         view.refuse_covered(side)
         cells = np.empty(count, dtype=np.uint8)
         intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-        nearest, farthest = rounded(view.nearest, 0.0), rounded(view.farthest, np.inf)
-        carve(cells, low, side, matrix(camera_from_root), intrinsics, nearest, farthest, pixel_margin)
+        carve(cells, low, side, matrix(camera_from_root), intrinsics, view.nearest, view.farthest, pixel_margin)
+        _mark(cells, view.beside / side - low, float(view.uncertainty.max()) / side)
         if (cells == UNKNOWN).all():
             center = camera_from_root.act((low + np.array(count) / 2) * side)
             place = ", ".join(f"{x:.3g}" for x in center)
@@ -238,9 +249,62 @@ class OccupancyGrid(ByContent):
         return grid
 
     @classmethod
+    def from_points(
+        cls,
+        points: npt.ArrayLike | str | Path,
+        intrinsics: Intrinsics,
+        camera_pose: pin.SE3 | npt.ArrayLike,
+        *,
+        voxel: float,
+        bounds: Bounds,
+        cloud_pose: pin.SE3 | npt.ArrayLike | None = None,
+        unknown: str = "occupied",
+        depth_uncertainty: float = DEPTH_UNCERTAINTY,
+        pixel_margin: int = PIXEL_MARGIN,
+    ) -> OccupancyGrid:
+        """Return the cells that a point cloud proves free: those that its camera saw in front of its points.
+
+        Points alone prove nothing free, so the cloud needs the camera that measured it. Its points become a depth image
+        in which each pixel shows the nearest point, and :meth:`from_depth` states the rule and what it assumes. Pixels
+        without a point prove nothing: for a sparse cloud, such as of a laser scanner, state a camera at the sensor
+        with pixels that are larger than the spacing of the points. Points outside the image are occupied cells too.
+        :class:`~pinproof.PointCloud` is the shape for points whose surroundings are assumed to be free.
+
+        Parameters
+        ----------
+        points
+            (N, 3) points (m), or a file (``.npy``, ``.ply``, ``.pcd``). Those that are not finite are dropped, and the
+            record states how many.
+        intrinsics
+            The camera.
+        camera_pose
+            ``root_from_camera``, as for :meth:`from_depth`.
+        voxel, bounds
+            As for :meth:`from_depth`.
+        cloud_pose
+            ``root_from_cloud``: the pose of the frame of the points in the frame of the grid; for points in the frame
+            of the camera it is ``camera_pose``. Default: the points are in the frame of the grid.
+        unknown, pixel_margin
+            As for :meth:`from_depth`.
+        depth_uncertainty
+            Largest error (m) of a point along the optical axis.
+
+        Raises
+        ------
+        InputError
+            If the cloud is empty, is not in metres, or has no point in the view; or as for :meth:`from_depth`.
+        FileError
+            If the file cannot be read.
+        """
+        view = DepthView.from_points(
+            points, intrinsics, camera_pose, cloud_pose=cloud_pose, depth_uncertainty=depth_uncertainty
+        )
+        return cls.from_view(view, voxel=voxel, bounds=bounds, unknown=unknown, pixel_margin=pixel_margin)
+
+    @classmethod
     def from_octomap(
         cls,
-        path: str | Path,
+        path: str | Path | OctomapLeaves,
         *,
         unknown: str = "occupied",
         bounds: Bounds | None = None,
@@ -253,7 +317,8 @@ class OccupancyGrid(ByContent):
         Parameters
         ----------
         path
-            The file: ``.bt`` (occupied and free leaves) or ``.ot`` (probabilities; OcTree or ColorOcTree).
+            The file: ``.bt`` (occupied and free leaves) or ``.ot`` (probabilities; OcTree or ColorOcTree). The scene
+            of a MoveIt planning scene contains the grid of its octomap already.
         unknown
             Whether cells that are unknown in the map are ``"occupied"`` or ``"free"``.
         bounds
@@ -271,17 +336,18 @@ class OccupancyGrid(ByContent):
             If the bounds are empty, contain no known leaf, or have too many cells; if a threshold is given for a
             ``.bt`` file.
         """
-        leaves = read_octomap(path, threshold)
+        leaves = path if isinstance(path, OctomapLeaves) else read_octomap(path, threshold)
         known: Array = np.asarray(leaves.bounds * leaves.resolution, dtype=np.float64)
-        lattice = f"the resolution of {Path(path).name}"
+        lattice = f"the resolution of the {leaves.source}"
         low, count, side = _lattice(known if bounds is None else bounds, leaves.resolution, lattice)
         cells = np.full(count, UNKNOWN, dtype=np.uint8)
         leaves.fill(cells, low, FREE, SEEN)
         if (cells == UNKNOWN).all():
-            raise InputError(f"bounds contain no known leaf of {path}; its known leaves are within {known.tolist()}")
+            box = known.tolist()
+            raise InputError(f"bounds contain no known leaf of the {leaves.source}; its known leaves are within {box}")
         judged = "" if leaves.threshold is None else f" (occupied from an occupancy of {leaves.threshold:g})"
         sentence = (
-            f"OctoMap file {Path(path).name} of {len(leaves.places)} known leaves{judged}; the map is trusted, bodies "
+            f"{leaves.source} of {len(leaves.places)} known leaves{judged}; the map is trusted, bodies "
             "that it does not show are not covered"
         )
         return cls(cells, side, tuple(low.tolist()), unknown, (sentence,))
@@ -333,6 +399,15 @@ class OccupancyGrid(ByContent):
 
     def __or__(self, other: OccupancyGrid) -> OccupancyGrid:
         return self.fuse(other)
+
+
+def _mark(cells: Cells, points: Array, error: float) -> None:
+    """Set the cells within ``error`` of points (N, 3) to SEEN; lengths in cells from the first one."""
+    steps = np.linspace(-error, error, max(2, math.ceil(2 * error) + 1))
+    for offset in itertools.product(steps, repeat=3) if len(points) else ():
+        at = np.floor(points + offset)
+        at = at[((at >= 0) & (at < cells.shape)).all(axis=1)].astype(np.int64)
+        cells[tuple(at.T)] = SEEN
 
 
 _RANK = np.array([FREE, SEEN, CLEARED, UNKNOWN], dtype=np.uint8)

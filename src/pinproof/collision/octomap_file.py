@@ -24,7 +24,7 @@ import numpy.typing as npt
 from pinproof.common.files import read_bytes
 from pinproof.errors import FileError, InputError
 
-__all__ = ["THRESHOLD", "OctomapLeaves", "read_octomap"]
+__all__ = ["THRESHOLD", "OctomapLeaves", "octomap_leaves", "read_octomap"]
 
 LARGEST_FILE = 2**28
 """Largest size of a file (bytes)."""
@@ -63,12 +63,15 @@ class OctomapLeaves:
         (n,) whether a leaf is occupied; it is free otherwise.
     threshold
         The occupancy from which leaves are occupied, or None if the file states only which are.
+    source
+        Where the tree is from, for notes and messages.
     """
 
     resolution: float
     places: Integers
     occupied: npt.NDArray[np.bool_]
     threshold: float | None
+    source: str
 
     @property
     def bounds(self) -> Integers:
@@ -113,15 +116,54 @@ def read_octomap(path: str | Path, threshold: float = THRESHOLD) -> OctomapLeave
     if binary and threshold != THRESHOLD:
         raise InputError(f"threshold = {threshold:g}: {file.name} states no occupancies; only .ot files do")
     kind, size, resolution, data = _header(file, content)
+    return octomap_leaves(file, data, kind, resolution, binary=binary, threshold=threshold, size=size)
+
+
+def octomap_leaves(
+    file: Path,
+    data: bytes,
+    kind: str,
+    resolution: float,
+    *,
+    binary: bool,
+    threshold: float = THRESHOLD,
+    size: int | None = None,
+) -> OctomapLeaves:
+    """Return the known leaves of the data of a tree, as they are in files and in octomap_msgs/Octomap.
+
+    Parameters
+    ----------
+    file
+        The file that contains the data, for messages.
+    data
+        The nodes.
+    kind
+        The type of the tree, such as ``"OcTree"``.
+    resolution
+        The side (m) of a cell.
+    binary
+        Whether the data are those of a ``.bt`` file.
+    threshold
+        The occupancy from which the leaves of other data are occupied.
+    size
+        The number of nodes, if it is stated.
+
+    Raises
+    ------
+    FileError
+        If the data are truncated or damaged, are of another type of tree, or have no known leaf.
+    """
+    if not (0.0 < resolution < np.inf):
+        raise FileError(file, f"states the resolution {resolution:g} m, which is not positive")
     if binary:
         count, places, occupied = _binary_tree(file, data)
     else:
         count, places, occupied = _full_tree(file, data, kind, float(np.log(threshold / (1.0 - threshold))))
-    if count != size:
+    if size not in (None, count):
         raise FileError(file, f"is damaged: it holds {count} nodes, but its header states {size}")
     if not len(places):
         raise FileError(file, "has no known leaf: all of its space is unknown")
-    return OctomapLeaves(resolution, places, occupied, None if binary else threshold)
+    return OctomapLeaves(resolution, places, occupied, None if binary else threshold, f"OctoMap file {file.name}")
 
 
 def _header(path: Path, content: bytes) -> tuple[str, int, float, bytes]:
@@ -144,8 +186,6 @@ def _header(path: Path, content: bytes) -> tuple[str, int, float, bytes]:
         size, resolution = int(stated["size"]), float(stated["res"])
     except ValueError as error:
         raise FileError(path, f"has a header that cannot be read: {error}") from error
-    if not (0.0 < resolution < np.inf):
-        raise FileError(path, f"states the resolution {resolution:g} m, which is not positive")
     return stated["id"], size, resolution, rest
 
 

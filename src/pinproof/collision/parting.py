@@ -25,8 +25,8 @@ from pinproof.collision.certificate import (
     MotionTube,
     Parting,
     UndecidedSpan,
-    curve_hash,
     free_sentence,
+    identity_of,
     parameter_text,
 )
 from pinproof.collision.checker import CollisionChecker
@@ -415,7 +415,7 @@ def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> lis
                 raise UnknownNameError("body", name, known, "parting")
         if (one in checker.scene.names) == (other in checker.scene.names):
             raise InputError(f"parting: {one!r} and {other!r}; one must be an obstacle, the other a link or attached")
-        meant = [k for k in range(len(checker.pairs)) if set(_owners(checker, k)) == {one, other}]
+        meant = checker.pairs_of_owners.get(frozenset((one, other)), [])
         if not meant:
             raise InputError(
                 f"parting: {one!r} and {other!r} are not checked against each other, so parting does not apply to them"
@@ -519,11 +519,14 @@ def _on_complete_curve(
     curve: Curve, checker: CollisionChecker, before: Sequence[Certificate], last: Certificate
 ) -> Certificate:
     """Return the verdict ``last`` on a part, after parts that are proven, as the verdict on the whole curve."""
+    own, setup, notes = identity_of(curve, checker)
     return replace(
         last,
         observed=min(certificate.observed for certificate in (*before, last)),
         intervals=sum(certificate.intervals for certificate in (*before, last)),
         pairs=len(checker.pairs),
         excluded=tuple(checker.excluded),
-        curve=curve_hash(curve),
+        curve=own,
+        setup=setup,
+        notes=notes,
     )

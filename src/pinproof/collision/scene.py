@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from pinproof.collision.shapes import Obstacle
 from pinproof.common.display import html_block, html_list, html_table, outline, shortened
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
 
@@ -80,6 +81,8 @@ class Scene:
         source: str | Path | None = None,
     ) -> None:
         obstacles = tuple(obstacles)
+        for each in obstacles:
+            require_type("an obstacle of a scene", each, Obstacle)
         names = [obstacle.name for obstacle in obstacles]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:

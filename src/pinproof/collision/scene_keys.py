@@ -92,10 +92,17 @@ INTRINSICS = KeyTable(
     required("height", {**INTEGER, "minimum": 1}, "rows of the image", "pixels"),
 )
 
+
+def _without(*keys: str) -> dict[str, Any]:
+    """The rule of a schema that none of some keys is present."""
+    return {"not": {"anyOf": [{"required": [key]} for key in keys]}}
+
+
 VIEW = KeyTable(
     "view",
     "A depth image and its camera.",
-    required("image", TEXT, "the image (NPY or PNG), relative to the folder of this file"),
+    FileKey("image", TEXT, "the image (NPY, PNG or EXR), relative to the folder of this file"),
+    FileKey("points", TEXT, "instead of `image`: a point cloud (NPY, PLY or PCD) in the frame of the obstacle"),
     required("intrinsics", INTRINSICS, "the camera"),
     required("camera", POSE, "root_from_camera: x to the right, y downwards, z forward"),
     FileKey("depth_scale", POSITIVE, "metres per unit of the image, which images of integers need", "m"),
@@ -113,14 +120,15 @@ VIEW = KeyTable(
         "",
         PIXEL_MARGIN,
     ),
+    rules={
+        "oneOf": [
+            {"required": ["image"], **_without("points")},
+            {"required": ["points"], **_without("image", "depth_scale")},
+        ]
+    },
 )
 
 _CELL_KEYS = ("low", "count", "record")
-
-
-def _without(*keys: str) -> dict[str, Any]:
-    """The rule of a schema that none of some keys is present."""
-    return {"not": {"anyOf": [{"required": [key]} for key in keys]}}
 
 
 GRID = KeyTable(

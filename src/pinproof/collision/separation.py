@@ -314,8 +314,10 @@ def _commonest(normals: Array) -> Array:
 
 def distinct(directions: Array) -> Array:
     """Return the directions without repetitions, in order of first occurrence."""
-    keys = np.round(directions / SAME_DIRECTION)
-    return directions[np.sort(np.unique(keys, axis=0, return_index=True)[1])]
+    first: dict[tuple[float, ...], int] = {}
+    for i, key in enumerate(np.round(directions / SAME_DIRECTION).tolist()):
+        first.setdefault(tuple(key), i)
+    return np.asarray(directions[list(first.values())])
 
 
 def _measured(moving: MovingBody, body: Body, facets: Array) -> Array:

@@ -59,6 +59,8 @@ def _points(name: str, value: npt.ArrayLike) -> Array:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be numbers of shape (N, 3): {error}") from error
+    if array.size == 0:
+        return np.zeros((0, 3))
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"{name} must have the shape (N, 3); it has {array.shape}")
     return array

@@ -21,6 +21,7 @@ __all__ = [
     "random_generator",
     "require_integer",
     "require_positive",
+    "require_type",
     "seed_sequence",
 ]
 
@@ -59,6 +60,14 @@ def require_positive(name: str, value: float, *, zero: bool = False, below: floa
     if not number or value < 0 or (value == 0 and not zero) or value >= below:
         end = "" if below == math.inf else f" and below {below:g}"
         raise InputError(f"{name} must be a finite number {'of at least' if zero else 'above'} 0{end}, not {value!r}")
+
+
+def require_type(name: str, value: object, *kinds: type) -> None:
+    """Raise InputError unless ``value`` is an instance of one of the classes."""
+    if not isinstance(value, kinds):
+        valid = " or ".join("None" if kind is type(None) else kind.__name__ for kind in kinds)
+        given = repr(value) if value is None or isinstance(value, (str, int, float)) else type(value).__name__
+        raise InputError(f"{name} must be of type {valid}, not {given:.80}")
 
 
 def require_integer(name: str, value: int, smallest: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pinproof.common.files import write_text_whole
+from pinproof.common.validation import require_type
 from pinproof.description.dh import DhTable
 from pinproof.description.dh_urdf import urdf_of_table
 from pinproof.model.dh_proof import prove_urdf_equals_table
@@ -33,6 +34,7 @@ def dh_to_urdf(table: DhTable) -> str:
     InputError
         If a row has a name that is reserved for a link or joint of the URDF.
     """
+    require_type("table", table, DhTable)
     text = urdf_of_table(table)
     prove_urdf_equals_table(table, text)
     return text

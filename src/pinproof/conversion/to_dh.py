@@ -30,6 +30,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.validation import require_type
 from pinproof.description.dh import DhRow, DhTable
 from pinproof.description.dh_keys import CONVENTIONS
 from pinproof.errors import ConversionError, UnknownNameError
@@ -229,6 +230,7 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
     InputError
         For an unknown convention (:class:`~pinproof.errors.UnknownNameError`) or an invalid limit.
     """
+    require_type("arm", arm, Arm)
     if convention not in CONVENTIONS:
         raise UnknownNameError("DH convention", convention, CONVENTIONS)
     path = [joint for joint in link_path(arm.robot.urdf, arm.base, arm.tcp) if joint.type != "fixed"]

@@ -17,8 +17,8 @@ from pinproof.common.display import html_block, html_of, html_table, outline
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.execution import library_file
 from pinproof.motion import Trajectory, time_parametrise
-from pinproof.planning import PlanResult, RrtConnect, shortcut
-from pinproof.planning.planners import Planner
+from pinproof.planning import PlanResult, shortcut
+from pinproof.planning.planners import Planner, planner_of
 from pinproof.spatial import SE3, finite, matrix, rigid
 
 __all__ = ["MotionLibrary", "RepairResult", "StoredMotion"]
@@ -337,7 +337,7 @@ class MotionLibrary:
             jerk = np.maximum(trajectory.max_jerk(), trajectory.max_jerk().max() * 1e-3)
         for first, last in self._parts(motion):
             ends = trajectory(np.array([first, last]))
-            plan = (planner or RrtConnect()).plan(self._checker.padded(clearance), ends[0], ends[1], rng=rng)
+            plan = planner_of(planner).plan(self._checker.padded(clearance), ends[0], ends[1], rng=rng)
             if not plan.ok or plan.path is None:
                 reason = plan.message
                 continue

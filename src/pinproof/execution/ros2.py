@@ -14,19 +14,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import PointCloud, Scene
+from pinproof.collision import CollisionChecker, PointCloud, Scene, certify
 from pinproof.collision.moveit import moveit_message, read_moveit_message
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.errors import InputError, PinproofError, UnknownNameError
+from pinproof.execution.monitor import Monitor
 from pinproof.motion import Trajectory
 from pinproof.motion.trajectory_files import Reader, from_message, to_message
 from pinproof.spatial import finite
 
 __all__ = [
+    "CertifiedExecution",
+    "Reply",
     "display_trajectory",
     "joint_trajectory",
     "planning_scene",
@@ -144,7 +147,7 @@ def read_planning_scene(message: Mapping[str, Any]) -> Scene:
     Raises
     ------
     SceneError
-        If something is not supported, such as attached objects or an octomap; the message names it.
+        If something is not supported, such as attached objects; the message names it.
     """
     return Scene(**read_moveit_message(message)._asdict())
 
@@ -245,6 +248,79 @@ def read_joint_state(message: Mapping[str, Any], joint_names: Sequence[str]) -> 
         found.append(values[order] if len(values) else None)
     position, velocity = found
     return np.zeros(0) if position is None else position, velocity
+
+
+class Reply(NamedTuple):
+    """The answer of :class:`CertifiedExecution` to a message: a text to log, and a JointTrajectory to send or None."""
+
+    text: str = ""
+    command: Message | None = None
+    alarm: bool = False
+
+
+class CertifiedExecution:
+    """Sends each motion that is displayed if it is proven collision-free, and monitors its execution.
+
+    A node passes messages as dictionaries with the time (s) of its clock, and sends the commands of the replies.
+
+    Parameters
+    ----------
+    checker
+        The arm; its scene is replaced by that of the first message of a complete planning scene.
+    joint_tolerance
+        rad or m, one number or (n,): the deviations that certificates and monitor cover.
+    latency
+        Seconds from a measurement until the brakes act, as for :class:`pinproof.Monitor`.
+    """
+
+    def __init__(self, checker: CollisionChecker, *, joint_tolerance: npt.ArrayLike = 0.02, latency: float = 0.01):
+        self.checker, self.joint_tolerance, self.latency = checker, joint_tolerance, latency
+        self.monitor: Monitor | None = None
+        self._begin, self._unread = 0.0, ""
+
+    def on_scene(self, message: Mapping[str, Any], seconds: float) -> Reply:  # noqa: ARG002
+        """Use a complete moveit_msgs/PlanningScene; ignore a difference to one.
+
+        No motion is sent after a scene that cannot be read, until one can.
+        """
+        if message.get("is_diff"):
+            return Reply()
+        try:
+            self.checker, self._unread = self.checker.with_scene(read_planning_scene(message)), ""
+        except PinproofError as error:
+            self._unread = f"no motion is sent, because the planning scene cannot be read: {error}"
+        return Reply(self._unread, alarm=bool(self._unread))
+
+    def on_path(self, message: Mapping[str, Any], seconds: float) -> Reply:
+        """Certify the motion of a moveit_msgs/DisplayTrajectory, and send it if it is collision-free."""
+        try:
+            trajectory = Trajectory.join(*read_display_trajectory(message))
+            certificate = certify(trajectory, self.checker, joint_tolerance=self.joint_tolerance)
+            if not certificate.free or self._unread:
+                return Reply(self._unread or certificate.message, alarm=True)
+            self.monitor = Monitor(self.checker, trajectory, certificate=certificate, latency=self.latency)
+        except PinproofError as error:
+            return Reply(f"the motion is not sent: {error}", alarm=True)
+        self._begin = seconds
+        return Reply(certificate.message, joint_trajectory(trajectory))
+
+    def on_state(self, message: Mapping[str, Any], seconds: float) -> Reply:
+        """Compare a sensor_msgs/JointState with the motion; send the stop if the robot leaves its tube.
+
+        Raises
+        ------
+        UnknownNameError, InputError
+            As for :func:`read_joint_state`.
+        """
+        if self.monitor is None:
+            return Reply()
+        q, dq = read_joint_state(message, self.checker.group.joint_names)
+        result = self.monitor.update(seconds - self._begin, q, dq)
+        if not result.alarm:
+            return Reply()
+        stop = self.monitor.stop_trajectory(q, np.zeros_like(q) if dq is None else dq)
+        self.monitor = None
+        return Reply(str(result), joint_trajectory(stop), alarm=True)
 
 
 def _header(frame: str) -> Message:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from pinproof._core import IkSolver
 from pinproof._core import Search as CompiledSearch
-from pinproof.common.validation import Rng, require_integer, require_positive
+from pinproof.common.validation import Rng, require_integer, require_positive, require_type
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik.loop import (
     AnyCandidate,
@@ -159,6 +159,7 @@ class IterativeIk(ABC):
         InputError
             If the target is not rigid, q0 has the wrong shape, the task or goal is unknown, or rng is invalid.
         """
+        require_type("arm", arm, Arm)
         matrix, start = rigid_matrix("target", target), _start(arm, q0)
         resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
         search, engine = self._search(arm, matrix, start, rng, resolved, goal, on_step)

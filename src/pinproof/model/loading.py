@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 
+from pinproof.common.validation import require_type
 from pinproof.description import (
     CatalogueEntry,
     DhTable,
@@ -62,6 +64,7 @@ def load_robot(
         If the file is a xacro file and the extra ``xacro`` is not installed, or xacro arguments are given for another
         file.
     """
+    require_type("source", source, str, PathLike, DhTable)
     entry: CatalogueEntry | None = None
     if isinstance(source, str) and not source.lower().endswith(ROBOT_SUFFIXES) and "/" not in source:
         entry = find_robot(source)

@@ -56,6 +56,8 @@ class Bounds:
 
         ``jerk`` is None (no limit), ``"limits"`` (use ``limits.jerk``), a number for all joints, or (n,).
         """
+        if not hasattr(limits, "velocity"):
+            raise InputError(f"limits must be JointLimits, such as arm.limits, not {limits!r:.80}")
         velocity = _rates("velocity", limits.velocity, joint_names)
         acceleration = _rates("acceleration", limits.acceleration, joint_names)
         lower = _positions("lower", getattr(limits, "lower", None), joint_names, -np.inf)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pinproof.common.file_keys import (
     ANY_TEXT,
     COUNT,
@@ -19,6 +21,7 @@ from pinproof.common.file_keys import (
 from pinproof.common.yaml_file import YAML_SUFFIXES
 
 __all__ = [
+    "CUBIC_UNITS",
     "EVENT_KINDS",
     "INTERPOLANTS",
     "META",
@@ -42,7 +45,10 @@ UNITS = {
     "time_from_start": "s and ns",
     "accelerations": "rad/s^2 or m/s^2",
 }
-"""The units in the metadata of a file; a cubic has no accelerations."""
+"""The units in the metadata of a file."""
+
+CUBIC_UNITS = {key: unit for key, unit in UNITS.items() if key != "accelerations"}
+"""The units of a cubic, which has no accelerations."""
 
 WRITTEN, READ = (".json", ".csv"), (".json", ".csv", *YAML_SUFFIXES)
 """The suffixes of motion files that are written and read."""
@@ -106,12 +112,18 @@ META = KeyTable(
     ),
     required(
         "units",
-        {"enum": [{k: v for k, v in UNITS.items() if k != "accelerations"}, UNITS]},
+        {"enum": [CUBIC_UNITS, UNITS]},
         "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in UNITS.items()),
     ),
     FileKey("limits_note", ANY_TEXT, "where the limits of the timing come from", "", ""),
     FileKey("certified", list_of(RECORD), "how the motion was certified", "", []),
 )
+
+
+def _metadata_of(kind: str, units: dict[str, str]) -> dict[str, Any]:
+    stated = {"interpolant": {"const": INTERPOLANTS[kind]}, "units": {"const": units}}
+    return {"properties": {"pinproof": {"properties": stated}}}
+
 
 MOTION = KeyTable(
     "motion",
@@ -120,6 +132,17 @@ MOTION = KeyTable(
     required("joint_names", list_of(ANY_TEXT, 1), "names of the joints"),
     required("points", list_of(POINT, 1), "the points in the order of time"),
     FileKey("pinproof", META, "metadata; a message of another program has none"),
+    rules={
+        "if": {
+            "properties": {
+                "points": {
+                    "contains": {"required": ["accelerations"], "properties": {"accelerations": {"minItems": 1}}}
+                }
+            }
+        },
+        "then": _metadata_of("quintic", UNITS),
+        "else": _metadata_of("cubic", CUBIC_UNITS),
+    },
 )
 
 PROGRAM_SCHEMA = "pinproof/program/1"

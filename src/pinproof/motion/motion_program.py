@@ -20,7 +20,7 @@ import numpy as np
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import read_text, write_text_whole
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.curve import Array, ends_meet
+from pinproof.motion.curve import MEET_TOLERANCE, Array, ends_meet
 from pinproof.motion.motion_keys import EVENT_KINDS, INTERPOLANTS, PROGRAM, PROGRAM_SCHEMA, PROGRAM_UNITS
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.trajectory import Trajectory
@@ -106,12 +106,12 @@ class MotionProgram:
     robot, tcp
         The robot and its tcp frame; empty if they are not known.
     member
-        How the chosen grasp differs from the nominal one, as in :attr:`pinproof.PickVerdict.member`.
+        How the chosen grasp differs from the nominal one, as in :attr:`pinproof.picks.PickVerdict.member`.
 
     Raises
     ------
     InputError
-        If times have a gap or overlap, joint values jump, the arm does not rest between segments, an event is not at
+        If times have a gap or overlap, joint values or velocities jump, the arm moves at an event, an event is not at
         the end of a segment, or a certificate is missing.
     """
 
@@ -273,8 +273,13 @@ class MotionProgram:
         if one.interpolant != other.interpolant:
             raise InputError(f"{between} are a {one.interpolant} and a {other.interpolant} curve")
         ends_meet(one, other, between)
-        if one.velocities[-1].any() or other.velocities[0].any():
-            raise InputError(f"{between}: the arm does not rest between them")
+        event = any(_clock(each.time) == _clock(before.end) for each in self.events)
+        for kind in ("velocities", "accelerations"):
+            last, first = getattr(one, kind), getattr(other, kind)
+            if event and kind == "velocities" and (last[-1].any() or first[0].any()):
+                raise InputError(f"{between}: the arm does not rest at the event between them")
+            if last is not None and np.abs(last[-1] - first[0]).max() > MEET_TOLERANCE:
+                raise InputError(f"{between}: the {kind} differ where they meet")
 
 
 def certificate_id(record: MotionRecord) -> str:

@@ -218,7 +218,8 @@ class Trajectory:
         then = (times / factor).clip(0.0, self.duration)
         q, velocities = self(then), self.velocity(then) / factor
         q[[0, -1]], velocities[-1] = self.q[[0, -1]], self.velocities[-1] / factor
-        accelerations = None if self.accelerations is None else self.acceleration(then) / factor**2
+        # The jerk jumps at a knot, so an acceleration evaluated beside it would change a slow segment after a fast one.
+        accelerations = None if self.accelerations is None else self.accelerations / factor**2
         return Trajectory(times, q, velocities, self.joint_names, self.limits_note, accelerations=accelerations)
 
     @classmethod

@@ -24,7 +24,7 @@ from pinproof.common.file_keys import KeyTable, Schema, fault_in, list_of
 from pinproof.common.files import csv_text, read_text, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import TrajectoryError
-from pinproof.motion.motion_keys import INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
+from pinproof.motion.motion_keys import CUBIC_UNITS, INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
 from pinproof.motion.motion_record import MotionRecord
 
 __all__ = [
@@ -95,10 +95,7 @@ class Record:
 
     def meta(self) -> dict[str, object]:
         """The metadata: the key ``pinproof`` of JSON files, the first line of CSV files."""
-        units, kind = dict(UNITS), "quintic"
-        if self.accelerations is None:
-            kind = "cubic"
-            del units["accelerations"]
+        kind, units = ("cubic", CUBIC_UNITS) if self.accelerations is None else ("quintic", UNITS)
         meta = {"version": 1, "interpolant": INTERPOLANTS[kind], "units": units, "limits_note": self.limits_note}
         return {**meta, "certified": [each.to_dict() for each in self.certified]} if self.certified else meta
 

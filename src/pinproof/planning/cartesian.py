@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, certify
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError, NoClosedForm
 from pinproof.ik import AnalyticIk, Clik, IkTask
 from pinproof.ik.task import TaskName
@@ -79,6 +80,7 @@ def plan_linear(
         If a shape is wrong, a number is not finite, a setting is not above 0, or the task constrains only part of the
         position or exactly one rotation.
     """
+    require_type("checker", checker, CollisionChecker)
     arm = checker.arm
     follower = RouteFollower(
         arm=arm,
@@ -145,6 +147,7 @@ def plan_poses(
         If there is no pose, a shape is wrong, a number is not finite, a setting is out of its range, or the task
         constrains only part of the position or exactly one rotation.
     """
+    require_type("checker", checker, CollisionChecker)
     arm = checker.arm
     follower = RouteFollower(
         arm=arm,

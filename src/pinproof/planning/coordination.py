@@ -22,11 +22,10 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, certify
 from pinproof.common.display import outline
-from pinproof.common.validation import Rng
+from pinproof.common.validation import Rng, require_type
 from pinproof.errors import InputError, NoAnswer
 from pinproof.motion import JointPath, Trajectory, synchronise, time_parametrise
-from pinproof.planning.planners import Planner
-from pinproof.planning.rrt_connect import RrtConnect
+from pinproof.planning.planners import Planner, planner_of
 from pinproof.planning.simplification import shortcut
 
 __all__ = ["CoordinationResult", "coordinate", "plan_arms"]
@@ -100,6 +99,7 @@ def coordinate(
     if not 0.0 < step < np.inf:
         raise InputError(f"step = {step!r}; it must be above 0 s")
     for name, each in trajectories.items():
+        require_type(f"the motion of {name!r}", each, Trajectory)
         _require_rest(name, each)
     group, placed = checker.group, dict[str, Trajectory]()
     delays, slowdowns = dict.fromkeys(trajectories, 0.0), dict.fromkeys(trajectories, 1.0)
@@ -182,7 +182,7 @@ def plan_arms(
     NoAnswer
         If neither finds a motion; the message has the reason of both.
     """
-    group, search = checker.group, planner or RrtConnect()
+    group, search = checker.group, planner_of(planner)
     if group.shared_joints:
         raise InputError(
             f"the joints {', '.join(group.shared_joints)} are shared, so that arms cannot wait for each other"

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.collision.overlaps import overlap_hint
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
 from pinproof.model.limits import AT_LIMIT
@@ -133,11 +134,13 @@ def read_ends(
     InputError
         If there is no goal, a shape is wrong or a number is not finite.
     """
+    require_type("checker", checker, CollisionChecker)
     group = checker.group
     first = group.limits.snap(group.configuration(start, "start"))
     given = group.limits.snap(_read_goals(group, goals))
     many, index_of = with_turns(group, first, given) if turns else (given, list(range(len(given))))
-    inside = [not group.limits.violations(goal, group.joint_names) for goal in many]
+    outside = np.maximum(group.limits.lower - many, many - group.limits.upper).max(axis=1)
+    inside = [excess <= 0.0 for excess in outside.tolist()]
     if constraints:
         tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(checker.arm, constraints)
         inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
@@ -158,7 +161,8 @@ def read_ends(
             return _invalid_start(checker, first)
 
     def valid() -> list[int]:
-        return [row for row, goal in enumerate(many) if inside[row] and checker.is_free_unchecked(goal)]
+        rows = np.flatnonzero(inside)
+        return np.asarray(rows[checker.is_free_batch(many[rows])]).tolist()
 
     rows = valid()
     if not rows:

@@ -24,6 +24,7 @@ import numpy.typing as npt
 from pinproof._core import Manifold, RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
 from pinproof.collision.certify import is_proven_free
+from pinproof.collision.checker import require_curve
 from pinproof.collision.path_constraints import check_constraints
 from pinproof.common.display import html_block, html_of, outline
 from pinproof.errors import InputError, TimingError
@@ -95,12 +96,6 @@ BACKTRACKS = 4
 
 CONNECT = 0.75
 """Share of the budget for shortening the first motions; the rest is for the best motion."""
-
-MOVING_SHARE = 0.999
-"""Share of the acceleration limits of motions that do not end at rest, which cannot be slowed down afterwards."""
-
-END_SHARES = (0.2, 0.4, 0.6, 0.8)
-"""Fractions of a motion that are replaced to change the state at its end."""
 
 SLOW_ROUNDS = 8
 """Number of attempts to satisfy all limits by slowing down the complete motion, usually by less than 0.1 %."""
@@ -196,8 +191,7 @@ def optimise(
         If the path cannot be timed within the limits.
     """
     arm = checker.group
-    if tuple(path.joint_names) != arm.joint_names:
-        raise InputError(f"the path has the joints {path.joint_names}, the arm {arm.joint_names}")
+    require_curve(path, checker, "path")
     if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or budget < 0:
         raise InputError(f"budget = {budget!r}; it must be a number of evaluations, 0 or more")
     further = checked_constraints(rate_limits)
@@ -227,42 +221,6 @@ def optimise(
         f"{lower_bound:.3g} s; {certificate.message}"
     )
     return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, search.evaluations, message)
-
-
-def with_moving_ends(
-    trajectory: Trajectory,
-    checker: CollisionChecker,
-    *,
-    limits: MotionLimits,
-    start_velocity: Array,
-    end_velocity: Array,
-    longest: float,
-    rate_limits: Sequence[RateConstraint] = (),
-) -> Trajectory | None:
-    """A motion without a jerk limit, with velocities (n,) at its ends instead of rest, proven free.
-
-    Parts of the motion at its ends are replaced by the fastest moves to the new states.
-
-    Returns
-    -------
-    The motion, or None if none was found that takes at most ``longest`` seconds.
-    """
-    bounds = Bounds.of(limits, trajectory.joint_names)
-    goal, rng = trajectory.end[None], np.random.default_rng(0)
-    task = _Task(checker, bounds, trajectory, trajectory, goal, tuple(rate_limits))
-    search = _Search(task, rng, 0, share=MOVING_SHARE)
-    start, end = (
-        (q.tolist(), velocity.tolist(), [0.0] * len(q))
-        for q, velocity in ((trajectory.start, start_velocity), (trajectory.end, end_velocity))
-    )
-    motion = search.with_ends(start, end, longest)
-    if motion is None:
-        return None
-    timed = motion.trajectory(trajectory.joint_names, trajectory.limits_note, start, end, smooth=False)
-    # A motion that had to be slowed down would have other velocities at its ends.
-    if timed.duration > longest or _excess(timed, bounds, rate_limits) > 1.0 or not is_proven_free(timed, checker):
-        return None
-    return timed
 
 
 def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> float:
@@ -357,13 +315,13 @@ class _Search:
         Number of moves that were computed.
     """
 
-    def __init__(self, task: _Task, rng: np.random.Generator, budget: int, *, share: float = 1.0) -> None:
+    def __init__(self, task: _Task, rng: np.random.Generator, budget: int) -> None:
         self._task, self._checker, self._bounds, self._path = task, task.checker, task.bounds, task.path
         self._rng, self._goals, self._start = rng, task.goals, np.asarray(task.path.start)
         torques = next((each for each in task.rate_limits if isinstance(each, TorqueLimits)), None)
         ends = np.array([task.path.start, task.path.end])
         self._edges = Edges(task.checker, RESOLUTION, ends, torque_limits=torques)
-        self._steering = Steering(task.bounds, share)
+        self._steering = Steering(task.bounds)
         self._gentle = GentleMoves(self._steering, task.bounds, task.rate_limits)
         self._left, self.evaluations = budget, 0
         self._best, self._goal = self._given()
@@ -392,24 +350,6 @@ class _Search:
         self._prove()
         self._best = self._improve(self._best, self._goal, self._left)
         self._prove()
-
-    def with_ends(self, start: State, end: State, longest: float) -> MoveSequence | None:
-        """The motion with other states at its ends; None if none was found of at most this duration."""
-        if (moves := self._connect([start, end], longest)) is not None:
-            return MoveSequence(moves)
-        motion: MoveSequence | None = self._best
-        for first, state in ((True, start), (False, end)):
-            if motion is None or not any(state[1]):
-                continue
-            total, best, spare = motion.duration, None, longest - motion.duration
-            for share in END_SHARES:
-                low, high = (0.0, share * total) if first else ((1.0 - share) * total, total)
-                states = [state, motion.state(high)] if first else [motion.state(low), state]
-                moves = self._connect(states, high - low + spare)
-                if moves is not None and (best is None or motion.replaced(low, high, moves).duration < best.duration):
-                    best = motion.replaced(low, high, moves)
-            motion = best
-        return motion
 
     def trajectory(self, motion: MoveSequence, goal: int) -> Trajectory:
         """A motion to a goal as a trajectory."""

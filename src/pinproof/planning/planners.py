@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PathConstraint
-from pinproof.errors import UnknownNameError
+from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import TorqueLimits
 from pinproof.planning.ompl_adapter import OmplPlanner
 from pinproof.planning.result import PlanResult
 from pinproof.planning.rrt_connect import RrtConnect
 
-__all__ = ["CONSTRAINED_PLANNERS", "DEFAULT_PLANNER", "PLANNERS", "Planner", "make_planner"]
+__all__ = ["CONSTRAINED_PLANNERS", "DEFAULT_PLANNER", "PLANNERS", "Planner", "make_planner", "planner_of"]
 
 
 class Planner(Protocol):
@@ -65,3 +65,12 @@ def make_planner(name: str = DEFAULT_PLANNER, **settings: Any) -> Planner:
     if name not in PLANNERS:
         raise UnknownNameError("planner", name, PLANNERS)
     return PLANNERS[name](**settings)
+
+
+def planner_of(given: Planner | None) -> Planner:
+    """Return the given planner, or the default one for None; refuse anything else, such as the name of a planner."""
+    if given is not None and not callable(getattr(given, "plan", None)):
+        raise InputError(
+            f"planner must be make_planner(NAME), with NAME one of {', '.join(PLANNERS)}, not {given!r:.80}"
+        )
+    return make_planner() if given is None else given

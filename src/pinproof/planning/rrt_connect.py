@@ -140,7 +140,7 @@ class RrtConnect:
             shifted configuration; ``goal`` is the index of the given one.
         constraints
             Conditions of the tcp that hold on the whole path: :class:`~pinproof.Upright`, :class:`~pinproof.Within`,
-            :class:`~pinproof.LookAt`. The start and the goals must satisfy them. The path has many waypoints;
+            :class:`~pinproof.collision.LookAt`. The start and the goals must satisfy them. The path has many waypoints;
             :func:`simplify`, with the same constraints, makes it short and smooth.
         torque_limits
             The path avoids configurations at which the joints cannot hold the arm at rest; checked at samples, since
@@ -166,10 +166,9 @@ class RrtConnect:
         ends = read_ends(checker, start, goals, turns=turns, constraints=constraints, torque_limits=torque_limits)
         if isinstance(ends, PlanResult):
             return ends
-        generator = np.random.default_rng(rng)
         if portfolio == 1 and executor is None:
-            return Search(self, ends, constraints, generator, progress).run()
-        return _run_portfolio(self, ends, constraints, portfolio, generator, executor, progress)
+            return Search(self, ends, constraints, rng, progress).run()
+        return _run_portfolio(self, ends, constraints, portfolio, np.random.default_rng(rng), executor, progress)
 
 
 class Search:
@@ -184,7 +183,7 @@ class Search:
     constraints
         The constraints of the tcp; the start and the goals satisfy them.
     rng
-        The source of the random samples.
+        Seed or Generator of the random samples; a Generator is made when the first samples are drawn.
     progress
         The callback that is called during the search, if any.
     """
@@ -194,7 +193,7 @@ class Search:
         settings: RrtConnect,
         ends: Ends,
         constraints: tuple[PathConstraint, ...],
-        rng: np.random.Generator,
+        rng: int | np.random.Generator,
         progress: Progress | None,
     ) -> None:
         self._constraints = constraints
@@ -237,6 +236,7 @@ class Search:
                 if (result := self._join(search.meeting(0), search.meeting(1))) is not None:
                     return result
             elif event is happened.NEEDS_DRAWS:
+                self._rng = np.random.default_rng(self._rng)
                 search.add_draws(self._rng.random((DRAWS, len(self._given.start) + 2)))
             elif event is happened.SPENT:
                 full = self._nodes >= settings.max_nodes

@@ -17,6 +17,7 @@ import numpy as np
 
 from pinproof._core import shortcut as shorten
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
+from pinproof.collision.checker import require_curve
 from pinproof.collision.path_constraints import check_constraints
 from pinproof.common.display import html_block, html_of
 from pinproof.errors import InputError
@@ -240,8 +241,7 @@ def shortcut(
     InputError
         If the joints of the path are not those of the arm, or a setting is out of its range.
     """
-    if path.joint_names != checker.group.joint_names:
-        raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.group.joint_names}")
+    require_curve(path, checker, "path")
     if attempts < 0:
         raise InputError(f"attempts = {attempts}; it must be 0 or more")
     edges = Edges(checker, resolution, path.q[[0, -1]], torque_limits=torque_limits)

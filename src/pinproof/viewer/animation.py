@@ -53,7 +53,7 @@ class Phase:
     Parameters
     ----------
     trajectory
-        Starts where the previous phase ends; both are at rest there.
+        Starts where the previous phase ends.
     attached
         Objects that move with the tcp of the first arm, in addition to those of the stage; poses are
         ``tcp_from_object``.

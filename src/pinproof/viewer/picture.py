@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CheckResult, FirstContact, Obstacle, Scene, UndecidedSpan
 from pinproof.collision.certificate import proven_millimetres
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
@@ -300,6 +302,8 @@ class Picture:
         ViewerError
             If the robot has no geometry, or a shape cannot be drawn.
         """
+        require_type("arm", self.arm, JointGroup)
+        require_type("scene", self.scene, Scene, NoneType)
         if self.trajectory is not None and (self.q is not None or self.check is not None):
             given = "q" if self.q is not None else "check"
             raise InputError(f"trajectory and {given} cannot be combined; remove one of them")

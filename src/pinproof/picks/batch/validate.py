@@ -10,8 +10,8 @@ from typing import Any
 import numpy.typing as npt
 
 from pinproof.collision import Scene
-from pinproof.common.validation import Rng, seed_sequence
-from pinproof.errors import CampaignError, InputError
+from pinproof.common.validation import Rng, require_type, seed_sequence
+from pinproof.errors import CampaignError
 from pinproof.model import Arm
 from pinproof.picks.batch.workers import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.input.pick import Pick, Picks
@@ -92,9 +92,9 @@ def validate_picks(
         After Ctrl-C (a KeyboardInterrupt); its ``report`` has the verdicts on the picks that were judged before.
     """
     if not isinstance(picks, Picks):
+        require_type("picks", picks, Picks, Iterable)
         for index, pick in enumerate(picks):
-            if not isinstance(pick, Pick):
-                raise InputError(f"picks[{index}] is a {type(pick).__name__}; expected pinproof.Pick")
+            require_type(f"picks[{index}]", pick, Pick)
         picks = Picks(tuple(picks))
     setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget)
     seed_sequence(rng).spawn(len(picks))  # so that the next call with this Generator uses other streams

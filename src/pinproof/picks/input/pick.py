@@ -629,6 +629,10 @@ class Picks:
         The criteria for holding a part.
     optimise
         :attr:`PickBudget.motion`, unless a caller states a budget; None for its default.
+    straight
+        The share of each approach and retreat, next to the part, that must be a straight line: above 0, at most 1. The
+        arm leaves the rest of the line out where a certified motion without a stop is shorter. Where a speed of the
+        stage is stated, all of the line is straight.
     frames
         Named frames in which picks can be stated.
     margin
@@ -664,6 +668,7 @@ class Picks:
     grip: Mapping[str, float] = field(default_factory=dict)
     grip_limits: GripLimits = field(default_factory=GripLimits)
     optimise: int | None = None
+    straight: float = 0.5
     frames: Mapping[str, NamedFrame] = field(default_factory=dict)
     margin: float = 0.0
     payload: tuple[Payload, ...] = ()
@@ -705,6 +710,9 @@ class Picks:
             raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
         object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
         object.__setattr__(self, "payload", checked_payloads(self.payload))
+        require_positive("straight", self.straight)
+        if self.straight > 1.0:
+            raise InputError(f"straight = {self.straight}; it is a share of each line, at most 1")
         if self.cup is not None and (self.fingers is not None or self.grip):
             raise InputError("picks state a cup and fingers; a part is held by one of them")
 

@@ -95,6 +95,7 @@ def open_picks(path: str | Path) -> PickSource:
         conveyor=_shared(path, content, "conveyor", None, _conveyor),
         grip_limits=_shared(path, content, "grip_limits", {}, _grip_limits),
         optimise=_shared(path, content, "optimise", None, _evaluations),
+        straight=_shared(path, content, "straight", Picks.straight, _straight),
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         torque_limits=_shared(path, content, "torque_limits", False, _torque_limits),
@@ -295,6 +296,13 @@ def _evaluations(stated: Any) -> int | None:
         return None
     require_integer("optimise", stated, 0)
     return int(stated)
+
+
+def _straight(stated: object) -> float:
+    share = _number("straight", stated)
+    if not 0.0 < share <= 1.0:
+        raise InputError(f"straight = {share:g}; it is a share of each line, above 0 and at most 1")
+    return share
 
 
 MOST_TOOL = 5.0

@@ -30,6 +30,7 @@ from pinproof.picks.input.pick import (
     TIP,
     GripperFingers,
     Pick,
+    Picks,
     PlaceTarget,
     SuctionCup,
 )
@@ -472,6 +473,14 @@ PICKS = KeyTable(
         "number of evaluations to shorten each transit and each transfer; 0 to follow the planned paths",
         "",
         default_of(PickBudget, "motion"),
+    ),
+    FileKey(
+        "straight",
+        {"$ref": NUMBER, "exclusiveMinimum": 0, "maximum": 1},
+        "share of each approach and retreat, next to the part, that is a straight line; the arm may leave out the rest "
+        "to pass without a stop. All of it is straight where `speed` limits the stage",
+        "",
+        default_of(Picks, "straight"),
     ),
     FileKey(
         "robots",

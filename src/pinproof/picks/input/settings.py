@@ -28,13 +28,14 @@ class PickWeights:
     manipulability
         Yoshikawa's measure at the grasp, relative to the best configuration.
     duration
-        The lower bound of the time over all configurations, divided by the time at full speed.
+        The lower bound of the time over all configurations, divided by the time at full speed. Its default weight is
+        that of the other three together, because every motion keeps the margin and the limits anyway.
     """
 
     clearance: float = 1.0
     limit_margin: float = 1.0
     manipulability: float = 1.0
-    duration: float = 1.0
+    duration: float = 3.0
 
     def __post_init__(self) -> None:
         for each in fields(self):

@@ -144,7 +144,7 @@ def at_full_speed(arm: Arm, points: Array) -> float:
     For the control points of a curve this is an upper bound of the time of the curve at full speed, and at least
     :func:`least_seconds` between its ends.
     """
-    return float((np.abs(np.diff(points, axis=0)) / arm.limits.velocity).max(axis=1, initial=0.0).sum())
+    return float((np.abs(points[1:] - points[:-1]) / arm.limits.velocity).max(axis=1, initial=0.0).sum())
 
 
 def least_seconds(arm: Arm, here: Array, there: Array) -> Array:

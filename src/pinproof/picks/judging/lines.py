@@ -178,7 +178,7 @@ def line(
     if length == 0:
         return Line(StageResult(stage, True, "none requested"))
     # a support that is not checked against the object needs no permission for contact
-    parting = tuple(pair for pair in parting if _is_checked(checker, pair))
+    parting = tuple(pair for pair in parting if frozenset(pair) in checker.pairs_of_owners)
     move = plan_linear(checker, q, task.target(end), parting=parting)
     if not move.ok:
         message = f"{length * 1e3:.0f} mm path, planned outwards from {start}, {move.message}"
@@ -211,11 +211,6 @@ def _other_supports(stage: Stage, task: Task, checker: CollisionChecker, q: Arra
     there = ", ".join(dict.fromkeys(touched))
     key = "place.support" if stage is Stage.PLACE else "support"
     return f"; if {task.name} may touch {there} at the start of this line, state {key}: [{names}]"
-
-
-def _is_checked(checker: CollisionChecker, pair: tuple[str, str]) -> bool:
-    owners = [(checker.bodies[i].owner, checker.bodies[j].owner) for i, j in checker.pairs]
-    return any(set(pair) == set(each) for each in owners)
 
 
 def _proven(move: LinearPlanResult) -> str:

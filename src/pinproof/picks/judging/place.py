@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import heapq
 from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +21,29 @@ from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify
 from pinproof.planning.ends import with_turns
 
-__all__ = ["Placer", "Placing", "Release", "release_lines"]
+__all__ = ["Placer", "Placing", "Release", "Scores", "release_lines"]
 
 Array = npt.NDArray[np.float64]
 
-Score = Callable[["Placing | Release", float], float]
-"""The score of a complete motion with a placing; with a release and a lower bound (s) of the transfer time, an upper
-bound of the score."""
+
+class Scores(Protocol):
+    """The scores of the complete motions with one transit and one grasp, and their upper bounds."""
+
+    def without_lines(self, clearances: Array, seconds: Array) -> Array:
+        """(m,) upper bounds for releases whose lines are not planned.
+
+        ``clearances`` (m,) are those at the releases, ``seconds`` (m,) lower bounds of the time after the retreat.
+        """
+
+    def with_lines(self, release: Release, seconds: float) -> float:
+        """The upper bound for a release; ``seconds`` is a lower bound (s) of the transfer time."""
+
+    def placed(self, placing: Placing) -> float:
+        """The score with a placing."""
+
+
+SLACK, SLACK_SECONDS = 1e-8, 1e-6
+"""m and s by which bounds without lines are relaxed, more than the errors of distances and of IK solutions."""
 
 DOWN, OFF, TRANSFER = 1, 2, 3
 """Number of possible parts of a place if one part failed."""
@@ -65,6 +82,17 @@ class Release:
         return self.q if self.lift is None else self.lift.end
 
 
+class _Ahead(NamedTuple):
+    """What follows the retreat of a family member, at its m releases."""
+
+    first: Array
+    """(k, n) the possible ends of the transfer."""
+    down: Array
+    """(k, m) lower bound (s) of the time from each of them to each release."""
+    after: Array
+    """(m,) lower bound (s) of the time from each release to the end."""
+
+
 class Placer:
     """Plans the place of grasped objects; what does not depend on the attempt is computed once.
 
@@ -80,7 +108,8 @@ class Placer:
         self._task, self._seed = task, seed
         self._releases: dict[str, Array] = {}
         self._downs: dict[tuple[str, int], Release] = {}
-        self._tails: dict[tuple[str, bool], tuple[Array, Array]] = {}
+        self._ahead: dict[tuple[str, bool], _Ahead] = {}
+        self._clearances: dict[str, Array] = {}
 
     def releases(self, member: Member) -> Array:
         """(m, n) the configurations of a family member at the release; empty without a place."""
@@ -97,30 +126,48 @@ class Placer:
 
         If ``exact``, through the configurations at both ends of the lines, if all of them are known.
         """
-        key = member.words, exact
-        if key not in self._tails:
-            self._tails[key] = self._tail(member, exact)
-        first, seconds = self._tails[key]
-        if not len(first):
+        ahead = self._what_is_ahead(member, exact)
+        if not len(ahead.first):
             return np.zeros(len(q))
-        return np.asarray((least_seconds(self._task.arm, q, first) + seconds).min(axis=1))
+        to_end = (ahead.down + ahead.after).min(axis=1)
+        return np.asarray((least_seconds(self._task.arm, q, ahead.first) + to_end).min(axis=1))
 
-    def _tail(self, member: Member, exact: bool) -> tuple[Array, Array]:
-        """The possible ends of a transfer (m, n), and the lower bound (s) (m,) of the time from each to the end."""
+    def _what_is_ahead(self, member: Member, exact: bool) -> _Ahead:
+        key = member.words, exact
+        if key not in self._ahead:
+            self._ahead[key] = self._find_what_is_ahead(member, exact)
+        return self._ahead[key]
+
+    def _find_what_is_ahead(self, member: Member, exact: bool) -> _Ahead:
         task, arm, here = self._task, self._task.arm, self.releases(member)
-        seconds, asked = np.zeros(len(here)), task.place
+        after, asked = np.zeros(len(here)), task.place
+        none = np.where(np.eye(len(here), dtype=bool), 0.0, np.inf)
         if asked is None or not len(here):
-            return here, seconds
+            return _Ahead(here, none, after)
         release = task.release(member)
         above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
         off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
         if len(behind := every_branch(task, off, exact and asked.retreat > 0)):
-            seconds = least_seconds(arm, here, behind).min(axis=1)
+            after = least_seconds(arm, here, behind).min(axis=1)
         if len(before := every_branch(task, above, exact and asked.approach > 0)):
-            return before, (least_seconds(arm, before, here) + seconds).min(axis=1)
-        return here, seconds
+            return _Ahead(before, least_seconds(arm, before, here), after)
+        return _Ahead(here, none, after)
 
-    def place(self, attempt: Attempt, seeds: list[int], score: Score) -> tuple[StageResult, Placing | None]:
+    def _bounds(self, asked: PlaceTarget, attempt: Attempt, tried: list[int], scores: Scores) -> list[float]:
+        """Upper bounds of the score through each of the releases, before their lines are planned."""
+        task, member = self._task, attempt.candidate.member
+        if member.words not in self._clearances:
+            q = self.releases(member)
+            free_hand = task.letting_go(member)
+            clearances = free_hand.clearance_batch(q) if asked.retreat > 0 else np.full(len(q), np.inf)
+            self._clearances[member.words] = clearances
+        ahead = self._what_is_ahead(member, exact=True)
+        there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
+        seconds = there.min(axis=0) + ahead.after - SLACK_SECONDS
+        clearances = self._clearances[member.words] + SLACK
+        return scores.without_lines(clearances[tried], np.maximum(seconds, 0.0)[tried]).tolist()
+
+    def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Placing | None]:
         """Plan the place of a grasped object at the release that gives the best complete motion.
 
         Parameters
@@ -129,9 +176,9 @@ class Placer:
             The attempt, from home to the end of the retreat.
         seeds
             Seeds of the planner and of the shortening.
-        score
-            The score of the complete motion, or its upper bound; releases whose bound does not exceed the best score
-            are not planned.
+        scores
+            Scores and upper bounds; neither the lines of a release nor its transfer are planned if its bound does not
+            exceed the best score.
         """
         task, member = self._task, attempt.candidate.member
         if task.place is None:
@@ -141,26 +188,31 @@ class Placer:
             return self._out_of_reach(member), None
         nearest = np.argsort(least_seconds(task.arm, attempt.exit[None], many)[0], kind="stable")
         tried = nearest[: task.cell.budget.configurations].tolist()
-        failed: list[StageResult] = []
-        candidates: list[tuple[float, int, Release]] = []
-        for order, index in enumerate(tried):
-            down = self._down(task.place, member, index)
-            if down.why:
-                failed.append(_failure(down))
-                continue
-            left = float(least_seconds(task.arm, attempt.exit[None], down.entrance[None])[0, 0])
-            candidates.append((-score(down, left), order, down))
+        without_lines, without_transfer = dict[int, StageResult](), list[StageResult]()
+        bounds = self._bounds(task.place, attempt, tried, scores)
+        queue: list[tuple[float, int, Release | None]] = [(-bound, order, None) for order, bound in enumerate(bounds)]
+        heapq.heapify(queue)
         best: tuple[float, StageResult, Placing] | None = None
-        for bound, _, down in sorted(candidates, key=lambda each: each[:2]):
+        while queue:
+            bound, order, down = heapq.heappop(queue)
             if best is not None and -bound <= best[0]:
                 break
+            if down is None:
+                down = self._down(task.place, member, tried[order])
+                if down.why:
+                    without_lines[order] = _failure(down)
+                else:
+                    left = float(least_seconds(task.arm, attempt.exit[None], down.entrance[None])[0, 0])
+                    heapq.heappush(queue, (-scores.with_lines(down, left), order, down))
+                continue
             result, placing = self.transfer(task.place, attempt, down, seeds)
             if placing is None:
-                failed.append(result)
-            elif best is None or score(placing, 0.0) > best[0]:
-                best = score(placing, 0.0), result, placing
+                without_transfer.append(result)
+            elif best is None or scores.placed(placing) > best[0]:
+                best = scores.placed(placing), result, placing
         if best is not None:
             return best[1], best[2]
+        failed = (*(without_lines[order] for order in sorted(without_lines)), *without_transfer)
         farthest = max(failed, key=lambda result: result.figures["passed"])
         if len(many) > 1:
             message = f"{farthest.message}; {len(tried)} of {len(many)} IK solutions at the release were tried"
@@ -199,7 +251,8 @@ class Placer:
         low, high = span(down.q, down.lift, down.leave)
         goals = with_turns(arm, attempt.exit, down.entrance[None])[0] if turns else down.entrance[None]
         shifts = [goal - down.entrance for goal in goals]
-        inside = [shift for shift in shifts if limits.inside(np.array([low, high]) + shift).all()]
+        within = np.asarray(limits.inside(np.array([low, high])[:, None] + np.array(shifts)).all(axis=0))
+        inside = [shift for shift, each in zip(shifts, within.tolist(), strict=True) if each]
         shifts = inside or shifts[:1]
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
         goals, constraints = down.entrance + np.array(shifts), task.constraints(attempt.candidate.member)

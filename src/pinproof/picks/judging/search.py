@@ -30,7 +30,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import Curve, JointPath
 from pinproof.picks.input.pick import Member
@@ -88,7 +87,7 @@ class Scoring:
         volumes = np.array([candidate.parts["manipulability"] for candidate in candidates])
         return cls(task, _sum(_parts(least, clearances, margins, volumes, seconds), task), least)
 
-    def scores(self, clearance: float, margins: Array, manipulability: float, seconds: Array) -> Array:
+    def scores(self, clearance: float | Array, margins: Array, manipulability: float, seconds: Array) -> Array:
         """(k,) the weighted sums of the parts."""
         return _sum(_parts(self.least, np.array(clearance), margins, np.array(manipulability), seconds), self.task)
 
@@ -297,7 +296,8 @@ class BestFirst:
         elif self._task.place is None:
             self._place(here.key, crossing)
         else:
-            score = self._parts(crossing, None)["score"]
+            scores = _Completions(self._scoring, self._task, crossing.attempt, crossing)
+            score = scores.before_place(self._rest(crossing.attempt))
             heapq.heappush(self._open, _OpenAttempt((-score, *here.key[1:]), here.attempt, here.shift, crossing))
 
     def _lines(self) -> None:
@@ -317,14 +317,13 @@ class BestFirst:
         attempt, path = crossing.attempt, crossing.path
         if attempt is None or path is None:
             return
-        placed, placing = self._placer.place(
-            attempt, self._seeds, lambda placing, seconds: self._parts(crossing, placing, seconds)["score"]
-        )
+        scores = _Completions(self._scoring, self._task, attempt, crossing)
+        placed, placing = self._placer.place(attempt, self._seeds, scores)
         stages = (*attempt.stages, crossing.result, placed)
         if not placed.ok:
             self._stop(key, stages)
             return
-        parts = self._parts(crossing, placing)
+        parts = scores.parts(placing)
         self.motions.append(CompleteMotion(attempt, stages, path, placing, parts, (-parts["score"], *key[1:])))
         self.made += 1
 
@@ -349,30 +348,49 @@ class BestFirst:
         """Lower bound (s) of the time after the retreat."""
         return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
 
-    def _parts(self, crossing: Crossing, placing: Placing | Release | None, more: float = 0.0) -> dict[str, float]:
-        """The parts of the score of a complete motion; without a placing, or with a release only, upper bounds.
 
-        ``more`` is a lower bound (s) of the time of the transfer to the release.
-        """
-        attempt, arm = crossing.attempt, self._task.arm
-        if attempt is None:
-            raise InputError("a failed transit has no score")
-        curves: list[Curve | None] = [crossing.path, attempt.line_in(), attempt.line_out()]
-        clearances = [attempt.candidate.clearance, attempt.clearance, crossing.clearance]
-        seconds = more
-        if isinstance(placing, Placing):
-            curves += [placing.transfer, placing.lift, placing.leave]
-        elif placing is not None:
-            seconds += sum(at_full_speed(arm, each) for each in _points([placing.lift, placing.leave], arm.dof))
-        if placing is not None:
-            clearances.append(placing.clearance)
-        else:
-            seconds += self._rest(attempt)
-        points = [attempt.q[None], *_points(curves, arm.dof)]
-        every = np.vstack(points)
-        seconds += sum(at_full_speed(arm, each) for each in points)
-        margin = float(limit_margin(self._task, every.min(axis=0), every.max(axis=0)))
-        return self._scoring.parts(min(clearances), margin, attempt.candidate.parts["manipulability"], seconds)
+class _Completions:
+    """The :class:`Scores` of the motions with one crossing and the lines of its attempt."""
+
+    def __init__(self, scoring: Scoring, task: Task, attempt: Attempt, crossing: Crossing) -> None:
+        self._scoring, self._task = scoring, task
+        self._manipulability = attempt.candidate.parts["manipulability"]
+        self._clearance = min(attempt.candidate.clearance, attempt.clearance, crossing.clearance)
+        points = [attempt.q[None], *_points([crossing.path, attempt.line_in(), attempt.line_out()], task.arm.dof)]
+        self._seconds = sum(at_full_speed(task.arm, each) for each in points)
+        self._low, self._high = (bound(np.vstack(points), axis=0) for bound in (np.min, np.max))
+        self._margin = limit_margin(task, self._low, self._high)
+
+    def before_place(self, rest: float) -> float:
+        """The upper bound with any place; ``rest`` is a lower bound (s) of the time after the retreat."""
+        return self._score(self._clearance, self._margin, rest + self._seconds)["score"]
+
+    def without_lines(self, clearances: Array, seconds: Array) -> Array:
+        least = np.minimum(clearances, self._clearance)
+        return self._scoring.scores(least, self._margin, self._manipulability, self._seconds + seconds)
+
+    def with_lines(self, release: Release, seconds: float) -> float:
+        arm = self._task.arm
+        seconds += sum(at_full_speed(arm, each) for each in _points([release.lift, release.leave], arm.dof))
+        return self._score(min(self._clearance, release.clearance), self._margin, seconds + self._seconds)["score"]
+
+    def placed(self, placing: Placing) -> float:
+        return self.parts(placing)["score"]
+
+    def parts(self, placing: Placing | None) -> dict[str, float]:
+        """The parts of the score of the complete motion."""
+        if placing is None:
+            return self._score(self._clearance, self._margin, self._seconds)
+        arm, seconds = self._task.arm, self._seconds
+        points = [*_points([placing.transfer, placing.lift, placing.leave], arm.dof)]
+        for each in points:
+            seconds += at_full_speed(arm, each)
+        every = np.vstack([self._low, self._high, *points])
+        margin = limit_margin(self._task, every.min(axis=0), every.max(axis=0))
+        return self._score(min(self._clearance, placing.clearance), margin, seconds)
+
+    def _score(self, clearance: float, margin: Array, seconds: float) -> dict[str, float]:
+        return self._scoring.parts(clearance, float(margin), self._manipulability, seconds)
 
 
 def _points(curves: Sequence[Curve | None], n: int) -> Iterator[Array]:

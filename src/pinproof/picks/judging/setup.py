@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, Scene
+from pinproof.collision import Certificate, CollisionChecker, OccupancyGrid, Scene
+from pinproof.collision.certificate import files_examined_once
 from pinproof.collision.overlaps import overlap_hint
 from pinproof.common.content_hash import digest
 from pinproof.common.display import outline
@@ -120,7 +121,8 @@ class PickSetup:
 
     def judge(self, index: int, pick: Pick) -> PickVerdict:
         """The verdict on the pick at ``index``."""
-        return judge(pick, self.cell, self.rng(index))
+        with files_examined_once():
+            return judge(pick, self.cell, self.rng(index))
 
     def recertify(self, program: MotionProgram, pick: Pick) -> tuple[Certificate, ...]:
         """Certify the motions of a program again in this setup.
@@ -176,7 +178,7 @@ class PickSetup:
         return tuple(found)
 
     def not_covered(self, with_object: Collection[bool]) -> tuple[str, ...]:
-        """What the verdicts do not cover, one sentence each.
+        """What the verdicts do not cover or assume, one sentence each.
 
         Parameters
         ----------
@@ -215,6 +217,9 @@ class PickSetup:
             notes.append(f"links with visual geometry but no collision geometry: {', '.join(visual_only)}")
         if not checker.scene.obstacles:
             notes.append("the scene has no obstacles, so the robot was checked only against itself")
+        for thing in checker.scene.obstacles:
+            if isinstance(thing.shape, OccupancyGrid):
+                notes.append(f"what {thing.name} does not show: {thing.shape.remark}")
         if checker.hollow:
             notes.append(f"bodies completely inside meshes that are not watertight: {', '.join(checker.hollow)}")
         return tuple(notes)
@@ -247,6 +252,7 @@ class PickSetup:
             ),
             "conveyor": digest(self.shared.conveyor),
             "payload": digest((self.shared.payload, self.shared.torque_limits)),
+            "straight": self.shared.straight,
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
         }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -36,6 +36,9 @@ from pinproof.planning.planners import CONSTRAINED_PLANNERS
 from pinproof.spatial import SE3, matrix
 
 __all__ = ["DOWN", "SUPPORT_GAP", "Cell", "Task"]
+
+GRIPS_KEPT = 256
+"""Number of grips that a cell keeps for other picks of equal parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,11 @@ class Cell:
             budget = replace(self.budget, compared=1, remedies=0, motion=0)
             self._trials[failed] = replace(self, budget=budget, trial=failed)
         return self._trials[failed]
+
+    @cached_property
+    def grips(self) -> dict[Hashable, GripResult]:
+        """The first :data:`GRIPS_KEPT` different grips that were judged."""
+        return {}
 
     @cached_property
     def closed_hand(self) -> CollisionChecker:
@@ -295,18 +303,25 @@ class Task:
     def grip(self, member: Member) -> GripResult:
         """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
         if member.words not in self._grips:
-            part = HeldPart(self._surface, self.holding(member).pose)
-            limits, tip = self.cell.shared.grip_limits, self.cell.shared.tip
-            if self.cell.fingers:
-                along = np.array(self.pick.approach_direction)
-                if self.pick.approach_frame != TIP:
-                    along = self.grasp(member).rotation.T @ along
-                self._grips[member.words] = grip_by_fingers(self.cell.fingers, part, tip.rotation @ along, limits)
-            elif self.cell.shared.cup is not None:
-                self._grips[member.words] = grip_by_cup(self.cell.shared.cup, tip, part)
-            else:
-                self._grips[member.words] = grip_by_tip(tip, part, limits)
+            along = np.array(self.pick.approach_direction)
+            if self.pick.approach_frame != TIP:
+                along = self.grasp(member).rotation.T @ along
+            held = self.holding(member)
+            # picks of equal parts often have the same grasp of the part
+            key = held.name, held.shape, matrix(held.pose).tobytes(), along.tobytes()
+            self._grips[member.words] = self.cell.grips.get(key) or self._judge_grip(held, along)
+            if len(self.cell.grips) < GRIPS_KEPT:
+                self.cell.grips[key] = self._grips[member.words]
         return self._grips[member.words]
+
+    def _judge_grip(self, held: Obstacle, along: Array) -> GripResult:
+        """Whether the closed hand holds the object, with the direction of the approach (3,) in the tip's axes."""
+        part, limits, tip = HeldPart(self._surface, held.pose), self.cell.shared.grip_limits, self.cell.shared.tip
+        if self.cell.fingers:
+            return grip_by_fingers(self.cell.fingers, part, tip.rotation @ along, limits)
+        if self.cell.shared.cup is not None:
+            return grip_by_cup(self.cell.shared.cup, tip, part)
+        return grip_by_tip(tip, part, limits)
 
     def frame_hint(self) -> str:
         """A hint on the frame of the pick, if its grasp is implausibly far from an object of the scene; else empty."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,14 +19,16 @@ from pinproof.motion import (
     Trajectory,
     time_parametrise,
 )
+from pinproof.motion.limits import Bounds
 from pinproof.picks.input.pick import PARTS, Member
+from pinproof.picks.judging.joining import Chosen, JoinedMotion, LineEnd, backwards
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
 from pinproof.picks.judging.motion_limits import peaks_of, rate_limits
 from pinproof.picks.judging.place import Placing
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 from pinproof.planning import optimise
-from pinproof.planning.optimisation import with_moving_ends
+from pinproof.planning.moving_ends import MovingEnds
 
 __all__ = [
     "MotionPart",
@@ -40,10 +43,6 @@ __all__ = [
 ]
 
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
-
-
-ENTRANCE_SPEEDS = (1.2, 0.7)
-"""Speeds at the beginning of the approach that are tried, as shares of its largest speed between two stops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,28 +80,31 @@ def time_motion(
     """Time and certify all parts of a motion."""
     motions: list[PickMotion] = []
     trajectories: list[Trajectory] = []
-    grasp_time, release_time = 0.0, None
-    now = ""
+    until_grasp: list[Trajectory] = []
+    until_release: list[Trajectory] = []
     try:
-        for part in motion_parts(task, attempt, path, placing):
-            now = part.name
-            timed, motion, why = time_part(task, part, attempt)
+        timing = _PartsTiming(task, motion_parts(task, attempt, path, placing), attempt.candidate.member)
+        if task.cell.budget.motion > 0:
+            timing.join()
+        for number, part in enumerate(timing.parts):
+            motion, why = timing.motion(number)
             if motion is None:
-                return StageResult(Stage.TIMING, False, f"{now}: {why}"), None
+                return StageResult(Stage.TIMING, False, f"{part.name}: {why}"), None
             motions.append(motion)
             trajectory = motion.trajectory
             trajectories.append(trajectory)
-            # Joined instead of summed, because times are rounded to nanoseconds and the grasp must be an exact time.
             if part.name == "pick":
-                until = timed[: 1 + (attempt.approach is not None)]
-                grasp_time = Trajectory.join(*until).duration
+                until_grasp = timing.trajectories(number)[: 1 + (attempt.approach is not None)]
             elif part.name in ("transit", "approach"):
-                grasp_time = Trajectory.join(*trajectories).duration
+                until_grasp = [*trajectories]
             elif part.name in ("transfer", "place"):
-                release_time = Trajectory.join(*trajectories).duration
+                until_release = [*trajectories]
+        # Joined instead of summed, because times are rounded to nanoseconds and the grasp must be an exact time.
+        grasp_time = Trajectory.join(*until_grasp).duration if until_grasp else 0.0
+        release_time = Trajectory.join(*until_release).duration if until_release else None
         joined = Trajectory.join(*trajectories)
     except TimingError as error:
-        return StageResult(Stage.TIMING, False, f"{now}: {error}"), None
+        return StageResult(Stage.TIMING, False, str(error)), None
     pairs = max(motion.certificate.pairs for motion in motions)
     clearance = min(motion.certificate.clearance for motion in motions)
     parts = f" in {len(motions)} motions" if len(motions) > 1 else ""
@@ -116,26 +118,125 @@ def time_motion(
     return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
 
 
-def time_part(task: Task, part: MotionPart, attempt: Attempt) -> tuple[list[Trajectory], PickMotion | None, str]:
-    """Time and certify a part of a motion: its timed curves, the certified motion, or None and the reason.
+def time_part(task: Task, part: MotionPart, attempt: Attempt) -> tuple[PickMotion | None, str]:
+    """Time and certify a part of a motion, from rest to rest: the certified motion, or None and the reason.
 
     Raises
     ------
     TimingError
         If a curve cannot be timed within the limits.
     """
-    rates = [rate_limits(task, attempt.candidate.member, name, part.checker) for name in part.stages]
-    shortest = [timed_curve(task, part, *each) for each in zip(part.curves, rates, strict=True)]
-    timed = [trajectory for trajectory, _ in shortest]
-    if part.name == "pick" and attempt.approach is not None:
-        timed[:2] = _without_stop(task, part, timed, rates) or timed[:2]
-    trajectory = Trajectory.join(*timed)
-    certificate = (shortest[0][1] if len(shortest) == 1 else None) or prove_part(part, trajectory)
-    if not certificate.free:
-        return timed, None, certificate.message
-    around, peaks = part.checker, peaks_of(rates[0], trajectory)
-    motion = PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held, peaks)
-    return timed, motion, ""
+    return _PartsTiming(task, [part], attempt.candidate.member).motion(0)
+
+
+PASSED = (("transit", "approach"), ("retreat", "transfer"), ("transfer", "place"))
+"""The stages between which the arm need not stop; the gripper moves between the others."""
+
+
+@dataclass(eq=False)
+class _StageCurve:
+    """A curve of a part: the number of the part, the stage, its limits, and its timing once it is known."""
+
+    part: int
+    stage: str
+    curve: JointPath | BlendedPath | CubicPath
+    rates: list[RateConstraint]
+    timed: Trajectory | None = None
+    certificate: Certificate | None = None
+
+
+class _PartsTiming:
+    """Times the curves of the parts of a motion: from rest to rest, unless :meth:`join` is called before."""
+
+    def __init__(self, task: Task, parts: list[MotionPart], member: Member) -> None:
+        self._task, self.parts = task, parts
+        self._curves = [
+            _StageCurve(number, stage, curve, rate_limits(task, member, stage, part.checker))
+            for number, part in enumerate(parts)
+            for stage, curve in zip(part.stages, part.curves, strict=True)
+        ]
+        self._proven: dict[int, Certificate] = {}
+
+    def trajectories(self, number: int) -> list[Trajectory]:
+        """The timed curves of a part."""
+        return [self._timed(each) for each in self._curves if each.part == number]
+
+    def motion(self, number: int) -> tuple[PickMotion | None, str]:
+        """The certified motion of a part, or None and the reason."""
+        part, own = self.parts[number], [each for each in self._curves if each.part == number]
+        trajectory = Trajectory.join(*self.trajectories(number))
+        certificate = self._proven.get(number) or (own[0].certificate if len(own) == 1 else None)
+        certificate = certificate or prove_part(part, trajectory)
+        if not certificate.free:
+            return None, certificate.message
+        around, peaks = part.checker, peaks_of(own[0].rates, trajectory)
+        return PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held, peaks), ""
+
+    def join(self) -> None:
+        """Replace the stops at the outer ends of the lines, where a certified motion without a stop is shorter."""
+        for k, each in enumerate(self._curves):
+            if isinstance(each.curve, CubicPath):
+                continue
+            before, after = self._line(k - 1, k), self._line(k, k + 1)
+            if before is None and after is None:
+                continue
+            motion = self._joined(each, before, after)
+            found = motion.find()
+            if found is None:
+                continue
+            each.timed, chosen, self._proven[each.part] = found
+            for near, moving in zip((k - 1, k + 1), chosen, strict=True):
+                if moving is not None:
+                    self._curves[near].timed = moving
+
+    def _joined(self, each: _StageCurve, before: LineEnd | None, after: LineEnd | None) -> JoinedMotion:
+        """What is searched for between two lines."""
+        task, part, curve = self._task, self.parts[each.part], each.curve
+        bounds = Bounds.of(task.arm.limits, task.arm.joint_names)
+
+        def prove(trajectory: Trajectory, chosen: Chosen) -> Certificate:
+            moving = {
+                id(line.path): motion for line, motion in zip((before, after), chosen, strict=True) if line and motion
+            }
+            own = [
+                trajectory if other is each else moving.get(id(other.curve)) or self._timed(other)
+                for other in self._curves
+                if other.part == each.part
+            ]
+            return prove_part(part, Trajectory.join(*own))
+
+        ends = np.array([curve.start, curve.end])
+        return JoinedMotion(
+            MovingEnds(part.checker, bounds, ends, each.rates, part.constraints),
+            bounds,
+            before,
+            after,
+            ends,
+            partial(self._timed, each),
+            prove,
+        )
+
+    def _line(self, first: int, second: int) -> LineEnd | None:
+        """The line of two successive curves, if the arm need not stop between them."""
+        if first < 0 or second >= len(self._curves):
+            return None
+        one, other = self._curves[first], self._curves[second]
+        if (one.stage, other.stage) not in PASSED:
+            return None
+        line, arrives = (other, True) if isinstance(other.curve, CubicPath) else (one, False)
+        if not isinstance(line.curve, CubicPath):
+            return None
+        # A stated speed of the stage holds on the complete line.
+        straight = 1.0 if line.stage in self._task.pick.speed else self._task.cell.shared.straight
+        return LineEnd(self._task.arm, line.curve, self._timed(line), arrives, straight, line.rates)
+
+    def _timed(self, each: _StageCurve) -> Trajectory:
+        if each.timed is None:
+            try:
+                each.timed, each.certificate = timed_curve(self._task, self.parts[each.part], each.curve, each.rates)
+            except TimingError as error:
+                raise TimingError(f"{self.parts[each.part].name}: {error}") from error
+        return each.timed
 
 
 def timed_curve(
@@ -148,42 +249,6 @@ def timed_curve(
     kept = part.constraints
     result = optimise(curve, part.checker, limits=limits, rate_limits=rates, constraints=kept, budget=budget)
     return result.trajectory, result.certificate
-
-
-def _without_stop(
-    task: Task, part: MotionPart, timed: list[Trajectory], rates: list[list[RateConstraint]]
-) -> list[Trajectory] | None:
-    """The transit and the approach without the stop between them; None if this is not shorter.
-
-    The speed at the entrance is near the largest one of the line between two stops, or less.
-    """
-    limits, line = task.arm.limits, part.curves[1]
-    if task.cell.budget.motion == 0 or part.constraints or len(timed[1].q) == 1:
-        return None
-    points = line.bezier()[1]
-    tangent = points[0, 1] - points[0, 0]
-    if not tangent.any():
-        return None
-    peak = np.linalg.norm(timed[1].velocities, axis=1).max() / np.linalg.norm(tangent)
-    for share in ENTRANCE_SPEEDS:
-        try:
-            entering = time_parametrise(line, limits, start_velocity=share * peak * tangent, rate_limits=rates[1])
-        except (InputError, TimingError):  # too fast for the line or for a limit
-            continue
-        longest = timed[0].duration + timed[1].duration - entering.duration
-        velocity, rest = np.asarray(entering.velocities[0]), np.zeros(task.arm.dof)
-        arriving = with_moving_ends(
-            timed[0],
-            part.checker,
-            limits=limits,
-            start_velocity=rest,
-            end_velocity=velocity,
-            longest=longest,
-            rate_limits=rates[0],
-        )
-        if arriving is not None:
-            return [arriving, entering]
-    return None
 
 
 def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:
@@ -293,7 +358,7 @@ def prove_part(part: MotionPart, trajectory: Trajectory) -> Certificate:
     if not part.backwards or not part.parting:
         proof = certify(trajectory, part.checker, parting=part.parting, constraints=part.constraints)
     else:
-        proof = certify(_backwards(trajectory), part.checker, parting=part.parting, constraints=part.constraints)
+        proof = certify(backwards(trajectory), part.checker, parting=part.parting, constraints=part.constraints)
         # both directions have the same configurations, so the proof applies to both
         proof = replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
     if proof.free and part.passing is not None:
@@ -302,17 +367,3 @@ def prove_part(part: MotionPart, trajectory: Trajectory) -> Certificate:
         if not passed.free:
             return replace(passed, message=f"the open fingers collide with the object: {passed.message}")
     return proof
-
-
-def _backwards(trajectory: Trajectory) -> Trajectory:
-    """The reversed trajectory."""
-    times = trajectory.times[-1] - trajectory.times[::-1]
-    curvature = None if trajectory.accelerations is None else trajectory.accelerations[::-1]
-    return Trajectory(
-        times - times[0],
-        trajectory.q[::-1],
-        -np.asarray(trajectory.velocities[::-1]),
-        trajectory.joint_names,
-        trajectory.limits_note,
-        accelerations=curvature,
-    )

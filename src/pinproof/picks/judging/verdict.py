@@ -93,7 +93,8 @@ class PickMotion:
         ``"transfer"``, ``"place"``, ``"leave"``; on a conveyor also ``"tracking"``, while the
         gripper closes, and ``"release"``, while it opens.
     trajectory
-        From rest to rest, except before and after ``"tracking"``.
+        At rest at the grasp and at the release. It may move at its other end, where the next motion continues with the
+        same velocity: the approach begins on its line, and the retreat ends there.
     certificate
         FREE for exactly this trajectory; that of ``"place"`` is proven for the reversed motion.
     attached
@@ -163,7 +164,7 @@ class PickVerdict:
     q_grasp
         (n,) the configuration at the grasp; None unless GOOD.
     trajectory
-        All motions joined, with zero velocity at the joints between them; None unless GOOD.
+        All motions joined; None unless GOOD.
     grasp_time
         Seconds from the start of the trajectory to the grasp.
     certificate
@@ -273,7 +274,7 @@ class PickVerdict:
         grip_dwell, release_dwell
             Seconds that the arm rests while the gripper closes and while it opens.
         robot, tcp
-            The names that the program states; :meth:`pinproof.PickReport.programs` fills them in.
+            The names that the program states; :meth:`pinproof.picks.PickReport.programs` fills them in.
 
         Raises
         ------

@@ -310,7 +310,7 @@ class PickReport:
             write_text_whole(path, TEXTS[kind](self))
 
     def programs(self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0) -> tuple[MotionProgram, ...]:
-        """The programs of the good picks, in order, with the dwell times of :meth:`pinproof.PickVerdict.program`."""
+        """The programs of the good picks, with the dwell times of :meth:`pinproof.picks.PickVerdict.program`."""
         tcp = "" if self.setup is None else self.setup.checker.arm.tcp
         return tuple(
             verdict.program(grip_dwell=grip_dwell, release_dwell=release_dwell, robot=self.robot, tcp=tcp)

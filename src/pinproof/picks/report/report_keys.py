@@ -197,7 +197,7 @@ REPORT = report_table(
     required("summary", ANY_TEXT, "one line: the number of good picks, and the stages at which others fail"),
     required("ok", BOOLEAN, "whether there is a pick, every pick is good, and every row was read"),
     required("acceleration_source", ANY_TEXT, "source of the acceleration limits"),
-    required("notes", list_of(ANY_TEXT), "what the verdicts do not cover"),
+    required("notes", list_of(ANY_TEXT), "what the verdicts do not cover, and what occupancy grids assume"),
     required("picks", list_of(VERDICT), "the verdicts in the order of the file"),
     required("problems", list_of(PROBLEM), "rows that could not be read"),
     FileKey("not_judged", COUNT, "number of picks without a verdict, because the run was interrupted"),

@@ -1,0 +1,180 @@
+"""Files of depth images and point clouds, and occupancy grids of clouds."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pinproof import InputError, OccupancyGrid, Scene
+from pinproof.collision import Intrinsics, read_points, sensor_files
+from pinproof.collision.occupancy import FREE, SEEN
+from pinproof.errors import FileError, SceneError
+from tests.collision.depth_camera import Solid, depth_image, look_at
+
+CAMERA = Intrinsics(150.0, 150.0, 79.5, 59.5, 160, 120)
+ABOVE = look_at(np.array([0.3, -0.2, 1.2]), np.array([0.5, 0.0, 0.0]))
+SETTINGS = {"voxel": 0.02, "bounds": [(0.0, -0.5, -0.1), (1.0, 0.5, 0.6)]}
+
+
+def solid(x: float, y: float, z: float, half: tuple[float, float, float]) -> Solid:
+    place = np.eye(4)
+    place[:3, 3] = x, y, z
+    return Solid(place, np.array(half))
+
+
+SCENE = [solid(0.5, 0.0, -0.05, (0.8, 0.8, 0.05)), solid(0.5, 0.0, 0.05, (0.05, 0.05, 0.05))]
+IMAGE = depth_image(CAMERA, ABOVE, SCENE)
+
+
+def points_of(image: np.ndarray, in_root: bool = True) -> np.ndarray:
+    """The points (N, 3) that the pixels of the camera measure."""
+    v, u = np.nonzero(image > 0)
+    z = image[v, u]
+    points = np.column_stack([(u - CAMERA.cx) / CAMERA.fx * z, (v - CAMERA.cy) / CAMERA.fy * z, z])
+    return points @ ABOVE[:3, :3].T + ABOVE[:3, 3] if in_root else points
+
+
+CLOUD = points_of(IMAGE)
+
+
+def grid_of(points: object, **changes: object) -> OccupancyGrid:
+    return OccupancyGrid.from_points(points, CAMERA, ABOVE, **{**SETTINGS, **changes})
+
+
+def test_the_cloud_of_a_depth_image_gives_the_cells_of_the_image():
+    expected = OccupancyGrid.from_depth(IMAGE, CAMERA, ABOVE, **SETTINGS)
+    shuffled = np.random.default_rng(0).permutation(CLOUD)
+    for grid in (grid_of(shuffled), grid_of(points_of(IMAGE, in_root=False), cloud_pose=ABOVE)):
+        np.testing.assert_array_equal(grid.cells, expected.cells)
+    assert grid_of(CLOUD).counts[0] > 10_000
+
+
+@pytest.mark.parametrize("unknown", ["occupied", "free"])
+@pytest.mark.parametrize("share", [1.0, 0.2, 0.02])
+def test_no_measured_point_is_in_a_free_cell(unknown, share):
+    """Of dense and sparse clouds, with points of another sensor that are outside the view of the camera."""
+    rng = np.random.default_rng(0)
+    cloud = CLOUD[rng.random(len(CLOUD)) < share]
+    cloud = np.concatenate([cloud, rng.uniform(*SETTINGS["bounds"], (500, 3))])
+    grid = grid_of(cloud, unknown=unknown)
+    inside = ((cloud >= SETTINGS["bounds"][0]) & (cloud < SETTINGS["bounds"][1])).all(axis=1)
+    index = np.floor(cloud[inside] / grid.voxel).astype(int) - grid.low
+    assert grid.occupied[tuple(index.T)].all()
+
+
+def test_pixels_without_a_point_prove_nothing_free():
+    beside = CLOUD[CLOUD[:, 0] > 0.5]
+    grid = grid_of(beside)
+    u = CAMERA.cx + CAMERA.fx * ((beside - ABOVE[:3, 3]) @ ABOVE[:3, 0]) / ((beside - ABOVE[:3, 3]) @ ABOVE[:3, 2])
+    center = (np.argwhere(grid.cells == FREE) + grid.low + 0.5) * grid.voxel - ABOVE[:3, 3]
+    free = CAMERA.cx + CAMERA.fx * (center @ ABOVE[:3, 0]) / (center @ ABOVE[:3, 2])
+    assert len(free) > 1000
+    assert free.min() > u.min()
+
+
+def test_the_record_states_the_number_of_points_that_are_not_finite():
+    grid = grid_of(np.concatenate([CLOUD, np.full((3, 3), np.nan)]))
+    assert any(str(len(CLOUD)) in line and "3 others" in line for line in grid.record)
+    assert grid.cells.tobytes() == grid_of(CLOUD).cells.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        (np.zeros((0, 3)), "empty"),
+        ([], "empty"),
+        (np.full((4, 3), np.nan), "is finite"),
+        (CLOUD * 1000, "millimetres"),
+        (CLOUD[:, :2], "shape"),
+        ([[0.5, 0.0, "a"]], "numbers"),
+        (CLOUD + np.array([0, 0, 50.0]), "in the view"),
+        (ABOVE[:3, 3] + np.array([[0.0, 0.0, -0.015]]), "covered or inside an obstacle"),
+    ],
+)
+def test_an_unusable_cloud_is_refused_with_its_reason(points, words):
+    with pytest.raises(InputError, match=words):
+        grid_of(points)
+
+
+def write_points(path: Path) -> Path:
+    if path.suffix == ".npy":
+        np.save(path, CLOUD)
+    elif path.suffix == ".ply":
+        import trimesh
+
+        trimesh.PointCloud(CLOUD).export(path)
+    else:
+        pypcd4 = pytest.importorskip("pypcd4")
+        pypcd4.PointCloud.from_xyz_points(CLOUD.astype(np.float32)).save(path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.ply", "a.pcd"])
+def test_clouds_are_read_and_damaged_files_refused(tmp_path, name):
+    path = write_points(tmp_path / name)
+    np.testing.assert_allclose(read_points(path), CLOUD, atol=2e-7)
+    assert grid_of(path).counts[0] > 10_000
+    data = path.read_bytes()
+    for cut in (b"garbage", data[: len(data) // 2], data[:-5]):
+        path.write_bytes(cut)
+        with pytest.raises(FileError, match="point cloud"):
+            read_points(path)
+
+
+def test_other_files_of_points_are_refused(tmp_path):
+    np.save(tmp_path / "flat.npy", np.zeros(3))
+    for name, words in (("flat.npy", "N, 3"), ("none.ply", "none.ply"), ("cloud.txt", "npy, .ply, .pcd")):
+        with pytest.raises(FileError, match=words):
+            read_points(tmp_path / name)
+
+
+def test_a_depth_image_is_read_from_the_channel_of_depth_of_an_exr_file(tmp_path):
+    exr = pytest.importorskip("OpenEXR")
+    depth, colour = IMAGE.astype(np.float32), np.ones(IMAGE.shape, dtype=np.float32)
+    head = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+    expected = OccupancyGrid.from_depth(depth, CAMERA, ABOVE, **SETTINGS)
+    for name, channels in (("one", {"V": depth}), ("render", {"Camera.Z": depth, "R": colour, "G": colour})):
+        path = tmp_path / f"{name}.exr"
+        exr.File(head, channels).write(str(path))
+        assert OccupancyGrid.from_depth(path, CAMERA, ABOVE, **SETTINGS) == expected
+    exr.File(head, {"R": colour, "G": colour}).write(str(tmp_path / "colour.exr"))
+    (tmp_path / "bad.exr").write_bytes(b"garbage")
+    for name, words in (("colour.exr", "channels"), ("bad.exr", "bad.exr")):
+        with pytest.raises(FileError, match=words):
+            OccupancyGrid.from_depth(tmp_path / name, CAMERA, ABOVE, **SETTINGS)
+
+
+@pytest.mark.parametrize(("name", "library"), [("a.exr", "OpenEXR"), ("a.pcd", "pypcd4")])
+def test_a_missing_library_is_reported_with_its_extra(tmp_path, monkeypatch, name, library):
+    (tmp_path / name).write_bytes(b"x")
+    monkeypatch.setitem(sys.modules, library, None)
+    read = sensor_files.read_image if name.endswith("exr") else read_points
+    with pytest.raises(InputError, match=r"pinproof\[sensor\]"):
+        read(tmp_path / name)
+
+
+def test_a_scene_file_names_a_cloud_as_a_view(tmp_path):
+    write_points(tmp_path / "cloud.ply")
+    text = """
+obstacles:
+  - name: camera
+    occupancy_grid:
+      voxel: 0.02
+      bounds: [[0.0, -0.5, -0.1], [1.0, 0.5, 0.6]]
+      views:
+        - {source}
+          intrinsics: {{fx: 150, fy: 150, cx: 79.5, cy: 59.5, width: 160, height: 120}}
+          camera: {{xyz: [0.3, -0.2, 1.2], rpy: [3.141592653589793, 0, 0]}}
+"""
+    path = tmp_path / "scene.yaml"
+    path.write_text(text.format(source="points: cloud.ply"), encoding="utf-8")
+    (obstacle,) = Scene.load(path).obstacles
+    assert (obstacle.shape.cells == SEEN).any()
+    for wrong in ("points: none.ply", "{image: cloud.ply, points: cloud.ply}", "depth_scale: 1.0"):
+        source = wrong.strip("{}").replace(", ", "\n          ")
+        path.write_text(text.format(source=source), encoding="utf-8")
+        with pytest.raises(SceneError, match=r"points"):
+            Scene.load(path)

@@ -1,0 +1,121 @@
+"""Motions that pass the ends of the straight lines of a pick without a stop."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.description import robots_folder
+from pinproof.errors import InputError, PicksError
+from pinproof.motion import MotionProgram
+from pinproof.picks import PickBudget, PickSetup, PickVerdict
+
+
+@pytest.fixture(scope="module")
+def carry() -> pp.Picks:
+    """A pick of a UR5 with an object and a place."""
+    picks = pp.read_picks(robots_folder() / "ur5" / "carry.yaml")
+    return replace(picks, picks=tuple(each for each in picks.picks if each.place is not None)[:1])
+
+
+def setup_of(picks: pp.Picks, *, motion: int = 100) -> PickSetup:
+    arm = pp.load_robot(picks.robot).arm(tcp=picks.tcp, held=picks.held)
+    return PickSetup.make(arm, pp.Scene.load(picks.scene), picks, home=None, rng=0, budget=PickBudget(motion=motion))
+
+
+def judged(picks: pp.Picks, *, motion: int = 100) -> tuple[PickSetup, PickVerdict]:
+    setup = setup_of(picks, motion=motion)
+    verdict = setup.judge(0, picks.picks[0])
+    assert verdict.ok
+    return setup, verdict
+
+
+def excess(verdict: PickVerdict, arm: pp.Arm) -> float:
+    """The largest share of a limit, on a dense grid that includes both sides of every point."""
+    motion = verdict.trajectory
+    times = np.unique(np.concatenate([np.linspace(0.0, motion.duration, 10_001), motion.times]))
+    speed = np.abs(motion.velocity(times)) / arm.limits.velocity
+    acceleration = np.abs(motion.acceleration(times)) / arm.limits.acceleration
+    return float(max(speed.max(), acceleration.max()))
+
+
+def test_the_arm_rests_only_at_the_ends_at_the_grasp_and_at_the_release(carry) -> None:
+    setup, verdict = judged(carry)
+    motion = verdict.trajectory
+    resting = motion.times[~motion.velocities.any(axis=1)]
+    np.testing.assert_allclose(resting, [0.0, verdict.grasp_time, verdict.release_time, motion.duration], atol=1e-12)
+    assert excess(verdict, setup.checker.arm) <= 1.0 + 1e-9
+    for each in verdict.motions:
+        around = each.certificate
+        arm = setup.checker.arm.with_held(each.held)
+        assert around.free
+        assert around.matches(each.trajectory, arm, each.scene, each.attached)
+    stopping = judged(carry, motion=0)[1]
+    assert motion.duration < 0.9 * stopping.trajectory.duration
+
+
+@pytest.mark.parametrize("straight", [0.25, 0.5, 1.0])
+def test_the_stated_share_of_each_line_is_straight(carry, straight: float) -> None:
+    setup, verdict = judged(replace(carry, straight=straight))
+    arm, pick = setup.checker.arm, verdict.pick
+    tip = {each.name: [arm.root_from_base * arm.forward_kinematics(q) * carry.tip for q in each.trajectory(
+        np.linspace(0.0, each.trajectory.duration, 200))] for each in verdict.motions}  # fmt: skip
+    for name, length, inner in (("approach", pick.approach, -1), ("retreat", pick.retreat, 0), ("place", None, -1)):
+        poses = tip[name]
+        length = pick.place.approach if length is None else length
+        along = np.array([each.translation - poses[inner].translation for each in poses])
+        far = np.linalg.norm(along, axis=1).max()
+        assert straight * length - 1e-4 <= far <= length + 1e-4
+        direction = along[np.linalg.norm(along, axis=1).argmax()] / far
+        assert np.linalg.norm(along - np.outer(along @ direction, direction), axis=1).max() < 1.01e-3
+        assert max(np.linalg.norm(each.rotation - poses[inner].rotation) for each in poses) < 5e-3
+        moving = next(each.trajectory for each in verdict.motions if each.name == name).velocities[-1 - inner]
+        assert moving.any() or straight == 1.0  # no stop at the outer end
+    if straight == 0.5:
+        assert verdict.trajectory.duration > judged(replace(carry, straight=0.25))[1].trajectory.duration
+
+
+def test_a_stated_speed_holds_on_the_complete_line(carry) -> None:
+    pick = replace(carry.picks[0], speed={"approach": pp.picks.ToolSpeed(linear_speed=0.2)})
+    setup, verdict = judged(replace(carry, picks=(pick,)))
+    arm = setup.checker.arm
+    approach = next(each.trajectory for each in verdict.motions if each.name == "approach")
+    travelled = arm.forward_kinematics(approach.end).translation - arm.forward_kinematics(approach.start).translation
+    assert np.linalg.norm(travelled) == pytest.approx(pick.approach, abs=1e-4)
+    assert pp.motion.ToolLimits(arm, linear_speed=0.2).excess(approach).max() <= 1.0 + 1e-9
+    assert approach.velocities[0].any()
+
+
+def test_a_program_of_a_motion_without_stops_is_read_back_and_certified_again(carry, tmp_path) -> None:
+    setup, verdict = judged(carry)
+    program = verdict.program(grip_dwell=0.3, release_dwell=0.2)
+    for before, after in pairwise(program.segments):
+        np.testing.assert_array_equal(before.trajectory.velocities[-1], after.trajectory.velocities[0])
+    program.save(tmp_path / "program.json")
+    again = MotionProgram.load(tmp_path / "program.json")
+    assert all(each.free for each in setup.recertify(again, verdict.pick))
+    verdict.save_motion(tmp_path / "motion.json")
+    loaded = pp.Trajectory.load(tmp_path / "motion.json")
+    assert [each.name for each in loaded.certified] == [each.name for each in verdict.motions]
+    assert loaded.digest() == verdict.trajectory.digest()
+    first = program.segments[0]
+    faster = pp.Trajectory(
+        first.trajectory.times, first.trajectory.q, 1.01 * first.trajectory.velocities, program.joint_names
+    )
+    with pytest.raises(InputError, match="velocities differ"):
+        replace(program, segments=(replace(first, trajectory=faster), *program.segments[1:]))
+
+
+@pytest.mark.parametrize("wrong", ["0", "-0.5", "1.5", "half"])
+def test_a_wrong_straight_share_is_refused_with_its_key(tmp_path, wrong: str) -> None:
+    file = tmp_path / "picks.yaml"
+    file.write_text(f"straight: {wrong}\npicks: [{{name: a, xyz: [0.4, 0, 0.3]}}]\n")
+    with pytest.raises(PicksError, match=r"picks.yaml.*straight"):
+        pp.read_picks(file)
+    if wrong != "half":
+        with pytest.raises(InputError, match="straight"):
+            pp.Picks((), straight=float(wrong))

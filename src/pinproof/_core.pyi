@@ -756,6 +756,13 @@ class StaggeredSearch:
     def tried(self) -> int: ...
 
 def shortcut(edges: EdgeChecker, path: NDArray[numpy.float64], draws: NDArray[numpy.float64]) -> NDArray[Any]: ...
+def search_tour(
+    job: NDArray[numpy.int64],
+    time: NDArray[numpy.float64],
+    pairs: NDArray[numpy.int64],
+    first: NDArray[numpy.int64],
+    draws: NDArray[numpy.float64],
+) -> NDArray[Any]: ...
 def fastest_speeds(
     alpha: NDArray[numpy.float64],
     beta: NDArray[numpy.float64],

@@ -7,7 +7,7 @@ namespace pinproof {
 namespace {
 
 // Bisections of one piece: 60 reach the resolution of a double.
-constexpr std::size_t kDepth = 64;
+constexpr std::size_t kMostBisections = 64;
 
 struct Span {
     double start, end;
@@ -24,11 +24,11 @@ public:
           settings_(settings),
           joint_tolerance_(joint_tolerance),
           size_(curve.points * curve.dof),
-          parts_((kDepth + 2) * size_),
+          parts_((kMostBisections + 2) * size_),
           part_(size_),
           halves_(2 * size_),
           delta_(curve.dof) {
-        stack_.reserve(kDepth + 2);
+        stack_.reserve(kMostBisections + 2);
     }
 
     ConstraintState run() {
@@ -92,7 +92,7 @@ private:
             if (time > span.start) leave_open({span.start, time});
             return;
         }
-        if (stack_.size() + 2 > kDepth) return leave_open(span);
+        if (stack_.size() + 2 > kMostBisections) return leave_open(span);
         if (!violated) push({time, span.end}, right);
         push({span.start, time}, left);
     }

@@ -10,7 +10,7 @@
 namespace pinproof {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 // rad, and metres for each metre of reach: about 10^5 roundings of numbers of that size.
 constexpr double kRounding = 1e-11;
@@ -124,7 +124,7 @@ ConstrainedTcp::Bound ConstrainedTcp::bound(std::size_t i, const double* control
 
     const Vec3 axis = direction ? constraint.point : tcp_.rotation * constraint.axis;
     const Vec3 start = target ? moved - tcp_.translation : moved;
-    double largest = 0.0, furthest = 0.0, shortest = kInfinity;
+    double largest = 0.0, furthest = 0.0, shortest = kUnbounded;
     for (std::size_t r = 0; r < points; ++r) {
         Vec3 change;
         for (std::size_t k = 0; k < count; ++k) {
@@ -143,7 +143,7 @@ ConstrainedTcp::Bound ConstrainedTcp::bound(std::size_t i, const double* control
     }
     const double rest = remainder + tolerated + rounding_;
     if (region) return {largest + rest, furthest + remainder};
-    if (!(rest < shortest)) return {kInfinity, target ? kInfinity : furthest + remainder};
+    if (!(rest < shortest)) return {kUnbounded, target ? kUnbounded : furthest + remainder};
     return {largest + std::asin(rest / shortest) + rounding_, (furthest + remainder) / shortest};
 }
 

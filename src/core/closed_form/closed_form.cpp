@@ -253,8 +253,8 @@ void ClosedFormSolver::solve_loop(bool outer_free, bool triple_free, Branches& o
 // Consider all of solutions_.
 void ClosedFormSolver::consider_all(Branches& out) {
     failed_here_ = outside_here_ = 0;
-    for (int first = 0; first < solutions_.count; first += kLanes) {
-        const int count = std::min(kLanes, solutions_.count - first);
+    for (int first = 0; first < solutions_.count; first += kWideLanes) {
+        const int count = std::min(kWideLanes, solutions_.count - first);
         to_values(first, count);
         const LaneErrors errors = check_lanes(plan_.chain, target_, configurations_);
         for (int lane = 0; lane < count; ++lane) consider(first + lane, lane, errors, out);
@@ -354,23 +354,23 @@ void ClosedFormSolver::consider_roots(const LoopRoots& roots, Branches& out) {
 
 // The values of all joints for some solutions, one in each lane.
 void ClosedFormSolver::to_values(int first, int count) {
-    for (int b = 0; b < kLanes; ++b) {
+    for (int b = 0; b < kWideLanes; ++b) {
         outside_[b] = 0.0;
         at_zero_[b] = b < count;
     }
     for (int row = 0; row < 6; ++row) {
         const PlannedJoint& joint = (*joints_)[source_[row]];
         // One lane for each solution, the rest as the last one; loops over all lanes are vectorised.
-        alignas(64) double value[kLanes], first_of_state[kLanes], second_of_state[kLanes];
-        for (int b = 0; b < kLanes; ++b) {
+        alignas(64) double value[kWideLanes], first_of_state[kWideLanes], second_of_state[kWideLanes];
+        for (int b = 0; b < kWideLanes; ++b) {
             const JointState& state = solutions_.solution[first + std::min(b, count - 1)].state[row];
             first_of_state[b] = state.first;
             second_of_state[b] = state.second;
         }
         if (joint.prismatic) {
-            for (int b = 0; b < kLanes; ++b) value[b] = plan_.size * first_of_state[b];
+            for (int b = 0; b < kWideLanes; ++b) value[b] = plan_.size * first_of_state[b];
         } else {
-            for (int b = 0; b < kLanes; ++b) value[b] = angle_of(second_of_state[b], first_of_state[b]);
+            for (int b = 0; b < kWideLanes; ++b) value[b] = angle_of(second_of_state[b], first_of_state[b]);
         }
         if (joint.is_virtual()) {
             for (int b = 0; b < count; ++b)
@@ -380,19 +380,19 @@ void ClosedFormSolver::to_values(int first, int count) {
         }
         double* const q = configurations_.q[joint.index];
         if (joint.prismatic) {
-            std::copy(value, value + kLanes, q);
+            std::copy(value, value + kWideLanes, q);
         } else {
             const double reference = reference_[joint.index];
-            for (int b = 0; b < kLanes; ++b)
+            for (int b = 0; b < kWideLanes; ++b)
                 q[b] = nearest_winding(value[b], joint.lower, joint.upper, kLimitSlack, reference);
         }
-        for (int b = 0; b < kLanes; ++b)
+        for (int b = 0; b < kWideLanes; ++b)
             outside_[b] = std::max(outside_[b], std::max(joint.lower - q[b], q[b] - joint.upper));
     }
     if (plan_.locked >= 0) {
         const PlannedJoint& joint = plan_.joints[plan_.locked];
         const double beyond = std::max(joint.lower - locked_value_, locked_value_ - joint.upper);
-        for (int b = 0; b < kLanes; ++b) {
+        for (int b = 0; b < kWideLanes; ++b) {
             configurations_.q[joint.index][b] = locked_value_;
             outside_[b] = std::max(outside_[b], beyond);
         }

@@ -74,8 +74,8 @@ class ClosedFormSolver {
     GeneralLoop general_;
     LoopSolutions solutions_;
     LaneConfigurations configurations_;
-    double outside_[kLanes];      // largest violation of a limit
-    bool at_zero_[kLanes];        // whether the virtual joints are at zero
+    double outside_[kWideLanes];  // largest violation of a limit
+    bool at_zero_[kWideLanes];    // whether the virtual joints are at zero
     bool outer_undecided_ = false;
     unsigned freed_ = 0;          // lines
     unsigned with_free_ = 0, with_branch_ = 0;  // sets of solutions with a free joint

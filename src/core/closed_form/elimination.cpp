@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include "closed_form/line.h"
@@ -10,8 +9,6 @@
 
 namespace pinproof {
 namespace {
-
-constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 
 // A smaller pivot of the elimination, relative to the largest: the products of joints 1 and 2 depend on each other.
 constexpr double kDependent = 1e-11;
@@ -31,9 +28,6 @@ constexpr double kSafety = 10.0;
 // The condition number of eigenvalues whose imaginary part is much larger than their error is not computed: it would have
 // to exceed this.
 constexpr double kLargeCondition = 1e6;
-
-// Lengths of the arm, and above every angle: a prismatic joint further away is no solution.
-constexpr double kFarthest = 1e6;
 
 // The functions: four vectors, then two scalars.
 constexpr int kH = 0, kP = 3, kCross = 6, kReflected = 9, kSquare = 12, kProduct = 13;

@@ -35,6 +35,8 @@
 // Canny (1994), "Efficient inverse kinematics for general 6R manipulators", for eigenvalues instead of a determinant.
 #pragma once
 
+#include <limits>
+
 #include "algebra/eigenvalues.h"
 #include "closed_form/loop_newton.h"
 #include "geometry/vectors.h"
@@ -60,6 +62,11 @@ CutLoop cut_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut)
 // Rad. Eigenvalues with a smaller imaginary part (of q_3) may be a double root separated by rounding, and are tried as
 // starts of Newton's method; at targets that are singular in several ways, also those up to the second value.
 inline constexpr double kNearlyReal = 1e-3, kPerhapsReal = 0.3;
+
+inline constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
+
+// Lengths of the arm, and above every angle: a prismatic joint further away is no solution.
+inline constexpr double kFarthest = 1e6;
 
 // Configurations near the real eigenvalues.
 struct EliminationResult {

@@ -7,16 +7,16 @@
 
 namespace pinproof {
 
-inline constexpr int kLanes = 8;
+inline constexpr int kWideLanes = 8;
 inline constexpr int kMostJoints = 7;  // of an arm with a closed form
 
 // Configurations, one per lane; every lane must hold finite numbers.
 struct LaneConfigurations {
-    alignas(64) double q[kMostJoints][kLanes] = {};
+    alignas(64) double q[kMostJoints][kWideLanes] = {};
 };
 
 struct LaneErrors {
-    alignas(64) double distance[kLanes], angle[kLanes];  // m, rad
+    alignas(64) double distance[kWideLanes], angle[kWideLanes];  // m, rad
 };
 
 // How far the tcp is from the target at each configuration.

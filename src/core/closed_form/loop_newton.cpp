@@ -9,11 +9,11 @@
 namespace pinproof {
 namespace {
 
-constexpr int kMostSteps = 12;
-constexpr double kConverged = 1e-14;   // residual that needs no further step
-constexpr double kLastStep = 1e-7;     // a regular step from a smaller residual ends below rounding
-constexpr double kLongestStep = 0.5;   // rad, or lengths of the arm
-constexpr double kSingular = 1e-13;    // a smaller pivot counts as zero
+constexpr int kMostNewtonSteps = 12;
+constexpr double kNoFurtherStep = 1e-14;    // residual that needs no further step
+constexpr double kLastStep = 1e-7;          // a regular step from a smaller residual ends below rounding
+constexpr double kLongestNewtonStep = 0.5;  // rad, or lengths of the arm
+constexpr double kSingular = 1e-13;         // a smaller pivot counts as zero
 
 struct LinearSystem {
     double row[6][7];
@@ -59,7 +59,7 @@ PolishedLoop polish_loop(const LoopLine (&lines)[6], const Transform& g, double 
     PolishedLoop result{std::numeric_limits<double>::infinity(), 0.0};
     double best[6], weakest = 0.0;
     std::copy(q, q + 6, best);
-    for (int step = 0; step < kMostSteps; ++step) {
+    for (int step = 0; step < kMostNewtonSteps; ++step) {
         Transform moved;
         Vec3 direction[6], point[6];
         for (int k = 0; k < 6; ++k) {
@@ -97,10 +97,10 @@ PolishedLoop polish_loop(const LoopLine (&lines)[6], const Transform& g, double 
         double move[6];
         weakest = system.solve(move);
         result.weakest = weakest;
-        if (weakest == 0.0 || measured < kConverged) break;
+        if (weakest == 0.0 || measured < kNoFurtherStep) break;
         double longest = 0.0;
         for (double one : move) longest = std::max(longest, std::abs(one));
-        const double share = longest > kLongestStep ? kLongestStep / longest : 1.0;
+        const double share = longest > kLongestNewtonStep ? kLongestNewtonStep / longest : 1.0;
         for (int k = 0; k < 6; ++k) q[k] += share * move[k];
         if (measured < kLastStep && longest < kLastStep) {
             // The error of the last step is its square.

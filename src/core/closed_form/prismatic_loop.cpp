@@ -10,8 +10,6 @@
 namespace pinproof {
 namespace {
 
-constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
-
 // Squares of sines of angles: axes at a smaller angle are parallel, and another cut is used.
 constexpr double kParallel = 1e-10;
 
@@ -22,26 +20,23 @@ constexpr double kOtherSamples = 0.06;  // added to them for other samples
 constexpr double kSmallestShare = 1e-4;
 
 // The error of the coefficients is taken as this multiple of the largest one that should be zero, or of rounding.
-constexpr double kSafety = 20.0;
+constexpr double kNoiseSafety = 20.0;
 
 // Coefficients below this multiple of their error are zero: their roots are at 0 and at infinity.
 constexpr double kVanishing = 100.0;
 
 constexpr int kMostRounds = 80;       // of Aberth's iteration
-constexpr double kConverged = 1e-15;  // relative to the root
+constexpr double kRootConverged = 1e-15;  // relative to the root
 
 // A value of joint A at which the determinant, relative to its coefficients, is larger is not tried if the other is smaller.
 constexpr double kNearlyZero = 1e-3;
-
-// Lengths of the arm, and above every angle: a prismatic joint further away is no solution.
-constexpr double kFarthest = 1e6;
 
 // A number of configurations that is never reached: there may be infinitely many.
 constexpr int kUnlimited = EliminationResult::kMost + 1;
 
 // Below this determinant of their unit directions, prismatic joints may have a self-motion at this target; below the second
 // value, their travels are not computed.
-constexpr double kDependent = 1e-6, kUndetermined = 1e-20;
+constexpr double kDependentRails = 1e-6, kUndetermined = 1e-20;
 
 // Two prismatic joints are parallel at a root, and there is no configuration close to it, if the translation that remains
 // across them is longer (lengths of the arm). At a configuration whose joints are this close (rad) to the root, it would be a
@@ -166,7 +161,7 @@ bool PrismaticLoop::expand(bool shifted) {
         }
         noise_ = rounding;
         for (int k = kDegree + 1; k < kSamples / 2; ++k) noise_ = std::max(noise_, std::abs(fourier[k]));
-        noise_ *= kSafety;
+        noise_ *= kNoiseSafety;
         int degree = kDegree;
         while (degree > 0 && !(std::abs(fourier[degree]) > kVanishing * noise_)) --degree;
         roots_ = 2 * degree;
@@ -200,7 +195,7 @@ bool PrismaticLoop::find_roots() {
             largest = std::max(largest, std::abs(step) / (1e-3 + std::abs(z)));
         }
         if (!std::isfinite(largest)) return false;
-        if (largest < kConverged) break;
+        if (largest < kRootConverged) break;
     }
     return true;
 }
@@ -317,7 +312,7 @@ bool PrismaticLoop::complete(double (&value)[6], EliminationResult& out) const {
     if (far && prismatic_count_ == 2 && norm(cross(gap, direction[0])) > kAcrossRails) return false;
     if (far)
         for (int p = 0; p < prismatic_count_; ++p) value[prismatic_[p]] = 0.0;
-    if (!(std::abs(determinant) > kDependent)) out.existing = kUnlimited;
+    if (!(std::abs(determinant) > kDependentRails)) out.existing = kUnlimited;
     double* const start = out.start[out.count++];
     for (int k = 0; k < 6; ++k) start[cut_.source[k]] = value[k];
     return true;

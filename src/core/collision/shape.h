@@ -6,15 +6,11 @@
 #include <span>
 #include <vector>
 
+#include "geometry/lanes.h"
 #include "geometry/vectors.h"
 
 namespace pinproof {
 
-// Four doubles that are added, multiplied and compared at once (a vector extension of GCC and Clang).
-using Lanes [[gnu::vector_size(32)]] = double;
-using LaneMask [[gnu::vector_size(32)]] = long long;
-
-inline constexpr std::size_t kLanes = 4;
 inline constexpr std::size_t kBlock = 2 * kLanes;
 
 // Eight points, coordinate by coordinate. The last block of a shape is filled by repeating a point.
@@ -76,8 +72,8 @@ inline Vec3 extreme_point(std::span<const PointBlock> blocks, const Vec3& d, dou
     const LaneMask upper = best[1] > best[0];
     const Lanes reach = upper ? best[1] : best[0];
     const Lanes block_of = upper ? index[1] : index[0];
-    std::size_t lane = 0;
-    for (std::size_t i = 1; i < kLanes; ++i)
+    int lane = 0;
+    for (int i = 1; i < kLanes; ++i)
         if (reach[i] > reach[lane]) lane = i;
     const PointBlock& block = blocks[static_cast<std::size_t>(block_of[lane])];
     const int h = upper[lane] != 0 ? 1 : 0;

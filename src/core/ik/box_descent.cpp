@@ -15,7 +15,7 @@ constexpr double kDamping = 1e-3;
 constexpr double kSmallestDamping = 1e-14;
 
 // Factors of the damping after a rejected and after an accepted step.
-constexpr double kGrowth = 8.0, kRelief = 0.125;
+constexpr double kDampingGrowth = 8.0, kDampingRelief = 0.125;
 
 // Maximum number of steps of one descent in a cycle. One or two are typical, about ten close to a singularity.
 constexpr int kMostSteps = 20;
@@ -76,10 +76,10 @@ double BoxDescent::converge(std::vector<double>& q) {
         accepted = squared - there >= kFaithful * promised;
         if (accepted) {
             squared = there;
-            damping = std::max(kDamping, kRelief * damping);
+            damping = std::max(kDamping, kDampingRelief * damping);
             q = trial_;
         } else {
-            damping *= kGrowth;
+            damping *= kDampingGrowth;
         }
     }
     return squared;

@@ -9,7 +9,6 @@ namespace {
 // Maximum number of samples of an edge; longer edges are sampled more coarsely, and left to the proof.
 constexpr int kMostSamples = 1024;
 
-constexpr double kUnitKnots[] = {0.0, 1.0};
 
 }  // namespace
 

@@ -17,6 +17,8 @@
 
 namespace pinproof {
 
+inline constexpr double kUnitKnots[] = {0.0, 1.0};  // of a straight edge as a curve
+
 class EdgeChecker {
 public:
     // Proofs are in `world`; samples, too, until set_steering. `resolution`: metres that bodies move between two

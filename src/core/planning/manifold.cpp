@@ -6,8 +6,6 @@
 namespace pinproof {
 namespace {
 
-constexpr double kUnitKnots[] = {0.0, 1.0};
-
 // Share of the tolerance to which steps are projected, so that the straight edges between them and the splines through
 // them have the rest for their deviation.
 constexpr double kInside = 0.5;

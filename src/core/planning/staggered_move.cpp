@@ -16,13 +16,13 @@ constexpr double kAllLate = 0.08, kAllEarly = 0.12, kAllSlow = 0.16;
 constexpr double kWithoutDetour = 0.6, kDetours = 0.3;
 
 // Largest distance (rad or m) of a detour beyond the start and the goal.
-constexpr double kReach = 0.6;
+constexpr double kViaReach = 0.6;
 
 // Number of times that the duration of a free motion is reduced towards the least one.
 constexpr int kTightenings = 4;
 
 // Largest number of samples of a motion; longer ones are sampled more coarsely.
-constexpr double kMostSamples = 4096.0;
+constexpr double kMostMoveSamples = 4096.0;
 
 // Shares of the duration at which a motion is checked first.
 constexpr double kFirstShares[] = {0.5, 0.75, 0.25, 0.875, 0.625, 0.375, 0.125};
@@ -177,8 +177,8 @@ std::vector<RestMove> StaggeredSearch::direct(const Aim& aim, std::size_t joint,
 std::optional<std::vector<RestMove>> StaggeredSearch::detour(const Aim& aim, std::size_t joint,
                                                              const double* draws) const {
     const double from = start_[joint], to = goals_[aim.goal * start_.size() + joint];
-    const double low = std::max(std::min(from, to) - kReach, lower_[joint]);
-    const double high = std::min(std::max(from, to) + kReach, upper_[joint]);
+    const double low = std::max(std::min(from, to) - kViaReach, lower_[joint]);
+    const double high = std::min(std::max(from, to) + kViaReach, upper_[joint]);
     const double via = low + draws[4] * (high - low);
     std::vector<RestMove> moves{{from, via < from ? -1.0 : 1.0, profile(joint, via - from), 0.0, 1.0},
                                 {via, to < via ? -1.0 : 1.0, profile(joint, to - via), 0.0, 1.0}};
@@ -203,7 +203,7 @@ bool StaggeredSearch::is_free(const StaggeredMove& move) {
             return false;
         }
     }
-    const auto steps = static_cast<std::size_t>(std::clamp(std::ceil(move.duration / sample_time_), 2.0, kMostSamples));
+    const auto steps = static_cast<std::size_t>(std::clamp(std::ceil(move.duration / sample_time_), 2.0, kMostMoveSamples));
     points_.resize((steps + 1) * start_.size());
     for (std::size_t i = 0; i <= steps; ++i)
         place(move, move.duration * static_cast<double>(i) / static_cast<double>(steps), &points_[i * start_.size()]);

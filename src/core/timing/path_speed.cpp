@@ -19,7 +19,7 @@ constexpr double kFar = 1e30;
 constexpr double kBeyond = 1e10;
 
 // Maximum number of Newton steps; it exceeds the number of limits on one step.
-constexpr int kRounds = 200;
+constexpr int kMostSteps = 200;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
@@ -81,7 +81,7 @@ double largest_without_slope(const SpeedProblem& problem, std::size_t i, const R
 double first_feasible(const SpeedProblem& problem, std::size_t i, double x, const Range& next, bool down) {
     const double most = largest_without_slope(problem, i, next);
     if (down) x = std::min(x, most);
-    for (int round = 0; round < kRounds; ++round) {
+    for (int round = 0; round < kMostSteps; ++round) {
         const Interval u = permitted(problem, i, x, next);
         const double width = u.high - u.low, tilt = u.high_slope - u.low_slope;
         if (width >= 0.0) return x <= most ? std::max(x, 0.0) : kNan;

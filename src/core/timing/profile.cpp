@@ -6,8 +6,6 @@
 namespace pinproof {
 namespace {
 
-constexpr double kNano = 1e9;
-
 // The duration, rounded up to nanoseconds; a longer duration does not increase any derivative.
 double rounded_up(double duration) { return std::ceil(duration * kNano) / kNano; }
 

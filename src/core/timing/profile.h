@@ -6,6 +6,8 @@
 
 namespace pinproof {
 
+inline constexpr double kNano = 1e9;  // nanoseconds in a second
+
 // Shortest phase (s); a shorter one is merged with its neighbour. Otherwise rounding could leave phases of nanoseconds,
 // which amplify the rounding of positions by 6 / h^2 to accelerations above any limit.
 constexpr double kShortestPhase = 1e-5;

@@ -13,8 +13,6 @@
 namespace pinproof {
 namespace {
 
-constexpr double kNano = 1e9;
-
 // Number of steps at which the subdivision ends. A motion usually has some tens of steps.
 constexpr std::size_t kMaxSteps = 4000;
 
@@ -22,7 +20,7 @@ constexpr std::size_t kMaxSteps = 4000;
 constexpr double kShortestStep = 1e-7;
 
 // Largest number of verifications.
-constexpr int kRounds = 40;
+constexpr int kMostRounds = 40;
 
 // Number of rounds in which single steps are slowed down. Later the whole run is slowed down, which converges.
 constexpr int kLocalRounds = 8;
@@ -662,7 +660,7 @@ TimedMotion Timing::solve() {
         result.deviation = deviation_;
         result.excess = excess_;
         if (verified && !coarse) break;
-        if (result.rounds == kRounds) {
+        if (result.rounds == kMostRounds) {
             result.status = deviation_ > task_.image_tolerance ? TimingStatus::deviates : TimingStatus::exceeds;
             return result;
         }

@@ -12,7 +12,7 @@ shortcuts", ICRA 2010. Jerk-limited moves and modified states are additions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from operator import attrgetter, mul
@@ -210,12 +210,14 @@ def optimise(
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
-    task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
-    search = _Search(task, np.random.default_rng(rng), int(budget))
-    if budget > 0 and search.worthwhile:
-        search.run()
-    for motion, reached in reversed(search.proven):
-        trajectory = _timed(search.trajectory(motion, reached), bounds, further)
+    search: _Search | None = None
+    if budget > 0 and (further or before.duration > lower_bound * (1.0 + CLOSE_ENOUGH)):
+        task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
+        search = _Search(task, np.random.default_rng(rng), int(budget))
+        if search.worthwhile:
+            search.run()
+    for found in () if search is None else search.trajectories():
+        trajectory = _timed(found, bounds, further)
         if trajectory is None or trajectory.duration >= before.duration:
             continue
         certificate = certify(trajectory, checker, constraints=kept)
@@ -223,13 +225,14 @@ def optimise(
             break
     else:
         trajectory, certificate = before, certify(before, checker, constraints=kept)
+    evaluations = 0 if search is None else search.evaluations
     given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
     index = next(iter(np.flatnonzero((given == trajectory.end).all(axis=1)).tolist()), None)
     message = (
         f"duration reduced from {before.duration:.3g} s to {trajectory.duration:.3g} s, lower bound without obstacles "
         f"{lower_bound:.3g} s; {certificate.message}"
     )
-    return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, search.evaluations, message)
+    return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, evaluations, message)
 
 
 def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> float:
@@ -361,6 +364,10 @@ class _Search:
         self._prove()
         self._best = self._improve(self._best, self._goal, self._left)
         self._prove()
+
+    def trajectories(self) -> Iterator[Trajectory]:
+        """The motions that were proven free, the shortest first."""
+        return (self.trajectory(*each) for each in reversed(self.proven))
 
     def trajectory(self, motion: MoveSequence, goal: int) -> Trajectory:
         """A motion to a goal as a trajectory."""

@@ -61,7 +61,7 @@ def bolts(count: tuple[int, int] = (20, 10), seed: int | None = None) -> Benchma
     places = np.column_stack([x.ravel(), y.ravel()])
     generator = np.random.default_rng(seed)
     if seed is not None:
-        places = generator.uniform([0.33, -0.15], [0.77, 0.15], (len(places), 2))
+        places = generator.uniform([0.35, -0.14], [0.74, 0.14], (len(places), 2))  # the wrist must clear the walls
     picks = [pp.Pick(f"bolt_{k}", pp.pose(xyz=(*at, 0.035), rpy=(np.pi, 0, 0))) for k, at in enumerate(places.tolist())]
     heads = [
         pp.Obstacle(pick.name, pp.Cylinder(0.008, 0.04), pp.pose(xyz=(*pick.pose.translation[:2], 0.01)))

@@ -9,33 +9,28 @@ python scripts/benchmark_ik.py --render                    rewrites the page and
 
 from __future__ import annotations
 
-import argparse
-import sys
 from dataclasses import fields
-from pathlib import Path
 
+from benchmark_page import FOLDER, page_parser, report
 from ik_steps import step_sizes, write_step_plot
 from ik_success import DocsIkTable, success_markdown, success_rates
 
 from pinproof import load_robot
 from pinproof.benchmarks import ik_benchmark, ik_markdown, write_ik_table
 
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 DOCS_ROBOTS = ("ur5", "panda", "puma560", "xarm6", "crx10ia")
 
 
 def main() -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = page_parser(__doc__, "ik")
     parser.add_argument("robots", nargs="*", metavar="ROBOT")
     parser.add_argument("--points", type=int, default=10_000)
     parser.add_argument("--success", type=int, metavar="SAMPLES", help="success rates only; targets per arm")
     parser.add_argument("--no-peers", action="store_true", help="leave out other libraries")
     parser.add_argument("--own-limits", action="store_true", help="keep ranges wider than one full rotation")
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/ik.*")
-    parser.add_argument("--render", action="store_true", help="rewrite the page and the plots from ik.json")
     options = parser.parse_args()
-    common = {"limits_pi": not options.own_limits, "on_progress": lambda text: print(text, file=sys.stderr)}
+    common = {"limits_pi": not options.own_limits, "seed": options.seed, "on_progress": report}
     if options.success:
         print(success_markdown(success_rates(options.robots or None, samples=options.success, **common)))
         return

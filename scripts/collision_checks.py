@@ -85,8 +85,6 @@ class CheckRow:
         ``is_free_batch`` per configuration on one thread and on two.
     coal, coal_tree
         Pinocchio's ``computeCollisions`` until the first contact, over all pairs and with a broad phase.
-    coal_distances
-        Pinocchio's ``computeDistances``.
     """
 
     robot: str
@@ -105,7 +103,6 @@ class CheckRow:
     batch_threads_us: float
     coal: Times
     coal_tree: Times
-    coal_distances: Times
 
 
 @dataclass(frozen=True)
@@ -249,7 +246,6 @@ def measure_checks(arm: Arm, scene: Scene, name: str, count: int, seed: int) -> 
         batch_threads_us=_batch_us(checker, q, 2),
         coal=_times(plain.is_free, coal_q, free),
         coal_tree=_times(tree.is_free, coal_q, free),
-        coal_distances=_times(plain.clearance, coal_q, free),
     )
 
 

@@ -1,4 +1,4 @@
-"""Measurement of picks: judging through all stages, screening of poses, and campaigns over several processes."""
+"""Measurement of picks: judging, durations of motions, screening of poses, and campaigns over several processes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.benchmarks.tables import BenchmarkTable, provenance
-from pinproof.collision import Cylinder, Obstacle, Scene
+from pinproof.collision import CollisionChecker, Cylinder, Obstacle, Scene, audit
 from pinproof.description import robots_folder
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, load_robot
@@ -23,6 +23,7 @@ from pinproof.picks import (
     Campaign,
     Pick,
     PickList,
+    PickMotion,
     Picks,
     PickSetup,
     PlaceTarget,
@@ -47,6 +48,21 @@ DISTANCES = {"ur5": (0.15, 0.85), "panda": (0.15, 0.8), "generic_6dof": (0.15, 0
 """Horizontal distances of picks from the base in m: the largest are slightly out of reach."""
 
 CELLS = (*DISTANCES, "ur5, carried")
+
+SHIPPED = {
+    "ur5/picks": 1,
+    "ur5/carry": 1,
+    "ur5/plate_picks": 1,
+    "panda/picks": 1,
+    "panda/bin_picks": 1,
+    "generic_6dof/picks": 1,
+    "generic_6dof/machine_picks": 1,
+    "ur10/pallet_picks": 20,
+}
+"""Files of picks in the package whose durations are measured: every first or every n-th pick."""
+
+AUDIT_STEP = 0.002
+"""rad: largest step of a joint between two samples of an audit."""
 
 WARM_UP_PICKS = 4
 """Picks that are judged before the measurement, which loads compiled code."""
@@ -75,6 +91,22 @@ class VerdictRow:
     median_ms: float
     p95_ms: float
     largest_ms: float
+
+
+@dataclass(frozen=True)
+class DurationRow:
+    """The good picks of a file of the package: their number, mean durations (s), and audited motions.
+
+    ``stopping_s`` is the mean duration along the planned paths with stops after all stages; ``unsafe`` is the number of
+    motions with a contact of exact meshes.
+    """
+
+    cell: str
+    good: int
+    stopping_s: float
+    mean_s: float
+    motions: int
+    unsafe: int
 
 
 @dataclass(frozen=True)
@@ -127,6 +159,7 @@ class PicksTable(BenchmarkTable):
     screening: tuple[ScreenRow, ...]
     campaigns: tuple[CampaignRow, ...]
     overhead: tuple[CampaignRow, ...]
+    durations: tuple[DurationRow, ...] = ()
 
     topic: ClassVar[str] = "picks"
     row_types: ClassVar[dict[str, type]] = {
@@ -134,6 +167,7 @@ class PicksTable(BenchmarkTable):
         "screening": ScreenRow,
         "campaigns": CampaignRow,
         "overhead": CampaignRow,
+        "durations": DurationRow,
     }
 
 
@@ -144,13 +178,15 @@ def picks_benchmark(
     poses: int = 20_000,
     campaign: int = 1_500,
     overhead: int = 20_000,
+    durations: bool = True,
     seed: int = 0,
     on_progress: Callable[[str], object] = lambda _: None,
 ) -> PicksTable:
     """Run the benchmark in the cells of the package.
 
     ``picks`` and ``poses`` are judged and screened in each cell; ``campaign`` is the number of picks of the campaigns,
-    and ``overhead`` that of the campaign without judging, which run in the first cell. 0 skips a part.
+    and ``overhead`` that of the campaign without judging, which run in the first cell. 0 skips a part. ``durations``:
+    whether the durations of the picks of the package are measured.
     """
     counts = {"picks": picks, "poses": poses, "campaign": campaign, "overhead": overhead}
     if min(counts.values()) < 0:
@@ -175,7 +211,11 @@ def picks_benchmark(
     if overhead and selected:
         on_progress(f"{selected[0].name}: campaign of {overhead:,} picks without judging")
         idle.append(overhead_row(selected[0], overhead, seed))
-    return PicksTable(counts, origin, tuple(verdicts), tuple(screening), tuple(campaigns), tuple(idle))
+    lengths = []
+    for file in SHIPPED if durations else ():
+        on_progress(f"{file}: durations")
+        lengths.append(duration_row(file))
+    return PicksTable(counts, origin, tuple(verdicts), tuple(screening), tuple(campaigns), tuple(idle), tuple(lengths))
 
 
 # -- random picks ------------------------------------------------------------------------------------------------------
@@ -256,6 +296,48 @@ def verdict_rows(cell: PickCell, count: int, seed: int) -> list[VerdictRow]:
         median, p95 = np.percentile(values, (50, 95)).tolist()
         rows.append(VerdictRow(cell.name, name, len(values), float(np.mean(values)), median, p95, max(values)))
     return rows
+
+
+def duration_row(file: str) -> DurationRow:
+    """Judge picks of a file of the package, with and without stops between stages, and audit the motions."""
+    shared = read_picks(robots_folder() / f"{file}.yaml")
+    arm, scene = shared.load_arm(), Scene.load(shared.scene or Path())
+    setup = PickSetup.make(arm, scene, shared, home=None, rng=0)
+    stopping = replace(setup, budget=replace(setup.budget, motion=0))
+    seconds: dict[PickSetup, list[float]] = {setup: [], stopping: []}
+    motions = unsafe = 0
+    for index in range(0, len(shared), SHIPPED[file]):
+        verdicts = {each: each.judge(index, shared.picks[index]) for each in seconds}
+        if not all(verdict.ok for verdict in verdicts.values()):
+            continue
+        for each, verdict in verdicts.items():
+            seconds[each].append(verdict.trajectory.duration)  # type: ignore[union-attr]
+        motions += len(verdicts[setup].motions)
+        unsafe += unsafe_motions(setup, verdicts[setup].motions)
+    means = [float(np.mean(each)) for each in seconds.values()]
+    return DurationRow(file, len(seconds[setup]), means[1], means[0], motions, unsafe)
+
+
+def unsafe_motions(setup: PickSetup, motions: Sequence[PickMotion], step: float = AUDIT_STEP) -> int:
+    """The number of motions in contact, on the exact meshes in the scene of their moment.
+
+    The tool may touch the part that it holds, and the part may touch the supports that it is proven to leave.
+    """
+    hand = set(setup.cell.hand)
+    unsafe = 0
+    bare: dict[tuple[object, ...], CollisionChecker] = {}  # exact meshes are read once for each state of the gripper
+    for motion in motions:
+        key = tuple(sorted(motion.held.items()))
+        if key not in bare:
+            arm = setup.checker.arm.with_held(motion.held)
+            bare[key] = CollisionChecker(arm, Scene(), link_meshes="mesh")
+        checker = bare[key].with_attached(*motion.attached).with_scene(motion.scene)
+        known = set(checker.obstacles_and_links)
+        excluded = [tuple(pair.owners) for pair in motion.certificate.excluded]
+        touching = [pair for pair in excluded if set(pair) <= known and hand & set(pair)]
+        touching += [tuple(each.bodies) for each in motion.certificate.partings]
+        unsafe += not audit(motion.trajectory, checker.allowing(*touching), step=step, measure=False).clean
+    return unsafe
 
 
 def screen_rows(cell: PickCell, count: int, seed: int) -> Iterator[ScreenRow]:

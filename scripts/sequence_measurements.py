@@ -9,10 +9,10 @@ from time import process_time
 from typing import Any, ClassVar
 
 import numpy as np
+from picks_measurements import unsafe_motions
 
 import pinproof as pp
 from pinproof.benchmarks.tables import BenchmarkTable, provenance
-from pinproof.cell import SequenceResult
 from pinproof.description import robots_folder
 from pinproof.picks import PickSetup
 
@@ -82,29 +82,6 @@ def setup_of(file: str, count: int, seed: int) -> tuple[PickSetup, list[pp.Pick]
     return setup, found
 
 
-def audit_all(result: SequenceResult) -> tuple[int, int]:
-    """The number of audited motions, and of those in contact, on the exact meshes in the scene of their moment.
-
-    The tool may touch the part that it holds, and the part may touch the supports that it is proven to leave.
-    """
-    setup = result.setup
-    hand = {thing.name for thing in setup.shared.open_tool}
-    unsafe = 0
-    bare: dict[tuple[object, ...], pp.CollisionChecker] = {}  # exact meshes are read once for each state of the gripper
-    for motion in result.motions:
-        key = tuple(sorted(motion.held.items()))
-        if key not in bare:
-            arm = setup.checker.arm.with_held(motion.held)
-            bare[key] = pp.CollisionChecker(arm, pp.Scene(), link_meshes="mesh")
-        checker = bare[key].with_attached(*motion.attached).with_scene(motion.scene)
-        known = set(checker.obstacles_and_links)
-        excluded = [tuple(pair.owners) for pair in motion.certificate.excluded]
-        touching = [pair for pair in excluded if set(pair) <= known and hand & set(pair)]
-        touching += [tuple(each.bodies) for each in motion.certificate.partings]
-        unsafe += not pp.audit(motion.trajectory, checker.allowing(*touching), step=AUDIT_STEP, measure=False).clean
-    return len(result.motions), unsafe
-
-
 def measure(cell: str) -> SequenceRow:
     """The sequence of one of :data:`CELLS`."""
     setup, picks = setup_of(*CELLS[cell])
@@ -113,7 +90,7 @@ def measure(cell: str) -> SequenceRow:
     start = process_time()
     result = pp.sequence(setup, picks)
     seconds = process_time() - start
-    audited, unsafe = audit_all(result)
+    unsafe = unsafe_motions(setup, result.motions, AUDIT_STEP)
     return SequenceRow(
         cell,
         len(result.steps),
@@ -125,7 +102,7 @@ def measure(cell: str) -> SequenceRow:
         result.nearest_neighbour,
         len(result.motions),
         1e3 * result.clearance,
-        audited,
+        len(result.motions),
         unsafe,
     )
 

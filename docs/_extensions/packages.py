@@ -44,7 +44,7 @@ class Package(SphinxDirective):
 
 def public_names(package: str) -> list[str]:
     """The full names of what a package exports: those of the top level first, then its own."""
-    top = pp._HOME.get(package, ())
+    top = pp._HOME.get(package, "").split()
     own = [name for name in importlib.import_module(package).__all__ if name not in top]
     return [*(f"pinproof.{name}" for name in top), *(f"{package}.{name}" for name in own)]
 

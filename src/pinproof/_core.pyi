@@ -728,7 +728,41 @@ class RrtSearch:
     def gap(self) -> float: ...
     def distance_of_trees(self) -> float: ...
 
+class StaggeredMove:
+    @property
+    def goal(self) -> int: ...
+    @property
+    def duration(self) -> float: ...
+    def at_time(self, time: float) -> tuple[Any, ...]: ...
+    def phase_ends(self) -> NDArray[Any]: ...
+
+class StaggeredSearch:
+    def __init__(
+        self,
+        edges: EdgeChecker,
+        start: NDArray[numpy.float64],
+        goals: NDArray[numpy.float64],
+        box: NDArray[numpy.float64],
+        *,
+        velocity: NDArray[numpy.float64],
+        acceleration: NDArray[numpy.float64],
+        jerk: NDArray[numpy.float64] | None,
+        sample_time: float,
+    ) -> None: ...
+    def run(self, below: float, draws: NDArray[numpy.float64]) -> StaggeredMove | None: ...
+    @property
+    def draws_per_motion(self) -> int: ...
+    @property
+    def tried(self) -> int: ...
+
 def shortcut(edges: EdgeChecker, path: NDArray[numpy.float64], draws: NDArray[numpy.float64]) -> NDArray[Any]: ...
+def search_tour(
+    job: NDArray[numpy.int64],
+    time: NDArray[numpy.float64],
+    pairs: NDArray[numpy.int64],
+    first: NDArray[numpy.int64],
+    draws: NDArray[numpy.float64],
+) -> NDArray[Any]: ...
 def fastest_speeds(
     alpha: NDArray[numpy.float64],
     beta: NDArray[numpy.float64],

@@ -40,7 +40,7 @@ def test_every_part_is_there(table: CollisionTable) -> None:
 @pytest.mark.slow
 def test_times_are_separate_for_free_and_colliding_configurations(table: CollisionTable) -> None:
     for row in (*table.checks, *table.growth):
-        for times in (row.is_free, row.check, row.clearance, row.coal, row.coal_tree, row.coal_distances):
+        for times in (row.is_free, row.check, row.clearance, row.coal, row.coal_tree):
             assert (times.free is None) == (row.free_share == 0.0)
             assert (times.colliding is None) == (row.free_share == 1.0)
             assert all(us is None or us > 0 for us in (times.free, times.colliding))

@@ -33,7 +33,7 @@ def test_every_goal_has_the_pose_and_is_free() -> None:
     arm = pp.load_robot("panda").arm()
     checker = pp.CollisionChecker(arm)
     pose = arm.forward_kinematics(arm.home)
-    goals = pose_goals(checker, pose)
+    goals = pose_goals(checker, pose, arm.home)
     assert len(goals) > 5
     assert checker.is_free_batch(goals).all()
     assert np.abs(arm.forward_kinematics_batch(goals) - pose.homogeneous).max() < 1e-5

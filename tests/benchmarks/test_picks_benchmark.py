@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def table() -> PicksTable:
-    return picks_benchmark(["generic_6dof"], picks=4, poses=200, campaign=0, overhead=20)
+    return picks_benchmark(["generic_6dof"], picks=4, poses=200, campaign=0, overhead=20, durations=False)
 
 
 @pytest.mark.slow

@@ -127,7 +127,7 @@ def test_hands_of_the_other_arms_are_open_as_stated(tmp_path) -> None:
     picks = pp.read_picks(path)
     group = picks.load_cell()
     group = group.with_held({joint: 0.0 for joint in group.held if "finger_joint1" in joint})
-    run = _Run(group, pp.Scene.load(picks.scene), picks, (), (0.0, 0.0), 4, print, 0)
+    run = _Run(group, pp.Scene.load(picks.scene), picks, (), (0.0, 0.0), pp.cell.SequenceBudget(), print, 0)
     for setup in run.setups.values():
         fingers = [value for joint, value in setup.checker.group.held.items() if "finger_joint1" in joint]
         assert fingers == [0.04, 0.04]
@@ -184,6 +184,14 @@ def test_unknown_arm_is_refused_with_the_valid_ones(cell, tmp_path) -> None:
     assert problem.name == "part_0_0"
     assert "lefty" in problem.reason
     assert "left, right" in problem.reason
+
+
+def test_object_that_is_not_in_the_scene_is_refused(cell) -> None:
+    group, scene, picks = cell
+    part = scene["part_0_0"]
+    stated = some(picks, "part_0_0", part_0_0={"carried": part})
+    with pytest.raises(pp.InputError, match=r"part_0_0.*not in the scene"):
+        pp.cell.allocate(group, scene.remove("part_0_0"), stated)
 
 
 def test_arms_with_common_joints_are_refused(cell) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -29,6 +31,8 @@ from pinproof.cell.placement_screening import GraspTable, PlacementScreening
 from pinproof.common.files import json_text
 from pinproof.picks import PickBudget, PickWeights
 from pinproof.picks.judging.task import Cell
+
+from ..processes import PATIENCE, RUN_CLI, started, wait_for
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 SMALL = PlacementBudget(grid=60, runs=2, evaluations=24, certified=2, proofs=0)
@@ -184,6 +188,27 @@ def test_interrupted_search_resumes_from_its_folder(
     assert "certify_1" in stages
     with pytest.raises(pp.errors.CampaignError, match="seed"):
         place_base(arm, scene, bolts, found.region, rng=1, **settings)
+
+
+@pytest.mark.slow
+def test_killed_search_with_two_workers_resumes_to_the_same_result(tmp_path: Path) -> None:
+    picks, region = ROBOTS / "ur5" / "plate_picks.yaml", "-0.3 0.1 -0.3 0.3 0 0 -pi pi"
+    search = ["cell", "place", str(picks), "--region", region, "--grid", "300", "--runs", "0", "--certified", "1",
+              "--workers", "2", "--campaign"]  # fmt: skip
+    whole, journal = [sys.executable, "-c", RUN_CLI, *search], tmp_path / "killed" / "grid" / "journal.jsonl"
+    with started([*whole, str(tmp_path / "killed")]) as running:
+        wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 40, by=running)
+        running.kill()
+    begun = journal.read_bytes().count(b"\n") - 1
+    assert begun < 300
+    answers = []
+    for folder in ("killed", "once"):
+        done = subprocess.run(
+            [*whole, str(tmp_path / folder), "--json"], capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+        answers.append((done.returncode, json.loads(done.stdout)))
+    assert answers[0] == answers[1]
+    assert answers[0][0] == 0
 
 
 def test_base_stays_out_of_forbidden_zones(arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks) -> None:

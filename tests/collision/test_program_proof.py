@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision import certify_program, export_program
+from pinproof.collision.linear_moves import trace_line
 from pinproof.collision.program_proof import _share
 from pinproof.errors import InputError
-from pinproof.motion.program_steps import Blend, JointMove
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove
 from pinproof.motion.robot_program import RobotProgram, make_program
 
 Cell = tuple[pp.CollisionChecker, pp.Trajectory]
@@ -164,3 +166,97 @@ def test_prismatic_joints_are_refused() -> None:
     path = pp.JointPath([arm.home, arm.home + 0.01], arm.joint_names)
     with pytest.raises(InputError, match="revolute"):
         export_program(path, pp.CollisionChecker(arm), "rapid")
+
+
+@pytest.fixture(scope="module")
+def line() -> Cell:
+    """The UR5 and a motion: a joint move, then 150 mm straight down beside a box."""
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    box = pp.Obstacle("box", pp.Box(0.1, 0.1, 0.2), pp.pose((0.5, 0.25, 0.1)))
+    checker = pp.CollisionChecker(arm, pp.Scene([box]), margin=0.001)
+    above = pp.AnalyticIk().solve_all(arm, pp.pose((0.5, 0.1, 0.35), (np.pi, 0, 0))).q
+    start = next(q for q in above if checker.is_free(q))
+    there = pp.plan_linear(checker, start, pp.pose((0.5, 0.1, 0.2), (np.pi, 0, 0))).or_raise().path
+    down = pp.time_parametrise(there, arm.limits)
+    first = pp.time_parametrise(pp.JointPath([start + 0.1, start], arm.joint_names), arm.limits)
+    return checker, pp.Trajectory.join(first, down)
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_a_straight_line_of_the_tcp_becomes_a_certified_linear_move(line: Cell, dialect: str) -> None:
+    checker, motion = line
+    program, certificate = export_program(motion, checker, dialect, linear=True)
+    lines = [step for step in program.moves if isinstance(step, LinearMove)]
+    assert certificate.free
+    assert len(lines) == 1
+    again = certify_program(RobotProgram.parse(program.text, dialect=dialect), checker)
+    assert (again.free, again.hash) == (True, program.certificate)
+    (part,) = [part for part in certificate.parts if part.name.startswith("linear")]
+    assert part.line == lines[0].line
+
+
+def test_linear_moves_are_refused_where_the_program_has_no_moves(line: Cell) -> None:
+    checker, motion = line
+    for dialect, period in (("ros2", None), ("urscript", 0.008)):
+        with pytest.raises(InputError, match="linear moves need"):
+            export_program(motion, checker, dialect, linear=True, period=period)
+
+
+@pytest.mark.slow
+def test_the_trace_covers_orientations_that_are_not_in_proportion_to_the_path() -> None:
+    arm, rng = pp.load_robot("ur5").arm(tcp="tool0"), np.random.default_rng(0)
+    covered = 0
+    for _ in range(8):
+        start = rng.uniform(-2, 2, 6)
+        first = arm.forward_kinematics(start)
+        end = pp.pose(first.translation + rng.uniform(-0.03, 0.03, 3))
+        axis = rng.normal(size=3)
+        end.rotation = first.rotation @ turned(axis, 3e-4)
+        trace = trace_line(arm, start, end)
+        if trace.reason:
+            continue
+        for share in rng.uniform(0, 1, 20):
+            wanted = pp.pose(first.translation + share * (end.translation - first.translation))
+            wanted.rotation = first.rotation @ turned(axis, rng.uniform(0, 3e-4)) @ turned(rng.normal(size=3), 1.5e-4)
+            at = trace.path(share * trace.path.domain[1])
+            found = pp.Clik(position_tolerance=1e-9, orientation_tolerance=1e-9).solve(arm, wanted, q0=at)
+            assert np.abs(found.q - at).max() <= trace.tolerance + 1e-7
+            covered += 1
+    assert covered >= 80
+
+
+def turned(axis: np.ndarray, angle: float) -> np.ndarray:
+    """A rotation (3, 3) by a small angle about an axis."""
+    x, y, z = angle * axis / np.linalg.norm(axis)
+    return pp.pose((0, 0, 0), (x, y, z)).rotation
+
+
+def test_what_a_linear_move_touches_is_found(line: Cell) -> None:
+    checker, motion = line
+    arm = checker.arm
+    beside, behind = (motion.end, pp.AnalyticIk().solve_all(arm, pp.pose((0.5, 0.45, 0.2), (np.pi, 0, 0))).q)
+    target = behind[np.abs(behind - beside).max(axis=1).argmin()]
+    steps = [JointMove(beside), LinearMove(target, duration=2.0)]
+    program = make_program(steps, arm.joint_names, dialect="urscript", deviation=0.001)
+    certificate = certify_program(program, checker)
+    assert certificate.status is pp.CertificateStatus.COLLIDING
+    assert "box" in certificate.message
+    assert f"linear move at line {program.moves[1].line}" in certificate.message
+
+
+def test_a_linear_move_whose_joint_values_are_not_known_is_undecided(line: Cell) -> None:
+    checker, motion = line
+    arm, q = checker.arm, motion.end
+    above = pp.AnalyticIk().solve_all(arm, pp.pose((0.5, 0.1, 0.35), (np.pi, 0, 0))).q
+    branch = above[np.abs(above - q).max(axis=1).argmax()]
+    near = above[np.abs(above - q).max(axis=1).argmin()]
+    turned = q + 0.5 * np.eye(6)[5]
+    for steps, words in (
+        ([LinearMove(q), JointMove(motion.start)], "first move"),
+        ([JointMove(q), LinearMove(turned)], "not published"),
+        ([JointMove(q), LinearMove(branch)], "another configuration"),
+        ([JointMove(motion.start), JointMove(q, 1.0, Blend(0.001)), LinearMove(near)], "before a linear move"),
+    ):
+        certificate = certify_program(make_program(steps, arm.joint_names, dialect="urscript"), checker)
+        assert certificate.status is pp.CertificateStatus.UNDECIDED
+        assert re.search(words, certificate.message)

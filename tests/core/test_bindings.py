@@ -74,6 +74,18 @@ def clear(**changes: Any) -> int:
     return _core.clear_within(**{**cells, **changes})
 
 
+def tour(**changes: Any) -> Any:
+    """Two options of a job, then one of another, which comes after it."""
+    task: dict[str, Any] = {
+        "job": np.array([0, 0, 1]),
+        "time": np.arange(16.0).reshape(4, 4),
+        "pairs": np.array([[0, 1]]),
+        "first": np.array([0, 2]),
+        "draws": np.full((3, 8), 0.5),
+    }
+    return _core.search_tour(**{**task, **changes})
+
+
 def timed(**changes: Any) -> Any:
     task: dict[str, Any] = {
         "knots": np.arange(2.0),
@@ -181,6 +193,12 @@ def edges() -> Any:
 def search(**changes: Any) -> Any:
     values = {"start": np.zeros(2), "goals": np.ones((1, 2)), "box": np.array([[-3.0, -3.0], [3.0, 3.0]]), **changes}
     return _core.RrtSearch(edges(), **{"step": 0.5, "max_nodes": 100, "max_samples": 100, **values})
+
+
+def staggered(**changes: Any) -> Any:
+    limits = {"velocity": np.ones(2), "acceleration": np.ones(2), "jerk": None, "sample_time": 0.1}
+    values = {"start": np.zeros(2), "goals": np.ones((1, 2)), "box": np.array([[-3.0, -3.0], [3.0, 3.0]]), **limits}
+    return _core.StaggeredSearch(edges(), **{**values, **changes})
 
 
 def settings(**changes: Any) -> Any:
@@ -443,6 +461,14 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "an edge of one joint": lambda: edges().samples_free(np.zeros(1), np.zeros(2)),
     "points of one joint": lambda: edges().points_free(np.zeros((3, 1))),
     "no points of a motion": lambda: edges().points_free(np.zeros((0, 2))),
+    "staggered moves without goals": lambda: staggered(goals=np.zeros((0, 2))),
+    "staggered moves with goals that are NaN": lambda: staggered(goals=np.full((1, 2), NAN)),
+    "staggered moves with a limit of zero": lambda: staggered(velocity=np.zeros(2)),
+    "staggered moves with an infinite jerk": lambda: staggered(jerk=np.full(2, np.inf)),
+    "staggered moves of joints with one jerk": lambda: staggered(jerk=np.ones(1)),
+    "staggered moves with a sample time of zero": lambda: staggered(sample_time=0.0),
+    "draws of staggered moves in short rows": lambda: staggered().run(1.0, np.zeros((1, 3))),
+    "draws of staggered moves of 1": lambda: staggered().run(1.0, np.ones((1, staggered().draws_per_motion))),
     "a search without goals": lambda: search(goals=np.zeros((0, 2))),
     "a search with steps of zero": lambda: search(step=0.0),
     "a search with steps that are NaN": lambda: search(step=NAN),
@@ -520,6 +546,18 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a timed path with constraints of wrong shapes": lambda: timed(
         rows=lambda q, *_: (np.ones((len(q), 1)), *[np.ones((1, 1))] * 3), excess=lambda *_: np.ones(1)
     ),
+    "a tour without jobs": lambda: tour(job=np.zeros(0, dtype=np.int64), time=np.zeros((1, 1))),
+    "a tour of jobs with a gap": lambda: tour(job=np.array([0, 0, 2])),
+    "a tour with too few times": lambda: tour(time=np.zeros((3, 3))),
+    "a tour with an infinite time": lambda: tour(time=np.full((4, 4), np.inf)),
+    "a pair of a job that does not exist": lambda: tour(pairs=np.array([[0, 2]])),
+    "pairs of three jobs": lambda: tour(pairs=np.zeros((1, 3), dtype=np.int64)),
+    "a tour that violates a pair": lambda: tour(first=np.array([2, 0])),
+    "a tour with two options of a job": lambda: tour(first=np.array([0, 1])),
+    "a tour with an option that does not exist": lambda: tour(first=np.array([0, 3])),
+    "a tour that lacks a job": lambda: tour(first=np.array([0])),
+    "draws of a tour that are too short": lambda: tour(draws=np.zeros((1, 4))),
+    "draws of a tour above 1": lambda: tour(draws=np.ones((1, 8))),
     "corners of no waypoints": lambda: _core.corners(np.zeros((0, 2))),
     "cells of another type": lambda: carve(cells=np.zeros((2, 2, 2))),
     "cells of two dimensions": lambda: carve(cells=np.zeros((2, 2), dtype=np.uint8)),
@@ -551,6 +589,7 @@ def test_the_core_refuses(case: str) -> None:
 def test_the_arguments_without_a_mistake_are_accepted() -> None:
     carve()
     assert clear() == 8
+    assert sorted(tour().tolist()) in ([0, 2], [1, 2])
     region()
     assert manifold().project(np.full(DOF, 0.3), 0.5) is not None
     prove_upright(np.zeros((1, 2, DOF)), np.zeros(DOF))

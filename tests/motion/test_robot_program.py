@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof.errors import InputError, TrajectoryError, UnknownNameError
 from pinproof.motion.dialects import DIALECTS
-from pinproof.motion.program_steps import Blend, JointMove, SetOutput, StreamedPoint, Wait
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, StreamedPoint, Wait
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
 
 NAMES = tuple(f"joint_{i}" for i in range(1, 7))
@@ -28,7 +28,8 @@ def some_steps(dialect: str, rows: int = 4) -> list:
     q = np.random.default_rng(5).uniform(-3, 3, (rows, 6))
     blend = DIALECTS[dialect].blend
     moves = [JointMove(row, None if i == 0 else 0.5 + i, blend if i == 1 else None) for i, row in enumerate(q)]
-    return [*moves[:2], SetOutput(OUTPUT[dialect], True), Wait(0.25), *moves[2:]]
+    line = LinearMove(q[1] - 0.1, pp.pose((0.1, -0.2345678, 0.5), (0.3, -0.4, 2.5)), 1.25)
+    return [*moves[:2], line, SetOutput(OUTPUT[dialect], True), Wait(0.25), *moves[2:]]
 
 
 @pytest.mark.parametrize("dialect", MOVING)
@@ -42,9 +43,14 @@ def test_every_construct_is_read_back(dialect: str) -> None:
             assert (read.blend is None) == (wrote.blend is None)
             if read.duration is not None:
                 assert read.duration == pytest.approx(wrote.duration, abs=1e-3)
+        if isinstance(wrote, LinearMove) and dialect == "krl":
+            assert np.abs(read.pose.homogeneous - wrote.pose.homogeneous).max() < 2e-7
+        elif isinstance(wrote, LinearMove):
+            assert np.abs(read.q - wrote.q).max() <= RESOLUTION[dialect]
+            assert read.duration == pytest.approx(1.25)
     assert (program.name, program.deviation, program.certificate) == ("lift_1", 0.003, "ab12")
     assert program.joint_names == NAMES
-    output, wait = program.steps[2:4]
+    output, wait = program.steps[3:5]
     assert (output.output, output.on, wait.seconds) == (OUTPUT[dialect], True, 0.25)
 
 
@@ -95,8 +101,10 @@ def test_a_removed_or_added_line_is_refused(dialect: str) -> None:
     [
         ("urscript", "  movel(p[0.1, 0.2, 0.3, 0, 0, 0], a=1.2, v=0.25)"),
         ("rapid", "    MoveL p10, v100, fine, tool0;"),
-        ("krl", "  LIN {X 100,Y 0,Z 300,A 0,B 0,C 0}"),
+        ("krl", "  LIN {X 100,Y 0,Z 300,A 0,B 0,C 0} C_DIS"),
         ("fanuc", ":L P[1] 100mm/sec FINE ;"),
+        ("urscript", "  movel([0, 0, 0, 0, 0, 0], t=1.0, r=0.01)"),
+        ("urscript", "  movec(p[0, 0, 0, 0, 0, 0], p[0, 0, 0, 0, 0, 0])"),
     ],
 )
 def test_an_unsupported_instruction_is_refused_with_line_and_text(dialect: str, line: str) -> None:

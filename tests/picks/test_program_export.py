@@ -54,6 +54,30 @@ def test_moves_between_stops_take_as_long_as_the_limits_require(report: PickRepo
         assert after.duration >= needed * (1.0 - rounding) - 2e-6
 
 
+def test_a_deviation_of_the_controller_is_covered_where_the_part_is_on_no_support(report: PickReport) -> None:
+    (verdict,) = report.good
+    program = report.programs()[0]
+    exact, wide = (
+        export_picks(report.setup, [(verdict.pick, program)], "urscript", output="0", deviation=deviation)
+        for deviation in (0.0, 0.0005)
+    )
+    assert wide.free
+    assert (exact.program.deviation, wide.program.deviation) == (0.0, 0.0005)
+    assert exact.notes == ()
+    (note,) = wide.notes
+    for motion, narrow, tube in zip(verdict.motions, exact.certificates[0], wide.certificates[0], strict=True):
+        assert (motion.name in note) == bool(tube.partings)
+        if tube.partings:
+            assert not tube.tube.joints.any()
+        else:
+            assert np.all(np.asarray(tube.tube.joints) >= 0.0005)
+            assert tube.clearance <= narrow.clearance
+    assert any(tube.partings for tube in wide.certificates[0])
+    far = export_picks(report.setup, [(verdict.pick, program)], "urscript", output="0", deviation=0.2)
+    assert not far.free
+    assert far.program.certificate == ""
+
+
 def test_programs_that_do_not_meet_are_refused(report: PickReport) -> None:
     (verdict,) = report.good
     both = [(verdict.pick, report.programs()[0])] * 2

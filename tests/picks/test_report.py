@@ -83,9 +83,9 @@ def test_a_row_has_the_motions_the_score_and_the_refuted_branches(reports) -> No
     assert [motion["name"] for motion in good["motions"]] == ["pick"]
     assert good["motions"][0]["attached"] == ["picker"]
     assert good["motions"][0]["clearance_proven"] == good["clearance_proven"]
-    assert sum(good["score"][part] for part in good["score"] if part != "score") == pytest.approx(
-        good["score"]["score"]
-    )
+    weights = pp.picks.PickWeights()
+    parts = {part: value for part, value in good["score"].items() if part != "score"}
+    assert sum(getattr(weights, part) * value for part, value in parts.items()) == pytest.approx(good["score"]["score"])
     assert good["refuted"] == bad["motions"] == []
     assert len(bad["refuted"]) == bad["stages"][1]["figures"]["configurations"] >= 8
     assert all("penetrates" in why for why in bad["refuted"])

@@ -139,7 +139,7 @@ def test_the_long_tool_goes_in_and_out_through_the_door_straight(examples) -> No
         tips[motion.name] = np.array([at.translation for at in placed])
     for name in ("approach", "retreat"):
         np.testing.assert_allclose(tips[name][:, 1:], [[-0.20, 0.50]] * 50, atol=1.01e-3)  # along the spindle
-        assert np.ptp(tips[name][:, 0]) == pytest.approx(0.2, abs=1e-3)
+        assert example.picks.straight * 0.2 - 1e-3 <= np.ptp(tips[name][:, 0]) <= 0.2 + 1e-3
     assert tips["retreat"][0, 0] == pytest.approx(1.075, abs=1e-5)
     assert tips["place"][-1] == pytest.approx([0.14, 0.33, 0.12], abs=1e-5)
     assert max(np.linalg.norm(thing.pose.translation) for thing in example.picks.tool) < 0.5

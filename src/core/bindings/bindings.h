@@ -12,6 +12,7 @@ void bind_tracking(nanobind::module_& module);
 void bind_collision(nanobind::module_& module);
 void bind_certificate(nanobind::module_& module);
 void bind_planning(nanobind::module_& module);
+void bind_tours(nanobind::module_& module);
 void bind_timing(nanobind::module_& module);
 void bind_dynamics(nanobind::module_& module);
 void bind_reach(nanobind::module_& module);

@@ -51,6 +51,7 @@ NB_MODULE(_core, module) {
     pinproof::bind_collision(module);
     pinproof::bind_certificate(module);
     pinproof::bind_planning(module);
+    pinproof::bind_tours(module);
     pinproof::bind_timing(module);
     pinproof::bind_dynamics(module);
     pinproof::bind_reach(module);

@@ -1,9 +1,11 @@
 // Edges, searches and shortcuts in joint space.
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/unique_ptr.h>
 #include <nanobind/stl/vector.h>
 
 #include <memory>
+#include <optional>
 #include <stdexcept>
 
 #include "bindings/arrays.h"
@@ -13,6 +15,7 @@
 #include "planning/manifold.h"
 #include "planning/rrt_connect.h"
 #include "planning/shortcut.h"
+#include "planning/staggered_move.h"
 
 namespace pinproof {
 namespace {
@@ -272,12 +275,75 @@ void bind_search(nb::module_& module) {
              "The smallest distance between the nodes of both trees.");
 }
 
+// The state at a time, as three lists.
+nb::tuple state_of(const StaggeredMove& move, double time) {
+    nb::list q, velocity, acceleration;
+    for (std::size_t j = 0; j < move.joints.size(); ++j) {
+        const Instant at = move.at(j, time);
+        q.append(at.s);
+        velocity.append(at.speed);
+        acceleration.append(at.acceleration);
+    }
+    return nb::make_tuple(q, velocity, acceleration);
+}
+
+void bind_staggered_moves(nb::module_& module) {
+    nb::class_<StaggeredMove>(module, "StaggeredMove", "A motion from rest to rest; joints move at different times.")
+        .def_ro("goal", &StaggeredMove::goal, "The index of the goal.")
+        .def_ro("duration", &StaggeredMove::duration)
+        .def("at_time", state_of, nb::arg("time"), "Positions, velocities and accelerations after a time (s), as lists.")
+        .def("phase_ends", [](const StaggeredMove& self) { return array_of(self.phase_ends()); },
+             "The times (s) at which a phase of a joint ends, sorted.");
+    nb::class_<StaggeredSearch>(module, "StaggeredSearch", "Searches for motions whose joints move at different times.")
+        .def(
+            "__init__",
+            [](StaggeredSearch* self, EdgeChecker& edges, const Vector& start, const Matrix& goals, const Matrix& box,
+               const Vector& velocity, const Vector& acceleration, const std::optional<Vector>& jerk,
+               double sample_time) {
+                const std::size_t n = edges.dof();
+                require_size("start", start.shape(0), n);
+                require_rows("goals", goals, n);
+                require_size("box", box.size(), 2 * n);
+                require_size("velocity", velocity.shape(0), n);
+                require_size("acceleration", acceleration.shape(0), n);
+                if (jerk) require_size("jerk", jerk->shape(0), n);
+                require_finite("start", start.data(), n);
+                require_finite("goals", goals.data(), goals.size());
+                require_positive("sample_time", sample_time);
+                JointRates rates{{velocity.data(), velocity.data() + n}, {acceleration.data(), acceleration.data() + n}, {}};
+                if (jerk) rates.jerk.assign(jerk->data(), jerk->data() + n);
+                for (const auto* each : {&rates.velocity, &rates.acceleration, &rates.jerk})
+                    for (double rate : *each) {
+                        require_positive("a limit", rate);
+                        require_finite("a limit", &rate, 1);
+                    }
+                new (self) StaggeredSearch(edges, {start.data(), n}, {goals.data(), goals.size()}, {box.data(), n},
+                                           {box.data() + n, n}, std::move(rates), sample_time);
+            },
+            nb::arg("edges"), nb::arg("start"), nb::arg("goals"), nb::arg("box"), nb::kw_only(), nb::arg("velocity"),
+            nb::arg("acceleration"), nb::arg("jerk").none(), nb::arg("sample_time"), nb::keep_alive<1, 2>())
+        .def(
+            "run",
+            [](StaggeredSearch& self, double below, const Matrix& draws) {
+                require_size("a row of draws", draws.shape(1), self.draws_per_motion());
+                require_draws(draws);
+                nb::gil_scoped_release release;
+                return self.run(below, {draws.data(), draws.size()});
+            },
+            nb::arg("below"), nb::arg("draws"),
+            "The fastest motion of those that the rows of random numbers (N, draws_per_motion) in [0, 1) describe, of "
+            "less than `below` (s) and free at samples, or None.")
+        .def_prop_ro("draws_per_motion", &StaggeredSearch::draws_per_motion)
+        .def_prop_ro("tried", &StaggeredSearch::tried, "Total number of motions that were checked.");
+}
+
 }  // namespace
 
 void bind_planning(nb::module_& module) {
     bind_edges(module);
     bind_manifold(module);
     bind_search(module);
+    bind_staggered_moves(module);
     module.def(
         "shortcut",
         [](EdgeChecker& edges, const Matrix& path, const Matrix& draws) {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,9 +12,9 @@ from pinproof.benchmarks.ik_methods import PARTS, TOLERANCE, Part
 from pinproof.benchmarks.tables import (
     BenchmarkTable,
     log_panel,
-    markdown_table,
     new_figure,
     provenance_text,
+    row_table,
     save_figure,
     wrapped,
 )
@@ -130,8 +131,8 @@ def ik_markdown(table: IkTable) -> str:
         for part in PARTS:
             rows = table.part(robot, part)
             if rows:
-                cells = [[_name(row, table), *(cell(row) for cell in COLUMNS.values())] for row in rows]
-                lines += [f"### {robot}: {part}", "", *markdown_table(("method", *COLUMNS), cells), ""]
+                columns = {"method": partial(_name, table), **COLUMNS}
+                lines += [f"### {robot}: {part}", "", *row_table(columns, rows), ""]
         reasons = table.left_out.get(robot, {})
         if reasons:
             lines += ["Left out:", "", *(f"- {name}: {reason}" for name, reason in reasons.items()), ""]
@@ -181,35 +182,30 @@ def percent(value: float) -> str:
     return "100 %" if value == 1.0 else f"{min(100 * value, 99.999):.3f}".rstrip("0").rstrip(".") + " %"
 
 
-def _name(row: IkRow, table: IkTable) -> str:
+def _name(table: IkTable, row: IkRow) -> str:
     label = row.label if row.tolerance == TOLERANCE else f"{row.label} (within {row.tolerance:g})"
     return label if row.samples == table.settings["points"] else f"{label} ({row.samples:,} targets)"
 
 
-def _formatted(field: str, text: Callable[[Any], str]) -> Callable[[IkRow], str]:
-    """The text of a field of a row; empty for None."""
-    return lambda row: "" if getattr(row, field) is None else text(getattr(row, field))
+def _milliseconds(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}" if value < 100 else f"{value:.0f}"
 
 
-def _milliseconds(value: float) -> str:
-    return f"{value:.3g}" if value < 100 else f"{value:.0f}"
-
-
-COLUMNS: dict[str, Callable[[IkRow], str]] = {
-    "mean": _formatted("mean_ms", _milliseconds),
-    "median": _formatted("median_ms", _milliseconds),
-    "p99.9": _formatted("p999_ms", _milliseconds),
-    "batch mean": _formatted("batch_ms", _milliseconds),
-    "success": _formatted("success", percent),
-    "max position error": _formatted("position_error", "{:.1e} m".format),
-    "max rotation error": _formatted("rotation_error", "{:.1e} rad".format),
-    "false positives": _formatted("false_positives", str),
-    "largest step": _formatted("largest_step", "{:.3g}".format),
-    "textbook mean": _formatted("textbook_ms", "{:g}".format),
-    "textbook success": _formatted("textbook_success", lambda share: f"{100 * share:g} %"),
-    "relative time": _formatted("ratio", "{:.3g}".format),
+COLUMNS: dict[str, str | Callable[[IkRow], str]] = {
+    "mean": lambda row: _milliseconds(row.mean_ms),
+    "median": lambda row: _milliseconds(row.median_ms),
+    "p99.9": lambda row: _milliseconds(row.p999_ms),
+    "batch mean": lambda row: _milliseconds(row.batch_ms),
+    "success": lambda row: percent(row.success),
+    "max position error": "{.position_error:.1e} m",
+    "max rotation error": "{.rotation_error:.1e} rad",
+    "false positives": "{.false_positives}",
+    "largest step": "{.largest_step:.3g}",
+    "textbook mean": "{.textbook_ms:g}",
+    "textbook success": lambda row: "" if row.textbook_success is None else f"{100 * row.textbook_success:g} %",
+    "relative time": "{.ratio:.3g}",
 }
-"""The columns after the method: their titles, and the text of a row."""
+"""The columns after the method: their titles, and the format of a row."""
 
 
 # -- plot --------------------------------------------------------------------------------------------------------------

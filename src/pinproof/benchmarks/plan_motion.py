@@ -23,7 +23,7 @@ from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenanc
 from pinproof.collision import CollisionChecker
 from pinproof.collision.audit import STEP
 from pinproof.errors import InputError, TimingError, UnknownNameError
-from pinproof.ik import Clik
+from pinproof.ik import AnalyticIk
 from pinproof.model import Arm, JointLimits, Payload, load_robot
 from pinproof.motion import TorqueLimits, Trajectory
 from pinproof.motion.rate_constraints import RateConstraint
@@ -49,9 +49,6 @@ SAME_POSE = 1e-6
 
 PUBLISHED = {"": 1.243, LOAD: 1.304}
 """Median durations in s that cuRobo publishes for its own set of 2,600 problems, which contains other problems too."""
-
-IK_SEEDS = 200
-"""Number of configurations at which the search for IK solutions begins."""
 
 PROMISING = 1.3
 """The path is planned to the goals at distances within this factor of the least, measured in time at full speed."""
@@ -127,13 +124,10 @@ class MotionTable(BenchmarkTable):
         return [row for row in self.rows if row.faults]
 
 
-def pose_goals(checker: CollisionChecker, base_from_tcp: SE3, *, rng: int = 0) -> Array:
-    """(g, n) free IK solutions of a pose, by searches from random configurations."""
-    arm = checker.arm
-    lower, upper = arm.limits.sampling_range()
-    seeds = np.random.default_rng(rng).uniform(lower, upper, (IK_SEEDS, arm.dof))
-    found = Clik(restarts=0).solve_batch(arm, np.tile(matrix(base_from_tcp), (IK_SEEDS, 1, 1)), seeds, rng=rng)
-    q = np.asarray(found.q[found.ok])
+def pose_goals(checker: CollisionChecker, base_from_tcp: SE3, start: Array) -> Array:
+    """(g, n) free IK solutions of a pose: all branches, for an arm of seven joints at many values of one joint."""
+    q = AnalyticIk().solve_all_batch(checker.arm, matrix(base_from_tcp)[None], start).q[0]
+    q = q[np.isfinite(q).all(axis=1)]
     return q[checker.is_free_batch(q)] if len(q) else q
 
 
@@ -181,7 +175,6 @@ def motion_benchmark(
         "problems": problems,
         "acceleration": ACCELERATION,
         "jerk": JERK,
-        "ik_seeds": IK_SEEDS,
         "audit_step": STEP,
         "grid": GRID,
     }
@@ -223,7 +216,7 @@ def _solve(
     pose = arm.forward_kinematics(problem.goals[0])
     watch = Stopwatch(process_time_ns)
     ms = watch.ms
-    goals = pose_goals(checker, pose, rng=seed)
+    goals = pose_goals(checker, pose, start)
     watch.lap("goals")
     if not len(goals):
         return _failure(problem, variant, 0, ms, "no free IK solution of the goal pose was found")

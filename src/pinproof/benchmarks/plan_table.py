@@ -16,9 +16,9 @@ from pinproof.benchmarks.tables import (
     BenchmarkTable,
     bullet_section,
     log_panel,
-    markdown_table,
     new_figure,
     provenance_text,
+    row_table,
     save_figure,
     wrapped,
 )
@@ -323,36 +323,31 @@ def _scene(collection: str, name: str) -> list[str]:
 
 def _figures(table: PlanTable, collection: str, set_name: str | None = None) -> list[str]:
     figures = (table.figures(method, collection, set_name) for method in table.methods)
-    cells = [[cell(each) for cell in COLUMNS.values()] for each in figures if each is not None]
-    return markdown_table(tuple(COLUMNS), cells) if cells else ["No problem has a free start and goal."]
+    rows = [each for each in figures if each is not None]
+    return row_table(COLUMNS, rows) if rows else ["No problem has a free start and goal."]
 
 
 def _milliseconds(value: float) -> str:
     return f"{value:.2g}" if value < 10 else f"{value:.0f}"
 
 
-def _text(field: str, text: str, scale: float = 1.0) -> Callable[[PlanFigures], str]:
-    """The text of a figure; empty for None."""
-    return lambda figures: "" if (value := getattr(figures, field)) is None else text.format(scale * value)
-
-
 def _time(step: str) -> Callable[[PlanFigures], str]:
     return lambda figures: str(figures.ms.get(step, ""))
 
 
-COLUMNS: dict[str, Callable[[PlanFigures], str]] = {
-    "method": lambda figures: figures.label,
-    "solved": lambda figures: f"{figures.solved} of {figures.problems}",
-    "certified": _text("certified", "{:.0f}"),
-    "unsafe": _text("unsafe", "{:.0f}"),
+COLUMNS: dict[str, str | Callable[[PlanFigures], str]] = {
+    "method": "{.label}",
+    "solved": "{0.solved} of {0.problems}",
+    "certified": "{.certified:d}",
+    "unsafe": "{.unsafe:d}",
     **{step: _time(step) for step in ("total", *STEPS)},
-    "length": _text("length", "{:.2f}"),
-    "length ratio": _text("length_ratio", "{:.3f}"),
-    "duration, s": _text("duration", "{:.2f}"),
-    "clearance, mm": _text("clearance", "{:.2g}", 1e3),
-    "rejected edges": _text("rejected_edges", "{:.0f}"),
+    "length": "{.length:.2f}",
+    "length ratio": "{.length_ratio:.3f}",
+    "duration, s": "{.duration:.2f}",
+    "clearance, mm": lambda figures: "" if figures.clearance is None else f"{1e3 * figures.clearance:.2g}",
+    "rejected edges": "{.rejected_edges:d}",
 }
-"""The columns: their titles, and the text of the figures of a method."""
+"""The columns: their titles, and the format of the figures of a method."""
 
 
 def _time_plot(table: PlanTable) -> Any:

@@ -238,10 +238,18 @@ def row_table(
 ) -> list[str]:
     """Return the lines of a table with one line for each row.
 
-    ``columns`` maps each title to a format of the row, such as ``"{.edges:,}"``, or to a function of the row.
+    ``columns`` maps each title to a format of the row, such as ``"{.edges:,}"``, which is empty for None, or to a
+    function of the row.
     """
-    cells = [[c.format(row) if isinstance(c, str) else c(row) for c in columns.values()] for row in rows]
+    cells = [[_formatted(c, row) if isinstance(c, str) else c(row) for c in columns.values()] for row in rows]
     return markdown_table(tuple(columns), cells, text_columns=text_columns)
+
+
+def _formatted(text: str, row: Any) -> str:
+    try:
+        return text.format(row)
+    except TypeError:  # None has no format
+        return ""
 
 
 def bullet_section(title: str, entries: Iterable[str]) -> list[str]:

@@ -29,6 +29,7 @@ from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequence_page import read_heat_map, write_sequence_page
 from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
 from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
+from pinproof.cell.sequence_run import SequenceBudget
 from pinproof.cell.sequencing import SequenceInterrupted, sequence
 from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
 
@@ -60,6 +61,7 @@ __all__ = [
     "PlacementResult",
     "PlacementSensitivity",
     "Precedence",
+    "SequenceBudget",
     "SequenceInterrupted",
     "SequenceResult",
     "SequenceStep",

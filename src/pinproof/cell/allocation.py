@@ -19,7 +19,8 @@ from pinproof.cell.common_clock import ArmsApart, Timing, time_together
 from pinproof.cell.options import Job
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequence_result import LeftOut, SequenceResult
-from pinproof.cell.sequencing import OPTIONS, judge_options, sequence
+from pinproof.cell.sequence_run import SequenceBudget
+from pinproof.cell.sequencing import judge_options, sequence
 from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.validation import Rng, require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
@@ -56,7 +57,7 @@ def allocate(
     precedence: Iterable[tuple[str, str]] = (),
     grip_dwell: float = 0.0,
     release_dwell: float = 0.0,
-    options: int = OPTIONS,
+    budget: SequenceBudget | None = None,
     compare: bool = True,
     rng: Rng = 0,
     progress: Progress | None = None,
@@ -81,8 +82,8 @@ def allocate(
         Pairs of names: the first pick has ended when the second starts, whichever arms execute them.
     grip_dwell, release_dwell
         Seconds that an arm rests at each grasp and at each release.
-    options
-        Largest number of grasps and IK branches that are considered for each pick.
+    budget
+        The effort of the search for the sequence of each arm.
     compare
         Whether the sequence of all picks by one arm is computed too, for each arm.
     rng
@@ -98,8 +99,8 @@ def allocate(
     Raises
     ------
     InputError
-        If the group has one arm or arms that share joints, the robots overlap, or the picks are not valid for a
-        sequence.
+        If the group has one arm or arms that share joints, the robots overlap, the object of a pick is not in the
+        scene, or the picks are not valid for a sequence.
     UnknownNameError
         If a pick or ``picks.robots`` names an arm that the group does not have.
     NoAnswer
@@ -107,27 +108,14 @@ def allocate(
     """
     _check(group, picks)
     require_type("scene", scene, Scene)
-    run = _Run(group, scene, picks, tuple(precedence), (grip_dwell, release_dwell), options, progress or _silent, rng)
+    dwell, effort = (grip_dwell, release_dwell), budget or SequenceBudget()
+    run = _Run(group, scene, picks, tuple(precedence), dwell, effort, progress or _silent, rng)
     run.judge()
-    best: tuple[Timing, dict[str, SequenceResult]] | None = None
-    seen: set[tuple[str, ...]] = set()
-    for _ in range(ROUNDS):
-        chosen = run.allocation()
-        if chosen in seen:
-            break
-        seen.add(chosen)
-        results = run.sequences(chosen)
-        timing = time_together(run.apart, run.home, results, run.stated)
-        better = best is None or (not timing.free, timing.trajectory.duration) < (
-            not best[0].free,
-            best[0].trajectory.duration,
-        )
-        if better:
-            best = timing, results
-    if best is None:
-        raise NoAnswer("no allocation was found")
+    timing, results = run.shortest()
     alone = tuple(run.alone(name) for name in group.ends) if compare else ()
-    return AllocationResult(group, scene, picks, *best, tuple(run.left_out), alone, run.apart.checker.attached)
+    return AllocationResult(
+        group, scene, picks, timing, results, tuple(run.left_out), alone, run.apart.checker.attached
+    )
 
 
 def _silent(*_: object) -> None:
@@ -152,6 +140,11 @@ def _check(group: JointGroup, picks: Picks) -> None:
     for pick in picks:
         if pick.arm is not None and pick.arm not in group.ends:
             raise UnknownNameError("arm", pick.arm, group.ends, f"pick {pick.name!r}")
+        if isinstance(pick.carried, Obstacle):
+            raise InputError(
+                f"the object {pick.carried.name!r} of pick {pick.name!r} is not in the scene before the pick, so the "
+                "other arms could not be certified with it; add it to the scene and state its name as the object"
+            )
     if not picks.picks:
         raise InputError("there are no picks to allocate")
 
@@ -202,7 +195,7 @@ class _Run:
     picks: Picks
     stated: tuple[tuple[str, str], ...]
     dwell: tuple[float, float]
-    options: int
+    budget: SequenceBudget
     progress: Progress
     rng: Rng
     left_out: list[LeftOut] = field(default_factory=list)
@@ -262,7 +255,7 @@ class _Run:
             self.progress("picks", number, len(self.setups))
             if not own:
                 continue
-            found = judge_options(setup, own, self.options)
+            found = judge_options(setup, own, self.budget)
             for left in found.left_out:
                 reasons[left.name].append(f"{arm}: {left.reason}")
             for pair in found.pairs:
@@ -330,6 +323,19 @@ class _Run:
         of = {name: arms[k] for unit, k in zip(units, chosen, strict=True) for name in unit}
         return tuple(of.get(pick.name, "") for pick in self.picks)
 
+    def shortest(self) -> tuple[Timing, dict[str, SequenceResult]]:
+        """The allocation with the shortest certified time of several, and its sequences."""
+        seen: set[tuple[str, ...]] = set()
+        tried: list[tuple[Timing, dict[str, SequenceResult]]] = []
+        for _ in range(ROUNDS):
+            chosen = self.allocation()
+            if chosen in seen:
+                break
+            seen.add(chosen)
+            results = self.sequences(chosen)
+            tried.append((time_together(self.apart, self.home, results, self.stated), results))
+        return min(tried, key=lambda each: (not each[0].free, each[0].trajectory.duration))
+
     # -- the programs -------------------------------------------------------------------------------------------------
 
     def sequences(self, chosen: tuple[str, ...]) -> dict[str, SequenceResult]:
@@ -357,7 +363,7 @@ class _Run:
 
     def _sequence(self, setup: PickSetup, picks: Sequence[Pick], pairs: Sequence[tuple[str, str]]) -> SequenceResult:
         grip, release = self.dwell
-        return sequence(setup, picks, precedence=pairs, grip_dwell=grip, release_dwell=release, options=self.options)
+        return sequence(setup, picks, precedence=pairs, grip_dwell=grip, release_dwell=release, budget=self.budget)
 
     def alone(self, arm: str) -> OneArm:
         """The sequence of all picks by one arm, with the others at home."""

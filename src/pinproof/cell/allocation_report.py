@@ -11,8 +11,7 @@ from pinproof.cell.allocation_keys import SCHEMA
 from pinproof.cell.allocation_page import write_allocation_page
 from pinproof.cell.allocation_result import AllocationResult
 from pinproof.cell.sequence_report import number_or_none
-from pinproof.common.files import json_text, save_as, unknown_suffix
-from pinproof.errors import InputError
+from pinproof.common.files import json_text, save_as
 
 __all__ = ["ALLOCATION_SUFFIXES", "allocation_dict", "allocation_markdown", "save_allocation"]
 
@@ -27,13 +26,8 @@ def save_allocation(result: AllocationResult, path: str | Path) -> None:
     FileError
         If the file cannot be written.
     """
-    if Path(path).suffix.lower() == ".html":
-        write_allocation_page(result, path)
-        return
-    texts = {suffix: partial(text, result) for suffix, text in _TEXTS.items()}
-    if Path(path).suffix.lower() not in texts:
-        raise InputError(f"{path}: {unknown_suffix(Path(path), ALLOCATION_SUFFIXES)}")
-    save_as(path, texts)
+    page = partial(write_allocation_page, result, path)
+    save_as(path, {**{suffix: partial(text, result) for suffix, text in _TEXTS.items()}, ".html": page})
 
 
 def allocation_dict(result: AllocationResult) -> dict[str, Any]:

@@ -16,6 +16,7 @@ balls inside the bodies are those of :mod:`pinproof.collision.inner_shapes`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +34,9 @@ Array = npt.NDArray[np.float64]
 INSIDE = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
 """Points of a box that are tried along each axis, as multiples of its half side."""
 
+THIN = 0.02
+"""Metres: along axes with a smaller half side only the middle is tried."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Solid:
@@ -41,14 +45,15 @@ class _Solid:
     shapes: InnerShapes
     pose: Array
 
-    @property
+    @cached_property
     def points(self) -> tuple[Array, Array]:
         """(k, 3) centres of balls inside the body, in the frame of ``pose``, and their radii (k,)."""
         shapes = self.shapes
         centres, radii = [shapes.balls[:, :3]], [shapes.balls[:, 3]]
         if shapes.box_half is not None:
             half = np.minimum(shapes.box_half, 10.0)  # that of a half-space is very large
-            steps = np.stack(np.meshgrid(*(INSIDE,) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+            along = [INSIDE if side > THIN else (0.0,) for side in half]
+            steps = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 3)
             centres.append(shapes.box_centre + steps * half)
             radii.append(np.full(len(steps), shapes.box_radius))
         return np.vstack(centres) @ self.pose[:3, :3].T + self.pose[:3, 3], np.concatenate(radii)
@@ -62,7 +67,10 @@ class _Solid:
         boxes = [(ball[:3], np.zeros(3), float(ball[3])) for ball in shapes.balls]
         if shapes.box_half is not None:
             boxes.append((shapes.box_centre, shapes.box_half, shapes.box_radius))
+        least, most = extent.min(axis=0, initial=np.inf), radii.max(initial=0.0)
         for centre, half, radius in boxes:
+            if np.linalg.norm(np.maximum(least - half, 0.0)) > radius + most:
+                continue  # no box is small enough
             outside = np.maximum(np.abs(local - centre) + extent - half, 0.0)
             if (np.linalg.norm(outside, axis=1) <= radius + radii - ROUNDING).any():
                 return True
@@ -81,8 +89,10 @@ class BaseContacts:
     """
 
     def __init__(self, placed: PlacedRobot, *checkers: CollisionChecker) -> None:
+        self._checkers: list[CollisionChecker] = []
+        self._home = placed.original.home
         self._pairs: list[tuple[tuple[str, str], _Solid, _Solid]] = []
-        still = np.concatenate([np.zeros(4), placed.original.home])
+        still = np.concatenate([np.zeros(4), self._home])
         solids: dict[int, _Solid] = {}
 
         def solid(body: Body) -> _Solid:
@@ -92,12 +102,16 @@ class BaseContacts:
             return solids[id(body)]
 
         for checker in checkers:
+            arm_pairs = []
             for number, pair in enumerate(checker.pairs):
                 base, other = (checker.bodies[k] for k in pair)
                 if base.link is None:
                     base, other = other, base
                 if base.link in placed.base_links and other.link is None and checker.margins[number] >= 0.0:
                     self._pairs.append(((base.owner, other.owner), solid(base), solid(other)))
+                else:
+                    arm_pairs.append(number)
+            self._checkers.append(checker.without_pairs(arm_pairs))
 
     def within(self, lower: Array, upper: Array) -> tuple[str, str] | None:
         """Two bodies that overlap at every placement between ``lower`` and ``upper`` (4,); None if none are found."""
@@ -105,7 +119,11 @@ class BaseContacts:
         c, s = np.cos(centre[3]), np.sin(centre[3])
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         spread = 2.0 * np.sin(min(half[3], np.pi) / 2.0)
+        q = np.concatenate([centre, self._home])
+        touching = {frozenset(contact.bodies) for checker in self._checkers for contact in checker.check(q).contacts}
         for names, base, other in self._pairs:
+            if frozenset(names) not in touching:
+                continue
             points, radii = base.points
             wide = half[:3] + spread * _along_floor(points)
             if other.contains(points @ turn.T + centre[:3], wide, radii):

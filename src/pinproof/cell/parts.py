@@ -1,4 +1,4 @@
-"""Picks without the other parts: what they need of a cell if parts that are in the way have been moved before."""
+"""Picks without the other parts: what they need of a cell from which blocking parts have been removed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["without_parts"]
 def without_parts(arm: Arm, scene: Scene, picks: Picks) -> tuple[Scene, Picks]:
     """Remove all parts that picks carry from the scene, and state each part in its pick.
 
-    Parts that are stacked or placed on each other are in the way of others in a scene that contains all of them at
+    Parts that are stacked or placed on each other block each other in a scene that contains all of them at
     their first place. A placement of the base should not depend on this: the sequence decides which parts are there
     when a pick is made (:func:`pinproof.sequence`), and certifies the motions with them.
 

@@ -35,6 +35,7 @@ from pinproof.cell.placement_tasks import (
     CertifyTask,
     GridTask,
     RefineTask,
+    codes_of,
     least_failing_step,
     penalised,
 )
@@ -123,42 +124,29 @@ def place_base(
     arm
         The arm.
     scene, picks
-        The obstacles and the picks in the frame of the cell. The placement is the pose of the robot's root link in this
-        frame.
+        The obstacles and the picks in the frame of the cell; the placement is the pose of the root link in this frame.
     region
         The placements that are searched, and forbidden zones.
     moves_with_base
-        Names of obstacles that move with the base, such as its pedestal, at their pose relative to the root link. They
-        collide with the other obstacles; contacts that ``scene.allowed`` lists are allowed. To move the workpiece
-        instead of the robot, name all other obstacles.
+        Names of obstacles that keep their pose relative to the root link, such as a pedestal. They collide with the
+        other obstacles, unless ``scene.allowed`` lists the pair. To move the workpiece instead, name all others.
     choices
         Discrete alternatives, such as tools or robots, each of which is searched.
     objective
-        ``"cycle_time"``, ``"clearance"`` or ``"manipulability"`` (:data:`OBJECTIVES`). A placement at which more picks
-        work is always better.
+        ``"cycle_time"``, ``"clearance"`` or ``"manipulability"``. A placement at which more picks work is better.
     home
-        (n,) the configuration in which each transit starts. The default is the home of the picks if they define one,
-        otherwise that of the arm.
+        (n,) where each transit starts; by default the home of the picks if they define one, else that of the arm.
     rng
         The seed. The result is the same for any number of workers.
-    placement_budget
-        The budget of the search.
-    budget
-        The budget for judging a pick; by default no suggestions are made for picks that fail.
-    weights
-        The weights by which motions of a pick are compared; by default those of the objective.
+    placement_budget, budget, weights
+        The budget of the search; that for judging a pick (by default without suggestions), and the weights by which its
+        motions are compared (by default those of the objective).
     executor, workers, in_flight
         As for :func:`pinproof.validate_picks`.
     folder
         Where the results of screening and judging are kept, so that an interrupted search resumes.
     progress
         Called with the name of the stage, the number of finished items, and the number of all items.
-
-    Returns
-    -------
-    PlacementResult
-        The certified placements, the heat map, the sensitivity, and the cells that are proven to be empty. Its status
-        is negative if every placement that was found has a pick that fails.
 
     Raises
     ------
@@ -167,24 +155,16 @@ def place_base(
     PlacementInterrupted
         After Ctrl-C (a KeyboardInterrupt); its ``result`` has what was found before.
     """
-    if not isinstance(picks, Picks):
-        picks = Picks(tuple(picks))
-    if not len(picks):
-        raise InputError("there are no picks; a placement is searched for at least one pick")
-    if picks.problems:
-        first = picks.problems[0]
-        raise InputError(f"{len(picks.problems)} picks could not be read; the first is {first.name!r}: {first.reason}")
-    if objective not in OBJECTIVES:
-        raise UnknownNameError("objective", objective, OBJECTIVES)
-    require_integer("rng", rng, 0)
-    names = [choice.name for choice in choices]
-    if doubled := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"the names of choices must differ; repeated: {', '.join(doubled)}")
+    picks = _valid_picks(picks)
+    _refuse_invalid(objective, rng, choices)
+    alternatives = [
+        _Alternative.make(arm, scene, picks, region, moves_with_base, choice, home)
+        for choice in choices or (PlacementChoice("default"),)
+    ]
+    if not choices:
+        alternatives = [replace(alternatives[0], name="")]
     search = _Search(
-        [
-            _Alternative.make(arm, scene, picks, region, moves_with_base, choice, home)
-            for choice in choices or (PlacementChoice("default"),)
-        ],
+        alternatives,
         picks,
         region,
         objective,
@@ -193,15 +173,32 @@ def place_base(
         weights or OBJECTIVES[objective].weights,
         rng,
     )
-    if not choices:
-        search.alternatives[0] = replace(search.alternatives[0], name="")
-    search.runner = StageRunner(
-        search.identity(), executor, workers, in_flight, None if folder is None else Path(folder), progress
-    )
+    kept = None if folder is None else Path(folder)
+    search.runner = StageRunner(search.identity(), executor, workers, in_flight, kept, progress)
     try:
         return search.run()
     except KeyboardInterrupt:
         raise PlacementInterrupted(search.result(interrupted=True)) from None
+
+
+def _valid_picks(picks: Picks | Sequence[Pick]) -> Picks:
+    if not isinstance(picks, Picks):
+        picks = Picks(tuple(picks))
+    if not len(picks):
+        raise InputError("there are no picks; a placement is searched for at least one pick")
+    if picks.problems:
+        first = picks.problems[0]
+        raise InputError(f"{len(picks.problems)} picks could not be read; the first is {first.name!r}: {first.reason}")
+    return picks
+
+
+def _refuse_invalid(objective: str, rng: int, choices: Sequence[PlacementChoice]) -> None:
+    if objective not in OBJECTIVES:
+        raise UnknownNameError("objective", objective, OBJECTIVES)
+    require_integer("rng", rng, 0)
+    names = [choice.name for choice in choices]
+    if doubled := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"the names of choices must differ; repeated: {', '.join(doubled)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +337,7 @@ class _Search:
         found = [each for each in found if each[2]["base"]]
         found.sort(key=lambda each: (penalised(each[2], total), each[0], tuple(each[1].tolist())))
         self._certify(found, steps)
-        self._prove_empty(axes, rows)
+        self._prove_empty(axes)
         if self.candidates and self.candidates[0].ok:
             self._prove_slower(axes, steps)
             self._measure_sensitivity()
@@ -355,7 +352,7 @@ class _Search:
             np.repeat(np.arange(many), len(grid)),
             axes,
             np.array([row["base"] for row in rows]),
-            np.array([[int(digit) for digit in row["codes"]] for row in rows], dtype=np.int8),
+            codes_of(rows),
             np.array([row["working"] for row in rows]) / total,
             np.array([np.nan if row["seconds"] is None else row["seconds"] for row in rows]),
             np.array([np.nan if row["estimate"] is None else row["estimate"] for row in rows]),
@@ -405,12 +402,12 @@ class _Search:
                 )
             )
 
-    def _prove_empty(self, axes: tuple[Array, Array, Array, Array], rows: list[dict[str, Any]]) -> None:
+    def _prove_empty(self, axes: tuple[Array, Array, Array, Array]) -> None:
         """Prove that cells of the grid have no placement at which every pick is in reach."""
-        if not self.budget.proofs:
+        if not self.budget.proofs or self.map is None:
             return
         task = EmptyTask(tuple(each.screening for each in self.alternatives), self.region, self.budget.proofs)
-        items = task.items(axes, [row["codes"] for row in rows])
+        items = task.items(axes, self.map.codes)
         found = self.runner.run("proofs", task, items, 16)
         self.empty, self.covered = empty_cells(
             items, found, tuple(each.name for each in self.alternatives), self.picks, self.region

@@ -71,11 +71,11 @@ class EmptyTask:
     region: PlacementRegion
     budget: int
 
-    def items(self, axes: tuple[Array, Array, Array, Array], codes: Sequence[str]) -> list[Item]:
+    def items(self, axes: tuple[Array, Array, Array, Array], codes: npt.NDArray[np.int8]) -> list[Item]:
         """The cells of a grid that may be empty: at their centres a pick is out of reach, or the base is in contact.
 
-        ``codes`` are the screening results of all choices, in the order of the grid. Cells that differ only in yaw are
-        one cell if the yaw has the effect of the first joint.
+        ``codes`` (N, P) are the screening results of all choices, in the order of the grid. Cells that differ only in
+        yaw are one cell if the yaw has the effect of the first joint.
         """
         half = np.array(
             [
@@ -87,8 +87,7 @@ class EmptyTask:
         turns = len(axes[3])
         items: list[Item] = []
         for choice, screening in enumerate(self.screenings):
-            own = codes[choice * len(grid) : (choice + 1) * len(grid)]
-            away = np.array([[int(code) == REACH for code in text] for text in own]).reshape(len(grid), -1)
+            away = codes[choice * len(grid) : (choice + 1) * len(grid)] == REACH
             base = screening.base_free(grid)
             for k in np.flatnonzero(~base):
                 items.append((choice, grid[k] - half, grid[k] + half, ()))

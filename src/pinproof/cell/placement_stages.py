@@ -51,14 +51,14 @@ class StageRunner:
     in_flight: int = IN_FLIGHT
     folder: Path | None = None
     progress: Progress | None = None
-    rows: dict[str, dict[int, Row]] = field(default_factory=dict)
+    rows: dict[str, dict[int, Any]] = field(default_factory=dict)
     """The rows of each stage that are known so far, by index."""
 
-    def run(self, stage: str, task: Callable[[int, Any], list[Row]], items: Sequence[Any], chunk: int) -> list[Row]:
+    def run(self, stage: str, task: Callable[[int, Any], list[Any]], items: Sequence[Any], chunk: int) -> list[Any]:
         """The rows ``task(start, part)`` of all items, in order.
 
-        The rows of a stage do not depend on the division into chunks. A row may have the key ``keep`` with a value that
-        stays in memory.
+        The rows of a stage do not depend on the division into chunks. Without a folder they are of any type. With one,
+        they are dictionaries, which may have the key ``keep`` with a value that stays in memory.
         """
         known = self.rows[stage] = {}
         if self.folder is None:
@@ -90,7 +90,7 @@ class StageRunner:
 
     def _work(
         self,
-        task: Callable[[int, Any], list[Row]],
+        task: Callable[[int, Any], list[Any]],
         items: Sequence[Any],
         ranges: Sequence[tuple[int, int]],
         chunk: int,

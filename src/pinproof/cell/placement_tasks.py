@@ -23,7 +23,16 @@ from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.report.report import PickReport
 
-__all__ = ["OBJECTIVES", "CertifyTask", "GridTask", "RefineTask", "least_failing_step", "penalised", "score_rows"]
+__all__ = [
+    "OBJECTIVES",
+    "CertifyTask",
+    "GridTask",
+    "RefineTask",
+    "codes_of",
+    "least_failing_step",
+    "penalised",
+    "score_rows",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -110,6 +119,12 @@ def score_rows(scores: PlacementScores, objective: str) -> list[dict[str, Any]]:
             }
         )
     return rows
+
+
+def codes_of(rows: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.int8]:
+    """(m, P) the codes of rows of :func:`score_rows`."""
+    digits = np.frombuffer("".join(row["codes"] for row in rows).encode("ascii"), dtype=np.int8)
+    return (digits - ord("0")).reshape(len(rows), -1)
 
 
 def penalised(row: Mapping[str, Any], total: int) -> float:

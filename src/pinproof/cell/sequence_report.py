@@ -12,8 +12,7 @@ from pinproof.cell.cycle_time import cycle_time
 from pinproof.cell.sequence_keys import SCHEMA
 from pinproof.cell.sequence_page import write_sequence_page
 from pinproof.cell.sequence_result import PHASES, SequenceResult, SequenceStep
-from pinproof.common.files import csv_text, json_text, save_as, unknown_suffix
-from pinproof.errors import InputError
+from pinproof.common.files import csv_text, json_text, save_as
 
 __all__ = ["SEQUENCE_SUFFIXES", "number_or_none", "save_sequence", "sequence_csv", "sequence_dict", "sequence_markdown"]
 
@@ -31,13 +30,8 @@ def save_sequence(result: SequenceResult, path: str | Path) -> None:
     FileError
         If the file cannot be written.
     """
-    if Path(path).suffix.lower() == ".html":
-        write_sequence_page(result, path)
-        return
-    texts = {suffix: partial(text, result) for suffix, text in _TEXTS.items()}
-    if Path(path).suffix.lower() not in texts:
-        raise InputError(f"{path}: {unknown_suffix(Path(path), SEQUENCE_SUFFIXES)}")
-    save_as(path, texts)
+    page = partial(write_sequence_page, result, path)
+    save_as(path, {**{suffix: partial(text, result) for suffix, text in _TEXTS.items()}, ".html": page})
 
 
 def sequence_dict(result: SequenceResult) -> dict[str, Any]:

@@ -258,6 +258,28 @@ def tolerance_study(
     InputError
         If a value is invalid, or the report has no setup.
     """
+    setup = _valid_setup(report)
+    _refuse_invalid(position, rotation, part_radius, largest, distribution)
+    require_integer("samples", samples, 0)
+    require_integer("rng", rng, 0)
+    task = _ToleranceTask(setup, position, rotation, distribution, samples, largest, part_radius, rng)
+    runner = StageRunner({}, executor, workers, in_flight, None, progress)
+    rows = runner.run("tolerance", task, report.verdicts, 4)
+    picks = tuple(PickTolerance(**row) for row in rows)
+    notes = _not_covered(report, part_radius)
+    return ToleranceStudy(position, float(rotation), distribution, samples, largest, picks, notes)
+
+
+def _valid_setup(report: PickReport) -> PickSetup:
+    if report.setup is None:
+        raise InputError("the report has no setup; make it with validate_picks or place_base")
+    report.setup.shared.refuse_conveyor("a study of tolerances")
+    return report.setup
+
+
+def _refuse_invalid(
+    position: float, rotation: float, part_radius: float, largest: float, distribution: Distribution
+) -> None:
     for name, value in (("position", position), ("rotation", rotation), ("part_radius", part_radius)):
         require_positive(name, value, zero=True)
     if rotation > np.pi / 2:
@@ -265,16 +287,11 @@ def tolerance_study(
     if position == rotation == 0.0:
         raise InputError("position and rotation are both 0; state a tolerance")
     require_positive("largest", largest)
-    require_integer("samples", samples, 0)
-    require_integer("rng", rng, 0)
     if distribution not in DISTRIBUTIONS:
         raise InputError(f"distribution = {distribution!r}; use {' or '.join(DISTRIBUTIONS)}")
-    if report.setup is None:
-        raise InputError("the report has no setup; make it with validate_picks or place_base")
-    report.setup.shared.refuse_conveyor("a study of tolerances")
-    task = _ToleranceTask(report.setup, position, rotation, distribution, samples, largest, part_radius, rng)
-    runner = StageRunner({}, executor, workers, in_flight, None, progress)
-    rows = runner.run("tolerance", task, report.verdicts, 4)
+
+
+def _not_covered(report: PickReport, part_radius: float) -> tuple[str, ...]:
     notes = ["whether the hand holds the displaced part"]
     if any(verdict.pick.carried is not None for verdict in report.verdicts):
         notes.append("displaced parts that do not rest on their supports")
@@ -283,8 +300,7 @@ def tolerance_study(
             f"picks without an object: every obstacle is displaced, as a part with a radius of {part_radius * 1e3:g} mm"
         )
     notes.append("if the grasp is planned again, only the grasp is screened, not its approach, retreat and transit")
-    picks = tuple(PickTolerance(**row) for row in rows)
-    return ToleranceStudy(position, float(rotation), distribution, samples, largest, picks, tuple(notes))
+    return tuple(notes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,9 @@ Every job has options, of which one is chosen. The time of a tour is
 with the time s from the start to an option, t of an option, d between the exit of one option and the entrance of the
 next, and e from an option to the end.
 
-Up to :data:`EXACT` jobs, dynamic programming over subsets gives the optimum. For more, a search alternates between the
-order for fixed options, solved as a travelling salesman problem by OR-Tools, and the options for a fixed order, by
-dynamic programming (RoboTSP); jobs are then moved to other positions with any of their options until no move helps.
+Up to :data:`EXACT` jobs, dynamic programming over subsets gives the optimum. For more, a compiled search
+(``src/core/planning/tour_search.h``) moves jobs and parts of the tour, reverses parts, and chooses the options for an
+order by dynamic programming, also after random disturbances.
 
 Sources: M. Held, R. Karp (1962), "A dynamic programming approach to sequencing problems", SIAM J. 10(1);
 F. Suarez-Ruiz, T. Lembono, Q.-C. Pham (2018), "RoboTSP - a fast solution to the robotic task sequencing problem",
@@ -20,16 +20,14 @@ traveling salesman problem", Operations Research 45(3).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.exchanges import exchanged
+from pinproof._core import search_tour
 from pinproof.cell.precedence import Precedence
-from pinproof.errors import InputError
 
 __all__ = ["EXACT", "Tour", "TourProblem"]
 
@@ -39,29 +37,20 @@ Indices = npt.NDArray[np.int64]
 EXACT = 10
 """Largest number of jobs for which the optimum is computed."""
 
-MICRO = 1e6
-"""Integer costs of OR-Tools are microseconds."""
+SEARCH = 6000
+"""Default number of disturbances, after each of which a tour is improved; a number, so that no clock is needed."""
 
-SEARCH = 300
-"""Default number of disturbed tours from which the search starts again; a number, so that the result needs no clock."""
+STARTS = 2
+"""Number of searches, which share the disturbances."""
 
-KICK, WINDOW = 4, 12
-"""Number of jobs that a disturbance moves, and largest distance between them and of a move, in positions."""
+DRAWS = 8
+"""Number of random numbers of a disturbance."""
 
-NEAR = 2
-"""Jobs that are at most so many positions from a changed place are tried again."""
-
-ROUNDS = 2
-"""Largest number of alternations between the order and the options."""
+BLOCKED = 1e6
+"""Seconds: the time of an arc that is excluded, in place of infinity."""
 
 CUTS = 12
 """Largest number of times that violated subtour constraints are added to the lower bound."""
-
-WORTH = 1e-3
-"""Share of the total time that an alternation must save for another one."""
-
-GAIN = 1e-9
-"""Seconds: smaller differences are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,79 +162,39 @@ class TourProblem:
         first
             An order from which the search also starts; it must satisfy the precedence.
         search
-            Number of times that the best tour is disturbed and improved again.
+            Number of times that a tour is disturbed and improved again.
         rng
             Seed of the disturbances.
-
-        Raises
-        ------
-        InputError
-            If there are more jobs than :data:`EXACT` and OR-Tools is not installed.
         """
         if self.count <= EXACT:
             return self.exact()
-        starts = [self.nearest_neighbour()]
+        starts = [self.nearest_neighbour()] * STARTS
         if first is not None:
-            starts.append(self.best_options(first))
-        best = min((self.improved(tour) for tour in starts), key=lambda tour: tour.seconds)
-        best = self._alternated(best)
-        random = np.random.default_rng(rng)
-        for _ in range(search):
-            chosen = self._disturbed(best, random)
-            tour = self._improved_near(chosen, _changed(best.options, chosen))
-            if tour.seconds < best.seconds - GAIN:
-                best = tour
-        return self.improved(best)
+            starts[0] = self.best_options(first)
+        draws = np.random.default_rng(rng).random((STARTS, search // STARTS, DRAWS))
+        found = [self._searched(tour, each) for tour, each in zip(starts, draws, strict=True)]
+        return min(found, key=lambda tour: tour.seconds)
 
-    def _alternated(self, best: Tour) -> Tour:
-        """The tour after alternating between the order and the options until neither helps."""
-        for _ in range(ROUNDS):
-            tour = self.improved(self.best_options(self._reordered(best)))
-            gain = best.seconds - tour.seconds
-            best = min(best, tour, key=lambda each: each.seconds)
-            if gain <= WORTH * best.seconds:
-                break
-        return best
+    def improved(self, tour: Tour) -> Tour:
+        """The tour after changes of its order and its options, until none makes it shorter."""
+        return self._searched(tour, np.empty((0, DRAWS)))
 
-    def _disturbed(self, tour: Tour, random: np.random.Generator) -> list[int]:
-        """The options of the tour with some jobs, near each other, moved to other positions nearby."""
-        wanted = list(tour.order)
-        first = int(random.integers(self.count))
-        for step in random.choice(WINDOW, min(KICK, WINDOW), replace=False).tolist():
-            job = tour.order[(first + step) % self.count]
-            at = wanted.index(job)
-            wanted.pop(at)
-            to = at + int(random.integers(-WINDOW, WINDOW + 1))
-            wanted.insert(min(max(to, 0), len(wanted)), job)
-        option = dict(zip(tour.order, tour.options, strict=True))
-        return [option[job] for job in self.in_order(tuple(wanted))]
-
-    def _improved_near(self, chosen: list[int], places: Iterable[int]) -> Tour:
-        """The tour after moving jobs, first those at the given places and then those near each change."""
-        queue = dict.fromkeys(int(self.job[chosen[k]]) for k in places)  # in the order of insertion
-        while queue:
-            job = next(iter(queue))
-            del queue[job]
-            before = tuple(chosen)
-            if self._move(chosen, job):
-                queue |= dict.fromkeys(int(self.job[chosen[k]]) for k in _changed(before, chosen))
-        return self._exchanged(self.best_options(tuple(int(self.job[each]) for each in chosen)))
-
-    def _exchanged(self, tour: Tour) -> Tour:
-        """The tour after reversals and moves of its parts, with the best options for the new order."""
-        chosen = np.array(tour.options)
-        n = len(chosen)
-        times = np.full((n + 2, n + 2), np.inf)
-        times[1:-1, 1:-1] = self.between[np.ix_(chosen, chosen)]
-        times[0, 1:-1], times[1:-1, -1] = self.start[chosen], self.end[chosen]
-        place = np.argsort(tour.order)
-        changed = exchanged(times, *(place[list(jobs)] for jobs in self._pairs))
-        return min(tour, self.best_options(tuple(tour.order[k] for k in changed)), key=lambda each: each.seconds)
+    def _searched(self, tour: Tour, draws: Array) -> Tour:
+        """The tour after a local search, and after as many disturbances as there are rows of random numbers."""
+        if not tour.order:
+            return tour
+        pairs = np.array(list(self.precedence.reasons), dtype=np.int64).reshape(-1, 2)
+        options = np.array(tour.options, dtype=np.int64)
+        found = search_tour(self.job.astype(np.int64), self._times, pairs, options, np.ascontiguousarray(draws))
+        return Tour(tuple(self.job[found].tolist()), tuple(found.tolist()), self.seconds(found))
 
     @cached_property
-    def _pairs(self) -> tuple[list[int], list[int]]:
-        pairs = list(self.precedence.reasons)
-        return [a for a, _ in pairs], [b for _, b in pairs]
+    def _times(self) -> Array:
+        """(M + 1, M + 1) the times from option to option, with that of the second one; the last is start and end."""
+        size = len(self.job)
+        found = np.zeros((size + 1, size + 1))
+        found[:-1, :-1], found[-1, :-1], found[:-1, -1] = self.between + self.inner, self.start + self.inner, self.end
+        return np.nan_to_num(found, posinf=BLOCKED)
 
     def exact(self) -> Tour:
         """The optimum, by dynamic programming over subsets of jobs."""
@@ -278,95 +227,6 @@ class TourProblem:
         chosen.reverse()
         return Tour(tuple(int(self.job[each]) for each in chosen), tuple(chosen), float(last.min()))
 
-    def improved(self, tour: Tour) -> Tour:
-        """The tour after moving jobs to other positions, with any of their options, until no move helps."""
-        best = tour
-        while True:
-            chosen = list(best.options)
-            moved = False
-            for job in range(self.count):
-                moved = self._move(chosen, job) or moved
-            found = self._exchanged(self.best_options(tuple(int(self.job[each]) for each in chosen)))
-            if not moved or found.seconds >= best.seconds - GAIN:
-                return min(best, found, key=lambda each: each.seconds)
-            best = found
-
-    def _move(self, chosen: list[int], job: int) -> bool:
-        """Move a job to its best position with its best option; whether this makes the tour shorter."""
-        at = next(k for k, each in enumerate(chosen) if self.job[each] == job)
-        old, rest = chosen[at], chosen[:at] + chosen[at + 1 :]
-        if not rest:
-            return False
-        options, others = self.options[job], np.array(rest)
-        after_all, before_all = self._successors[job], self._predecessors[job]
-        first = max((k + 1 for k, each in enumerate(rest) if int(self.job[each]) in before_all), default=0)
-        last = min((k for k, each in enumerate(rest) if int(self.job[each]) in after_all), default=len(rest))
-        # the time that inserting each option before position k of the others adds, for k from 0 to their number
-        into = np.vstack([self.start[None, options], self.between[np.ix_(others, options)]])
-        out = np.vstack([self.between[np.ix_(options, others)].T, self.end[None, options]])
-        gap = np.concatenate([[self.start[others[0]]], self.between[others[:-1], others[1:]], [self.end[others[-1]]]])
-        with np.errstate(invalid="ignore"):
-            added = into + out + self.inner[options] - gap[:, None]
-        own = added[at, int(np.flatnonzero(options == old)[0])]
-        allowed = np.full(added.shape, np.inf)
-        allowed[first : last + 1] = np.nan_to_num(added[first : last + 1], nan=np.inf, posinf=np.inf, neginf=-np.inf)
-        k, option = np.unravel_index(int(allowed.argmin()), allowed.shape)
-        if not allowed[k, option] < own - GAIN:
-            return False
-        chosen[:] = [*rest[:k], int(options[option]), *rest[k:]]
-        return True
-
-    @cached_property
-    def _predecessors(self) -> list[set[int]]:
-        return self.precedence.predecessors()
-
-    @cached_property
-    def _successors(self) -> list[set[int]]:
-        return self.precedence.successors()
-
-    def _reordered(self, tour: Tour) -> tuple[int, ...]:
-        """A better order for the options of a tour, by OR-Tools."""
-        try:
-            from ortools.constraint_solver import pywrapcp, routing_enums_pb2
-        except ImportError as error:
-            raise InputError(
-                f"the order of more than {EXACT} picks needs the extra 'cell': pip install 'pinproof[cell]'"
-            ) from error
-        chosen = np.array(tour.options)
-        chosen = chosen[np.argsort(self.job[chosen])]  # by job
-        costs = np.zeros((self.count + 1, self.count + 1))  # the last node is the start and the end
-        costs[:-1, :-1] = self.between[np.ix_(chosen, chosen)]
-        costs[-1, :-1], costs[:-1, -1] = self.start[chosen], self.end[chosen]
-        blocked = 10.0 * (self.seconds(tour.options) + 1.0)
-        matrix = np.rint(np.nan_to_num(costs, posinf=blocked).clip(0.0, blocked) * MICRO).astype(np.int64).tolist()
-        manager = pywrapcp.RoutingIndexManager(self.count + 1, 1, self.count)
-        routing = pywrapcp.RoutingModel(manager)
-        transit = routing.RegisterTransitMatrix(matrix)
-        routing.SetArcCostEvaluatorOfAllVehicles(transit)
-        if self.precedence.reasons:
-            step = routing.RegisterUnaryTransitVector([1] * (self.count + 1))
-            routing.AddDimension(step, 0, self.count + 1, True, "position")
-            position = routing.GetDimensionOrDie("position")
-            solver = routing.solver()
-            for before, after in self.precedence.essential():
-                a, b = (position.CumulVar(manager.NodeToIndex(job)) for job in (before, after))
-                solver.Add(a < b)
-        settings = pywrapcp.DefaultRoutingSearchParameters()
-        settings.local_search_metaheuristic = routing_enums_pb2.LocalSearchMetaheuristic.GREEDY_DESCENT
-        settings.time_limit.seconds = 3600  # the descent ends long before
-        routing.CloseModelWithParameters(settings)
-        first = routing.ReadAssignmentFromRoutes([list(tour.order)], True)
-        found = routing.SolveFromAssignmentWithParameters(first, settings)
-        if found is None:
-            return tour.order
-        order: list[int] = []
-        index = routing.Start(0)
-        while not routing.IsEnd(index):
-            if (node := manager.IndexToNode(index)) < self.count:
-                order.append(node)
-            index = found.Value(routing.NextVar(index))
-        return tuple(order)
-
     # -- the lower bound ----------------------------------------------------------------------------------------------
 
     def lower_bound(self) -> float:
@@ -393,14 +253,6 @@ class TourProblem:
         for before, after in self.precedence.reasons:  # never directly in the other order
             found[after, before] = np.inf
         return found
-
-
-def _changed(before: Sequence[int], after: Sequence[int]) -> list[int]:
-    """The places of a tour of options that are at most :data:`NEAR` positions from the ends of each changed part."""
-    differs = np.concatenate([[False], np.array(before) != np.array(after), [False]])
-    ends = np.flatnonzero(differs[1:] != differs[:-1])
-    places = {int(k) + step for k in ends for step in range(-NEAR, NEAR + 1)}
-    return [k for k in sorted(places) if 0 <= k < len(after)]
 
 
 def _assignment_bound(costs: Array) -> float:

@@ -6,7 +6,8 @@ again in the present scene, and planned anew only if it is not proven free.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from pinproof.cell.options import Job, PickOption
 from pinproof.collision import Certificate, Scene
 from pinproof.errors import TimingError
-from pinproof.motion import JointPath, MotionLimits, Trajectory, time_parametrise
+from pinproof.motion import BlendedPath, JointPath, MotionLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import rest_to_rest_times
 from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, StageResult
@@ -27,14 +28,9 @@ from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, 
 from pinproof.picks.judging.verdict import Stage
 from pinproof.planning import make_planner, optimise
 
-__all__ = ["CertifiedMotions", "MotionFailure"]
+__all__ = ["LongMotions", "MotionFailure", "Step", "StepMotions", "closing_motion", "scene_after"]
 
 Array = npt.NDArray[np.float64]
-
-Key = tuple[int, ...]
-"""The option before and the option of a transit, or the option alone of the other parts; -1 is the start or the end."""
-
-START = -1
 
 RETRIED = 1.02
 """A motion that takes this multiple of its lower bound is searched again with other random numbers."""
@@ -65,9 +61,35 @@ class MotionFailure:
     bodies: tuple[str, ...] = ()
 
 
-@dataclass(eq=False)
-class CertifiedMotions:
-    """Plans, times and certifies the motions of a sequence, and keeps the trajectories for other orders.
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A pick at its position in a sequence.
+
+    Parameters
+    ----------
+    scene
+        The scene of the moment.
+    q
+        (n,) the end of the motion before.
+    job, option
+        The pick, and the choice for it.
+    index
+        The index of the pick, for its random stream.
+    known
+        Trajectories that were found before for parts of the motion, by name.
+    """
+
+    scene: Scene
+    q: Array
+    job: Job
+    option: PickOption
+    index: int
+    known: Mapping[str, Trajectory]
+
+
+@dataclass(frozen=True, eq=False)
+class StepMotions:
+    """Plans, times and certifies the motions of steps.
 
     Parameters
     ----------
@@ -76,198 +98,179 @@ class CertifiedMotions:
     """
 
     setup: PickSetup
-    _known: dict[tuple[Key, str], Trajectory] = field(default_factory=dict)
 
-    def scene_after(self, scene: Scene, job: Job, option: PickOption) -> Scene:
-        """The scene after a pick: its part is at its place."""
-        if job.before is not None:
-            scene = scene.remove(job.before.name)
-        return scene if option.after is None else scene.add(option.after)
+    def __call__(self, _start: int, steps: Sequence[Step]) -> list[PickVerdict | MotionFailure]:
+        """The certified motions of each step, or the reason of the failure."""
+        return [self.certified(step) for step in steps]
 
-    def pick(
-        self, scene: Scene, q: Array, job: Job, option: PickOption, previous: int, number: int, index: int
-    ) -> PickVerdict | MotionFailure:
-        """The certified motions of a pick from configuration q (n,) in a scene, or the reason of the failure.
-
-        Parameters
-        ----------
-        scene
-            The scene of the moment.
-        q
-            The end of the motion before.
-        job, option
-            The pick, and the choice for it.
-        previous, number
-            The numbers of the option before and of this one, under which trajectories are kept.
-        index
-            The index of the pick, for its random stream.
-        """
-        setup = self.setup
-        checker = setup.checker.with_scene(scene)
-        cell = Cell(checker, setup.shared, q, setup.weights, setup.budget)
+    def certified(self, step: Step) -> PickVerdict | MotionFailure:
+        """The certified motions of a step, or the reason of the failure."""
+        setup, job, option = self.setup, step.job, step.option
+        cell = Cell(setup.checker.with_scene(step.scene), setup.shared, step.q, setup.weights, setup.budget)
         task = Task(job.pick, cell)
-        seeds = setup.rng(index).integers(2**31, size=4).tolist()
-        member = option.attempt.candidate.member
-        carrying = task.carrying(member)
+        seeds = setup.rng(step.index).integers(2**31, size=4).tolist()
+        carrying = task.carrying(option.attempt.candidate.member)
         attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, job.pick.support))
         release = option.release
         if release is not None and task.place is not None:
             release = replace(release, parting=task.supports(carrying, release.q, task.place.support))
         try:
-            return self._parts(task, attempt, release, seeds, previous, number)
+            return _parts(task, attempt, release, seeds, step.known)
         except TimingError as error:
             return MotionFailure("timing", str(error))
 
-    def _parts(
-        self, task: Task, attempt: Attempt, release: Release | None, seeds: list[int], previous: int, number: int
-    ) -> PickVerdict | MotionFailure:
-        arrive = self._again(_transit_part(task), (previous, number))
-        path = None
-        if arrive is None:
-            crossing = transit(task, [attempt], task.cell.budget.nodes, seeds[:2])
-            if crossing.path is None:
-                return MotionFailure("transit", crossing.result.message)
-            path = crossing.path
-        placing, across = None, None
-        if release is not None and task.place is not None:
-            carry = MotionPart(
-                "transfer",
-                (),
-                task.carrying(attempt.candidate.member),
-                constraints=task.constraints(attempt.candidate.member),
-            )
-            across = self._again(carry, (number,))
-            transfer = None
-            if across is None:
-                result, made = Placer(task, seeds[0]).transfer(task.place, attempt, release, seeds[2:], turns=False)
-                if made is None:
-                    return MotionFailure("transfer", result.message)
-                transfer = made.transfer
-            stay = release.entrance
 
-            still = JointPath(np.array([stay]), task.arm.joint_names) if transfer is None else transfer
-            placing = Placing(still, release.lift, release.leave, release.parting, release.clearance)
+def _parts(
+    task: Task, attempt: Attempt, release: Release | None, seeds: list[int], known: Mapping[str, Trajectory]
+) -> PickVerdict | MotionFailure:
+    joints, member = task.arm.joint_names, attempt.candidate.member
+    arrive = _again(_part(task, member, "transit"), known)
+    way = JointPath(np.array([attempt.entrance]), joints)
+    if arrive is None:
+        crossing = transit(task, [attempt], task.cell.budget.nodes, seeds[:2])
+        if crossing.path is None:
+            return MotionFailure("transit", crossing.result.message)
+        way = crossing.path
+    placing, across = None, None
+    if release is not None and task.place is not None:
+        across = _again(_part(task, member, "transfer"), known)
+        transfer: JointPath | BlendedPath = JointPath(np.array([release.entrance]), joints)
+        if across is None:
+            result, made = Placer(task, seeds[0]).transfer(task.place, attempt, release, seeds[2:], turns=False)
+            if made is None:
+                return MotionFailure("transfer", result.message)
+            transfer = made.transfer
+        placing = Placing(transfer, release.lift, release.leave, release.parting, release.clearance)
+    motions: list[PickMotion] = []
+    for part in motion_parts(task, attempt, way, placing, separate=True):
+        motion = {"transit": arrive, "transfer": across}.get(part.name) or _again(part, known)
+        if motion is None:
+            motion, why = time_part(task, part, attempt)
+            if motion is None:
+                return MotionFailure(part.name, why, _first_bodies(prove_part(part, _timed(part))))
+        motions.append(motion)
+    return _verdict(task, attempt, motions)
 
-        way = JointPath(np.array([attempt.entrance]), task.arm.joint_names) if path is None else path
-        motions: list[PickMotion] = []
-        for part in motion_parts(task, attempt, way, placing, separate=True):
-            key = (previous, number) if part.name == "transit" else (number,)
-            known = {"transit": arrive, "transfer": across}.get(part.name) or self._again(part, key)
-            if known is None:
-                known, why = time_part(task, part, attempt)
-                if known is None:
-                    return MotionFailure(part.name, why, _first_bodies(prove_part(part, self._timed(part))))
-                self._known[key, part.name] = known.trajectory
-            motions.append(known)
-        return _verdict(task, attempt, motions)
 
-    def _timed(self, part: MotionPart) -> Trajectory:
+def _part(task: Task, member: Member, name: str) -> MotionPart:
+    """The conditions of a transit or a transfer."""
+    if name == "transit":
+        return MotionPart(name, (), task.outside)
+    return MotionPart(name, (), task.carrying(member), constraints=task.constraints(member))
 
-        return Trajectory.join(*(time_parametrise(curve, part.checker.arm.limits) for curve in part.curves))
 
-    def _again(self, part: MotionPart, key: Key) -> PickMotion | None:
-        """A known trajectory of a part, certified again; None if it does not exist or is not proven free."""
-        trajectory = self._known.get((key, part.name))
-        if trajectory is None:
-            return None
-        certificate = prove_part(part, trajectory)
-        if not certificate.free:
-            return None
-        around = part.checker
-        return PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
+def _timed(part: MotionPart) -> Trajectory:
+    return Trajectory.join(*(time_parametrise(curve, part.checker.arm.limits) for curve in part.curves))
 
-    def shorter(self, scene: Scene, job: Job, verdict: PickVerdict, key: Key) -> PickVerdict:
-        """The verdict with shorter motions, where more searches find them for transit and transfer.
 
-        Parameters
-        ----------
-        scene
-            The scene of the moment.
-        job
-            The pick.
-        verdict
-            Its certified motions.
-        key
-            The numbers of the option before and of this one, under which trajectories are kept.
-        """
+def _again(part: MotionPart, known: Mapping[str, Trajectory]) -> PickMotion | None:
+    """A known trajectory of a part, certified again; None if it does not exist or is not proven free."""
+    trajectory = known.get(part.name)
+    if trajectory is None:
+        return None
+    certificate = prove_part(part, trajectory)
+    if not certificate.free:
+        return None
+    around = part.checker
+    return PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
+
+
+def closing_motion(
+    setup: PickSetup, scene: Scene, q: Array, end: Array, known: Mapping[str, Trajectory]
+) -> PickMotion | MotionFailure:
+    """The certified transit from q (n,) to the end (n,) of a sequence."""
+    checker = setup.checker.with_scene(scene)
+    again = _again(MotionPart("transit", (), checker), known)
+    if again is not None:
+        return again
+    torques = torque_limits_of_tool(checker.arm, setup.shared)
+    planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
+    plan = planner.plan(checker, q, end[None], torque_limits=torques, rng=0)
+    if plan.path is None:
+        return MotionFailure("transit", f"to the end: {plan.message}")
+    path, _ = shortened(plan, checker, 0, torques)
+    rates = [] if torques is None else [torques]
+    found = optimise(path, checker, rate_limits=rates, budget=setup.budget.motion)
+    if not found.certificate.free:
+        return MotionFailure("transit", f"to the end: {found.certificate.message}")
+    return PickMotion("transit", found.trajectory, found.certificate, checker.attached, checker.scene, checker.arm.held)
+
+
+def scene_after(scene: Scene, job: Job, option: PickOption) -> Scene:
+    """The scene after a pick: its part is at its place."""
+    if job.before is not None:
+        scene = scene.remove(job.before.name)
+    return scene if option.after is None else scene.add(option.after)
+
+
+@dataclass(frozen=True, eq=False)
+class LongMotions:
+    """Searches longer for the motions of a step that take much longer than their bounds.
+
+    Parameters
+    ----------
+    setup
+        The cell before the sequence.
+    """
+
+    setup: PickSetup
+
+    def __call__(
+        self, _start: int, steps: Sequence[tuple[Scene, Job, PickVerdict, Sequence[str]]]
+    ) -> list[PickVerdict]:
+        """The verdict of each step with the named motions, transit or transfer, as short as was found."""
+        return [self.shorter(*step) for step in steps]
+
+    @staticmethod
+    def of(setup: PickSetup, motion: PickMotion) -> bool:
+        """Whether a motion is searched again."""
+        wanted = motion.name in ("transit", "transfer")
+        return wanted and motion.trajectory.duration > RETRIED * _least(motion.trajectory, setup.checker.arm.limits)
+
+    def shorter(self, scene: Scene, job: Job, verdict: PickVerdict, names: Sequence[str]) -> PickVerdict:
+        """The verdict with the shortest motions of these names that were found."""
         setup = self.setup
         task = Task(
             job.pick, Cell(setup.checker.with_scene(scene), setup.shared, setup.home, setup.weights, setup.budget)
         )
         member = next(each for group in task.groups() for each in group if each.words == verdict.member)
-        motions = []
-        for motion in verdict.motions:
-            found = motion
-            if motion.name == "transit":
-                found = self._searched(task, member, motion, MotionPart("transit", (), task.outside))
-                self._known[key, motion.name] = found.trajectory
-            elif motion.name == "transfer":
-                kept = task.constraints(member)
-                part = MotionPart("transfer", (), task.carrying(member), constraints=kept)
-                found = self._searched(task, member, motion, part)
-                self._known[key[1:], motion.name] = found.trajectory
-            motions.append(found)
+        motions = [
+            _searched(task, member, motion, _part(task, member, motion.name)) if motion.name in names else motion
+            for motion in verdict.motions
+        ]
         return _with_motions(verdict, motions)
 
-    def _searched(self, task: Task, member: Member, motion: PickMotion, part: MotionPart) -> PickMotion:
-        """The shortest motion of several searches, which start from the path of the given one."""
-        best, limits = motion, task.arm.limits
-        moved = motion.trajectory
-        least = _least(moved, limits)
-        if moved.duration <= RETRIED * least:
-            return motion
-        rates = rate_limits(task, member, part.name, part.checker)
-        inner = np.asarray(moved(np.linspace(0.0, moved.duration, SAMPLES)))[1:-1]
-        path = JointPath(np.vstack([moved.start, inner, moved.end]), moved.joint_names)
-        for seed in range(1, SEARCHES + 1):
-            found = optimise(
-                path,
-                part.checker,
-                limits=limits,
-                rate_limits=rates,
-                constraints=part.constraints,
-                rng=seed,
-                budget=SEARCH_FACTOR * task.cell.budget.motion,
-            )
-            if found.certificate.free and found.duration < best.trajectory.duration:
-                peaks = peaks_of(rates, found.trajectory)
-                best = replace(best, trajectory=found.trajectory, certificate=found.certificate, torques=peaks)
-            if best.trajectory.duration <= RETRIED * least:
-                break
-        return best
 
-    def to_end(self, scene: Scene, q: Array, end: Array, previous: int) -> PickMotion | MotionFailure:
-        """The certified transit from q (n,) to the end (n,) of the sequence."""
-        setup = self.setup
-        checker = setup.checker.with_scene(scene)
-        part = MotionPart("transit", (), checker)
-        known = self._again(part, (previous, START))
-        if known is not None:
-            return known
-        torques = torque_limits_of_tool(checker.arm, setup.shared)
-        planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
-        plan = planner.plan(checker, q, end[None], torque_limits=torques, rng=0)
-        if plan.path is None:
-            return MotionFailure("transit", f"to the end: {plan.message}")
-        path, _ = shortened(plan, checker, 0, torques)
-        rates = [] if torques is None else [torques]
-        found = optimise(path, checker, rate_limits=rates, budget=setup.budget.motion)
-        if not found.certificate.free:
-            return MotionFailure("transit", f"to the end: {found.certificate.message}")
-        self._known[(previous, START), "transit"] = found.trajectory
-        return PickMotion(
-            "transit", found.trajectory, found.certificate, checker.attached, checker.scene, checker.arm.held
+def _searched(task: Task, member: Member, motion: PickMotion, part: MotionPart) -> PickMotion:
+    """The shortest motion of several searches, which start from the path of the given one."""
+    best, limits = motion, task.arm.limits
+    moved = motion.trajectory
+    least = _least(moved, limits)
+    rates = rate_limits(task, member, part.name, part.checker)
+    inner = np.asarray(moved(np.linspace(0.0, moved.duration, SAMPLES)))[1:-1]
+    path = JointPath(np.vstack([moved.start, inner, moved.end]), moved.joint_names)
+    for seed in range(1, SEARCHES + 1):
+        found = optimise(
+            path,
+            part.checker,
+            limits=limits,
+            rate_limits=rates,
+            constraints=part.constraints,
+            rng=seed,
+            budget=SEARCH_FACTOR * task.cell.budget.motion,
         )
+        if found.certificate.free and found.duration < best.trajectory.duration:
+            peaks = peaks_of(rates, found.trajectory)
+            best = replace(best, trajectory=found.trajectory, certificate=found.certificate, torques=peaks)
+        if best.trajectory.duration <= RETRIED * least:
+            break
+    return best
 
 
 def _least(trajectory: Trajectory, limits: MotionLimits) -> float:
     """Lower bound (s) of the time of a motion between the ends of a trajectory, without obstacles."""
     bounds = Bounds.of(limits, trajectory.joint_names)
     return float(rest_to_rest_times(trajectory.end - trajectory.start, bounds).max())
-
-
-def _transit_part(task: Task) -> MotionPart:
-    return MotionPart("transit", (), task.outside)
 
 
 def _first_bodies(certificate: Certificate) -> tuple[str, ...]:

@@ -104,6 +104,7 @@ def cell_sequence(
         typer.Option(help="Draw the heat map of a placement search (.csv with x, y, share) on the floor of the page."),
     ] = None,
     seed: Seed = 0,
+    workers: Annotated[int | None, typer.Option("--workers", help="Number of parallel processes.", min=1)] = None,
     cell: CellOptions,
     as_json: Json = False,
 ) -> None:
@@ -114,18 +115,13 @@ def cell_sequence(
     Example: pinproof cell sequence robots/ur5/picks.yaml --only bolt_1,bolt_2,bolt_5
     """
     outputs = output or []
-    for path in outputs:
-        if path.suffix.lower() not in pp.cell.SEQUENCE_SUFFIXES:
-            raise InputError(f"{path}: unknown file type; valid: {', '.join(pp.cell.SEQUENCE_SUFFIXES)}")
-    check_output_files(outputs, [file, heat_map, *cell.files])
+    check_output_files(outputs, [file, heat_map, *cell.files], pp.cell.SEQUENCE_SUFFIXES)
     if heat_map is not None and not any(path.suffix.lower() == ".html" for path in outputs):
         raise InputError("--heat-map belongs to a page; add -o FILE.html")
     heat = None if heat_map is None else pp.cell.read_heat_map(heat_map, placement(cell.place).inverse())
     arm, scene, source = cell.open(file)
     picks = source.load()
-    if picks.problems:
-        first = picks.problems[0]
-        raise InputError(f"{file}: {first.name or f'row {first.row}'}: {first.reason}")
+    refuse_problems(file, picks)
     setup = pp.picks.PickSetup.make(arm, scene, picks, home=None, rng=seed)
     chosen = selection.select(picks)
     interrupted: pp.cell.SequenceInterrupted | None = None
@@ -139,8 +135,9 @@ def cell_sequence(
                 end="free" if ordering.free_end else "home",
                 grip_dwell=ordering.grip_dwell,
                 release_dwell=ordering.release_dwell,
-                options=ordering.options,
+                budget=pp.cell.SequenceBudget(options=ordering.options),
                 order=[pick.name for pick in chosen] if ordering.file_order else None,
+                workers=workers,
                 progress=progress,
             )
     except pp.cell.SequenceInterrupted as error:
@@ -162,6 +159,13 @@ def cell_sequence(
         raise Interrupted(str(interrupted), result_printed=True)
     if not result.ok:
         raise typer.Exit(1)
+
+
+def refuse_problems(file: Path, picks: pp.Picks) -> None:
+    """Raise InputError if a row of a picks file is unreadable."""
+    if picks.problems:
+        first = picks.problems[0]
+        raise InputError(f"{file}: {first.name or f'row {first.row}'}: {first.reason}")
 
 
 def _names(text: str | None) -> list[str]:

@@ -9,10 +9,9 @@ from typing import Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.cell import OrderOptions, SelectionOptions
+from pinproof.cli.cell import OrderOptions, SelectionOptions, refuse_problems
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import Json, Seed
-from pinproof.errors import InputError
 
 __all__ = ["cell_allocate"]
 
@@ -44,14 +43,9 @@ def cell_allocate(
     Example: pinproof cell allocate robots/two_ur5/picks.yaml --only part_3_2,part_4_2
     """
     outputs = output or []
-    for path in outputs:
-        if path.suffix.lower() not in pp.cell.ALLOCATION_SUFFIXES:
-            raise InputError(f"{path}: unknown file type; valid: {', '.join(pp.cell.ALLOCATION_SUFFIXES)}")
     picks = pp.read_picks(file)
-    check_output_files(outputs, [file, picks.scene])
-    if picks.problems:
-        first = picks.problems[0]
-        raise InputError(f"{file}: {first.name or f'row {first.row}'}: {first.reason}")
+    check_output_files(outputs, [file, picks.scene], pp.cell.ALLOCATION_SUFFIXES)
+    refuse_problems(file, picks)
     group = picks.load_cell()
     scene = pp.Scene() if picks.scene is None else pp.Scene.load(picks.scene)
     chosen = selection.select(picks)

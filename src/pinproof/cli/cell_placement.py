@@ -197,7 +197,7 @@ def cell_compare(
 
     Example: pinproof cell compare robots/ur5/picks.yaml --place "-0.05 -0.05 0"
     """
-    _check_table(output, file, against)
+    check_output_files([output], [file, against], TABLES)
     with pool.settings() as settings:
         reports = []
         for number, (path, options) in enumerate(((file, CellOptions()), (against or file, cell)), start=1):
@@ -233,7 +233,7 @@ def cell_tolerance(
 
     Example: pinproof cell tolerance robots/ur5/plate_picks.yaml --position 0.002 --samples 5
     """
-    _check_table(output, file)
+    check_output_files([output], [file], TABLES)
     angles = numbers(rotation, "--rotation")
     if len(angles) != 1:
         raise InputError(f"--rotation needs one angle in rad, not {len(angles)}")
@@ -267,12 +267,6 @@ def _print_result(found: PlacementResult | CellComparison | ToleranceStudy, as_j
         print_json(found.to_dict())
     else:
         print_line(found.to_markdown().rstrip())
-
-
-def _check_table(output: Path | None, *inputs: Path | None) -> None:
-    if output is not None and output.suffix.lower() not in TABLES:
-        raise InputError(f"{output}: unknown file type; use {', '.join(TABLES)}")
-    check_output_files([output], inputs)
 
 
 def _check_output(output: Path | None) -> None:

@@ -9,13 +9,13 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pinproof as pp
-from pinproof.common.files import os_errors
+from pinproof.common.files import os_errors, unknown_suffix
 from pinproof.errors import FileError, InputError
 
 if TYPE_CHECKING:
@@ -167,13 +167,15 @@ def print_report(report: PickReport) -> None:
         print_line(f"not covered: {note}")
 
 
-def check_output_files(outputs: Iterable[Path | None], inputs: Iterable[str | Path | None] = ()) -> None:
+def check_output_files(
+    outputs: Iterable[Path | None], inputs: Iterable[str | Path | None] = (), suffixes: Sequence[str] = ()
+) -> None:
     """Refuse output files that cannot be written or would overwrite a file of the same command.
 
     Raises
     ------
     InputError
-        If an output is also an input, or is named twice.
+        If an output is also an input, is named twice, or has none of the suffixes.
     FileError
         If an output is a folder, or its folder does not exist.
     """
@@ -181,6 +183,8 @@ def check_output_files(outputs: Iterable[Path | None], inputs: Iterable[str | Pa
     for path in outputs:
         if path is None:
             continue
+        if suffixes and path.suffix.lower() not in suffixes:
+            raise InputError(f"{path}: {unknown_suffix(path, suffixes)}")
         target = os.path.realpath(path)
         if target in used:
             raise InputError(f"{path}: is also {used[target]} of this command; name another output file")

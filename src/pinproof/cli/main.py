@@ -15,9 +15,10 @@ import traceback
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, TextIO
+from typing import Annotated, Any, TextIO
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 import pinproof as pp
 from pinproof.cli.bench import bench_ik, bench_plan
@@ -52,8 +53,29 @@ SUCCESS, NEGATIVE, USAGE, INTERNAL, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 3, 130, 
 ERROR_KINDS = {NEGATIVE: "negative", USAGE: "usage", INTERNAL: "internal", INTERRUPTED: "interrupted"}
 """The ``kind`` of an error in the JSON output, by exit code."""
 
+
+class _SwitchesWithoutValue:
+    """Shows options without a value as such; typer shows them with ``<bool>``, as if they took one."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for each in params:
+            if getattr(each, "is_flag", False):
+                each.metavar = each.metavar or ""
+        return params
+
+
+class _Group(_SwitchesWithoutValue, TyperGroup):
+    pass
+
+
+class _Command(_SwitchesWithoutValue, TyperCommand):
+    pass
+
+
 app = typer.Typer(
     name="pinproof",
+    cls=_Group,
     help="Check whether a robot arm can execute a pick, plan its motion, and prove that the motion is collision-free.",
     epilog='"pinproof COMMAND --help" shows the options and an example of each command. Exit codes: 0 success; 1 '
     "negative result, such as a collision or a pick that fails; 2 wrong usage or unreadable input; 3 internal error.",
@@ -101,15 +123,16 @@ groups = {
     "": app,
     "cell": typer.Typer(
         help="Plan a robot cell: where the robot is placed, the order of its picks, and its cycle time.",
+        cls=_Group,
         no_args_is_help=True,
     ),
-    "bench": typer.Typer(help="Run the benchmarks on this machine.", no_args_is_help=True),
+    "bench": typer.Typer(help="Run the benchmarks on this machine.", cls=_Group, no_args_is_help=True),
 }
 for name in ("cell", "bench"):
     app.add_typer(groups[name], name=name)
 for words, command in COMMANDS.items():
     group, _, name = words.rpartition(" ")
-    groups[group].command(name)(expand_options(command, _ErrorOptions.set_verbose))
+    groups[group].command(name, cls=_Command)(expand_options(command, _ErrorOptions.set_verbose))
 
 
 def _version(wanted: bool) -> None:
@@ -122,9 +145,9 @@ def _version(wanted: bool) -> None:
 def common(
     version: Annotated[  # noqa: ARG001  # used by its callback
         bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.", metavar=""),
+        typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit."),
     ] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.", metavar="")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.")] = False,
 ) -> None:
     """Options of the program itself."""
     _ErrorOptions.verbose = verbose

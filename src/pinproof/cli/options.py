@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import numpy as np
 import typer
@@ -406,10 +406,6 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
         else:
             options.append((name, parameter.annotation, parameter.default))
     options.append(("verbose", Verbose, False))
-    for _, hint, _ in options:
-        if get_args(hint)[:1] == (bool,):
-            for setting in hint.__metadata__:
-                setting.metavar = setting.metavar or ""  # else the help shows <bool>, as if the option took a value
 
     @functools.wraps(command)
     def call(*, verbose: bool, **given: Any) -> None:

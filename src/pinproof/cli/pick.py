@@ -128,6 +128,12 @@ class OutputOptions:
             "rapid."
         ),
     ] = None
+    export_deviation: Annotated[
+        float,
+        typer.Option(
+            help="For --export: assumed deviation of each joint from the moves of the program (rad).", min=0.0
+        ),
+    ] = 0.0
 
     @property
     def is_folder(self) -> bool:
@@ -138,7 +144,14 @@ class OutputOptions:
     @property
     def for_folder(self) -> bool:
         """Whether an option is used that only applies to a folder."""
-        return bool(self.pages or self.grip_dwell or self.release_dwell or self.export or self.gripper_output)
+        return bool(
+            self.pages
+            or self.grip_dwell
+            or self.release_dwell
+            or self.export
+            or self.gripper_output
+            or self.export_deviation
+        )
 
     def check(self, suffix: str | None = None) -> None:
         """Refuse an output that cannot be written, before the picks are checked; ``suffix``: only this file type."""
@@ -147,6 +160,8 @@ class OutputOptions:
             raise InputError(f"--export {self.export}: picks need digital outputs; use urscript, rapid, krl or fanuc")
         if self.gripper_output is not None and self.export is None:
             raise InputError("--gripper-output needs --export")
+        if self.export_deviation and self.export is None:
+            raise InputError("--export-deviation needs --export")
         if path is None:
             return
         if suffix is not None and path.suffix.lower() != suffix:
@@ -198,7 +213,10 @@ class OutputOptions:
                 self.export,
                 output=self.gripper_output or dialect.outputs,
                 name=stem,
+                deviation=self.export_deviation,
             )
+            for note in found.notes:
+                print_note(f"note: {note}")
             if found.free:
                 found.program.save(self.output / f"{stem}{dialect.endings[0]}")
                 count += 1

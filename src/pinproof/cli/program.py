@@ -40,6 +40,12 @@ def export(
         float | None,
         typer.Option(help="Seconds between set points: stream the motion (servoj) instead of moves; only URScript."),
     ] = None,
+    linear: Annotated[
+        bool,
+        typer.Option(
+            "--linear", help="Write parts from stop to stop on a straight line of the tcp as linear moves (movel, LIN)."
+        ),
+    ] = False,
     ignore_record: IgnoreRecord = False,
     *,
     chain: ChainOptions,
@@ -68,6 +74,7 @@ def export(
             tolerance=tolerance,
             deviation=deviation,
             period=period,
+            linear=linear,
         )
     if certificate.free:
         program.save(output)

@@ -111,8 +111,8 @@ def reach(
     Example: pinproof reach ur5 --region "-0.6 0.6 -0.6 0.6 0.1 0.1" --step 0.2 -o reach.csv
     """
     outputs = output or []
-    _check_suffixes(outputs)
-    check_output_files(outputs, [robot, scene_options.scene, chain.srdf, chain.limits, against, *tool.files])
+    inputs = [robot, scene_options.scene, chain.srdf, chain.limits, against, *tool.files]
+    check_output_files(outputs, inputs, SUFFIXES)
     before = None if against is None else pp.picks.ReachMap.load(against)
     grid, world_from_root = _region(region, step), placement(place)
     arm = chain.arm(robot, tool=tool)
@@ -214,12 +214,6 @@ def _points(
     return pp.viewer.ColouredPoints.of_values(
         local, values[shown], label="gained minus lost:", low=-1.0, high=1.0, colours="RdBu", size=size
     )
-
-
-def _check_suffixes(outputs: list[Path]) -> None:
-    for path in outputs:
-        if path.suffix.lower() not in SUFFIXES:
-            raise InputError(f"{path}: unknown file type for a reach map; use {', '.join(SUFFIXES)}")
 
 
 def _region(text: str, step: float) -> pp.picks.ReachRegion:

@@ -219,7 +219,7 @@ class Body:
             parts.append(self.solid.content())
         return b"|".join(parts)
 
-    @property
+    @cached_property
     def extent(self) -> float:
         """Largest coordinate (m) of its box, if finite, plus the distance of its origin from its link or the root."""
         sides = [abs(x) for corner in self.box.tolist() for x in corner if math.isfinite(x)]

@@ -184,6 +184,8 @@ def _checked_tolerances(
     """The tolerance of each joint (n,), rad or m, of a curve of the joints of the checker."""
     require_curve(curve, checker)
     group = checker.group
+    if isinstance(joint_tolerance, float) and joint_tolerance == obstacle_tolerance == 0.0:
+        return np.zeros(group.dof)
     each = np.full(group.dof, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
     joints = finite("joint_tolerance", each, (group.dof,))
     if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:

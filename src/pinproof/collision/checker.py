@@ -172,7 +172,6 @@ class CollisionChecker(CheckedBodies):
 
     _still: FixedPairs | None
     _kept: dict[Hashable, CollisionChecker]
-    _by_owners: Mapping[frozenset[str], list[int]] | None
 
     def __init__(
         self,
@@ -473,15 +472,15 @@ class CollisionChecker(CheckedBodies):
         """The owners of all bodies: links with geometry, attached objects, obstacles."""
         return tuple(dict.fromkeys(body.owner for body in self.bodies))
 
-    @property
-    def pairs_of_owners(self) -> Mapping[frozenset[str], list[int]]:
-        """The indices of the checked pairs of each two owners; computed on first access."""
-        if self._by_owners is None:
-            found: dict[frozenset[str], list[int]] = {}
-            for k in range(len(self.pairs)):
-                found.setdefault(frozenset(self._owners(k)), []).append(k)
-            self._by_owners = found
-        return self._by_owners
+    def pairs_of_owners(self, one: str, other: str) -> list[int]:
+        """Return the indices of the checked pairs of the bodies of two owners."""
+        first, second = ({i for i, body in enumerate(self.bodies) if body.owner == name} for name in (one, other))
+        both = first | second
+        return [
+            k
+            for k, (i, j) in enumerate(self.pairs)
+            if i in both and j in both and ((i in first and j in second) or (i in second and j in first))
+        ]
 
     @property
     def hollow(self) -> tuple[str, ...]:
@@ -592,7 +591,6 @@ class CollisionChecker(CheckedBodies):
         self._geometry = made.geometry
         self._known, self._geometry_model = made.known, None
         self._exact = tuple(body for body in made.bodies if body.is_exact)
-        self._by_owners = None
         self._set_margins(self._margins)
 
     @property

@@ -184,7 +184,7 @@ def convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPieces 
     """Cover a watertight mesh by at most ``most`` convex pieces.
 
     Bodies that overlap are covered one by one, because their common surface has no edges to cut at. None for a mesh
-    with more faces at reflex edges than 1.5 times ``most``: a bowl, say, would need many more pieces.
+    with more faces at reflex edges than 1.5 times ``most``: a bowl, for example, would need many more pieces.
 
     Parameters
     ----------

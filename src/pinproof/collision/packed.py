@@ -34,18 +34,12 @@ def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> G
     rounding
         Allowance (m) for floating-point errors.
     """
-    model = arm.model
-    tree, aligned = _joints(arm)
+    tree, links = _joints(arm)
     joints, placements = [], np.zeros((len(bodies), 4, 4))
-    frames: dict[str, tuple[int, pin.SE3]] = {}
     for i, body in enumerate(bodies):
         joint, place = ROOT, body.link_from_body
         if body.link is not None:
-            if body.link not in frames:
-                frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
-                joint = int(frame.parentJoint) - 1
-                frames[body.link] = joint, frame.placement if joint < 0 else aligned[joint].inverse() * frame.placement
-            joint, above = frames[body.link]
+            joint, above = links[body.link]
             place = above * place
         joints.append(joint)
         placements[i] = place.homogeneous
@@ -59,8 +53,8 @@ def pack_world(geometry: Geometry, pairs: Sequence[tuple[int, int]]) -> World:
 
 
 @lru_cache(maxsize=ARMS_KEPT)
-def _joints(arm: JointGroup) -> tuple[JointTree, list[pin.SE3]]:
-    """Return the joints, and for each the rotation that takes z to its axis."""
+def _joints(arm: JointGroup) -> tuple[JointTree, dict[str, tuple[int, pin.SE3]]]:
+    """Return the joints, whose axis is z, and for each link the joint that moves it and its placement there."""
     model = arm.model
     data = model.createData()
     columns = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, -1)
@@ -79,4 +73,9 @@ def _joints(arm: JointGroup) -> tuple[JointTree, list[pin.SE3]]:
     multipliers = np.ascontiguousarray(arm.scale[np.arange(count), leaders])
     offsets = np.ascontiguousarray(arm.offset, dtype=float)
     tree = JointTree(placements, prismatic, leaders.tolist(), multipliers, offsets, parents, arm.dof)
-    return tree, aligned
+    links: dict[str, tuple[int, pin.SE3]] = {}
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and frame.name not in links:
+            k = int(frame.parentJoint) - 1
+            links[frame.name] = k, pin.SE3(frame.placement) if k < 0 else aligned[k].inverse() * frame.placement
+    return tree, links

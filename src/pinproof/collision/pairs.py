@@ -88,7 +88,7 @@ class Overlap(NamedTuple):
 
     @property
     def nearly_all(self) -> bool:
-        """Whether they touch in nearly all configurations, so that contact says nothing about a configuration."""
+        """Whether they touch in nearly all configurations, so that contact does not distinguish configurations."""
         return self.touching >= NEARLY_ALL or (self.touching >= MOST and self.near >= NEARLY_ALL)
 
     def __str__(self) -> str:

@@ -95,10 +95,9 @@ def prove_parting(
     ends = np.unique([float(knots[0]), *(separating.proof.end for separating in separating_pairs)]).tolist()
     proven: list[Certificate] = []
     for first, last in zip(ends, [*ends[1:], float(knots[-1])], strict=True):
-        at = bezier.evaluate(knots, control, first)
         for separating in separating_pairs:
             if separating.proof.end == first:
-                measured = full.checker.placed(at).measure(separating.pair)
+                measured = full.checker.placed(bezier.evaluate(knots, control, first)).measure(separating.pair)
                 if measured.attained - obstacle_tolerance <= full.checker.margins[separating.pair]:
                     return _on_complete_curve(
                         curve, checker, proven, _not_separated(full.checker, separating, motion, prove)
@@ -415,7 +414,7 @@ def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> lis
                 raise UnknownNameError("body", name, known, "parting")
         if (one in checker.scene.names) == (other in checker.scene.names):
             raise InputError(f"parting: {one!r} and {other!r}; one must be an obstacle, the other a link or attached")
-        meant = checker.pairs_of_owners.get(frozenset((one, other)), [])
+        meant = checker.pairs_of_owners(one, other)
         if not meant:
             raise InputError(
                 f"parting: {one!r} and {other!r} are not checked against each other, so parting does not apply to them"

@@ -2,14 +2,15 @@
 
 A joint move is a straight line in joint space. At a point with a blend the controller leaves the two lines; where its
 curve is not published, every configuration is covered that differs in each joint by at most the extent of the blend
-from the two lines within the blend. All lines are covered with the stated deviation of the controller.
+from the two lines within the blend. A linear move is a straight line of the tcp; its joint values are bounded between
+samples (:mod:`pinproof.collision.linear_moves`). All lines are covered with the stated deviation of the controller.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -20,13 +21,23 @@ import numpy as np
 from pinproof.collision.certificate import Certificate, CertificateStatus
 from pinproof.collision.certify import certify
 from pinproof.collision.checker import CollisionChecker
+from pinproof.collision.linear_moves import TURN_SHARE, LineTrace, levers, trace_line
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.motion.curve import Array, Curve
 from pinproof.motion.dialects import find_dialect
 from pinproof.motion.joint_path import JointPath
-from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Step, StreamedPoint, StreamedTrajectory, Wait
+from pinproof.motion.program_steps import (
+    Blend,
+    JointMove,
+    LinearMove,
+    SetOutput,
+    Step,
+    StreamedPoint,
+    StreamedTrajectory,
+    Wait,
+)
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
 from pinproof.motion.timing import time_parametrise
 from pinproof.motion.trajectory import Trajectory
@@ -40,6 +51,9 @@ SPACING = 1.0 / 256.0
 
 TRACKING = 0.01
 """rad: the assumed deviation from set points that are sent at a fixed period, whose interpolation is not published."""
+
+SAME_END = 1e-6
+"""rad: largest difference of the configuration at the end of a linear move from that of the text."""
 
 SMALLEST_RADIUS = 0.0005
 """m: a blend with a smaller radius hardly differs from a stop."""
@@ -78,16 +92,19 @@ class ProgramCertificate:
     notes
         What the certificate assumes about the controller, and what it does not cover.
     overlaps
-        Lines of blends that may overlap with the blend before, so that a controller may skip a point, or that are at
-        the first point, to which the move is not known. The program is then UNDECIDED.
+        Lines of blends that may overlap with the blend before, so that a controller may skip a point, that are at the
+        first point, to which the move is not known, or that are before a linear move. The program is then UNDECIDED.
     outside_limits
         The points of the program that violate the position limits of the arm.
+    untraced
+        The linear moves whose joint values are not bounded, with the reason. The program is then UNDECIDED.
     """
 
     parts: tuple[ProgramPart, ...]
     notes: tuple[str, ...]
     overlaps: tuple[int, ...] = ()
     outside_limits: tuple[str, ...] = ()
+    untraced: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
         rows = [(each.name, each.certificate.status.name, each.certificate.clearance * 1e3) for each in self.parts]
@@ -103,7 +120,7 @@ class ProgramCertificate:
     def status(self) -> CertificateStatus:
         """COLLIDING if a part is, otherwise UNDECIDED if a part is, otherwise FREE."""
         found = {part.certificate.status for part in self.parts}
-        if self.overlaps:
+        if self.overlaps or self.untraced:
             found.add(CertificateStatus.UNDECIDED)
         return found.pop() if len(found) == 1 else max(found - {CertificateStatus.FREE}, key=_severity)
 
@@ -130,11 +147,13 @@ class ProgramCertificate:
             parts = [(len(self.parts) - blends, "motion"), (blends, "blend")]
             words = " and ".join(f"{count} {what}{'' if count == 1 else 's'}" for count, what in parts if count)
             return f"FREE: {words} of the program proven, clearance {self.clearance * 1e3:.1f} mm"
+        if self.status is CertificateStatus.UNDECIDED and self.untraced:
+            return f"UNDECIDED: {self.untraced[0]}"
         part = next((each for each in self.parts if not each.certificate.free), None)
         if part is None:
             return (
                 f"UNDECIDED: the blend at line {self.overlaps[0]} may overlap with the one before it, so that a "
-                "controller may skip a point, or it is at the first point; reduce or remove it"
+                "controller may skip a point, or it is at the first point or before a linear move; reduce or remove it"
             )
         return f"{self.status.name}: {part.name}: {part.certificate.message}"
 
@@ -173,13 +192,16 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
     if program.joint_names != checker.arm.joint_names:
         own = ", ".join(checker.arm.joint_names)
         raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
+    program, traces, untraced = _traced(program, checker.arm)
     parts = []
-    for name, line, blend, curve, tolerance in _executed(program, checker.arm):
+    for name, line, blend, curve, tolerance in _executed(program, checker.arm, traces):
         certificate = certify(curve, checker, joint_tolerance=tolerance)
         parts.append(ProgramPart(name, line, blend, certificate))
     notes = dict.fromkeys([*_notes(program), *(note for part in parts for note in part.certificate.notes)])
     overlaps = tuple(_overlaps(program, checker.arm))
-    return ProgramCertificate(tuple(parts), tuple(notes), overlaps, tuple(_outside(program, checker.arm)))
+    return ProgramCertificate(
+        tuple(parts), tuple(notes), overlaps, tuple(_outside(program, checker.arm, traces)), untraced
+    )
 
 
 def export_program(
@@ -193,6 +215,7 @@ def export_program(
     deviation: float | None = None,
     period: float | None = None,
     joint_map: JointMap | None = None,
+    linear: bool = False,
 ) -> tuple[RobotProgram, ProgramCertificate]:
     """Write a program that follows a curve, and certify what the controller will execute.
 
@@ -219,6 +242,8 @@ def export_program(
         Seconds between set points, to stream the trajectory (``servoj`` of URScript) instead of moves.
     joint_map
         The joint values of the controller from those of the model, if they differ.
+    linear
+        Whether parts of the motion from stop to stop on which the tcp moves on a straight line become linear moves.
 
     Returns
     -------
@@ -235,7 +260,9 @@ def export_program(
         raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
     if language.joints is not None and not checker.arm.angular.all():
         raise InputError(f"programs in {dialect} are for revolute joints only")
-    steps = _steps(curve, dialect, tolerance, blend or language.blend, period)
+    steps: Sequence[Step] = _steps(curve, dialect, tolerance, blend or language.blend, period)
+    if linear:
+        steps = _with_lines(steps, checker.arm, tolerance)
     default = TRACKING if period is not None else language.deviation
     write = partial(
         make_program,
@@ -268,11 +295,15 @@ def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
     longer = list(steps)
     at: int | None = None
     for k, step in enumerate(steps):
-        if not isinstance(step, JointMove):
+        if not isinstance(step, JointMove | LinearMove):
             continue
         before = steps[at] if at is not None else None
         at = k
-        if not isinstance(before, JointMove) or step.duration is None or (before.blend and step.blend):
+        if not isinstance(step, JointMove) or step.duration is None:
+            continue
+        if not isinstance(before, JointMove | LinearMove) or before.q is None:
+            continue
+        if isinstance(before, JointMove) and before.blend and step.blend:
             continue
         if np.abs(step.q - before.q).max() > 0:
             line = JointPath(np.stack([before.q, step.q]), arm.joint_names)
@@ -305,7 +336,9 @@ def _steps(
     return [JointMove(curve.start), *(StreamedPoint(q, period) for q in curve(times))]
 
 
-def _executed(program: RobotProgram, arm: Arm) -> Iterator[tuple[str, int, bool, Curve, Array]]:
+def _executed(
+    program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]
+) -> Iterator[tuple[str, int, bool, Curve, Array]]:
     """The parts of a program: name, line, whether a blend, curve and tolerance (n,) of each joint."""
     even = np.full(arm.dof, program.deviation)
     names = program.joint_names
@@ -313,20 +346,78 @@ def _executed(program: RobotProgram, arm: Arm) -> Iterator[tuple[str, int, bool,
     for step in moves:
         if isinstance(step, StreamedTrajectory):
             yield f"trajectory at line {step.line}", step.line, False, Trajectory.of_record(step.record), even
-    points = [step for step in moves if not isinstance(step, StreamedTrajectory)]
+    points = [(step, step.q) for step in moves if not isinstance(step, StreamedTrajectory) and step.q is not None]
     if len(points) == 1:
-        yield f"point at line {points[0].line}", points[0].line, False, JointPath(points[0].q[None], names), even
-    for before, after in pairwise(points):
-        name = f"move at line {after.line}"
-        yield name, after.line, False, JointPath(np.stack([before.q, after.q]), names), even
-    for before, at, after in zip(points, points[1:], points[2:], strict=False):
-        if not isinstance(at, JointMove) or at.blend is None:
+        (step, q) = points[0]
+        yield f"point at line {step.line}", step.line, False, JointPath(q[None], names), even
+    for (_, before), (after, q) in pairwise(points):
+        if isinstance(after, LinearMove):
+            trace = traces[after.line]
+            yield f"linear move at line {after.line}", after.line, False, trace.path, even + trace.tolerance
             continue
-        shares = [_share(at.blend, arm, at.q, other.q) for other in (before, after)]
-        into, out = shares[0] * (before.q - at.q), shares[1] * (after.q - at.q)
+        name = f"move at line {after.line}"
+        yield name, after.line, False, JointPath(np.stack([before, q]), names), even
+    for (_, first), (at, q), (following, last) in zip(points, points[1:], points[2:], strict=False):
+        if not isinstance(at, JointMove) or at.blend is None or isinstance(following, LinearMove):
+            continue
+        into, out = (_share(at.blend, arm, q, other) * (other - q) for other in (first, last))
         extent = np.maximum(np.abs(into), np.abs(out))
-        curve = JointPath(np.stack([at.q + into, at.q, at.q + out]), names)
+        curve = JointPath(np.stack([q + into, q, q + out]), names)
         yield f"blend at line {at.line}", at.line, True, curve, extent + even
+
+
+def _traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, LineTrace], tuple[str, ...]]:
+    """The program with the configurations at the ends of its linear moves, their traces by line, and what has none."""
+    steps, traces, untraced = list[Step](), dict[int, LineTrace](), list[str]()
+    here: Array | None = None
+    for step in program.steps:
+        made = step
+        if isinstance(step, LinearMove):
+            trace, reason = _trace(step, here, arm)
+            if reason:
+                untraced.append(f"the linear move at line {step.line}: {reason}")
+                if step.q is None:  # where the next move begins is not known
+                    break
+            traces[step.line] = trace
+            made = replace(step, q=trace.path.end if step.q is None else step.q)
+        if isinstance(made, JointMove | LinearMove | StreamedPoint):
+            here = made.q
+        steps.append(made)
+    return replace(program, steps=tuple(steps)), traces, tuple(untraced)
+
+
+def _trace(step: LinearMove, here: Array | None, arm: Arm) -> tuple[LineTrace, str]:
+    """The trace of a linear move, and why it is not that of the text, if so."""
+    stated = step.q  # a linear move states one of the two
+    target = step.pose if step.pose is not None else arm.forward_kinematics(arm.home if stated is None else stated)
+    if here is None:
+        alone = JointPath((arm.home if step.q is None else step.q)[None], arm.joint_names)
+        return LineTrace(alone, 0.0), "it is the first move, so its start is not known"
+    trace = trace_line(arm, here, target)
+    if not trace.reason and step.q is not None and np.abs(trace.path.end - step.q).max() > SAME_END:
+        return trace, "it ends at another configuration than the text states"
+    return trace, trace.reason
+
+
+def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]:
+    """The steps in which moves from stop to stop along a straight line of the tcp are one linear move."""
+    moves = [step for step in steps if isinstance(step, JointMove)]
+    if len(moves) < len(steps):
+        raise InputError("linear moves need a program of moves; remove period, or choose another language")
+    made, part, start = list[Step](moves[:1]), list[JointMove](), moves[0]
+    for step in moves[1:]:
+        part.append(step)
+        if step.blend is not None and step is not moves[-1]:
+            continue
+        target = arm.forward_kinematics(step.q)
+        trace = trace_line(arm, start.q, target)
+        ends = not trace.reason and np.abs(trace.path.end - step.q).max() <= SAME_END
+        if ends and all(np.abs(trace.path.q - each.q).max(axis=1).min() <= 2 * tolerance for each in part):
+            made.append(LinearMove(step.q, target, sum(each.duration or 0.0 for each in part)))
+        else:
+            made += part
+        start, part = step, []
+    return made
 
 
 def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
@@ -334,20 +425,30 @@ def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
 
     A blend at the first point uses a part of the move to this point, which is not known.
     """
-    points = [step for step in program.moves if isinstance(step, JointMove)]
-    if points and points[0].blend is not None:
+    points = [step for step in program.moves if isinstance(step, JointMove | LinearMove)]
+    if points and isinstance(points[0], JointMove) and points[0].blend is not None:
         yield points[0].line
     for before, at in pairwise(points):
-        if before.blend is not None and at.blend is not None:
+        if not isinstance(before, JointMove) or before.blend is None:
+            continue
+        if isinstance(at, LinearMove):
+            yield before.line
+        elif at.blend is not None:
             used = _share(before.blend, arm, before.q, at.q) + _share(at.blend, arm, at.q, before.q)
             if used > 1.0:
                 yield at.line
 
 
-def _outside(program: RobotProgram, arm: Arm) -> Iterator[str]:
+def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
     """The violations of the position limits; a straight line between two points within the limits is within them."""
     for step in program.moves:
-        ends = Trajectory.of_record(step.record).range() if isinstance(step, StreamedTrajectory) else (step.q,)
+        if isinstance(step, StreamedTrajectory):
+            ends: Sequence[Array] = Trajectory.of_record(step.record).range()
+        elif isinstance(step, LinearMove):
+            along = traces[step.line].path.q
+            ends = (along.min(axis=0), along.max(axis=0))
+        else:
+            ends = () if step.q is None else (step.q,)
         for q in ends:
             for sentence in arm.limits.violations(arm.limits.snap(q), arm.joint_names):
                 yield f"line {step.line}: {sentence}"
@@ -363,19 +464,9 @@ def _share(blend: Blend, arm: Arm, at: Array, other: Array) -> float:
         return blend.share
     shares = np.arange(0.0, 1.0 + SPACING, SPACING)
     tcp = arm.forward_kinematics_batch(at + shares[:, None] * (other - at))[:, :3, 3]
-    slack = float(_levers(arm) @ np.abs(other - at)) * SPACING
+    slack = float(levers(arm) @ np.abs(other - at)) * SPACING
     inside = np.linalg.norm(tcp - tcp[0], axis=1) <= blend.radius + slack
     return float(min(shares[inside].max() + SPACING, 1.0))
-
-
-def _levers(arm: Arm) -> Array:
-    """(n,) largest distance of the tcp from each joint axis (m), for any configuration of revolute joints."""
-    model, tcp = arm.model, arm.model.frames[arm.tcp_id]
-    joints = [joint for joint in model.supports[tcp.parentJoint] if joint != 0]
-    offsets = [np.linalg.norm(model.jointPlacements[joint].translation) for joint in joints[1:]]
-    offsets.append(np.linalg.norm(tcp.placement.translation))
-    each = {joint: sum(offsets[k:]) for k, joint in enumerate(joints)}
-    return np.abs(arm.scale).T @ [each.get(row + 1, 0.0) for row in range(len(arm.scale))]
 
 
 def _notes(program: RobotProgram) -> Iterator[str]:
@@ -384,6 +475,11 @@ def _notes(program: RobotProgram) -> Iterator[str]:
         yield (
             f"each joint is assumed to stay within {program.deviation:g} rad of the straight lines between the points "
             "of the program"
+        )
+    if any(isinstance(step, LinearMove) for step in program.steps):
+        yield (
+            "linear moves: the tool of the controller is at the tcp of the arm, its base frame is that of the arm, and "
+            f"the orientation stays within {TURN_SHARE:g} times its whole rotation of a rotation about one axis"
         )
     if any(isinstance(step, SetOutput) for step in program.steps):
         yield "the attached bodies are the same before and after outputs are switched"

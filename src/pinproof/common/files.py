@@ -143,7 +143,7 @@ def write_bytes_whole(path: str | Path, content: bytes, error: type[FileError] =
             scratch.unlink(missing_ok=True)
 
 
-def save_as(path: str | Path, formats: Mapping[str, Callable[[], str | bytes]]) -> None:
+def save_as(path: str | Path, formats: Mapping[str, Callable[[], str | bytes | None]]) -> None:
     """Write a file, completely or not at all, in the format that its suffix names.
 
     Parameters
@@ -151,7 +151,7 @@ def save_as(path: str | Path, formats: Mapping[str, Callable[[], str | bytes]]) 
     path
         The file.
     formats
-        For each suffix a function that returns the content.
+        For each suffix a function that returns the content, or that writes the file and returns None.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def save_as(path: str | Path, formats: Mapping[str, Callable[[], str | bytes]]) 
     content = formats[path.suffix.lower()]()
     if isinstance(content, str):
         write_text_whole(path, content)
-    else:
+    elif content is not None:
         write_bytes_whole(path, content)
 
 

@@ -36,7 +36,7 @@ def with_movable_base(urdf: Urdf, mounting: Array, mount: Sequence[LinkGeometry]
     mounting
         (4, 4) the pose of the former root behind the placement joints, such as that of a robot on a wall.
     mount
-        Bodies that move with the base, each on a link of its own that is fixed to the former root; their origins are
+        Bodies that move with the base, each on a separate link that is fixed to the former root; their origins are
         ``root_from_geometry``.
 
     Raises

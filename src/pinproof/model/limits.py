@@ -161,7 +161,7 @@ class JointLimits:
 
     @staticmethod
     def join(parts: Sequence[JointLimits]) -> JointLimits:
-        """Return the limits of all parts, one part after the other; NaN where one does not know a kind."""
+        """Return the limits of all parts, one part after the other; NaN where a limit is unknown."""
 
         def joined(kind: str) -> Array | None:
             values = [getattr(part, kind) for part in parts]

@@ -259,7 +259,7 @@ class JointGroup:
         values = self.robot.state(name, group=group)
         missing = [joint for joint in self.joint_names if joint not in values]
         if missing:
-            raise InputError(f"state {name!r} says nothing about the joints {', '.join(missing)} of the arm")
+            raise InputError(f"state {name!r} has no value for the joints {', '.join(missing)} of the arm")
         return np.array([values[joint] for joint in self.joint_names])
 
     def torques(

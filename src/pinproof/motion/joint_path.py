@@ -78,7 +78,7 @@ class JointPath(BezierCurve):
         """Knots (k+1,) and control points (k, 2, n), one piece per segment."""
         return self._pieces
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Sum of the segments' Euclidean lengths in joint space (radians and metres have equal weight)."""
         return float(np.linalg.norm(np.diff(self.q, axis=0), axis=1).sum())

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from pinproof.motion.curve import Array
 from pinproof.motion.trajectory_files import Record
+from pinproof.spatial import SE3
 
-__all__ = ["Blend", "JointMove", "SetOutput", "Step", "StreamedPoint", "StreamedTrajectory", "Wait"]
+__all__ = ["Blend", "JointMove", "LinearMove", "SetOutput", "Step", "StreamedPoint", "StreamedTrajectory", "Wait"]
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,28 @@ class JointMove:
 
 
 @dataclass(frozen=True, eq=False)
+class LinearMove:
+    """A move of the tcp on a straight line, with a stop at its end.
+
+    Parameters
+    ----------
+    q
+        (n,) rad, the configuration at the end; None if the text states the pose.
+    pose
+        ``base_from_tcp`` at the end; None if the text states joint values.
+    duration
+        Seconds; None if the text states a speed instead.
+    line
+        The line number in the text, from 1.
+    """
+
+    q: Array | None = None
+    pose: SE3 | None = None
+    duration: float | None = None
+    line: int = 0
+
+
+@dataclass(frozen=True, eq=False)
 class StreamedPoint:
     """A set point that the program sends every ``period`` seconds; the arm does not stop."""
 
@@ -82,4 +105,4 @@ class Wait:
     line: int = 0
 
 
-Step = JointMove | StreamedPoint | StreamedTrajectory | SetOutput | Wait
+Step = JointMove | LinearMove | StreamedPoint | StreamedTrajectory | SetOutput | Wait

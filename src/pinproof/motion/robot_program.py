@@ -23,7 +23,16 @@ from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Array, Curve, TimedCurve, checked_joint_names, read_only
 from pinproof.motion.dialects import Dialect, dialect_of_file, find_dialect
 from pinproof.motion.joint_path import JointPath
-from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Step, StreamedPoint, StreamedTrajectory, Wait
+from pinproof.motion.program_steps import (
+    Blend,
+    JointMove,
+    LinearMove,
+    SetOutput,
+    Step,
+    StreamedPoint,
+    StreamedTrajectory,
+    Wait,
+)
 from pinproof.spatial import finite
 
 __all__ = [
@@ -142,7 +151,7 @@ class RobotProgram:
     text: str
 
     @property
-    def moves(self) -> tuple[JointMove | StreamedPoint | StreamedTrajectory, ...]:
+    def moves(self) -> tuple[JointMove | LinearMove | StreamedPoint | StreamedTrajectory, ...]:
         """The steps that move the arm."""
         return tuple(each for each in self.steps if not isinstance(each, SetOutput | Wait))
 
@@ -225,7 +234,7 @@ def make_program(
     certificate: str = "",
     joint_map: JointMap | None = None,
 ) -> RobotProgram:
-    """Write a program and parse it back; the result is what the text says, with the numbers as rounded in it.
+    """Write a program and parse it back; the result has the numbers of the text, with their rounding.
 
     Raises
     ------
@@ -305,7 +314,7 @@ def moves_along(
 
 def _mapped(step: Step, convert: Callable[[Array], Array]) -> Step:
     """The step with other joint values."""
-    if isinstance(step, JointMove | StreamedPoint):
+    if isinstance(step, JointMove | LinearMove | StreamedPoint) and step.q is not None:
         return replace(step, q=read_only(convert(step.q)))
     return step
 

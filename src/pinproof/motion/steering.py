@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from pinproof._core import EdgeChecker, StaggeredMove, StaggeredSearch
 from pinproof.motion import bezier
 from pinproof.motion.curve import Array
 from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
@@ -114,6 +115,8 @@ class Move:
         """The times (s) after the start, within the move, at which a phase of a joint ends."""
         if isinstance(self.source, _Timed):
             ends = self.source.times
+        elif isinstance(self.source, StaggeredMove):
+            ends = self.source.phase_ends()
         else:
             ends = np.concatenate([_phase_ends(profile) for profile in self.source.profiles[0]])  # type: ignore[attr-defined]
         ends = ends[(ends > self.start) & (ends < self.end)]
@@ -172,6 +175,15 @@ class Steering:
         move = self.move(rest(first), rest(last))
         self._set_limits()
         return move
+
+    def staggered(self, edges: EdgeChecker, start: Array, goals: Array, sample_time: float) -> StaggeredSearch:
+        """A search for moves from rest to rest at one of the goals (g, n) whose joints choose when they move."""
+        ends, box = (np.ascontiguousarray(start), np.ascontiguousarray(goals)), np.array([self._lower, self._upper])
+        limits = {key.removeprefix("max_"): limit for key, limit in self._limits.items()}
+        jerk = limits.pop("jerk")
+        return StaggeredSearch(
+            edges, *ends, box, **limits, jerk=jerk if self._smooth else None, sample_time=sample_time
+        )
 
     def gentler(self, first: State, last: State, velocity: Array, above: Array, below: Array) -> Move | None:
         """The fastest move with at most these velocities, and these accelerations (n,) in either direction.

@@ -22,7 +22,7 @@ __all__ = ["Barrier", "find_barriers", "no_path_message"]
 Array = npt.NDArray[np.float64]
 
 VALUES = 128
-"""Number of values of a joint that are checked on the way to the nearest goal."""
+"""Number of values of a joint that are checked between the start and the nearest goal."""
 
 CONFIRMED = 8
 """Number of values in contact that are checked with finer bodies: a contact of hulls alone proves nothing."""

@@ -12,7 +12,7 @@ shortcuts", ICRA 2010. Jerk-limited moves and modified states are additions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from operator import attrgetter, mul
@@ -42,7 +42,7 @@ __all__ = ["BUDGET", "OptimiseResult", "optimise"]
 
 Array = npt.NDArray[np.float64]
 
-BUDGET = 500
+BUDGET = 600
 """Default number of evaluations: about 25 ms for an arm of seven joints between shelves."""
 
 RESOLUTION = 0.06
@@ -62,6 +62,12 @@ GOALS = 6
 
 DISTINCT = 0.15
 """Goals that differ by at most this (rad or m) in each joint count as one: their motions are similar."""
+
+STAGGERED, STAGGERED_COST = 4.0, 0.1
+"""Number of staggered moves that are tried for each evaluation of the budget, and the evaluations that one counts."""
+
+STAGGERED_GOALS, STAGGERED_DISTINCT = 80, 0.05
+"""As above for staggered moves, of which few are free: number of their goals, and their least difference (rad or m)."""
 
 PLANS, PER_PLAN = 10, 33
 """Number of further paths that are compared with the given one, at most one for so many evaluations."""
@@ -201,12 +207,14 @@ def optimise(
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
-    task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
-    search = _Search(task, np.random.default_rng(rng), int(budget))
-    if budget > 0 and search.worthwhile:
-        search.run()
-    for motion, reached in reversed(search.proven):
-        trajectory = _timed(search.trajectory(motion, reached), bounds, further)
+    search: _Search | None = None
+    if budget > 0 and (further or before.duration > lower_bound * (1.0 + CLOSE_ENOUGH)):
+        task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
+        search = _Search(task, np.random.default_rng(rng), int(budget))
+        if search.worthwhile:
+            search.run()
+    for found in () if search is None else search.trajectories():
+        trajectory = _timed(found, bounds, further)
         if trajectory is None or trajectory.duration >= before.duration:
             continue
         certificate = certify(trajectory, checker, constraints=kept)
@@ -214,13 +222,14 @@ def optimise(
             break
     else:
         trajectory, certificate = before, certify(before, checker, constraints=kept)
+    evaluations = 0 if search is None else search.evaluations
     given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
     index = next(iter(np.flatnonzero((given == trajectory.end).all(axis=1)).tolist()), None)
     message = (
         f"duration reduced from {before.duration:.3g} s to {trajectory.duration:.3g} s, lower bound without obstacles "
         f"{lower_bound:.3g} s; {certificate.message}"
     )
-    return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, search.evaluations, message)
+    return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, evaluations, message)
 
 
 def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> float:
@@ -343,13 +352,19 @@ class _Search:
         if self._task.rate_limits:
             self._try_without_rate_limits(int(FREE_SEARCH * budget))
         self._try_direct_moves()
+        if self._best.duration > self._enough and self._task.manifold is None and not self._task.rate_limits:
+            self._try_staggered_moves(math.ceil(STAGGERED * budget))
         if self._best.duration > self._enough:
-            self._shorten_first_motions(int(CONNECT * budget))
+            self._shorten_first_motions(int(CONNECT * self._left))
             self._prove()
         self._best = self._improve(self._best, self._goal, self._left // 2)
         self._prove()
         self._best = self._improve(self._best, self._goal, self._left)
         self._prove()
+
+    def trajectories(self) -> Iterator[Trajectory]:
+        """The motions that were proven free, the shortest first."""
+        return (self.trajectory(*each) for each in reversed(self.proven))
 
     def trajectory(self, motion: MoveSequence, goal: int) -> Trajectory:
         """A motion to a goal as a trajectory."""
@@ -385,12 +400,27 @@ class _Search:
                 self._prove()
                 return
 
+    def _try_staggered_moves(self, count: int) -> None:
+        """Moves whose joints choose when they move: around obstacles as fast as direct moves, or little slower."""
+        goals = self._promising(STAGGERED_GOALS, STAGGERED_DISTINCT)
+        if not goals:
+            return
+        search = self._steering.staggered(self._edges.core, self._start, self._goals[goals], self._step)
+        draws = self._rng.random((count, search.draws_per_motion))
+        found = search.run(self._limit(self._best.duration), draws)
+        self._spend(math.ceil(STAGGERED_COST * search.tried))
+        if found is not None:
+            self._best, self._goal = MoveSequence([Move(found)]), goals[found.goal]
+            self._prove()
+
     def _shorten_first_motions(self, budget: int) -> None:
         """Shorten the given motion, and motions along further paths; the shortest becomes the best one."""
         given = self._given()
         if isinstance(self._path, JointPath) and (stopping := self._stopping(self._path.q)) is not None:
             given = stopping, given[1]
         found = [given, *self._found[-1:], *self._plans(min(PLANS, budget // PER_PLAN))]
+        if self.proven:
+            found.append((self._best, self._goal))
         rounds = max(math.ceil(math.log2(len(found))), 1)
         for _ in range(rounds):  # the better half continues
             share = budget // (rounds * len(found))
@@ -546,13 +576,13 @@ class _Search:
         """The duration that a replacement must not reach."""
         return duration - MIN_GAIN * min(duration, 1.0)
 
-    def _promising(self, count: int) -> list[int]:
+    def _promising(self, count: int, distinct: float = DISTINCT) -> list[int]:
         """Goals whose bounds are below the duration of the best motion, the lowest first; no two are similar."""
         chosen: list[int] = []
         for goal in np.argsort(self._bound_of, kind="stable").tolist():
             if len(chosen) == count or self._bound_of[goal] >= self._limit(self._best.duration):
                 break
-            near = np.abs(self._goals[chosen] - self._goals[goal]).max(axis=1) <= DISTINCT
+            near = np.abs(self._goals[chosen] - self._goals[goal]).max(axis=1) <= distinct
             if not near.any():
                 chosen.append(goal)
         return chosen

@@ -295,8 +295,7 @@ class Search:
         certificate = certify(path, self._checker, constraints=self._constraints)
         if certificate.free:
             message = f"found a path with {len(path)} waypoints and length {path.length:.3g}; {certificate.message}"
-            found = self._result(PlanStatus.FOUND, message, gap=0.0)
-            return replace(found, path=path, certificate=certificate, goal=self._given.indices[row]), -1
+            return self._result(PlanStatus.FOUND, message, 0.0, path, certificate, self._given.indices[row]), -1
         self._cut, self._last_cut = self._cut + 1, certificate.message
         self._edges.refine()
         return None, _failed_edge(certificate, len(q) - 1)
@@ -345,12 +344,20 @@ class Search:
         others = with_turns(self._checker.group, self._given.start, goals)[0][len(goals) :]
         return bool((np.abs(goals[:, None] - others).max(axis=2).min(axis=0) > SAME_GOAL).any())
 
-    def _result(self, status: PlanStatus, message: str, *, gap: float) -> PlanResult:
+    def _result(
+        self,
+        status: PlanStatus,
+        message: str,
+        gap: float,
+        path: JointPath | None = None,
+        certificate: Certificate | None = None,
+        goal: int | None = None,
+    ) -> PlanResult:
         return PlanResult(
             status,
-            None,
-            None,
-            None,
+            path,
+            certificate,
+            goal,
             message,
             nodes=self._nodes,
             cut=self._cut,

@@ -42,7 +42,7 @@ PRODUCTS = 1 << 20
 """Products of directions and points that are computed at once: 8 MB."""
 
 FEW = 16
-"""Rows of one body from which on they are computed by themselves, with one product of matrices."""
+"""Smallest number of rows of one body that are computed separately, with one product of matrices."""
 
 MOST_NUMBERS = 1 << 27
 """Of control points of all intervals, 1 GB: a proof has intervals of one piece, and few of many."""

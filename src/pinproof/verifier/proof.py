@@ -58,7 +58,7 @@ class ProofVerdict:
         Metres, derived again: no two checked bodies come nearer than this, anywhere in the tube around the curve. NaN
         if the proof does not hold, infinite if it checks no pair.
     margin
-        Metres required between any two bodies without a margin of their own.
+        Metres required between any two bodies that have no separate margin.
     margins
         (owner, owner, metres) of those with one.
     joint_tolerance, obstacle_tolerance

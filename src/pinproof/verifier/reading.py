@@ -1,7 +1,7 @@
 """Reads a proof file and its values; whatever is malformed is refused with its place in the file.
 
 Nothing is converted silently: a number is a JSON number (no boolean, no text), an integer is an integer, a text is a
-printable text, and a field that this version does not know is refused.
+printable text, and a field that this version does not define is refused.
 """
 
 from __future__ import annotations

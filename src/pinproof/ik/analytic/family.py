@@ -207,9 +207,9 @@ def branches_elsewhere(arm: Arm, plan: Plan, target: Array, reference: Array) ->
     """The branches at the values of the free joints that are closest to q0 and have branches.
 
     For targets with free joints that have no branch within the limits at their values in ``reference``. Tries SCAN
-    values of one joint, then FINE_SCAN; COARSE_SCAN values of each of two. At targets that are singular in several
-    ways, such as a stretched elbow with parallel wrist axes, branches may exist at single values only; these are then
-    taken from a solution of :class:`pinproof.Clik`, and the closed form computes and verifies the branches.
+    values of one joint, then FINE_SCAN; COARSE_SCAN values of each of two. At targets with several
+    singularities, such as a stretched elbow with parallel wrist axes, branches may exist at single values only; these
+    are then taken from a solution of :class:`pinproof.Clik`, and the closed form computes and verifies the branches.
     """
     found = plan.solve(target, reference)
     joints = _members(found.all_free_joints)[:2]

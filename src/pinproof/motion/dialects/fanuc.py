@@ -1,4 +1,4 @@
-"""LS files of FANUC (the ASCII form of TP programs): joint moves, ``DO`` and ``WAIT``."""
+"""LS files of FANUC (the ASCII form of TP programs): joint moves, linear moves, ``DO`` and ``WAIT``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Array
 from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, LineReader, in_degrees
-from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Step, Wait
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, Step, Wait
 
 __all__ = ["Fanuc"]
 
@@ -35,7 +35,7 @@ class Fanuc(Dialect):
         lines = [":  UFRAME_NUM=0 ;", ":  UTOOL_NUM=1 ;"]
         for step in steps:
             lines.append(_written(step, len(positions) + 1))
-            if isinstance(step, JointMove):
+            if isinstance(step, JointMove | LinearMove) and step.q is not None:
                 positions.append(_position(len(positions) + 1, step.q))
         before = [f"/PROG  {name.upper()[:32]}", "/ATTR", 'COMMENT = "pinproof";', "DEFAULT_GROUP = 1,*,*,*,*;", "/MN"]
         after = ["/POS", *(line for position in positions for line in position.splitlines()), "/END"]
@@ -72,21 +72,31 @@ class Fanuc(Dialect):
             blend = None if found[3] == "FINE" else Blend(share=0.5)
             return JointMove(positions[found[1]], duration, blend, line)
 
+        def line_to(found: re.Match[str], line: int) -> Step:
+            if found[1] not in positions:
+                raise ValueError(f"position P[{found[1]}] is not defined")
+            return LinearMove(positions[found[1]], None, float(found[2]) / 1000, line)
+
         number = r"\d*\s*:\s*"
         rules = [
             (r"/PROG\s+\w+|/ATTR|/MN|COMMENT = \"\w*\";|DEFAULT_GROUP = [\d,*]+;", lambda _, __: None),
             (rf"{number}(?:UFRAME_NUM|UTOOL_NUM)=\d+ ;", lambda _, __: None),
             (rf"{number}J P\[(\d+)\] (\d+%|[1-9]\d*msec) (FINE|CNT\d+) ;", move),
+            (rf"{number}L P\[(\d+)\] ([1-9]\d*)msec FINE ;", line_to),
             (rf"{number}DO\[(\d+)\]=(ON|OFF) ;", lambda found, line: SetOutput(found[1], found[2] == "ON", line)),
             (rf"{number}WAIT\s+({NUMBER})\(sec\) ;", lambda found, line: Wait(float(found[1]), line)),
         ]
-        return LineReader(source, rules, "J P[n] .. FINE or CNTn, DO[n]=ON/OFF, WAIT n(sec)").read(lines)
+        return LineReader(source, rules, "J P[n] .. FINE or CNTn, L P[n] ..msec FINE, DO[n]=ON/OFF, WAIT n(sec)").read(
+            lines
+        )
 
 
 def _written(step: Step, number: int) -> str:
     if isinstance(step, JointMove):
         timing = "5%" if step.duration is None else f"{max(round(step.duration * 1000), 1)}msec"
         return f":J P[{number}] {timing} {'FINE' if step.blend is None else f'CNT{CONTINUOUS}'} ;"
+    if isinstance(step, LinearMove) and step.q is not None:
+        return f":L P[{number}] {max(round((step.duration or 1.0) * 1000), 1)}msec FINE ;"
     if isinstance(step, SetOutput):
         if not step.output.isdigit() or int(step.output) < 1:
             raise InputError(f"output {step.output!r}: fanuc has digital outputs with numbers from 1")

@@ -1,4 +1,4 @@
-"""RAPID of ABB: ``MoveAbsJ``, ``SetDO`` and ``WaitTime``."""
+"""RAPID of ABB: ``MoveAbsJ``, ``MoveL``, ``SetDO`` and ``WaitTime``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from pinproof.errors import InputError
 from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, LineReader, in_degrees, numbers_of
-from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Step, Wait
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, Step, Wait
 
 __all__ = ["Rapid"]
 
@@ -42,16 +42,25 @@ class Rapid(Dialect):
             blend = None if found[3] == "fine" else Blend(share=0.5)
             return JointMove(np.deg2rad(numbers_of(found[1], joints)), duration, blend, line)
 
+        def line_to(found: re.Match[str], line: int) -> Step:
+            if float(found[2]) <= 0:
+                raise ValueError("the time must be above 0")
+            return LinearMove(np.deg2rad(numbers_of(found[1], joints)), None, float(found[2]), line)
+
+        target = rf"\[\[([^\]]*)\],\[{NO_AXIS}\]\]"
         rules = [
             (r"MODULE \w+|PROC \w+\(\)|ENDPROC|ENDMODULE", lambda _, __: None),
             (
-                rf"MoveAbsJ \[\[([^\]]*)\],\[{NO_AXIS}\]\]\\NoEOffs, v\d+(?:\\T:=({NUMBER}))?, (fine|z\d+), tool0;",
+                rf"MoveAbsJ {target}\\NoEOffs, v\d+(?:\\T:=({NUMBER}))?, (fine|z\d+), tool0;",
                 move,
             ),
+            (rf"MoveL CalcRobT\({target}, tool0\), v\d+\\T:=({NUMBER}), fine, tool0;", line_to),
             (r"SetDO (\w+), ([01]);", lambda found, line: SetOutput(found[1], found[2] == "1", line)),
             (rf"WaitTime ({NUMBER});", lambda found, line: Wait(float(found[1]), line)),
         ]
-        return LineReader(source, rules, r"MoveAbsJ [[..],[9E9,..]]\NoEOffs, SetDO, WaitTime").read(body)
+        return LineReader(source, rules, r"MoveAbsJ [[..],[9E9,..]]\NoEOffs, MoveL CalcRobT(..), SetDO, WaitTime").read(
+            body
+        )
 
 
 def _written(step: Step) -> str:
@@ -59,6 +68,9 @@ def _written(step: Step) -> str:
         time = "v100" if step.duration is None else rf"v1000\T:={max(step.duration, 0.01):.4f}"
         zone = "fine" if step.blend is None else "z10"
         return rf"MoveAbsJ [[{','.join(in_degrees(step.q, 4))}],[{NO_AXIS}]]\NoEOffs, {time}, {zone}, tool0;"
+    if isinstance(step, LinearMove) and step.q is not None:
+        target = f"CalcRobT([[{','.join(in_degrees(step.q, 4))}],[{NO_AXIS}]], tool0)"
+        return rf"MoveL {target}, v1000\T:={max(step.duration or 1.0, 0.01):.4f}, fine, tool0;"
     if isinstance(step, SetOutput):
         if not re.fullmatch(r"[A-Za-z]\w*", step.output):
             raise InputError(f"output {step.output!r}: rapid has digital outputs with names, such as do_gripper")

@@ -1,4 +1,4 @@
-"""URScript of Universal Robots: ``movej``, ``servoj``, digital outputs and ``sleep``."""
+"""URScript of Universal Robots: ``movej``, ``movel``, ``servoj``, digital outputs and ``sleep``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pinproof.errors import InputError
 from pinproof.motion.curve import Array
 from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, LineReader, numbers_of
-from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Step, StreamedPoint, Wait
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, Step, StreamedPoint, Wait
 
 __all__ = ["UrScript"]
 
@@ -51,6 +51,11 @@ class UrScript(Dialect):
                 raise ValueError("t must be above 0, and r 0 or more")
             return JointMove(numbers_of(found[1], joints), duration, Blend(radius) if radius else None, line)
 
+        def line_to(found: re.Match[str], line: int) -> Step:
+            if float(found[2]) <= 0:
+                raise ValueError("t must be above 0")
+            return LinearMove(numbers_of(found[1], joints), None, float(found[2]), line)
+
         def point(found: re.Match[str], line: int) -> Step:
             if float(found[2]) <= 0:
                 raise ValueError("t must be above 0")
@@ -59,6 +64,7 @@ class UrScript(Dialect):
         rules = [
             (r"def \w+\(\):|end|stopj\(10\)", lambda _, __: None),
             (rf"movej\({q}, (?:a={number[1:-1]}, v={number[1:-1]}|t={number})(?:, r={number})?\)", move),
+            (rf"movel\({q}, t={number}\)", line_to),
             (rf"servoj\({q}, t={number}, lookahead_time={NUMBER}, gain={NUMBER}\)", point),
             (
                 r"set_standard_digital_out\((\d+), (True|False)\)",
@@ -66,7 +72,9 @@ class UrScript(Dialect):
             ),
             (rf"sleep\({number}\)", lambda found, line: Wait(float(found[1]), line)),
         ]
-        return LineReader(source, rules, "movej, servoj, set_standard_digital_out, sleep, stopj(10)").read(body)
+        return LineReader(
+            source, rules, "movej, movel to joint values, servoj, set_standard_digital_out, sleep, stopj(10)"
+        ).read(body)
 
 
 def _written(step: Step) -> str:
@@ -78,6 +86,8 @@ def _written(step: Step) -> str:
             blend = f", r={step.blend.radius:.6f}"
         timing = START_SPEED if step.duration is None else f"t={max(step.duration, 0.002):.6f}"
         return f"movej({_list(step.q)}, {timing}{blend})"
+    if isinstance(step, LinearMove) and step.q is not None:
+        return f"movel({_list(step.q)}, t={max(step.duration or 1.0, 0.002):.6f})"
     if isinstance(step, StreamedPoint):
         return f"servoj({_list(step.q)}, t={step.period:.6f}, lookahead_time=0.03, gain=2000)"
     if isinstance(step, SetOutput):

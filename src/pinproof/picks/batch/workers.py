@@ -41,8 +41,8 @@ __all__ = [
     "Answer",
     "Chunk",
     "ChunkQueue",
+    "LocalExecutor",
     "Outcome",
-    "SingleWorkerExecutor",
     "Task",
     "TaskPackage",
     "TrackedExecutor",
@@ -98,19 +98,20 @@ def work(key: str, package: bytes | None, start: int, part: Any) -> Answer:
     return Answer(True, result, time.perf_counter() - start_time, here)
 
 
-class SingleWorkerExecutor(ProcessPoolExecutor):
-    """An executor with a single process.
+class LocalExecutor(ProcessPoolExecutor):
+    """An executor with local processes, by default one.
 
-    Several of these replace one pool of several processes: if a process dies, the others are not affected, and its
-    chunk is known. Processes are spawned, because a child forked from a process that has used OpenMP can hang.
+    Several executors of one process replace one pool of several processes: if a process dies, the others are not
+    affected, and its chunk is known. Processes are spawned, because a child forked from a process that has used OpenMP
+    can hang.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, processes: int = 1) -> None:
         context = multiprocessing.get_context("spawn")
         # The worker reads from its end of the pipe and receives end-of-file when this process closes the other end or
         # dies. Without the pipe, the workers of a killed campaign would wait for their next chunk indefinitely.
         parent_end, self._child_end = context.Pipe(duplex=False)
-        super().__init__(1, mp_context=context, initializer=_watch_parent, initargs=(parent_end,))
+        super().__init__(processes, mp_context=context, initializer=_watch_parent, initargs=(parent_end,))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Submit a call; the first call starts the process."""
@@ -468,7 +469,7 @@ def do_chunks(
     if executor is None:
         count = usable_cores() if workers is None else workers
         require_integer("workers", count, 1)
-        executors = [TrackedExecutor(SingleWorkerExecutor, width=1) for _ in range(count)]
+        executors = [TrackedExecutor(LocalExecutor, width=1) for _ in range(count)]
     elif workers is not None:
         raise InputError("workers is the number of local processes and cannot be combined with an executor")
     elif isinstance(executor, Executor):

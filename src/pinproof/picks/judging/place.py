@@ -208,8 +208,10 @@ class Placer:
             result, placing = self.transfer(task.place, attempt, down, seeds)
             if placing is None:
                 without_transfer.append(result)
-            elif best is None or scores.placed(placing) > best[0]:
-                best = scores.placed(placing), result, placing
+                continue
+            score = scores.placed(placing)
+            if best is None or score > best[0]:
+                best = score, result, placing
         if best is not None:
             return best[1], best[2]
         failed = (*(without_lines[order] for order in sorted(without_lines)), *without_transfer)
@@ -250,12 +252,11 @@ class Placer:
         carrying, limits = task.carrying(attempt.candidate.member), arm.limits
         low, high = span(down.q, down.lift, down.leave)
         goals = with_turns(arm, attempt.exit, down.entrance[None])[0] if turns else down.entrance[None]
-        shifts = [goal - down.entrance for goal in goals]
-        within = np.asarray(limits.inside(np.array([low, high])[:, None] + np.array(shifts)).all(axis=0))
-        inside = [shift for shift, each in zip(shifts, within.tolist(), strict=True) if each]
-        shifts = inside or shifts[:1]
+        shifts = goals - down.entrance
+        inside = shifts[limits.inside(np.array([low, high])[:, None] + shifts).all(axis=0)]
+        shifts = inside if len(inside) else shifts[:1]
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
-        goals, constraints = down.entrance + np.array(shifts), task.constraints(attempt.candidate.member)
+        goals, constraints = down.entrance + shifts, task.constraints(attempt.candidate.member)
         torques = torque_limits(task, attempt.candidate.member, "transfer", carrying.arm)
         plan = planner.plan(carrying, attempt.exit, goals, constraints=constraints, torque_limits=torques, rng=seeds[0])
         if plan.path is None or plan.goal is None:

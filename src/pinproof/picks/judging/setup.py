@@ -124,7 +124,7 @@ class PickSetup:
         with files_examined_once():
             return judge(pick, self.cell, self.rng(index))
 
-    def recertify(self, program: MotionProgram, pick: Pick) -> tuple[Certificate, ...]:
+    def recertify(self, program: MotionProgram, pick: Pick, *, deviation: float = 0.0) -> tuple[Certificate, ...]:
         """Certify the motions of a program again in this setup.
 
         Parameters
@@ -133,6 +133,9 @@ class PickSetup:
             The program; its motions may differ from those that were certified (:attr:`MotionProgram.changed`).
         pick
             The pick of the program.
+        deviation
+            rad or m: the proofs also cover configurations that differ by no more than this in each joint, except on
+            motions on which a part is lifted off a support, or put onto it.
 
         Returns
         -------
@@ -148,7 +151,8 @@ class PickSetup:
         if program.joint_names != self.checker.arm.joint_names:
             own = ", ".join(self.checker.arm.joint_names)
             raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
-        return recertify(Task(pick, self.cell), program)
+        require_positive("deviation", deviation, zero=True)
+        return recertify(Task(pick, self.cell), program, deviation)
 
     def certify_displaced(self, verdict: PickVerdict, by: float) -> tuple[Certificate, ...]:
         """Certify the unchanged motions of a good pick for a part that is displaced by up to ``by`` metres.

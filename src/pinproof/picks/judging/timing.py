@@ -20,6 +20,7 @@ from pinproof.motion import (
     time_parametrise,
 )
 from pinproof.motion.limits import Bounds
+from pinproof.motion.trajectory_files import seconds, whole_nanoseconds
 from pinproof.picks.input.pick import PARTS, Member
 from pinproof.picks.judging.joining import Chosen, JoinedMotion, LineEnd, backwards
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
@@ -99,9 +100,8 @@ def time_motion(
                 until_grasp = [*trajectories]
             elif part.name in ("transfer", "place"):
                 until_release = [*trajectories]
-        # Joined instead of summed, because times are rounded to nanoseconds and the grasp must be an exact time.
-        grasp_time = Trajectory.join(*until_grasp).duration if until_grasp else 0.0
-        release_time = Trajectory.join(*until_release).duration if until_release else None
+        grasp_time = _joined_duration(until_grasp)
+        release_time = _joined_duration(until_release) if until_release else None
         joined = Trajectory.join(*trajectories)
     except TimingError as error:
         return StageResult(Stage.TIMING, False, str(error)), None
@@ -116,6 +116,11 @@ def time_motion(
         message += f"; largest torque {torque}, in {name}"
         figures["torque_share"] = share
     return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
+
+
+def _joined_duration(parts: list[Trajectory]) -> float:
+    """The duration (s) of trajectories that are joined, whose times are whole nanoseconds."""
+    return float(seconds(np.sum([whole_nanoseconds(np.array(part.duration)) for part in parts])))
 
 
 def time_part(task: Task, part: MotionPart, attempt: Attempt) -> tuple[PickMotion | None, str]:
@@ -251,8 +256,10 @@ def timed_curve(
     return result.trajectory, result.certificate
 
 
-def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:
+def recertify(task: Task, program: MotionProgram, deviation: float = 0.0) -> tuple[Certificate, ...]:
     """Certify the motions of a program again in the present cell, each as :func:`time_motion` certifies it.
+
+    Motions on which a part is lifted off a support, or put onto it, are certified without the deviation (rad or m).
 
     Raises
     ------
@@ -267,7 +274,7 @@ def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:
     for key, trajectory in program.motions.items():
         name = program.certificates[key].name
         part = _part_again(task, member, name, trajectory)
-        found.append(prove_part(part, trajectory))
+        found.append(prove_part(part, trajectory, 0.0 if part.parting else deviation))
     return tuple(found)
 
 
@@ -353,17 +360,23 @@ def motion_parts(
     return parts
 
 
-def prove_part(part: MotionPart, trajectory: Trajectory) -> Certificate:
+def prove_part(part: MotionPart, trajectory: Trajectory, joint_tolerance: float = 0.0) -> Certificate:
     """The certificate of a timed part; of several conditions, that of the first that is not proven."""
     if not part.backwards or not part.parting:
-        proof = certify(trajectory, part.checker, parting=part.parting, constraints=part.constraints)
+        proof = certify(
+            trajectory,
+            part.checker,
+            joint_tolerance=joint_tolerance,
+            parting=part.parting,
+            constraints=part.constraints,
+        )
     else:
         proof = certify(backwards(trajectory), part.checker, parting=part.parting, constraints=part.constraints)
         # both directions have the same configurations, so the proof applies to both
         proof = replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
     if proof.free and part.passing is not None:
         q = trajectory.end if part.name == "approach" else trajectory.start
-        passed = certify(trajectory, passing_at(part.passing, q))
+        passed = certify(trajectory, passing_at(part.passing, q), joint_tolerance=joint_tolerance)
         if not passed.free:
             return replace(passed, message=f"the open fingers collide with the object: {passed.message}")
     return proof

@@ -187,7 +187,7 @@ class PickVerdict:
     score
         The parts of the score and their weighted sum, for a good pick.
     intercept
-        Where and when a good pick takes its part from a conveyor; None for parts that stand still.
+        Where and when a good pick takes its part from a conveyor; None for parts at rest.
     """
 
     pick: Pick

@@ -36,10 +36,13 @@ class PicksProgram:
         The program, as read from its text.
     certificates
         The certificates of the motions of each pick, in order.
+    notes
+        What the certificates do not cover, in sentences.
     """
 
     program: RobotProgram
     certificates: tuple[tuple[Certificate, ...], ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def free(self) -> bool:
@@ -55,13 +58,15 @@ def export_picks(
     output: str,
     name: str = "picks",
     tolerance: float = 0.0005,
+    deviation: float = 0.0,
     joint_map: JointMap | None = None,
 ) -> PicksProgram:
     """Write good picks as one program with gripper outputs and waiting times, and certify what it executes.
 
-    The arm stops at every point of the program, because the contact of the part with its support leaves no room for a
+    The arm stops at every point of the program, because the contact of the part with its support permits no
     deviation in a blend. The motions are certified as straight lines between the points, as the text rounds them,
-    under the conditions of each part of a pick, without a deviation of the controller.
+    under the conditions of each part of a pick. Motions on which a part is lifted off a support, or put onto it, are
+    certified without the deviation of the controller, which would press the part into the support.
 
     Parameters
     ----------
@@ -77,6 +82,8 @@ def export_picks(
         The name of the program.
     tolerance
         rad: largest deviation of the lines from the motions, at samples of them.
+    deviation
+        rad: by how much each joint may deviate from the lines, which the text of the program states.
     joint_map
         The joint values of the controller from those of the model, if they differ.
 
@@ -104,18 +111,28 @@ def export_picks(
             steps += _events(program, segment, output)
     names = picks[0][1].joint_names
     steps = feasible(steps, setup.checker.arm)
-    write = partial(make_program, joint_names=names, dialect=dialect, name=name, joint_map=joint_map)
+    write = partial(
+        make_program, joint_names=names, dialect=dialect, name=name, deviation=deviation, joint_map=joint_map
+    )
     written = write(steps)
     points = iter(move for move in written.steps if isinstance(move, JointMove))
-    start, certificates = next(points), []
+    start, certificates, notes = next(points), [], list[str]()
     for (pick, program), lengths in zip(picks, counts, strict=True):
         executed, start = _executed(setup, program, lengths, start, points)
-        certificates.append(setup.recertify(executed, pick))
+        certificates.append(setup.recertify(executed, pick, deviation=deviation))
+        exact = [motion for motion, proof in zip(_names(executed), certificates[-1], strict=True) if proof.partings]
+        if deviation > 0 and exact:
+            notes.append(f"{pick.name}: no deviation is covered on {', '.join(exact)}, where the part is on a support")
     if all(each.free for motions in certificates for each in motions):
         records = [each.motion_record() for motions in certificates for each in motions]
         text = json.dumps([record.to_dict() for record in records], sort_keys=True)
         written = write(steps, certificate=hashlib.sha256(text.encode("utf-8")).hexdigest())
-    return PicksProgram(written, tuple(certificates))
+    return PicksProgram(written, tuple(certificates), tuple(notes))
+
+
+def _names(program: MotionProgram) -> list[str]:
+    """The names of the certified motions, in order."""
+    return [program.certificates[key].name for key in program.motions]
 
 
 def _events(program: MotionProgram, segment: ProgramSegment, output: str) -> Iterator[Step]:

@@ -26,6 +26,7 @@ from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Sphere
 from pinproof.collision.coal_checks import PlainCoal
+from pinproof.common.content_hash import digest
 from pinproof.motion import JointPath
 from pinproof.planning.rrt_connect import sampling_box
 from pinproof.spatial import matrix
@@ -274,14 +275,24 @@ def _distinct(q: Any) -> Any:
 
 
 def _urdf(problem: PlanProblem, folder: Path | None = None) -> str:
-    """The URDF of the robot with absolute paths of its collision meshes, or with paths relative to a folder."""
+    """The URDF of the robot with absolute paths of its collision meshes, or with paths relative to a folder.
+
+    In the folder, OBJ files are written as STL: the reader of MPlib refuses OBJ files with lines, which are no surfaces.
+    """
+    import trimesh
+
     urdf = problem.arm.robot.urdf
     if urdf.path is None or urdf.path.suffix != ".urdf":
         raise NotApplicableError("the planner reads URDF files only")
     text = urdf.path.read_text(encoding="utf-8")
     for geometry in urdf.collisions:
         if geometry.mesh is not None and geometry.mesh.path is not None:
-            path = str(geometry.mesh.path) if folder is None else os.path.relpath(geometry.mesh.path, folder)
+            path = str(geometry.mesh.path)
+            if folder is not None and path.endswith(".obj"):
+                path = f"{digest(path)}.stl"
+                trimesh.load(geometry.mesh.path, force="mesh").export(folder / path)
+            elif folder is not None:
+                path = os.path.relpath(path, folder)
             text = text.replace(quoteattr(geometry.mesh.uri), quoteattr(path))
     return text
 

@@ -246,7 +246,6 @@ def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checke
 def test_no_motion_is_sent_after_a_scene_or_a_motion_that_cannot_be_read(checker, swing) -> None:
     execution = ros2.CertifiedExecution(checker)
     shown = ros2.display_trajectory([swing])
-    assert execution.on_scene({"is_diff": True, "world": {"unknown": 1}}, 0.0) == ros2.Reply()
     refused = execution.on_scene({"is_diff": False, "world": {"unknown": 1}}, 0.0)
     assert refused.alarm
     assert "'unknown'" in refused.text
@@ -256,3 +255,27 @@ def test_no_motion_is_sent_after_a_scene_or_a_motion_that_cannot_be_read(checker
     assert execution.monitor is None
     assert execution.on_path(shown, 0.0).command is not None
     assert execution.monitor is not None
+
+
+def test_no_motion_is_sent_after_a_difference_that_changes_objects_until_a_complete_scene(checker, swing) -> None:
+    shown, complete = ros2.display_trajectory([swing]), {**ros2.planning_scene(checker.scene), "is_diff": False}
+    moved = {
+        "is_diff": True,
+        "world": {"collision_objects": [], "octomap": {"header": {"frame_id": ""}, "octomap": {"id": "", "data": []}}},
+        "robot_state": {"joint_state": {"name": ["a"], "position": [0.1]}, "attached_collision_objects": []},
+        "allowed_collision_matrix": {"entry_names": [], "entry_values": []},
+    }
+    ball = pp.Obstacle("ball", pp.Sphere(0.05), checker.arm.forward_kinematics(swing(1.9)))
+    execution = ros2.CertifiedExecution(checker)
+    assert execution.on_scene(moved, 0.0) == ros2.Reply()
+    assert execution.on_path(shown, 0.0).command is not None
+    for changed in (
+        ros2.planning_scene(pp.Scene([ball])),
+        {**moved, "robot_state": {"attached_collision_objects": [{"link_name": "tool0"}]}},
+        {**moved, "world": {"octomap": {"octomap": {"data": [1]}}}},
+        {**moved, "allowed_collision_matrix": {"entry_names": ["a"], "entry_values": [[False]]}},
+    ):
+        assert execution.on_scene(changed, 0.0).alarm
+        assert execution.on_path(shown, 0.0).command is None
+        assert execution.on_scene(complete, 0.0) == ros2.Reply()
+        assert execution.on_path(shown, 0.0).command is not None

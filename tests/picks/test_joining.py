@@ -110,6 +110,25 @@ def test_a_program_of_a_motion_without_stops_is_read_back_and_certified_again(ca
         replace(program, segments=(replace(first, trajectory=faster), *program.segments[1:]))
 
 
+def test_the_arm_may_start_where_the_approach_begins(carry) -> None:
+    stopping = judged(carry, motion=0)[1]
+    home = next(each.trajectory for each in stopping.motions if each.name == "approach").start
+    arm = pp.load_robot(carry.robot).arm(tcp=carry.tcp)
+    budget = PickBudget(motion=100)
+    setup = PickSetup.make(arm, pp.Scene.load(carry.scene), carry, home=home, rng=0, budget=budget)
+    verdict = setup.judge(0, carry.picks[0])
+    assert verdict.ok
+    np.testing.assert_array_equal(verdict.trajectory.start, home)
+
+
+def test_a_program_must_not_end_with_an_event_while_the_arm_moves(carry) -> None:
+    program = judged(carry)[1].program()
+    first = next(each for each in program.segments if each.trajectory.velocities[-1].any())
+    last = replace(program.events[0], time=first.trajectory.duration)
+    with pytest.raises(InputError, match="moves at the event"):
+        replace(program, segments=(replace(first, start=0.0),), events=(last,))
+
+
 @pytest.mark.parametrize("wrong", ["0", "-0.5", "1.5", "half"])
 def test_a_wrong_straight_share_is_refused_with_its_key(tmp_path, wrong: str) -> None:
     file = tmp_path / "picks.yaml"

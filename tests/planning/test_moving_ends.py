@@ -52,6 +52,12 @@ def test_there_is_no_motion_within_less_than_the_time_it_needs_or_through_an_obs
     assert between(arm, pp.Scene([ball]))[0].direct(rest(START), rest(END), 10.0) is None
 
 
+def test_a_motion_of_a_single_point_is_not_changed(arm) -> None:
+    ends, _ = between(arm)
+    single = pp.time_parametrise(pp.JointPath([START], arm.joint_names), arm.limits)
+    assert ends.changed(single, rest(START), state(START, np.full(6, 0.1)), 10.0) is None
+
+
 def test_torque_limits_hold_between_samples(arm) -> None:
     limit = pp.motion.TorqueLimits(arm, [pp.Payload(12.0, (0.0, 0.0, 0.05))])
     free = between(arm)[0].direct(rest(START), state(END, np.full(6, 0.2)), 20.0)

@@ -279,12 +279,16 @@ class CertifiedExecution:
         self._begin, self._unread = 0.0, ""
 
     def on_scene(self, message: Mapping[str, Any], seconds: float) -> Reply:  # noqa: ARG002
-        """Use a complete moveit_msgs/PlanningScene; ignore a difference to one.
+        """Use a complete moveit_msgs/PlanningScene.
 
-        No motion is sent after a scene that cannot be read, until one can.
+        No motion is sent after a scene that cannot be read, or a difference that changes the objects, until a complete
+        scene can be read.
         """
         if message.get("is_diff"):
-            return Reply()
+            if not _changes_objects(message):
+                return Reply()
+            self._unread = "no motion is sent until a complete planning scene is received, because objects changed"
+            return Reply(self._unread, alarm=True)
         try:
             self.checker, self._unread = self.checker.with_scene(read_planning_scene(message)), ""
         except PinproofError as error:
@@ -321,6 +325,18 @@ class CertifiedExecution:
         stop = self.monitor.stop_trajectory(q, np.zeros_like(q) if dq is None else dq)
         self.monitor = None
         return Reply(str(result), joint_trajectory(stop), alarm=True)
+
+
+def _changes_objects(difference: Mapping[str, Any]) -> bool:
+    """Whether a difference to a planning scene states more than the positions of the joints.
+
+    An unknown key of the world counts, the padding of links does not, because the checker has its own margins.
+    """
+    world = dict(difference.get("world") or {})
+    octomap = (world.pop("octomap", None) or {}).get("octomap") or {}
+    matrix = difference.get("allowed_collision_matrix") or {}
+    attached = (difference.get("robot_state") or {}).get("attached_collision_objects")
+    return any(map(bool, (*world.values(), octomap.get("data"), attached, *matrix.values())))
 
 
 def _header(frame: str) -> Message:

@@ -258,6 +258,11 @@ class MotionProgram:
                 raise InputError(f"event {event.kind!r} has a dwell time of {event.dwell} s; it must be 0 or more")
             if _clock(event.time) not in ends:
                 raise InputError(f"event {event.kind!r} at {event.time} s is not at the end of a segment")
+            if (
+                _clock(event.time) == _clock(self.segments[-1].end)
+                and self.segments[-1].trajectory.velocities[-1].any()
+            ):
+                raise InputError(f"the arm moves at the event {event.kind!r} at the end of the program")
         if len({_clock(event.time) for event in self.events}) < len(self.events):
             raise InputError("two events have the same time")
 

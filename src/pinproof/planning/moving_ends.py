@@ -75,7 +75,12 @@ class MovingEnds:
         return None if moves is None else self._trajectory(MoveSequence(moves), start, end, longest)
 
     def changed(self, trajectory: Trajectory, start: State, end: State, longest: float) -> Trajectory | None:
-        """A motion from rest to rest with other states at its ends; None if none was found that is short enough (s)."""
+        """A motion from rest to rest with other states at its ends; None if none was found that is short enough (s).
+
+        A trajectory of a single point has no part that could be replaced.
+        """
+        if len(trajectory.q) == 1:
+            return None
         slower = trajectory.slowed(SHARE**-0.5)  # as its parts begin at rounded times, it must not use all of a limit
         motion: MoveSequence | None = MoveSequence.of(slower, self._bounds)
         for first, state in ((True, start), (False, end)):

@@ -76,6 +76,8 @@ class MovingEnds:
 
     def changed(self, trajectory: Trajectory, start: State, end: State, longest: float) -> Trajectory | None:
         """A motion from rest to rest with other states at its ends; None if none was found that is short enough (s)."""
+        if trajectory.duration == 0.0:
+            return None
         slower = trajectory.slowed(SHARE**-0.5)  # as its parts begin at rounded times, it must not use all of a limit
         motion: MoveSequence | None = MoveSequence.of(slower, self._bounds)
         for first, state in ((True, start), (False, end)):

@@ -10,9 +10,9 @@ joint limits that are narrower. The largest such T is found by bisection. Picks 
 with the wider tolerance.
 
 *From the grasp to the release, and on the line after the last of them*: a point that is fixed to the last link moves by
-at most the sum of :math:`\rho_j d_j(T)`, where :math:`\rho_j` is the largest distance of the point from the axis of joint
-j. The tip moves by the distance of the two poses, and on a straight line with fixed orientation every point does, also
-one on the last axis.
+at most the sum of :math:`\rho_j d_j(T)`, where :math:`\rho_j` is the largest distance of the point from the axis of
+joint j. The tip moves by the distance of the two poses, and on a straight line with fixed orientation every point does,
+also one on the last axis.
 
 The motion of a pick with an object rests at the grasp and at the release, and may pass all other poses. That of a pick
 without one rests at the grasp, because the retreat does not continue in the direction of the approach. The sum of these

@@ -153,7 +153,7 @@ class PlacementRow:
     best: float | None
     median: float | None
     covered: float
-    slower: float = 0.0
+    slower: float | None = None
     load: float | None = None
 
 
@@ -351,7 +351,7 @@ def markdown(table: CellTable) -> str:
             _number(row.median),
             "" if row.best is None or row.median is None else f"{1 - row.best / row.median:.0%}",
             f"{row.covered:.0%}",
-            f"{row.slower:.0%}",
+            "" if row.slower is None else f"{row.slower:.0%}",
             _number(row.load),
         ]
         for row in table.placements

@@ -16,15 +16,9 @@ from pinproof.cell.comparison import CellComparison, PickChange, PickDifference,
 from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
 from pinproof.cell.parts import without_parts
 from pinproof.cell.placement import PlacementBudget, PlacementInterrupted, place_base
+from pinproof.cell.placement_map import EmptyCell, PlacementMap, SlowCell
 from pinproof.cell.placement_region import Placement, PlacementChoice, PlacementRegion
-from pinproof.cell.placement_result import (
-    CertifiedPlacement,
-    EmptyCell,
-    PlacementMap,
-    PlacementResult,
-    PlacementSensitivity,
-    SlowCell,
-)
+from pinproof.cell.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequence_page import read_heat_map, write_sequence_page
 from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict

@@ -18,16 +18,10 @@ import numpy.typing as npt
 
 from pinproof.cell.placed_robot import PlacedRobot
 from pinproof.cell.placement_bounds import SlowTask, slow_cells
+from pinproof.cell.placement_map import EmptyCell, PlacementMap, SlowCell
 from pinproof.cell.placement_proofs import EMPTY_BUDGET, EmptyTask, empty_cells
 from pinproof.cell.placement_region import AXES, Placement, PlacementChoice, PlacementRegion
-from pinproof.cell.placement_result import (
-    CertifiedPlacement,
-    EmptyCell,
-    PlacementMap,
-    PlacementResult,
-    PlacementSensitivity,
-    SlowCell,
-)
+from pinproof.cell.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
 from pinproof.cell.placement_screening import FREE, REACH, GraspTable, PlacementScreening
 from pinproof.cell.placement_stages import Progress, StageRunner
 from pinproof.cell.placement_tasks import (

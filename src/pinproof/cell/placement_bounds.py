@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.cell.placement_map import EmptyCell, PlacementMap, SlowCell
 from pinproof.cell.placement_proofs import CellReach, Target, pick_targets
-from pinproof.cell.placement_result import EmptyCell, PlacementMap, SlowCell
 from pinproof.cell.placement_screening import PlacementScreening
 from pinproof.ik.reach_proof import is_provable
 from pinproof.model import Arm, JointLimits

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.placement_result import PlacementMap, PlacementResult
-from pinproof.errors import InputError
+from pinproof.cell.placement_map import EmptyCell, PlacementMap, SlowCell
+from pinproof.cell.placement_region import Placement, PlacementRegion
 
 __all__ = ["heat_map_picture"]
 
@@ -20,24 +20,30 @@ Mask = npt.NDArray[np.bool_]
 RED, BLACK, GREY = "#b3191f", "#1c1c1c", "#d9d9d9"
 
 
-def heat_map_picture(result: PlacementResult) -> bytes:
+def heat_map_picture(
+    grid: PlacementMap,
+    region: PlacementRegion,
+    empty_cells: Sequence[EmptyCell],
+    slow_cells: Sequence[SlowCell],
+    judged: Sequence[Placement],
+    *,
+    best: bool,
+) -> bytes:
     """A PNG with the share of picks that work and the estimated cycle time over the floor, one row per choice.
 
-    A cell of the floor is hatched if what is proven holds for all its z and yaw.
+    A cell of the floor is hatched if what is proven holds for all its z and yaw. ``best`` states whether every pick is
+    good at the first of the ``judged`` placements.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    grid = result.map
-    if grid is None:
-        raise InputError("the search was interrupted before the heat map was complete")
     figure = Figure(figsize=(10.5, 4.2 * len(grid.choices) + 0.4), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(grid.choices), 2, squeeze=False)
-    bounds = zip(grid.axes[:2], (result.region.x, result.region.y), strict=True)
+    bounds = zip(grid.axes[:2], (region.x, region.y), strict=True)
     x, y = (_edges(axis, ends) for axis, ends in bounds)
-    empty = _columns(grid, grid.within(result.empty))
-    slower = _columns(grid, grid.within((*result.empty, *result.slower))) & ~empty
+    empty = _columns(grid, grid.within(empty_cells))
+    slower = _columns(grid, grid.within((*empty_cells, *slow_cells))) & ~empty
     for number, name in enumerate(grid.choices):
         share = grid.over_floor(grid.share, number)
         seconds = grid.over_floor(grid.seconds, number, np.nanmin)
@@ -53,7 +59,7 @@ def heat_map_picture(result: PlacementResult) -> bytes:
                            bbox={"facecolor": "white", "edgecolor": GREY})  # fmt: skip
             _hatch(panel, x, y, empty[number], "//", RED)
             _hatch(panel, x, y, slower[number], "..", BLACK)
-            _mark(panel, result, name)
+            _mark(panel, [at for at in judged if at.choice == name], judged[0] if best else None)
             panel.set(
                 xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), aspect="equal", facecolor=GREY,
                 xlabel="x of the base [m]", ylabel="y of the base [m]",
@@ -61,8 +67,8 @@ def heat_map_picture(result: PlacementResult) -> bytes:
             panel.set_title(name or "best over z and yaw", fontsize=10)
     proven = "; lines: proven to have no placement" if empty.any() else ""
     proven += "; dots: proven to have none that is faster" if slower.any() else ""
-    star = "star, best certified; " if result.ok else ""
-    circle = "circle, judged; " if len(result.candidates) > result.ok else ""
+    star = "star, best certified; " if best else ""
+    circle = "circle, judged; " if len(judged) > best else ""
     figure.suptitle(f"Placements of the base: {star}{circle}grey, no placement{proven}", fontsize=11)
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
@@ -83,15 +89,13 @@ def _hatch(panel: Any, x: Array, y: Array, cells: Mask, hatch: str, colour: str)
         panel.add_patch(Rectangle((x[i], y[j]), width, depth, fill=False, hatch=hatch, edgecolor=colour, lw=0))
 
 
-def _mark(panel: Any, result: PlacementResult, choice: str) -> None:
-    """Mark the judged placements of a choice."""
-    for rank, candidate in enumerate(result.candidates):
-        at, best = candidate.placement, rank == 0 and result.ok
-        if at.choice == choice:
-            panel.plot(
-                at.x, at.y, "*" if best else "o", color=RED if best else "white", markeredgecolor="black",
-                markersize=15 if best else 6, clip_on=False, zorder=3 if best else 2,
-            )  # fmt: skip
+def _mark(panel: Any, judged: Sequence[Placement], best: Placement | None) -> None:
+    for at in judged:
+        star = at is best
+        panel.plot(
+            at.x, at.y, "*" if star else "o", color=RED if star else "white", markeredgecolor="black",
+            markersize=15 if star else 6, clip_on=False, zorder=3 if star else 2,
+        )  # fmt: skip
 
 
 def _edges(centres: Array, bounds: Sequence[float]) -> Array:

@@ -27,8 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.cell.base_proofs import BaseContacts
+from pinproof.cell.placement_map import EmptyCell
 from pinproof.cell.placement_region import PlacementRegion
-from pinproof.cell.placement_result import EmptyCell
 from pinproof.cell.placement_screening import REACH, PlacementScreening
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.model import Arm, JointLimits

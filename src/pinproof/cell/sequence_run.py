@@ -48,6 +48,9 @@ REPAIRS = 200
 UNREACHED = 3
 """Number of failed transits to and from options that are not connected to home after which these are excluded."""
 
+NEW = 5e-3
+"""Share of the total time that a tour that was searched again must save against a small change of the present one."""
+
 WORTH = 1e-3
 """Share of the total time that another order must save to be certified."""
 
@@ -238,12 +241,15 @@ class SequenceRun:
             problem = self._with_certified_times(problem, self.best)
             same = Tour(self.best.tour.order, self.best.tour.options, problem.seconds(self.best.tour.options))
             tour = problem.best_options(same.order) if fixed else problem.improved(same)
+            if not fixed:  # another tour needs new motions almost everywhere
+                other = problem.solve(same.order, search=self.budget.search)
+                tour = other if other.seconds < (1 - NEW) * tour.seconds else tour
             if tour.seconds > (1 - WORTH) * self.best.seconds:
                 break
-            problem, other = self._certified(problem, tour)
-            self._shorten(other)
-            if other.seconds < self.best.seconds:
-                self.best = other
+            problem, made = self._certified(problem, tour)
+            self._shorten(made)
+            if made.seconds < self.best.seconds:
+                self.best = made
 
     def _wanted(self) -> tuple[int, ...]:
         """The given order of the remaining jobs, or that of the picks."""

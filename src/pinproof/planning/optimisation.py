@@ -91,6 +91,9 @@ INSIDE = 0.9999
 FREE_SEARCH = 0.3
 """With rate constraints such as torques, share of the budget for a motion without them, which is then slowed down."""
 
+GENTLE_SHARE = 0.75
+"""Share of the acceleration and jerk limits that this motion uses, so that it needs little slowing down."""
+
 MAX_SLOWDOWN = 1.1
 """Largest factor by which the given motion is slowed down for the search."""
 
@@ -325,13 +328,13 @@ class _Search:
         Number of moves that were computed.
     """
 
-    def __init__(self, task: _Task, rng: np.random.Generator, budget: int) -> None:
+    def __init__(self, task: _Task, rng: np.random.Generator, budget: int, *, share: float = 1.0) -> None:
         self._task, self._checker, self._bounds, self._path = task, task.checker, task.bounds, task.path
         self._rng, self._goals, self._start = rng, task.goals, np.asarray(task.path.start)
         torques = next((each for each in task.rate_limits if isinstance(each, TorqueLimits)), None)
         ends = np.array([task.path.start, task.path.end])
         self._edges = Edges(task.checker, RESOLUTION, ends, torque_limits=torques)
-        self._steering = Steering(task.bounds)
+        self._steering = Steering(task.bounds, share)
         self._gentle = GentleMoves(self._steering, task.bounds, task.rate_limits)
         self._left, self.evaluations, self._staggered = budget, 0, STAGGERED * budget
         self._best, self._goal = self._given()
@@ -373,7 +376,7 @@ class _Search:
 
     def _try_without_rate_limits(self, budget: int) -> None:
         """Search without rate constraints, and slow the result down until it satisfies them at samples."""
-        search = _Search(replace(self._task, rate_limits=()), self._rng, budget)
+        search = _Search(replace(self._task, rate_limits=()), self._rng, budget, share=GENTLE_SHARE)
         search._staggered = self._staggered
         search.run()
         self._spend(search.evaluations)

@@ -310,7 +310,7 @@ def test_cells_that_are_proven_to_be_slower_are_neither_empty_nor_the_best(
 def test_no_placement_of_a_cell_is_faster_than_its_bound(
     arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, held: bool
 ) -> None:
-    if held:  # the motion also rests at the start of the approach
+    if held:
         scene, bolts = without_parts(arm, scene, replace(bolts, picks=[replace(p, carried=p.name) for p in bolts]))
     limits = arm.limits  # one full rotation of each joint has fewer solutions to compare
     arm = arm.with_limits(pp.JointLimits(np.full(6, -np.pi), np.full(6, np.pi), limits.velocity, limits.acceleration))
@@ -346,13 +346,28 @@ def least_time(placed: PlacedRobot, picks: pp.Picks, pick: pp.Pick, home: np.nda
         long = far / limits.velocity + limits.velocity / limits.acceleration
         return np.where(far >= ramps, long, 2 * np.sqrt(far / limits.acceleration)).max(axis=2)
 
-    stops = [solutions(back) for back in ((pick.approach, 0.0) if pick.carried is not None else (0.0,))]
-    cost = times(home[None], stops[0])[0]
-    for before, after in zip(stops, [*stops[1:], solutions(pick.retreat)], strict=True):
-        if not len(after) or not len(before):
-            return np.inf
-        cost = (cost[:, None] + times(before, after)).min(axis=0)
-    return float(cost.min(initial=np.inf))
+    grasps, ends = solutions(0.0), solutions(pick.retreat)
+    if not len(grasps) or not len(ends):
+        return np.inf
+    return float((times(home[None], grasps)[0][:, None] + times(grasps, ends)).min())
+
+
+def test_motion_that_passes_the_start_of_its_approach_is_not_faster_than_the_bound(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks
+) -> None:
+    pick = replace(bolts.picks[0], carried=bolts.picks[0].name, approach=0.25, retreat=0.02)
+    scene, one = without_parts(arm, scene, replace(bolts, picks=[pick], straight=0.1))
+    (verdict,) = pp.validate_picks(arm, scene, one, budget=QUICK).verdicts
+    approach = verdict.motions[1].trajectory
+    home = np.array(approach(0.85 * approach.duration))  # near the part
+    (verdict,) = pp.validate_picks(arm, scene, one, home=home, budget=replace(QUICK, motion=100)).verdicts
+    placed = PlacedRobot.make(arm, scene, np.eye(4))
+    checker = pp.CollisionChecker(placed.arm_at(np.zeros(4)), placed.scene, attached=one.open_tool)
+    table = GraspTable.of(one, Cell(checker, replace(one, picks=()), home))
+    half = np.full(4, 1e-4)
+    (row,) = SlowTask((PlacementScreening(placed, one, home, table),), half, 2.0)(0, [(0, -half, half)])
+    assert verdict.trajectory is not None
+    assert 0.0 < row["seconds"] <= verdict.trajectory.duration
 
 
 @pytest.mark.slow

@@ -18,9 +18,9 @@ from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequencing import judge_options
 from pinproof.cell.tour import TourProblem
 from pinproof.cell.tour_bound import arc_bound
-from pinproof.cell.transits import scene_after
+from pinproof.cell.transits import MotionFailure, Step, StepMotions, scene_after
 from pinproof.errors import UnknownNameError
-from pinproof.picks import GraspSpin, PickBudget, PickSetup, PlaceTarget, SuctionCup
+from pinproof.picks import GraspSpin, PickBudget, PickSetup, PickVerdict, PlaceTarget, SuctionCup
 
 ROOT = Path(__file__).parents[2]
 DOWN = (np.pi, 0.0, 0.0)
@@ -279,6 +279,34 @@ def test_pick_that_fails_is_left_out_with_those_that_must_follow_it() -> None:
     assert "pick_1" in reasons["pick_0"]
     with pytest.raises(pp.PinproofError, match="pick_1"):
         result.or_raise()
+
+
+@pytest.mark.slow
+def test_order_that_failed_motions_suggest_does_not_raise_the_lower_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    setup, picks = tray_cell([(0.5, 0.0, FLOOR), (0.3, 0.4, FLOOR), (0.3, -0.4, FLOOR)], [(0.6, 0.2, FLOOR)] * 3)
+    picks = tuple(
+        replace(pick, place=replace(pick.place, pose=pp.pose((x, y, SIDE), DOWN)))
+        for pick, (x, y) in zip(picks, [(0.3, 0.5), (0.45, -0.3), (0.6, 0.2)], strict=True)
+        if pick.place is not None
+    )
+    alone = pp.sequence(setup, picks[1:])
+    first, second = alone.order
+    certified, reported = StepMotions.certified, set[str]()
+
+    def failing(self: StepMotions, step: Step) -> PickVerdict | MotionFailure:
+        name = step.job.pick.name
+        if name == "pick_0":
+            return MotionFailure("transfer", "not certified")
+        if name == first and name not in reported:
+            reported.add(name)
+            return MotionFailure("transfer", "in contact", (f"box_{second[-1]}",))
+        return certified(self, step)
+
+    monkeypatch.setattr(StepMotions, "certified", failing)
+    result = pp.sequence(setup, picks)
+    assert [each.name for each in result.left_out] == ["pick_0"]
+    assert result.order == (second, first)
+    assert result.lower_bound == pytest.approx(alone.lower_bound, abs=1e-9)
 
 
 @pytest.mark.slow

@@ -172,3 +172,11 @@ def test_checkers_of_one_robot_share_convex_bodies_until_a_mesh_file_changes(tmp
     assert first is second
     write(0.3)
     assert CollisionChecker(arm, Scene([BALL])).bodies[0].box[1, 0] == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize("margin", [[0.01], "wide", float("nan"), -0.001])
+def test_a_margin_that_is_no_distance_is_refused(ur5, margin):
+    checker = CollisionChecker(ur5, Scene([BALL]))
+    for change in (checker.with_margin, checker.padded):
+        with pytest.raises(InputError, match="distance in metres"):
+            change(margin)

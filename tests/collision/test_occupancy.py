@@ -157,14 +157,16 @@ def test_pixels_without_a_measurement_prove_nothing():
     assert 0 < torn.counts[0] < whole.counts[0]
 
 
-@pytest.mark.parametrize("mark", ["masked", 65535, 2**31 - 1, 1e30])
+@pytest.mark.parametrize("mark", ["masked", 65535, 65535.0, 2**31 - 1, 1e30])
 def test_marks_of_pixels_without_a_measurement_prove_nothing(mark):
     image = np.round(depth_image(CAMERA, ABOVE, [TABLE]) * 1000)
     hole = np.zeros(image.shape, dtype=bool)
     hole[50:70, 70:90] = True
     nothing, marked = np.where(hole, 0, image), np.ma.masked_array(image, mask=hole)
     if mark != "masked":
-        marked = np.where(hole, mark, image).astype(float if mark == 1e30 else np.uint16 if mark < 2**16 else np.int32)
+        marked = np.where(hole, mark, image).astype(
+            float if isinstance(mark, float) else np.uint16 if mark < 2**16 else np.int32
+        )
     made = [
         OccupancyGrid.from_depth(each, CAMERA, ABOVE, voxel=0.02, bounds=BOUNDS, depth_scale=0.001)
         for each in (nothing, marked)

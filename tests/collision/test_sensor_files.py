@@ -178,3 +178,25 @@ obstacles:
         path.write_text(text.format(source=source), encoding="utf-8")
         with pytest.raises(SceneError, match=r"points"):
             Scene.load(path)
+
+
+def test_half_floats_in_millimetres_are_converted_without_rounding():
+    millimetres = np.round(IMAGE * 1e3).astype(np.float16)
+    exact = millimetres.astype(float)
+    settings = {**SETTINGS, "depth_scale": 0.001, "depth_uncertainty": 0.0}
+    grid = OccupancyGrid.from_depth(millimetres, CAMERA, ABOVE, **settings)
+    np.testing.assert_array_equal(grid.cells, OccupancyGrid.from_depth(exact, CAMERA, ABOVE, **settings).cells)
+
+
+def test_masked_points_are_no_measurements():
+    masked = np.ma.MaskedArray(CLOUD, mask=False)
+    masked[: len(CLOUD) // 2] = np.ma.masked
+    np.testing.assert_array_equal(grid_of(masked).cells, grid_of(CLOUD[len(CLOUD) // 2 :]).cells)
+
+
+def test_ply_file_with_fewer_points_than_stated_is_refused(tmp_path):
+    properties = "".join(f"property float {axis}\n" for axis in "xyz")
+    text = f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}end_header\n0 0 1\n0 0 2\n"
+    (tmp_path / "cloud.ply").write_text(text)
+    with pytest.raises(FileError, match="states"):
+        read_points(tmp_path / "cloud.ply")

@@ -138,3 +138,9 @@ def test_a_wrong_straight_share_is_refused_with_its_key(tmp_path, wrong: str) ->
     if wrong != "half":
         with pytest.raises(InputError, match="straight"):
             pp.Picks((), straight=float(wrong))
+
+
+def test_home_at_the_start_of_the_approach_leaves_nothing_to_join(carry) -> None:
+    setup, verdict = judged(carry, motion=0)
+    there = replace(setup, home=verdict.motions[0].trajectory.end, budget=PickBudget(motion=100))
+    assert there.judge(0, carry.picks[0]).ok

@@ -4,18 +4,20 @@ A joint with the limits v and a moves from rest to rest within the time T by at 
 
 .. math:: d(T) = a T^2 / 4 \text{ for } T \le 2 v / a, \qquad d(T) = v T - v^2 / a \text{ otherwise.}
 
-*From home to the first pose at which a pick rests*: if no configuration within d(T) of home reaches this pose from any
-placement of the cell, the motion takes longer than T. This is the proof that a pose is out of reach
-(:mod:`pinproof.cell.placement_proofs`), for joint limits that are narrower. The largest such T is found by bisection.
-Picks whose poses differ little share a proof with the wider tolerance.
+*From home to the grasp*: if no configuration within d(T) of home reaches this pose from any placement of the cell, the
+motion takes longer than T. This is the proof that a pose is out of reach (:mod:`pinproof.cell.placement_proofs`), for
+joint limits that are narrower. The largest such T is found by bisection. Picks whose poses differ little share a proof
+with the wider tolerance.
 
-*From one pose to the next*: a point that is fixed to the last link moves by at most the sum of :math:`\rho_j d_j(T)`,
-where :math:`\rho_j` is the largest distance of the point from the axis of joint j. The tip moves by the distance of the
-two poses, and on a straight line with fixed orientation every point does, also one on the last axis.
+*From the grasp to the release, and on the line after the last of them*: a point that is fixed to the last link moves by
+at most the sum of :math:`\rho_j d_j(T)`, where :math:`\rho_j` is the largest distance of the point from the axis of
+joint j. The tip moves by the distance of the two poses, and on a straight line with fixed orientation every point does,
+also one on the last axis.
 
-The motion of a pick with an object rests at each of its poses, that of a pick without one at the grasp, because the
-retreat does not continue in the direction of the approach. The sum of these times over all picks is a lower bound of
-the cycle time of motions that are planned in this way. Obstacles are not considered.
+The motion of a pick with an object rests at the grasp and at the release, and may pass all other poses. That of a pick
+without one rests at the grasp, because the retreat does not continue in the direction of the approach. The sum of these
+times over all picks is a lower bound of the cycle time of motions that are planned in this way. Obstacles are not
+considered.
 """
 
 from __future__ import annotations
@@ -61,6 +63,9 @@ before."""
 SURELY_FASTER = 1.3
 """A cell is not examined if the time that is estimated at its centre is below the best one times this factor, because
 bounds are much lower than estimates."""
+
+GRASP, RETREATED, RELEASE, LEFT = 1, 2, 4, 5
+"""Stations of :class:`~pinproof.cell.placement_screening.GraspTable`."""
 
 Item = tuple[int, Array, Array]
 """The choice, and the lower and upper ends (4,) of a cell."""
@@ -109,9 +114,7 @@ class _Bounds:
         self._arms = [_limited(arm, screening.home, by) for by in travel(arm.limits, self._times)]
         self._later = float(sum(_times_after_first_stop(screening, self._times[-1])))
         targets = [
-            pick_targets(screening, number, pick.approach if pick.carried is not None else 0.0)
-            for number, pick in enumerate(picks)
-            if _rests_at_grasp(screening, number)
+            pick_targets(screening, number) for number in range(len(picks)) if _rests_at_grasp(screening, number)
         ]
         self._groups = _groups(targets, SHARED * float(np.linalg.norm(half[:3])))
         self._picks = len(picks)
@@ -172,7 +175,7 @@ def _apart(a: Array, b: Array) -> tuple[float, float]:
 
 
 def _times_after_first_stop(screening: PlacementScreening, most: float) -> list[float]:
-    """The bounds (s) of the motions between the poses of all picks, each at most ``most``."""
+    """The bounds (s) of the motions after the grasps of all picks, each at most ``most``."""
     arm, table = screening.placed.original, screening.table
     times = np.linspace(0.0, most, LEVELS * FINE + 1)
     moved, tip = travel(arm.limits, times), matrix(screening.picks.tip)
@@ -185,13 +188,16 @@ def _times_after_first_stop(screening: PlacementScreening, most: float) -> list[
     found = []
     for number, pick in enumerate(screening.picks.picks):
         tips = (table.stations[:, table.pick == number] @ tip)[..., :3, 3]
-        far = np.linalg.norm(np.diff(tips, axis=0), axis=2).min(axis=1)  # NaN without a place
-        lines = [1] if pick.carried is None and _rests_at_grasp(screening, number) else []
-        if pick.carried is not None:
-            lines = [0, 1, 3, 4]
+        carry, leave, retreat = (
+            np.linalg.norm(tips[b] - tips[a], axis=1).min()
+            for a, b in ((GRASP, RELEASE), (RELEASE, LEFT), (GRASP, RETREATED))
+        )
+        if np.isfinite(carry):  # NaN without a place
             if pick.tolerance == GraspTolerance():  # otherwise, the tip is not at the same point of the object
-                found.append(least(by_tip, far[2]) if np.isfinite(far[2]) else 0.0)
-        found += [least(by_any, far[k]) for k in lines if np.isfinite(far[k])]
+                found.append(least(by_tip, carry))
+            found.append(least(by_any, leave))
+        elif _rests_at_grasp(screening, number):
+            found.append(least(by_any, retreat))
     return found
 
 

@@ -33,7 +33,7 @@ from pinproof.cell.placement_screening import REACH, PlacementScreening
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.model import Arm, JointLimits
 from pinproof.picks.batch.proposals import Span
-from pinproof.picks.input.pick import TIP, GraspTolerance, Picks, family, moved
+from pinproof.picks.input.pick import TIP, GraspTolerance, Picks, family
 from pinproof.spatial import matrix, rigid
 
 __all__ = ["EMPTY_BUDGET", "CellReach", "EmptyTask", "Target", "empty_cells", "pick_targets"]
@@ -198,8 +198,8 @@ class CellReach:
         return self._wider[id(arm)]
 
 
-def pick_targets(screening: PlacementScreening, number: int, back: float = 0.0) -> list[Target]:
-    """Targets that together cover every grasp of a pick, or the poses of the tool ``back`` metres before them."""
+def pick_targets(screening: PlacementScreening, number: int) -> list[Target]:
+    """Targets that together cover every grasp of a pick."""
     pick = screening.picks.picks[number]
     tip = screening.picks.tip.inverse()
     lever = float(np.linalg.norm(tip.translation))
@@ -218,9 +218,8 @@ def pick_targets(screening: PlacementScreening, number: int, back: float = 0.0) 
         half_step = 0.5 * (max(step, around) if around < 1.5 * step else step)
     rotation = half_step + np.sqrt(2.0) * pick.tolerance.tilt
     position = float(np.linalg.norm(pick.tolerance.position))
-    position += 2.0 * np.sin(min(rotation, np.pi) / 2.0) * (lever + back)
-    grasps = (moved(pose * m.nominal_from_tip, -back, pick.approach_direction, pick.approach_frame) for m in members)
-    return [Target(matrix(grasp * tip), position, rotation) for grasp in grasps]
+    position += 2.0 * np.sin(min(rotation, np.pi) / 2.0) * lever
+    return [Target(matrix(pose * m.nominal_from_tip * tip), position, rotation) for m in members]
 
 
 def _yaw_is_first_joint(screening: PlacementScreening) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pinproof.errors import InputError, UnknownNameError
@@ -51,6 +51,12 @@ class Precedence:
     def with_pairs(self, reasons: Mapping[Pair, str]) -> Precedence:
         """The precedence with more pairs; the reasons of existing pairs are kept."""
         return Precedence(self.names, {**reasons, **self.reasons})
+
+    def of(self, kept: Sequence[int]) -> Precedence:
+        """The precedence of some of the picks."""
+        new = {old: k for k, old in enumerate(kept)}
+        pairs = {(new[a], new[b]): why for (a, b), why in self.reasons.items() if a in new and b in new}
+        return Precedence(tuple(self.names[i] for i in kept), pairs)
 
     def checked(self) -> Precedence:
         """The same precedence, if an order satisfies it.

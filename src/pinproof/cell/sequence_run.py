@@ -130,6 +130,8 @@ class SequenceRun:
     nearest: float = float("nan")
     numbers: list[tuple[int, int]] = field(default_factory=list)
     precedence: Precedence = field(default_factory=lambda: Precedence(()))
+    required: Precedence = field(default_factory=lambda: Precedence(()))
+    """The precedence without the pairs that only failed motions suggest, which must not raise the lower bound."""
     found: dict[Place, PickVerdict | MotionFailure] = field(default_factory=dict)
     known: dict[tuple[int, ...], dict[str, Trajectory]] = field(default_factory=dict)
     """Trajectories by name: of a transit by the options before and after it, of all others by the option."""
@@ -148,6 +150,7 @@ class SequenceRun:
         self._report("options", 0, len(ready))
         jobs = self.runner.run("options", task, ready, CHUNK)
         self.precedence = self.stated.with_pairs(geometric_precedence(setup, jobs, fixed)).checked()
+        self.required = self.precedence
         self.jobs = jobs
         failed = {}
         for i, job in enumerate(jobs):
@@ -172,10 +175,7 @@ class SequenceRun:
         kept = [i for i in range(len(names)) if i not in out]
         new = {old: k for k, old in enumerate(kept)}
         self.jobs = [self.jobs[i] for i in kept]
-        self.precedence = Precedence(
-            tuple(names[i] for i in kept),
-            {(new[a], new[b]): why for (a, b), why in reasons.items() if a in new and b in new},
-        )
+        self.precedence, self.required = self.precedence.of(kept), self.required.of(kept)
         old_numbers = self.numbers
         self.numbers = [(k, o) for k, job in enumerate(self.jobs) for o in range(len(job.options))]
         self.partial = None
@@ -228,7 +228,7 @@ class SequenceRun:
     def _optimise(self) -> None:
         problem, order = self.problem(), self._wanted()
         self._report("order", 0, 1)
-        self.bound = problem.lower_bound(self.budget.bound)
+        self.bound = replace(problem, precedence=self.required).lower_bound(self.budget.bound)
         feasible = problem.in_order(order)
         self.file_order = problem.best_options(feasible).seconds
         self.nearest = problem.nearest_neighbour().seconds

@@ -285,7 +285,7 @@ class CollisionChecker(CheckedBodies):
         self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
     ) -> CollisionChecker:
         """Return a checker of the same bodies and pairs with other margins (m)."""
-        common = self.margin if margin is None else margin
+        common = self.margin if margin is None else checked_margin("margin", margin)
 
         def with_margin() -> CollisionChecker:
             other = copy(self)
@@ -296,6 +296,7 @@ class CollisionChecker(CheckedBodies):
 
     def padded(self, by: float) -> CollisionChecker:
         """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
+        by = checked_margin("by", by)
 
         def padded() -> CollisionChecker:
             other = copy(self)

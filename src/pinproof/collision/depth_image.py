@@ -30,7 +30,7 @@ LARGEST_WHOLE = 10.0
 """Metres. An image of whole numbers whose median exceeds this is in millimetres."""
 
 SATURATED = 2**16 - 1
-"""The largest number of 16 bits, which is no measurement in an image of integers."""
+"""The largest number of 16 bits, which is no measurement."""
 
 SAMPLES = 10_000
 """Number of pixels of which the unit of an image is judged."""
@@ -260,6 +260,8 @@ def _measured_points(points: npt.ArrayLike | str | Path) -> tuple[Array, str]:
     what = f"the point cloud {points}" if isinstance(points, (str, Path)) else "the point cloud"
     try:
         stated = np.array(read_points(points) if isinstance(points, (str, Path)) else points, dtype=float)
+        if isinstance(points, np.ma.MaskedArray):
+            stated[np.ma.getmaskarray(points)] = np.nan  # masked points are no measurements
     except (TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
@@ -287,9 +289,10 @@ def _moved(to_from: SE3, points: Array) -> Array:
 def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
     """Return the depths in metres, 0 where there is no measurement; refuse another unit."""
     whole = raw.dtype.kind in "iu"
-    measured = np.isfinite(raw) & (raw != 0)
-    if whole:  # cameras of 16 bits mark pixels without a measurement, or beyond their range, by the largest number
-        measured &= (raw != SATURATED) & (raw != np.iinfo(raw.dtype).max)
+    # Cameras of 16 bits mark pixels without a measurement, or beyond their range, by the largest number.
+    largest = np.iinfo(raw.dtype).max if whole else SATURATED
+    raw = raw.astype(float)  # products of half floats would be rounded by millimetres
+    measured = np.isfinite(raw) & (raw != 0) & (raw != SATURATED) & (raw != largest)
     values = raw[measured]
     if len(values) and values.min() < 0:
         raise InputError(f"the depth image holds {int((values < 0).sum())} negative depths")

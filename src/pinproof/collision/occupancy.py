@@ -170,7 +170,7 @@ class OccupancyGrid(ByContent):
         ----------
         image
             (height, width) depth along the optical axis, or a file (``.npy``, ``.png``, ``.exr``). Pixels that are 0,
-            not finite, masked, saturated (65535, in integers) or beyond 100 m have no measurement; the space behind
+            not finite, masked, saturated (65535) or beyond 100 m have no measurement; the space behind
             them is unknown. Lens distortion must be removed already.
         intrinsics
             The camera: :class:`~pinproof.collision.Intrinsics`, or its matrix (3, 3).
@@ -273,8 +273,8 @@ class OccupancyGrid(ByContent):
         Parameters
         ----------
         points
-            (N, 3) points (m), or a file (``.npy``, ``.ply``, ``.pcd``). Those that are not finite are dropped, and the
-            record states how many.
+            (N, 3) points (m), or a file (``.npy``, ``.ply``, ``.pcd``). Masked points and those that are not finite are
+            dropped, and the record states how many.
         intrinsics
             The camera.
         camera_pose

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -102,7 +103,10 @@ def _read_ply(path: Path) -> Numbers:
     import trimesh
 
     loaded: Any = trimesh.load(path, file_type="ply", process=False)
-    return np.asarray(loaded.vertices)
+    points, stated = np.asarray(loaded.vertices), re.search(rb"^element vertex (\d+)", path.read_bytes(), re.MULTILINE)
+    if stated is not None and len(points) != int(stated[1]):
+        raise ValueError(f"it holds {len(points)} points, but its header states {int(stated[1])}")
+    return points
 
 
 def _read_pcd(path: Path) -> Numbers:

@@ -277,7 +277,7 @@ def _distinct(q: Any) -> Any:
 def _urdf(problem: PlanProblem, folder: Path | None = None) -> str:
     """The URDF of the robot with absolute paths of its collision meshes, or with paths relative to a folder.
 
-    In the folder, OBJ files are written as STL: the reader of MPlib refuses OBJ files with lines, which are no surfaces.
+    In the folder, OBJ files are written as STL, because the reader of MPlib refuses OBJ files that contain lines.
     """
     import trimesh
 

@@ -124,6 +124,7 @@ def test_the_slider_of_a_self_motion_moves_the_elbow_and_not_the_tcp(
     curve = motion.curves[0]
     assert page.text("#verdict") == "NOT VALIDATED"
     assert page.evaluate("document.getElementById('scrub').getAttribute('aria-label')") == "panda_joint7 in rad"
+    page.wait_for("document.getElementById('clock').textContent.includes('= ')")  # the first frame is drawn
     shown = float(page.text("#clock").split("= ")[1].split()[0])
     assert curve.lower - 1e-3 <= shown <= curve.upper + 1e-3
     assert not page.evaluate("pinproof.viewer.animator.playing")

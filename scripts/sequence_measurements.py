@@ -47,7 +47,7 @@ class Region:
 
 
 BOLTS = Region((0.33, -0.03, 0.035), (0.67, 0.23, 0.1), 0.1)
-"""In the bin of the UR5, between its walls; from the heads of bolts that stand on its floor to 20 mm below its rim."""
+"""In the bin of the UR5, between its walls; from the heads of upright bolts on its floor to 20 mm below its rim."""
 
 BIN = Region((0.45, -0.17, 0.045), (0.69, 0.17, 0.1), 0.12)
 """In the bin of the Panda, between its walls."""

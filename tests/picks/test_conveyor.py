@@ -153,7 +153,7 @@ def changed(**changes):
 
 
 def judged_on_a_pallet(wall):
-    """The verdict on a block that stands on a moving pallet, with a wall of so many cells of 20 mm behind the block."""
+    """The verdict on a block on a moving pallet, with a wall of so many cells of 20 mm behind the block."""
     arm, scene, picks = cell()
     cells = np.zeros((6, 40, 12), np.uint8)
     cells[:, :, 0] = cells[:, 16:18, :wall] = 1

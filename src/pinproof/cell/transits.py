@@ -125,12 +125,12 @@ def _parts(
 ) -> PickVerdict | MotionFailure:
     joints, member = task.arm.joint_names, attempt.candidate.member
     arrive = _again(_part(task, member, "transit"), known)
-    way = JointPath(np.array([attempt.entrance]), joints)
+    path: JointPath | BlendedPath = JointPath(np.array([attempt.entrance]), joints)
     if arrive is None:
         crossing = transit(task, [attempt], task.cell.budget.nodes, seeds[:2])
         if crossing.path is None:
             return MotionFailure("transit", crossing.result.message)
-        way = crossing.path
+        path = crossing.path
     placing, across = None, None
     if release is not None and task.place is not None:
         across = _again(_part(task, member, "transfer"), known)
@@ -142,7 +142,7 @@ def _parts(
             transfer = made.transfer
         placing = Placing(transfer, release.lift, release.leave, release.parting, release.clearance)
     motions: list[PickMotion] = []
-    for part in motion_parts(task, attempt, way, placing, separate=True):
+    for part in motion_parts(task, attempt, path, placing, separate=True):
         motion = {"transit": arrive, "transfer": across}.get(part.name) or _again(part, known)
         if motion is None:
             motion, why = time_part(task, part, attempt)

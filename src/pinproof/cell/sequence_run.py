@@ -422,7 +422,7 @@ class SequenceRun:
         return self.jobs[job].options[chosen].exit
 
     def _excluding(self, problem: TourProblem, failure: MotionFailure, previous: int, option: int) -> TourProblem:
-        """The problem with more precedence if a part blocks the motion, otherwise without the failed transit or option."""
+        """The problem with more precedence if a part blocks the motion, else without the failed transit or option."""
         if option == START:
             if drop := self._unconnected(previous):
                 inner = problem.inner.copy()

@@ -125,7 +125,7 @@ def _parts(
 ) -> PickVerdict | MotionFailure:
     joints, member = task.arm.joint_names, attempt.candidate.member
     arrive = _again(_part(task, member, "transit"), known)
-    path: JointPath | BlendedPath = JointPath(np.array([attempt.entrance]), joints)
+    path = JointPath(np.array([attempt.entrance]), joints)
     if arrive is None:
         crossing = transit(task, [attempt], task.cell.budget.nodes, seeds[:2])
         if crossing.path is None:

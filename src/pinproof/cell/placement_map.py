@@ -152,15 +152,44 @@ def finite_or_none(value: float) -> float | None:
 
 
 @dataclass(frozen=True, eq=False)
-class EmptyCell:
-    """A cell of placements, at each of which a pick is proven to be out of reach, or the base to be in contact.
+class PlacementCell:
+    """A cell of placements.
 
     Parameters
     ----------
     choice
         The name of the discrete choice.
     lower, upper
-        (4,) the ranges of x, y, z and yaw.
+        (4,) the ranges of x, y, z (m) and yaw (rad).
+    """
+
+    choice: str
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "lower", "upper")
+
+    @property
+    def volume(self) -> float:
+        """Product of the sides that are not 0."""
+        sides = self.upper - self.lower
+        return float(np.prod(sides[sides > 0]))
+
+    @property
+    def ranges(self) -> str:
+        """The ranges as text."""
+        return ", ".join(f"{n} {a:.3f} to {b:.3f}" for n, a, b in zip(AXES, self.lower, self.upper, strict=True))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EmptyCell(PlacementCell):
+    """A cell of placements, at each of which a pick is proven to be out of reach, or the base to be in contact.
+
+    Parameters
+    ----------
+    choice, lower, upper
+        The discrete choice, and the (4,) ranges of x, y, z (m) and yaw (rad).
     pick
         The pick that is out of reach; empty if the base is in contact.
     boxes
@@ -169,52 +198,28 @@ class EmptyCell:
         The part of the base, or of what moves with it, and the obstacle or forbidden zone that overlap.
     """
 
-    choice: str
-    lower: Array
-    upper: Array
     pick: str = ""
     boxes: int = 0
     contact: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "lower", "upper")
-
     def __repr__(self) -> str:
         why = f"{self.pick} is out of reach" if self.pick else f"{self.contact[0]} penetrates {self.contact[1]}"
-        return f"EmptyCell({_ranges(self)}: {why})"
-
-    @property
-    def volume(self) -> float:
-        """Product of the sides that are not 0."""
-        sides = self.upper - self.lower
-        return float(np.prod(sides[sides > 0]))
+        return f"EmptyCell({self.ranges}: {why})"
 
 
-@dataclass(frozen=True, eq=False)
-class SlowCell:
+@dataclass(frozen=True, eq=False, repr=False)
+class SlowCell(PlacementCell):
     """A cell of placements, at each of which the cycle time is proven to be larger than that of the best placement.
 
     Parameters
     ----------
-    choice
-        The name of the discrete choice.
-    lower, upper
-        (4,) the ranges of x, y, z and yaw.
+    choice, lower, upper
+        The discrete choice, and the (4,) ranges of x, y, z (m) and yaw (rad).
     seconds
-        A lower bound of the cycle time at all placements of the cell, for motions that rest where those of picks do.
+        A lower bound (s) of the cycle time in the cell, for motions that rest where those of picks do.
     """
 
-    choice: str
-    lower: Array
-    upper: Array
     seconds: float
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "lower", "upper")
-
     def __repr__(self) -> str:
-        return f"SlowCell({_ranges(self)}: at least {self.seconds:.3f} s)"
-
-
-def _ranges(cell: EmptyCell | SlowCell) -> str:
-    return ", ".join(f"{n} {a:.3f} to {b:.3f}" for n, a, b in zip(AXES, cell.lower, cell.upper, strict=True))
+        return f"SlowCell({self.ranges}: at least {self.seconds:.3f} s)"

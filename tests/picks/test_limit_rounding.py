@@ -70,3 +70,11 @@ def test_free_joints_of_the_closed_form_keep_a_reference_at_the_limit():
     assert np.array_equal(found[0].branches, found[1].branches)
     batches = [pp.AnalyticIk().solve_all_batch(arm, [target], q + by * FOURTH) for by in (0.0, 0.5 * AT_LIMIT)]
     assert np.array_equal(batches[0].q, batches[1].q, equal_nan=True)
+
+
+def test_continuous_joints_without_limits_are_not_turned():
+    arm = pp.load_robot("kinova").arm()
+    assert np.isinf(arm.limits.lower).any()
+    q = np.where(np.isinf(arm.limits.lower), 20.0, arm.home)
+    with np.errstate(all="raise"):
+        np.testing.assert_array_equal(turned_inside(arm, q), q)

@@ -167,7 +167,7 @@ def test_a_robot_that_can_touch_nothing_still_makes_valid_json() -> None:
 
 
 def test_a_solution_shifted_by_2_pi_is_not_outside_the_limits() -> None:
-    # From outside its limits, whole turns bring a joint back where they can, and leave it where they cannot.
+    # Full rotations bring a joint inside its limits if possible; otherwise the value is not changed.
     arm = pp.load_robot("generic_6dof").arm()
     q = arm.home + 2 * np.pi * np.array([1, 0, 0, 0, -1, 0])
     np.testing.assert_allclose(turned_inside(arm, q), arm.home, atol=1e-12)

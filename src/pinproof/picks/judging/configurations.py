@@ -134,8 +134,9 @@ def turned_inside(arm: Arm, q: Array) -> Array:
     Values beyond a limit by rounding are set to the limit.
     """
     lower, upper, q = arm.limits.lower, arm.limits.upper, arm.limits.snap(q)
-    turned = arm.limits.snap(q + np.ceil((lower - AT_LIMIT - q) / TURN) * TURN)
-    return np.where(arm.periodic & ((q < lower) | (q > upper)) & (turned <= upper), turned, q)
+    outside = arm.periodic & ((q < lower) | (q > upper)) & np.isfinite(lower)
+    turned = arm.limits.snap(q + np.where(outside, np.ceil((lower - AT_LIMIT - q) / TURN), 0.0) * TURN)
+    return np.where(outside & (turned <= upper), turned, q)
 
 
 def at_full_speed(arm: Arm, points: Array) -> float:

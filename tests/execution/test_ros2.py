@@ -279,3 +279,33 @@ def test_no_motion_is_sent_after_a_difference_that_changes_objects_until_a_compl
         assert execution.on_path(shown, 0.0).command is None
         assert execution.on_scene(complete, 0.0) == ros2.Reply()
         assert execution.on_path(shown, 0.0).command is not None
+
+
+def test_a_motion_that_is_executed_is_proven_again_in_a_new_scene(checker, swing) -> None:
+    execution = ros2.CertifiedExecution(checker)
+    assert execution.on_path(ros2.display_trajectory([swing]), 0.0).command is not None
+    here = {"name": swing.joint_names, "position": swing(0.3).tolist(), "velocity": swing.velocity(0.3).tolist()}
+
+    def complete(at: np.ndarray) -> dict[str, object]:
+        ball = pp.Obstacle("ball", pp.Sphere(0.05), checker.arm.forward_kinematics(at))
+        return {**ros2.planning_scene(checker.scene.add(ball)), "is_diff": False}
+
+    far = complete(swing.end)
+    far["world"]["collision_objects"][-1]["pose"]["position"]["z"] += 5.0
+    assert execution.on_scene(far, 0.2) == ros2.Reply()
+    assert execution.on_state(here, 0.3) == ros2.Reply()
+    assert execution.on_scene(complete(swing.end), 0.3).alarm
+    reply = execution.on_state({**here, "position": swing(0.31).tolist()}, 0.31)
+    assert reply.alarm
+    assert "ball" in reply.text
+    assert not ros2.read_joint_trajectory(reply.command).velocities[-1].any()
+    assert execution.monitor is None
+
+
+def test_a_motion_that_is_executed_stops_if_objects_change_by_a_difference(checker, swing) -> None:
+    execution = ros2.CertifiedExecution(checker)
+    execution.on_path(ros2.display_trajectory([swing]), 0.0)
+    ball = pp.Obstacle("ball", pp.Sphere(0.05), pp.pose((0.0, 0.0, 5.0)))
+    assert execution.on_scene(ros2.planning_scene(pp.Scene([ball])), 0.2).alarm
+    state = {"name": swing.joint_names, "position": swing(0.3).tolist(), "velocity": swing.velocity(0.3).tolist()}
+    assert execution.on_state(state, 0.3).command is not None

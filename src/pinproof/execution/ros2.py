@@ -276,24 +276,27 @@ class CertifiedExecution:
     def __init__(self, checker: CollisionChecker, *, joint_tolerance: npt.ArrayLike = 0.02, latency: float = 0.01):
         self.checker, self.joint_tolerance, self.latency = checker, joint_tolerance, latency
         self.monitor: Monitor | None = None
-        self._begin, self._unread = 0.0, ""
+        self._motion: Trajectory | None = None
+        self._begin, self._unread, self._unproven = 0.0, "", ""
 
     def on_scene(self, message: Mapping[str, Any], seconds: float) -> Reply:  # noqa: ARG002
-        """Use a complete moveit_msgs/PlanningScene.
+        """Use a complete moveit_msgs/PlanningScene, and prove a motion that is executed again in it.
 
         No motion is sent after a scene that cannot be read, or a difference that changes the objects, until a complete
-        scene can be read.
+        scene can be read. A motion that is executed then, or that is not proven collision-free in the new scene, is
+        stopped at the next measured state.
         """
         if message.get("is_diff"):
             if not _changes_objects(message):
                 return Reply()
             self._unread = "no motion is sent until a complete planning scene is received, because objects changed"
-            return Reply(self._unread, alarm=True)
-        try:
-            self.checker, self._unread = self.checker.with_scene(read_planning_scene(message)), ""
-        except PinproofError as error:
-            self._unread = f"no motion is sent, because the planning scene cannot be read: {error}"
-        return Reply(self._unread, alarm=bool(self._unread))
+        else:
+            try:
+                self.checker, self._unread = self.checker.with_scene(read_planning_scene(message)), ""
+            except PinproofError as error:
+                self._unread = f"no motion is sent, because the planning scene cannot be read: {error}"
+        self._unproven = self._unread or self._prove_again()
+        return Reply(self._unproven, alarm=bool(self._unproven))
 
     def on_path(self, message: Mapping[str, Any], seconds: float) -> Reply:
         """Certify the motion of a moveit_msgs/DisplayTrajectory, and send it if it is collision-free."""
@@ -305,7 +308,7 @@ class CertifiedExecution:
             self.monitor = Monitor(self.checker, trajectory, certificate=certificate, latency=self.latency)
         except PinproofError as error:
             return Reply(f"the motion is not sent: {error}", alarm=True)
-        self._begin = seconds
+        self._motion, self._begin, self._unproven = trajectory, seconds, ""
         return Reply(certificate.message, joint_trajectory(trajectory))
 
     def on_state(self, message: Mapping[str, Any], seconds: float) -> Reply:
@@ -320,11 +323,23 @@ class CertifiedExecution:
             return Reply()
         q, dq = read_joint_state(message, self.checker.group.joint_names)
         result = self.monitor.update(seconds - self._begin, q, dq)
-        if not result.alarm:
+        if not result.alarm and not self._unproven:
             return Reply()
         stop = self.monitor.stop_trajectory(q, np.zeros_like(q) if dq is None else dq)
-        self.monitor = None
-        return Reply(str(result), joint_trajectory(stop), alarm=True)
+        self.monitor = self._motion = None
+        return Reply(self._unproven or str(result), joint_trajectory(stop), alarm=True)
+
+    def _prove_again(self) -> str:
+        """Monitor the motion that is executed in the present scene; the reason if it is not proven free, else empty."""
+        if self._motion is None:
+            return ""
+        try:
+            self.monitor = Monitor(
+                self.checker, self._motion, joint_tolerance=self.joint_tolerance, latency=self.latency
+            )
+        except PinproofError as error:
+            return f"the motion is stopped: {error}"
+        return ""
 
 
 def _changes_objects(difference: Mapping[str, Any]) -> bool:

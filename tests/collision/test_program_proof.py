@@ -195,6 +195,19 @@ def test_a_straight_line_of_the_tcp_becomes_a_certified_linear_move(line: Cell, 
     assert part.line == lines[0].line
 
 
+@pytest.mark.parametrize(("margin", "listed"), [(1e-5, True), (1e-3, False)])
+def test_a_linear_move_closer_to_a_limit_than_its_trace_is_exact_is_listed(
+    line: Cell, margin: float, listed: bool
+) -> None:
+    checker, motion = line
+    program, _ = export_program(motion, checker, "rapid", linear=True)
+    target = checker.arm.forward_kinematics(program.moves[2].q)
+    assert 1e-5 < trace_line(checker.arm, program.moves[1].q, target).tolerance < 1e-3
+    tight = checker.arm.robot.arm(tcp="tool0", limits={"elbow_joint": (-6.0, program.moves[2].q[2] + margin)})
+    near = pp.CollisionChecker(tight, checker.scene, margin=0.001)
+    assert bool(certify_program(program, near).outside_limits) is listed
+
+
 def test_linear_moves_are_refused_where_the_program_has_no_moves(line: Cell) -> None:
     checker, motion = line
     for dialect, period in (("ros2", None), ("urscript", 0.008)):

@@ -95,7 +95,7 @@ class ProgramCertificate:
         Lines of blends that may overlap with the blend before, so that a controller may skip a point, that are at the
         first point, to which the move is not known, or that are before a linear move. The program is then UNDECIDED.
     outside_limits
-        The points of the program that violate the position limits of the arm.
+        The points of the program that violate the position limits, and the linear moves on which a joint may do so.
     untraced
         The linear moves whose joint values are not bounded, with the reason. The program is then UNDECIDED.
     """
@@ -440,18 +440,23 @@ def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
 
 
 def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
-    """The violations of the position limits; a straight line between two points within the limits is within them."""
+    """The violations of the position limits; a straight line between two points within the limits is within them.
+
+    On a linear move, all joint values that its trace allows must be within the limits.
+    """
     for step in program.moves:
+        where = f"line {step.line}"
         if isinstance(step, StreamedTrajectory):
             ends: Sequence[Array] = Trajectory.of_record(step.record).range()
         elif isinstance(step, LinearMove):
-            along = traces[step.line].path.q
-            ends = (along.min(axis=0), along.max(axis=0))
+            trace = traces[step.line]
+            ends = (trace.path.q.min(axis=0) - trace.tolerance, trace.path.q.max(axis=0) + trace.tolerance)
+            where += f", up to {trace.tolerance:.2g} rad from the traced values"
         else:
             ends = () if step.q is None else (step.q,)
         for q in ends:
             for sentence in arm.limits.violations(arm.limits.snap(q), arm.joint_names):
-                yield f"line {step.line}: {sentence}"
+                yield f"{where}: {sentence}"
 
 
 def _share(blend: Blend, arm: Arm, at: Array, other: Array) -> float:

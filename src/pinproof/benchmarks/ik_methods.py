@@ -17,18 +17,6 @@ from pinproof.ik.task import GoalName
 from pinproof.model import Arm
 from pinproof.spatial import SE3, rigid
 
-__all__ = [
-    "OWN_METHODS",
-    "PARTS",
-    "PERIOD",
-    "RESTARTS",
-    "TOLERANCE",
-    "IkMethod",
-    "Part",
-    "PreparedMethod",
-    "select_methods",
-]
-
 Array = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-6

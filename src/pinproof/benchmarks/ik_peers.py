@@ -26,8 +26,6 @@ from pinproof.description.dh_urdf import TCP as TIP
 from pinproof.model import Arm
 from pinproof.model.robot import load_robot_from_text
 
-__all__ = ["PEERS", "TIP", "ScrewAxes", "chain_urdf", "screw_axes"]
-
 Array = npt.NDArray[np.float64]
 
 BASE = "base_link"

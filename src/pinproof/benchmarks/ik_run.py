@@ -31,20 +31,6 @@ from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
 from pinproof.spatial import rigid, twist_size
 
-__all__ = [
-    "WARM_UP",
-    "CheckedAnswers",
-    "Targets",
-    "check_answers",
-    "ik_benchmark",
-    "load_arm",
-    "measure",
-    "random_targets",
-    "smooth_targets",
-    "timed_batch",
-    "with_reduced_ranges",
-]
-
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 

@@ -19,8 +19,6 @@ from pinproof.benchmarks.tables import (
     wrapped,
 )
 
-__all__ = ["COLUMNS", "IkRow", "IkTable", "ik_markdown", "percent", "write_ik_table"]
-
 MARKERS = "osD^vP*X<>ph"
 
 

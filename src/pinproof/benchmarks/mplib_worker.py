@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-__all__: list[str] = []
 
 RANGE = 0.1
 """rad: the longest edge, the default of ``plan_qpos``."""

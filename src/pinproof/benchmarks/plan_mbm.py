@@ -27,8 +27,6 @@ from pinproof.description.catalogue import catalogue_names
 from pinproof.errors import FileError
 from pinproof.model import JointGroup, Robot, load_robot
 
-__all__ = ["COLLECTION", "MbmSet", "find_sets", "read_problems"]
-
 Array = npt.NDArray[np.float64]
 
 COLLECTION = "mbm"

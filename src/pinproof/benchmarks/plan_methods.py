@@ -13,18 +13,6 @@ from pinproof.errors import TimingError
 from pinproof.motion import Curve, time_parametrise
 from pinproof.planning import DEFAULT_PLANNER, RrtConnect, make_planner, simplify
 
-__all__ = [
-    "NANOSECONDS_PER_MS",
-    "OURS",
-    "STEPS",
-    "TIME_LIMIT",
-    "PlanAnswer",
-    "PlanMethod",
-    "Solve",
-    "Stopwatch",
-    "own_method",
-]
-
 STEPS = ("plan", "simplify", "time", "certify")
 """The timed steps, in their order."""
 

@@ -30,8 +30,6 @@ from pinproof.motion.rate_constraints import RateConstraint
 from pinproof.planning import RrtConnect, optimise, shortcut
 from pinproof.spatial import SE3, matrix
 
-__all__ = ["MotionRow", "MotionTable", "motion_benchmark", "motion_markdown", "pose_goals"]
-
 Array = npt.NDArray[np.float64]
 
 ACCELERATION, JERK = 15.0, 500.0

@@ -31,8 +31,6 @@ from pinproof.motion import JointPath
 from pinproof.planning.rrt_connect import sampling_box
 from pinproof.spatial import matrix
 
-__all__ = ["MPLIB_PYTHON", "PEERS"]
-
 GROUP = "arm"
 
 NODES = 100_000

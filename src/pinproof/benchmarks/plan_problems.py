@@ -21,18 +21,6 @@ from pinproof.ik import Clik
 from pinproof.model import Arm, JointGroup, load_robot
 from pinproof.spatial import SE3, pose
 
-__all__ = [
-    "MARGIN",
-    "OWN_ROBOTS",
-    "OWN_SCENES",
-    "PlanProblem",
-    "ProblemName",
-    "end_faults",
-    "own_problems",
-    "own_reach",
-    "select_sets",
-]
-
 Array = npt.NDArray[np.float64]
 Rng = np.random.Generator
 PoseSampler = Callable[[Rng], SE3]

@@ -29,8 +29,6 @@ from pinproof.errors import InputError
 from pinproof.motion import Curve
 from pinproof.planning import DEFAULT_PLANNER
 
-__all__ = ["OWN_PROBLEMS", "curve_length", "motion_faults", "plan_benchmark"]
-
 Array = npt.NDArray[np.float64]
 
 OWN_PROBLEMS = 10

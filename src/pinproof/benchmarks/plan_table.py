@@ -23,17 +23,6 @@ from pinproof.benchmarks.tables import (
     wrapped,
 )
 
-__all__ = [
-    "COLUMNS",
-    "PlanFigures",
-    "PlanRow",
-    "PlanTable",
-    "ProblemRow",
-    "Spread",
-    "plan_markdown",
-    "write_plan_table",
-]
-
 STYLES = ("C0-", "C1--", "C1-", "C3-", "C2-", "C4-")
 """Lines of the methods in the plot."""
 

@@ -18,23 +18,6 @@ from typing import Any, ClassVar, TypeVar
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, InputError
 
-__all__ = [
-    "BenchmarkTable",
-    "NotApplicableError",
-    "bullet_section",
-    "installed_version",
-    "leave_out",
-    "log_panel",
-    "markdown_table",
-    "new_figure",
-    "peer_versions",
-    "provenance",
-    "provenance_text",
-    "row_table",
-    "save_figure",
-    "wrapped",
-]
-
 WIDTH = 120
 """Characters per line of Markdown text."""
 

@@ -28,8 +28,6 @@ from pinproof.model import JointGroup, Payload
 from pinproof.model.robot import PART
 from pinproof.picks import Pick, Picks, PickSetup
 
-__all__ = ["allocate"]
-
 Array = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], object]
 

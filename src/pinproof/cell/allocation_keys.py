@@ -17,8 +17,6 @@ from pinproof.common.file_keys import (
     required,
 )
 
-__all__ = ["ALLOCATION", "SCHEMA"]
-
 SCHEMA = "pinproof/allocation/1"
 """The version of the JSON format, raised by breaking changes."""
 

@@ -19,8 +19,6 @@ from pinproof.spatial import matrix
 from pinproof.viewer.animation import Film
 from pinproof.viewer.stage import Stage, set_stage, simplified
 
-__all__ = ["write_allocation_page"]
-
 WAITING = "#e3e7eb"
 """The CSS colour of a wait."""
 

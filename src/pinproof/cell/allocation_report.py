@@ -13,8 +13,6 @@ from pinproof.cell.allocation_result import AllocationResult
 from pinproof.cell.sequence_report import number_or_none
 from pinproof.common.files import json_text, save_as
 
-__all__ = ["ALLOCATION_SUFFIXES", "allocation_dict", "allocation_markdown", "save_allocation"]
-
 
 def save_allocation(result: AllocationResult, path: str | Path) -> None:
     """Write an allocation as ``.json``, ``.md`` or ``.html``.

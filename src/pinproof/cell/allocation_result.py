@@ -18,8 +18,6 @@ from pinproof.motion import Trajectory
 from pinproof.picks import Picks
 from pinproof.spatial import SE3
 
-__all__ = ["AllocationResult", "ArmTime", "OneArm", "PartState"]
-
 SAME_PLACE = 1e-6
 """Relative difference of poses below which a part is where it was assumed to be."""
 

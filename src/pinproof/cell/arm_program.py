@@ -15,8 +15,6 @@ from pinproof.motion import Trajectory
 from pinproof.motion.trajectory_files import NANO, whole_nanoseconds
 from pinproof.picks import PickMotion
 
-__all__ = ["WAIT", "Piece", "pieces_of", "with_waits"]
-
 WAIT = "wait"
 """The name of a rest until the other arm has left."""
 

@@ -27,8 +27,6 @@ from pinproof.collision.bodies import Body
 from pinproof.collision.inner_shapes import ROUNDING, InnerShapes, inner_shapes
 from pinproof.spatial import matrix
 
-__all__ = ["BaseContacts"]
-
 Array = npt.NDArray[np.float64]
 
 INSIDE = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)

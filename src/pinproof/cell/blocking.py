@@ -16,8 +16,6 @@ from pinproof.picks import PickSetup
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.task import DOWN, SUPPORT_GAP, Cell, Task
 
-__all__ = ["geometric_precedence"]
-
 Array = npt.NDArray[np.float64]
 
 SAMPLES = 9

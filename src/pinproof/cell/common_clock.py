@@ -23,8 +23,6 @@ from pinproof.model.chain import link_path
 from pinproof.motion import Trajectory, synchronise
 from pinproof.motion.trajectory_files import NANO, whole_nanoseconds
 
-__all__ = ["ArmsApart", "CommonInterval", "Timing", "time_together"]
-
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 

@@ -16,8 +16,6 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 
-__all__ = ["CellComparison", "PickChange", "PickDifference", "compare"]
-
 
 class PickChange(Enum):
     """How the verdict on a pick changes."""

@@ -13,8 +13,6 @@ from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import rest_to_rest_times
 from pinproof.picks import PickMotion
 
-__all__ = ["CycleTime", "PickTime", "cycle_time"]
-
 DETOUR = 1.1
 """A motion that takes this multiple of the slowest joint's shortest time is limited by its detour around obstacles."""
 

@@ -21,8 +21,6 @@ from pinproof.picks.judging.motion_limits import rate_limits
 from pinproof.picks.judging.place import Placer, Release, release_lines
 from pinproof.picks.judging.task import Cell, Task
 
-__all__ = ["Job", "PickOption", "options_of", "part_names", "resolved"]
-
 Array = npt.NDArray[np.float64]
 
 RELEASES = 2

@@ -8,8 +8,6 @@ from pinproof.collision import Scene
 from pinproof.model import Arm
 from pinproof.picks.input.pick import NamedFrame, Pick, Picks, root_from_frame, support_names
 
-__all__ = ["without_parts"]
-
 
 def without_parts(arm: Arm, scene: Scene, picks: Picks) -> tuple[Scene, Picks]:
     """Remove all parts that picks carry from the scene, and state each part in its pick.

@@ -21,12 +21,11 @@ from pinproof.collision import Box, Capsule, CollisionChecker, Cylinder, Mesh, O
 from pinproof.description import LinkGeometry
 from pinproof.description.movable_base import CELL, PLACEMENT_JOINTS, with_movable_base
 from pinproof.description.packages import MeshFile
+from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Robot
-from pinproof.picks.input.pick import Pick, Picks, moved_by
+from pinproof.picks.input.pick import Pick, Picks
 from pinproof.spatial import matrix
-
-__all__ = ["PlacedRobot"]
 
 Array = npt.NDArray[np.float64]
 

@@ -46,8 +46,6 @@ from pinproof.picks.judging.setup import PickSetup, check_held_joints
 from pinproof.picks.judging.task import Cell
 from pinproof.picks.report.report import PickReport
 
-__all__ = ["PlacementBudget", "PlacementInterrupted", "place_base"]
-
 Array = npt.NDArray[np.float64]
 
 MOST_ROUNDS = 4

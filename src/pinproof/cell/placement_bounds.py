@@ -37,8 +37,6 @@ from pinproof.model import Arm, JointLimits
 from pinproof.picks.input.pick import GraspTolerance
 from pinproof.spatial import matrix
 
-__all__ = ["SlowTask", "slow_cells", "travel"]
-
 Array = npt.NDArray[np.float64]
 
 BOXES = 12

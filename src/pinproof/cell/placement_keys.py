@@ -18,8 +18,6 @@ from pinproof.common.file_keys import (
     required,
 )
 
-__all__ = ["COMPARISON", "COMPARISON_SCHEMA", "PLACEMENT", "PLACEMENT_SCHEMA", "TOLERANCE", "TOLERANCE_SCHEMA"]
-
 PLACEMENT_SCHEMA = "pinproof/placement/1"
 COMPARISON_SCHEMA = "pinproof/comparison/1"
 TOLERANCE_SCHEMA = "pinproof/tolerance/1"

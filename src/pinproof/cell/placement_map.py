@@ -14,8 +14,6 @@ from pinproof.common.files import csv_text, figure
 from pinproof.common.validation import freeze_arrays
 from pinproof.viewer import ColouredPoints
 
-__all__ = ["EmptyCell", "PlacementMap", "SlowCell", "finite_or_none"]
-
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 

@@ -12,8 +12,6 @@ import numpy.typing as npt
 from pinproof.cell.placement_map import EmptyCell, PlacementMap, SlowCell
 from pinproof.cell.placement_region import Placement, PlacementRegion
 
-__all__ = ["heat_map_picture"]
-
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 

@@ -36,8 +36,6 @@ from pinproof.picks.batch.proposals import Span
 from pinproof.picks.input.pick import TIP, GraspTolerance, Picks, family
 from pinproof.spatial import matrix, rigid
 
-__all__ = ["EMPTY_BUDGET", "CellReach", "EmptyTask", "Target", "empty_cells", "pick_targets"]
-
 Array = npt.NDArray[np.float64]
 
 EMPTY_BUDGET = 64

@@ -14,8 +14,6 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, frozen, pose, rigid, rigid_matrix
 
-__all__ = ["MOUNTINGS", "Placement", "PlacementChoice", "PlacementRegion", "mounting_pose"]
-
 Array = npt.NDArray[np.float64]
 Range = tuple[float, float]
 

@@ -27,12 +27,6 @@ from pinproof.picks.input.pick import Picks
 from pinproof.picks.report.report import PickReport
 from pinproof.spatial import SE3, rigid, xyz_rpy
 
-__all__ = [
-    "CertifiedPlacement",
-    "PlacementResult",
-    "PlacementSensitivity",
-]
-
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 

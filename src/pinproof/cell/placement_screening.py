@@ -26,8 +26,6 @@ from pinproof.picks.judging.configurations import TURN, manipulability
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import matrix
 
-__all__ = ["GraspTable", "PlacementScores", "PlacementScreening", "rest_to_rest"]
-
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]

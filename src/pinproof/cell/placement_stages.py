@@ -22,8 +22,6 @@ from pinproof.picks.batch.journal import (
 )
 from pinproof.picks.batch.workers import IN_FLIGHT, Outcome, Workers, do_chunks
 
-__all__ = ["Progress", "StageRunner"]
-
 Row = dict[str, Any]
 Progress = Callable[[str, int, int], object]
 """Called with the name of the stage, the number of finished items, and the number of all items."""

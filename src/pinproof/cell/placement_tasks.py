@@ -23,17 +23,6 @@ from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.report.report import PickReport
 
-__all__ = [
-    "OBJECTIVES",
-    "CertifyTask",
-    "GridTask",
-    "RefineTask",
-    "codes_of",
-    "least_failing_step",
-    "penalised",
-    "score_rows",
-]
-
 Array = npt.NDArray[np.float64]
 
 FAILS = 1e4

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 
 from pinproof.errors import InputError, UnknownNameError
 
-__all__ = ["Precedence"]
-
 Pair = tuple[int, int]
 
 

@@ -16,8 +16,6 @@ from pinproof.common.file_keys import (
     required,
 )
 
-__all__ = ["SCHEMA", "SEQUENCE"]
-
 SCHEMA = "pinproof/sequence/1"
 """The version of the JSON format, raised by breaking changes."""
 

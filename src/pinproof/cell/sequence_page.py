@@ -25,17 +25,6 @@ from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import Stage, box_corners, set_stage, simplified
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = [
-    "COLOURS",
-    "MOST_FRAMES",
-    "RATE",
-    "PageTexts",
-    "Riders",
-    "read_heat_map",
-    "write_page",
-    "write_sequence_page",
-]
-
 Array = npt.NDArray[np.float64]
 Riders = dict[str, list[tuple[float, Array]]]
 """Key frames (time, ``root_from_object``) of carried parts by name."""

@@ -14,8 +14,6 @@ from pinproof.cell.sequence_page import write_sequence_page
 from pinproof.cell.sequence_result import PHASES, SequenceResult, SequenceStep
 from pinproof.common.files import csv_text, json_text, save_as
 
-__all__ = ["SEQUENCE_SUFFIXES", "number_or_none", "save_sequence", "sequence_csv", "sequence_dict", "sequence_markdown"]
-
 COLUMNS = ("position", "pick", "start", "duration", *PHASES, "shortest", "clearance_proven", "limited_by")
 """The columns of the table; times in seconds, the clearance in metres."""
 

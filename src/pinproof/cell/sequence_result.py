@@ -13,8 +13,6 @@ from pinproof.errors import NoAnswer
 from pinproof.motion import MotionProgram
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 
-__all__ = ["LeftOut", "Phase", "SequenceResult", "SequenceStep"]
-
 PHASES = ("transit", "approach", "grip", "retreat", "transfer", "place", "release", "leave")
 """The phases of a step in order: motions, and the dwell times grip and release."""
 

@@ -27,8 +27,6 @@ from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import rest_to_rest_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 
-__all__ = ["SequenceBudget", "SequenceRun"]
-
 Array = npt.NDArray[np.float64]
 
 Moved = frozenset[int]

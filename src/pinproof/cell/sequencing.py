@@ -27,8 +27,6 @@ from pinproof.errors import InputError
 from pinproof.picks import Pick, PickSetup
 from pinproof.picks.batch.workers import LocalExecutor
 
-__all__ = ["JudgedPicks", "SequenceInterrupted", "judge_options", "sequence"]
-
 Array = npt.NDArray[np.float64]
 End = Literal["home", "free"] | npt.ArrayLike
 

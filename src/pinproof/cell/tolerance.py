@@ -42,8 +42,6 @@ from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 from pinproof.spatial import SE3, pose
 
-__all__ = ["Distribution", "PickTolerance", "ToleranceStudy", "tolerance_study"]
-
 Array = npt.NDArray[np.float64]
 
 Distribution = Literal["uniform", "normal"]

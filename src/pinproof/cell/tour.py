@@ -29,8 +29,6 @@ from pinproof._core import search_tour
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.tour_bound import arc_bound
 
-__all__ = ["EXACT", "Tour", "TourProblem"]
-
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 

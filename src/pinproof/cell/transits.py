@@ -28,8 +28,6 @@ from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, 
 from pinproof.picks.judging.verdict import Stage
 from pinproof.planning import make_planner, optimise
 
-__all__ = ["LongMotions", "MotionFailure", "Step", "StepMotions", "closing_motion", "scene_after"]
-
 Array = npt.NDArray[np.float64]
 
 RETRIED = 1.02

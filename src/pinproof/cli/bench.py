@@ -13,8 +13,6 @@ from pinproof.cli.console import make_folder, print_json, print_line, progress_s
 from pinproof.cli.options import Json, Seed
 from pinproof.errors import InputError
 
-__all__ = ["bench_ik", "bench_plan"]
-
 Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Include other installed libraries.")]
 Folder = Annotated[
     Path | None, typer.Option("-o", "--output", help="Folder for the table (JSON, Markdown) and its plots.")

@@ -23,8 +23,6 @@ from pinproof.cli.options import Json, Seed, placement
 from pinproof.cli.pick import CellOptions
 from pinproof.errors import InputError, UnknownNameError
 
-__all__ = ["cell_sequence"]
-
 SHOWN = 20
 """Largest number of picks that are printed; -o writes all of them."""
 

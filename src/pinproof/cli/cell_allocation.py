@@ -13,8 +13,6 @@ from pinproof.cli.cell import OrderOptions, SelectionOptions, refuse_problems
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import Json, Seed
 
-__all__ = ["cell_allocate"]
-
 
 def cell_allocate(
     file: Annotated[Path, typer.Argument(help="A picks file for several robots (key robots).", metavar="PICKS")],

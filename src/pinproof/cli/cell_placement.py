@@ -25,8 +25,6 @@ if TYPE_CHECKING:
         ToleranceStudy,
     )
 
-__all__ = ["cell_compare", "cell_place", "cell_tolerance"]
-
 SUFFIXES = (".json", ".csv", ".png", ".md")
 
 

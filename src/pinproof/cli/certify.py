@@ -26,8 +26,6 @@ from pinproof.cli.options import (
 from pinproof.cli.program import certify_program_file
 from pinproof.errors import InputError
 
-__all__ = ["certify_motion", "torque_figures", "verdict"]
-
 LIMIT_TOLERANCE = 1e-6
 """Rad or m for positions, relative for velocities. Motion files of other programs are often rounded to six digits."""
 

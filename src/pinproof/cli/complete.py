@@ -10,8 +10,6 @@ import typer
 import pinproof as pp
 from pinproof.errors import PinproofError
 
-__all__ = ["file_names", "group_names", "link_names", "method_names", "planner_names", "robot_names"]
-
 
 def robot_names(incomplete: str) -> list[str]:
     """Catalogue names and existing robot files."""

@@ -21,22 +21,6 @@ from pinproof.errors import FileError, InputError
 if TYPE_CHECKING:
     from pinproof.picks import PickReport
 
-__all__ = [
-    "Interrupted",
-    "check_output_files",
-    "make_folder",
-    "print_error",
-    "print_json",
-    "print_line",
-    "print_note",
-    "print_report",
-    "progress_bar",
-    "progress_status",
-    "until_interrupted",
-    "write_motion",
-    "write_pages",
-]
-
 _STYLES = {
     "good": "green",
     "impossible": "red",

@@ -12,8 +12,6 @@ import pinproof as pp
 from pinproof.cli.console import check_output_files, print_json, print_line
 from pinproof.cli.options import ChainOptions, Json, Robot
 
-__all__ = ["dh2urdf", "urdf2dh"]
-
 
 class Convention(str, Enum):
     """The two conventions of Denavit-Hartenberg parameters."""

@@ -22,8 +22,6 @@ from pinproof.cli.console import (
 from pinproof.cli.options import Json, Seed
 from pinproof.cli.pick import judge_file
 
-__all__ = ["demo"]
-
 
 def demo(
     html: Annotated[Path, typer.Option(help="The HTML page to write.")] = Path("pick.html"),

@@ -16,8 +16,6 @@ from pinproof.errors import MeshError
 if TYPE_CHECKING:
     from pinproof.model import JointInfo
 
-__all__ = ["info"]
-
 
 def info(
     robot: Robot,

@@ -30,8 +30,6 @@ from pinproof.units import refuse_degrees
 if TYPE_CHECKING:
     from pinproof.spatial import SE3
 
-__all__ = ["fk", "ik"]
-
 
 class TaskOption(str, Enum):
     """The part of the target pose that the solution must meet."""

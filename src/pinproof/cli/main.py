@@ -40,8 +40,6 @@ from pinproof.cli.schema import schema
 from pinproof.cli.view import view
 from pinproof.errors import FileError, NoAnswer, PinproofError, UnitWarning
 
-__all__ = ["COMMANDS", "app", "main"]
-
 # The error classes of the parser have no public names; they are the base classes of typer.BadParameter.
 _UsageError = typer.BadParameter.__mro__[1]
 _ParserError = _UsageError.__mro__[1]

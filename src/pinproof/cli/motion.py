@@ -28,8 +28,6 @@ from pinproof.cli.options import (
 )
 from pinproof.errors import InputError
 
-__all__ = ["check", "plan"]
-
 
 def check(
     robot: Robot,

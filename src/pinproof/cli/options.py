@@ -29,30 +29,6 @@ if TYPE_CHECKING:
 
     from pinproof.spatial import SE3
 
-__all__ = [
-    "ChainOptions",
-    "Configuration",
-    "ConstraintOptions",
-    "Html",
-    "IgnoreRecord",
-    "Json",
-    "Limits",
-    "Place",
-    "RateOptions",
-    "Robot",
-    "RobotFileOptions",
-    "SceneOptions",
-    "Seed",
-    "ToolOptions",
-    "expand_options",
-    "load_motion",
-    "note_limits",
-    "numbers",
-    "parse_configuration",
-    "placement",
-    "with_held_joints",
-]
-
 Robot = Annotated[
     str,
     typer.Argument(

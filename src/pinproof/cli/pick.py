@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from pinproof.motion.dialects import Dialect
     from pinproof.picks import PickSource
 
-__all__ = ["CellOptions", "judge_file", "pick"]
-
 CONNECT_SECONDS = 20
 """Time to wait for the Dask scheduler."""
 

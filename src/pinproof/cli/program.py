@@ -11,8 +11,6 @@ import pinproof as pp
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import ChainOptions, IgnoreRecord, Json, Robot, SceneOptions, ToolOptions, load_motion
 
-__all__ = ["certify_program_file", "export"]
-
 
 def export(
     robot: Robot,

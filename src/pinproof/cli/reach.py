@@ -20,8 +20,6 @@ from pinproof.units import warn_of_millimetres
 if TYPE_CHECKING:
     from pinproof.spatial import SE3, Array
 
-__all__ = ["reach"]
-
 SUFFIXES = (".csv", ".npz", ".png", ".html")
 
 POINT_SIZE, MAX_POINT_SIZE = 0.4, 0.04

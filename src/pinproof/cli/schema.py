@@ -14,8 +14,6 @@ from pinproof.cli.options import Json
 from pinproof.common.files import write_text_whole
 from pinproof.formats import FORMATS
 
-__all__ = ["schema"]
-
 
 def _formats(incomplete: str) -> list[str]:
     return [name for name in FORMATS if name.startswith(incomplete)]

@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 
     from pinproof.collision import CheckResult
 
-__all__ = ["view"]
-
 
 @dataclass(frozen=True)
 class PngOptions:

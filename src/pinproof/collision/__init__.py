@@ -13,6 +13,7 @@ from pinproof.collision.certify import certify, is_proven_free
 from pinproof.collision.checker import CheckResult, CollisionChecker, Contact
 from pinproof.collision.depth_image import DepthView, Intrinsics
 from pinproof.collision.movers import Mover, TimedScene, with_movers
+from pinproof.collision.occupancy import OccupancyGrid
 from pinproof.collision.overlaps import LinkOverlap, OverlapReport, sample_overlaps
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.path_constraints import (
@@ -40,7 +41,6 @@ from pinproof.collision.shapes import (
     HeightMap,
     Mesh,
     Obstacle,
-    OccupancyGrid,
     PointCloud,
     Shape,
     Sphere,

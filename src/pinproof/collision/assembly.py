@@ -21,22 +21,6 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointGroup
 from pinproof.units import FAR, MOST_REACH, warn_of_millimetres
 
-__all__ = [
-    "ROUNDING",
-    "Assembly",
-    "CheckedBodies",
-    "Known",
-    "Margins",
-    "add_obstacle_bodies",
-    "assemble",
-    "checked_margin",
-    "finer_levels",
-    "keep_pairs",
-    "leave_out",
-    "only_arm",
-    "warn_of_units",
-]
-
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 

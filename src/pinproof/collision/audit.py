@@ -20,8 +20,6 @@ from pinproof.common.display import html_block, html_list
 from pinproof.errors import InputError
 from pinproof.motion import Curve, Trajectory
 
-__all__ = ["AuditResult", "audit"]
-
 Array = npt.NDArray[np.float64]
 
 STEP = 0.002

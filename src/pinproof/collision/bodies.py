@@ -23,6 +23,7 @@ import pinocchio as pin
 from pinproof._core import Shape as CoreShape
 from pinproof.collision.convex_pieces import SAMPLES, convex_pieces
 from pinproof.collision.hulls import Inside, Solid, bvh, convex_hull, hull_of_any
+from pinproof.collision.occupancy import OccupancyGrid
 from pinproof.collision.shapes import (
     Box,
     Capsule,
@@ -33,7 +34,6 @@ from pinproof.collision.shapes import (
     HalfSpace,
     HeightMap,
     Mesh,
-    OccupancyGrid,
     PointCloud,
     Shape,
     Sphere,
@@ -42,10 +42,6 @@ from pinproof.collision.surfaces import Cells, Ground, cell_faces, cells_of, gro
 from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import frozen, matrix
-
-__all__ = [
-    "MESHES_KEPT", "Body", "FileStamp", "Support", "boxes", "hull_body", "shape_bodies", "shape_body", "triangles_of",
-]  # fmt: skip
 
 Array = npt.NDArray[np.float64]
 

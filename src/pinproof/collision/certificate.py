@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.bodies import FileStamp
+from pinproof.collision.occupancy import OccupancyGrid
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.path_constraints import (
     ConstraintProof,
@@ -32,7 +33,7 @@ from pinproof.collision.path_constraints import (
     exact_text,
 )
 from pinproof.collision.scene import Scene
-from pinproof.collision.shapes import Mesh, Obstacle, OccupancyGrid
+from pinproof.collision.shapes import Mesh, Obstacle
 from pinproof.common.display import html_block, html_list, outline
 from pinproof.common.files import os_errors
 from pinproof.description.dh_urdf import GENERATED_BODIES
@@ -47,29 +48,6 @@ if TYPE_CHECKING:
     from pinproof.collision.movers import Mover
     from pinproof.collision.proof_file import ProvenMotion
     from pinproof.motion import MotionRecord
-
-__all__ = [
-    "Certificate",
-    "CertificateStatus",
-    "FirstContact",
-    "MotionTube",
-    "Parting",
-    "UndecidedSpan",
-    "body_digest",
-    "changes_since",
-    "checked_hash",
-    "curve_hash",
-    "files_examined_once",
-    "free_sentence",
-    "identity_of",
-    "mesh_files",
-    "missing_since",
-    "notes_of",
-    "parameter_text",
-    "proven_millimetres",
-    "proven_motion",
-    "setup_hash",
-]
 
 DIGITS = 9
 """Decimals of a pose (metres for positions) that a digest distinguishes: files round rotations."""

@@ -43,8 +43,6 @@ from pinproof.motion import Curve, Trajectory
 from pinproof.motion.curve import read_only
 from pinproof.spatial import finite
 
-__all__ = ["KnownPairs", "certify", "is_proven_free", "prove_rest"]
-
 Array = npt.NDArray[np.float64]
 
 GOAL_SHARE = 0.5

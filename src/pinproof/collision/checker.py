@@ -44,8 +44,6 @@ from pinproof.model import JointGroup
 from pinproof.motion.curve import Curve
 from pinproof.spatial import finite
 
-__all__ = ["CheckResult", "CollisionChecker", "Contact", "require_curve"]
-
 Array = npt.NDArray[np.float64]
 
 

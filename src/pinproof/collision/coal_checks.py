@@ -12,15 +12,6 @@ import pinocchio as pin
 from pinproof.collision.assembly import CheckedBodies
 from pinproof.collision.bodies import Body
 
-__all__ = [
-    "GJK_SLACK",
-    "GJK_TOLERANCE",
-    "CoalWorkspace",
-    "Distance",
-    "MeasureConvex",
-    "PlainCoal",
-]
-
 Array = npt.NDArray[np.float64]
 
 GJK_TOLERANCE = 1e-8

@@ -26,8 +26,6 @@ from pinproof.model import Arm
 from pinproof.motion import Curve
 from pinproof.motion.curve import read_only
 
-__all__ = ["with_constraints"]
-
 Array = npt.NDArray[np.float64]
 
 RESOLUTION = 1e-6

@@ -35,8 +35,6 @@ import numpy.typing as npt
 
 from pinproof.collision.hulls import Solid, bvh, inside
 
-__all__ = ["SAMPLES", "ConvexPieces", "convex_pieces", "split_cell", "split_edges", "split_triangles"]
-
 Array = npt.NDArray[np.float64]
 
 

@@ -30,8 +30,6 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["clusters"]
-
 Array = npt.NDArray[np.float64]
 
 PIECES = 12

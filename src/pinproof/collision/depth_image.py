@@ -16,8 +16,6 @@ from pinproof.errors import InputError
 from pinproof.spatial import SE3, finite, matrix, rigid
 from pinproof.units import MOST_REACH
 
-__all__ = ["DEPTH_UNCERTAINTY", "DepthView", "Intrinsics", "Piece", "RemovedBody"]
-
 Array = npt.NDArray[np.float64]
 
 DEPTH_UNCERTAINTY = 0.005

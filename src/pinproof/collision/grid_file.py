@@ -20,8 +20,6 @@ from pinproof.common.yaml_file import refuse_unknown
 from pinproof.errors import InputError, SceneError
 from pinproof.spatial import SE3, finite
 
-__all__ = ["read_grid", "stated_grid"]
-
 SOURCES = ("cells", "views", "octomap")
 """The keys of which a grid has exactly one."""
 

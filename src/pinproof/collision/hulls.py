@@ -15,18 +15,6 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = [
-    "Inside",
-    "Solid",
-    "bvh",
-    "convex_hull",
-    "hull_of_any",
-    "hull_triangles",
-    "inside",
-    "refuse_flat",
-    "winding_number",
-]
-
 Array = npt.NDArray[np.float64]
 
 FLAT = 1e-6

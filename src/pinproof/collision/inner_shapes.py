@@ -16,8 +16,6 @@ import numpy.typing as npt
 from pinproof.collision.bodies import MOST_EXCESS, Body, Support
 from pinproof.collision.hulls import Solid, winding_number
 
-__all__ = ["InnerShapes", "extremes", "inner_shapes"]
-
 Array = npt.NDArray[np.float64]
 
 MOST_BALLS = 24

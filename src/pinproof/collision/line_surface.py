@@ -17,19 +17,11 @@ import numpy.typing as npt
 from pinproof.collision.bodies import Body, Support, shape_body, triangles_of
 from pinproof.collision.coal_checks import MeasureConvex
 from pinproof.collision.hulls import Solid
-from pinproof.collision.shapes import HeightMap, Mesh, Obstacle, OccupancyGrid, PointCloud, Sphere
+from pinproof.collision.occupancy import OccupancyGrid
+from pinproof.collision.shapes import HeightMap, Mesh, Obstacle, PointCloud, Sphere
 from pinproof.collision.surfaces import cell_faces, ground_surface
 from pinproof.errors import InputError
 from pinproof.spatial import SE3
-
-__all__ = [
-    "LineSurface",
-    "SurfacePoints",
-    "body_distance",
-    "outer_points",
-    "point_distance",
-    "travel_to_touch",
-]
 
 Array = npt.NDArray[np.float64]
 

@@ -20,8 +20,6 @@ from pinproof.model import Arm
 from pinproof.motion.curve import Array
 from pinproof.motion.joint_path import JointPath
 
-__all__ = ["LineTrace", "levers", "trace_line"]
-
 UNIT = 0.2
 """Metres that count as much as one radian, about the size of a wrist."""
 

@@ -22,8 +22,6 @@ from pinproof.description import LinkGeometry
 from pinproof.description.meshes import read_mesh, resolved
 from pinproof.errors import InputError, MeshError, UnknownNameError
 
-__all__ = ["AS_REQUESTED", "DECOMPOSED", "EXACT", "LinkBodies", "LinkMeshes", "link_bodies", "meshes_of"]
-
 LinkMeshes = Literal["hull", "mesh", "surface", "decomposed"]
 """Representation of a link's mesh: its convex hull, its triangles if watertight, its triangles in any case, or several
 convex hulls that cover it."""

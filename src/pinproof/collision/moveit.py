@@ -50,8 +50,6 @@ from pinproof.description.packages import locate
 from pinproof.errors import FileError, InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose
 
-__all__ = ["allowed_pairs", "is_moveit", "moveit_message", "read_moveit_message", "read_moveit_scene"]
-
 OCTOMAP = "<octomap>"
 
 Pairs = list[tuple[str, str]]

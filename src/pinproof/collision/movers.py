@@ -26,8 +26,6 @@ from pinproof.motion import Curve, Trajectory
 from pinproof.motion.group_motion import TimedColumns, merged
 from pinproof.spatial import SE3, finite
 
-__all__ = ["Mover", "TimedScene", "with_movers"]
-
 Array = npt.NDArray[np.float64]
 
 FARTHEST = 30.0

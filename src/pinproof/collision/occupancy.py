@@ -25,8 +25,6 @@ from pinproof.common.validation import named_arguments, require_integer, require
 from pinproof.errors import InputError
 from pinproof.spatial import finite, matrix
 
-__all__ = ["CLEARED", "FREE", "MOST_CELLS", "PIXEL_MARGIN", "POLICIES", "SEEN", "UNKNOWN", "OccupancyGrid"]
-
 Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.uint8]
 Bounds = Sequence[Sequence[float]] | Array

@@ -24,8 +24,6 @@ import numpy.typing as npt
 from pinproof.common.files import read_bytes
 from pinproof.errors import FileError, InputError
 
-__all__ = ["THRESHOLD", "OctomapLeaves", "octomap_leaves", "read_octomap"]
-
 LARGEST_FILE = 2**28
 """Largest size of a file (bytes)."""
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from pinproof.collision.checker import CheckResult, CollisionChecker
     from pinproof.spatial import Array
 
-__all__ = ["LinkOverlap", "OverlapReport", "overlap_hint", "sample_overlaps"]
-
 Frequency = Literal["always", "nearly always", "sometimes", "never"]
 
 ADJACENT, ALWAYS = "Adjacent", "Always"

@@ -13,8 +13,6 @@ from pinproof._core import Geometry, JointTree, World
 from pinproof.collision.bodies import Body
 from pinproof.model import JointGroup
 
-__all__ = ["pack_geometry", "pack_world"]
-
 Array = npt.NDArray[np.float64]
 
 ARMS_KEPT = 8

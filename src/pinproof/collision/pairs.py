@@ -36,20 +36,6 @@ from pinproof.description import UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import JointGroup, Robot
 
-__all__ = [
-    "ALLOWED_BY_CALLER",
-    "HOUSING_SHARE",
-    "ExcludedPair",
-    "FinerPair",
-    "Overlap",
-    "Overlaps",
-    "PairRules",
-    "Pairs",
-    "choose_pairs",
-    "overlap_levels",
-    "unexplained_pairs",
-]
-
 Booleans = npt.NDArray[np.bool_]
 
 NEARLY_ALL = 0.95

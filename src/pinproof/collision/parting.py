@@ -46,8 +46,6 @@ from pinproof.motion import Curve, bezier
 from pinproof.motion.curve import BezierCurve, read_only
 from pinproof.spatial import matrix
 
-__all__ = ["prove_parting"]
-
 Array = npt.NDArray[np.float64]
 
 DEEPEST = 1e-3

@@ -19,19 +19,6 @@ from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, frozen, matrix, rigid
 
-__all__ = [
-    "ConstraintProof",
-    "ConstraintViolation",
-    "LookAt",
-    "PathConstraint",
-    "UndecidedConstraint",
-    "Upright",
-    "Within",
-    "amount",
-    "check_constraints",
-    "exact_text",
-]
-
 Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 

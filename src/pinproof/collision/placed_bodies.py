@@ -16,8 +16,6 @@ from pinproof._core import Workspace, World
 from pinproof.collision.assembly import CheckedBodies
 from pinproof.collision.coal_checks import CoalWorkspace, Distance, MeasureConvex
 
-__all__ = ["CoalJudge", "FixedPairs", "NearestBodies", "PlacedBodies", "check_fixed_pairs"]
-
 Array = npt.NDArray[np.float64]
 
 

@@ -44,8 +44,6 @@ from pinproof.motion.trajectory import Trajectory
 
 StepKind = TypeVar("StepKind", bound=Step)
 
-__all__ = ["ProgramCertificate", "ProgramPart", "certify_program", "export_program", "feasible"]
-
 SPACING = 1.0 / 256.0
 """Share of a move between two samples of the distance to a blend's point; the bound between them is added."""
 

@@ -32,16 +32,6 @@ from pinproof.motion import Curve
 from pinproof.spatial import SE3
 from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, ProofVerdict, Refused, body_digest, load, verify
 
-__all__ = [
-    "ProvenMotion",
-    "bodies_of",
-    "evidence_of",
-    "joints_of",
-    "proof_document",
-    "verify_proof",
-    "write_proof",
-]
-
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 

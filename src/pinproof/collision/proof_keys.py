@@ -23,8 +23,6 @@ from pinproof.common.file_keys import (
 )
 from pinproof.verifier import FORMAT, VERSION
 
-__all__ = ["PROOF"]
-
 HASH = {"type": "string", "pattern": "^[0-9a-f]{64}$"}
 JOINT = {**INTEGER, "minimum": -1}
 VECTOR = numbers(3, PLAIN_NUMBER)

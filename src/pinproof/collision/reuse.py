@@ -18,8 +18,6 @@ from pinproof.collision.certify import KnownPairs, certify, prove_rest
 from pinproof.collision.checker import CollisionChecker
 from pinproof.errors import InputError
 
-__all__ = ["SetupChange", "StoredProof", "setup_differences"]
-
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 

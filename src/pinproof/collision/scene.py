@@ -19,8 +19,6 @@ from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
 if TYPE_CHECKING:
     from pinproof.common.yaml_file import LinedMapping
 
-__all__ = ["Attachments", "Scene"]
-
 SHAPE_WIDTH = 60
 """Largest number of characters of a shape in a table of obstacles."""
 

@@ -17,8 +17,9 @@ import numpy as np
 import pinocchio as pin
 
 from pinproof.collision.grid_file import read_grid, stated_grid
+from pinproof.collision.occupancy import OccupancyGrid
 from pinproof.collision.scene_keys import OBSTACLE, POSE, SCENE, SHAPES
-from pinproof.collision.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, OccupancyGrid, Shape
+from pinproof.collision.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, Shape
 from pinproof.common.files import is_file
 from pinproof.common.yaml_file import (
     LinedMapping,
@@ -30,21 +31,6 @@ from pinproof.common.yaml_file import (
 from pinproof.errors import InputError, SceneError
 from pinproof.spatial import SE3, Array, finite, pose
 from pinproof.units import MOST_REACH, refuse_degrees
-
-__all__ = [
-    "SceneContent",
-    "numbers_of",
-    "pairs_of",
-    "pose_of",
-    "read_obstacle",
-    "read_scene",
-    "read_shape",
-    "stated_obstacle",
-    "stated_pose",
-    "stated_shape",
-    "write_scene",
-]
-
 
 LARGEST_INDEX = 2**53
 """Up to this number every integer is a double."""

@@ -7,7 +7,8 @@ from typing import Any
 from pinproof.collision.depth_image import DEPTH_UNCERTAINTY
 from pinproof.collision.occupancy import PIXEL_MARGIN, POLICIES
 from pinproof.collision.octomap_file import THRESHOLD
-from pinproof.collision.shapes import BELOW_LOWEST, LARGEST_SIZE, SMALLEST_SIZE
+from pinproof.collision.shape_values import LARGEST_SIZE, SMALLEST_SIZE
+from pinproof.collision.shapes import BELOW_LOWEST
 from pinproof.common.file_keys import (
     ANGLE,
     ANY_TEXT,
@@ -25,11 +26,6 @@ from pinproof.common.file_keys import (
     numbers,
     required,
 )
-
-__all__ = [
-    "ATTACHED", "BODY", "GRID", "INTRINSICS", "OBSTACLE", "ONE_ORIENTATION", "POSE", "POSE_KEYS", "SCENE", "SHAPES",
-    "VECTOR", "VIEW",
-]  # fmt: skip
 
 VECTOR = numbers(3)
 

@@ -14,8 +14,6 @@ import numpy.typing as npt
 from pinproof.common.files import refuse_unreadable, unknown_suffix
 from pinproof.errors import FileError, InputError
 
-__all__ = ["read_image", "read_points"]
-
 LARGEST_FILE = 2**30
 """Bytes: a cloud of about 70 million points."""
 

@@ -21,8 +21,6 @@ from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
 from pinproof.spatial import matrix
 
-__all__ = ["remove_body", "remove_robot"]
-
 Array = npt.NDArray[np.float64]
 
 SEEN_THROUGH = 0.5

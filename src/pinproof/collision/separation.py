@@ -24,18 +24,6 @@ from pinproof.spatial import matrix
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
 
-__all__ = [
-    "BodySupport",
-    "FacetGroup",
-    "MovingBody",
-    "directions_to_facets",
-    "distinct",
-    "facet_body",
-    "facets_of",
-    "leave_facets",
-    "unit_vectors",
-]
-
 Array = npt.NDArray[np.float64]
 
 

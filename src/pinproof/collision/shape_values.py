@@ -12,8 +12,6 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.spatial import finite
 
-__all__ = ["LARGEST_SIZE", "SMALLEST_SIZE", "ByContent", "checked_size", "coordinates"]
-
 Array = npt.NDArray[np.float64]
 
 SMALLEST_SIZE = 1e-6

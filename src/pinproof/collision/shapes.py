@@ -27,29 +27,6 @@ from pinproof.common.validation import named_arguments
 from pinproof.errors import InputError
 from pinproof.spatial import finite, frozen, rigid
 
-__all__ = [
-    "ANYTHING",
-    "LARGEST_SIZE",
-    "SHAPES_BY_KEY",
-    "SMALLEST_SIZE",
-    "Box",
-    "Capsule",
-    "Cone",
-    "ConvexHull",
-    "Cylinder",
-    "Ellipsoid",
-    "HalfSpace",
-    "HeightMap",
-    "Mesh",
-    "Obstacle",
-    "OccupancyGrid",
-    "PointCloud",
-    "Shape",
-    "Sphere",
-    "checked_size",
-    "coordinates",
-]
-
 Array = npt.NDArray[np.float64]
 
 

@@ -16,8 +16,6 @@ import numpy.typing as npt
 from pinproof.collision.occupancy import OccupancyGrid
 from pinproof.collision.shapes import GRID_CELLS, HeightMap, PointCloud
 
-__all__ = ["Cells", "Ground", "cell_faces", "cells_of", "ground_surface", "merged_boxes", "merged_cells"]
-
 Array = npt.NDArray[np.float64]
 
 

@@ -13,8 +13,6 @@ import numpy as np
 
 from pinproof.spatial import SE3, matrix
 
-__all__ = ["digest", "digest_many"]
-
 LENGTH = 16
 """Hexadecimal digits (64 bits); an accidental collision is practically impossible."""
 

@@ -22,8 +22,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["cached", "content_digest", "folder"]
-
 LARGEST_CACHE = 512 * 2**20
 """Bytes (512 MiB). The oldest entries are deleted when new ones exceed it; a robot needs 5 to 20 MiB."""
 

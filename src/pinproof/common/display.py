@@ -12,20 +12,6 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "MOST_LINES",
-    "MOST_ROWS",
-    "PLOT_POINTS",
-    "html_block",
-    "html_list",
-    "html_of",
-    "html_plot",
-    "html_table",
-    "markdown_table",
-    "outline",
-    "shortened",
-]
-
 MOST_LINES = 10
 """Largest number of lines of a ``repr``."""
 

@@ -16,32 +16,6 @@ from typing import Any
 from pinproof.common.yaml_file import NUMBER_PATTERN
 from pinproof.units import MOST_TURN
 
-__all__ = [
-    "ANGLE",
-    "ANY_TEXT",
-    "BOOLEAN",
-    "COUNT",
-    "INTEGER",
-    "NOT_NEGATIVE",
-    "NUMBER",
-    "OPTIONAL_NUMBER",
-    "PLAIN_NUMBER",
-    "TEXT",
-    "Definition",
-    "FileKey",
-    "KeyTable",
-    "Schema",
-    "any_of",
-    "default_of",
-    "fault_in",
-    "json_schema",
-    "list_of",
-    "mapping_to",
-    "numbers",
-    "report_table",
-    "required",
-]
-
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 Schema = Mapping[str, Any]

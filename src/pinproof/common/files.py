@@ -18,23 +18,6 @@ from typing import Any
 
 from pinproof.errors import FileError, InputError
 
-__all__ = [
-    "LARGEST_TEXT",
-    "csv_text",
-    "figure",
-    "file_stems",
-    "is_file",
-    "json_text",
-    "os_errors",
-    "read_bytes",
-    "read_text",
-    "refuse_unreadable",
-    "save_as",
-    "unknown_suffix",
-    "write_bytes_whole",
-    "write_text_whole",
-]
-
 LARGEST_TEXT = 64 * 2**20
 """Bytes (64 MiB). Known URDF files have at most 1 MiB; a parsed file of this size takes about 1 GiB of memory."""
 

@@ -13,18 +13,6 @@ import numpy as np
 
 from pinproof.errors import InputError
 
-__all__ = [
-    "ReadOnlyDict",
-    "Rng",
-    "freeze_arrays",
-    "named_arguments",
-    "random_generator",
-    "require_integer",
-    "require_positive",
-    "require_type",
-    "seed_sequence",
-]
-
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 Kind = TypeVar("Kind", bound=type)

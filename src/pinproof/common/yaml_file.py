@@ -20,17 +20,6 @@ from yaml.scanner import Scanner
 from pinproof.common.files import read_text, unknown_suffix, write_text_whole
 from pinproof.errors import FileError, UnknownNameError
 
-__all__ = [
-    "NUMBER_PATTERN",
-    "YAML_SUFFIXES",
-    "LinedMapping",
-    "parse_number",
-    "read_yaml",
-    "refuse_unknown",
-    "require_list",
-    "write_yaml",
-]
-
 YAML_SUFFIXES = (".yaml", ".yml")
 
 LARGEST_YAML = 16 * 2**20

@@ -10,8 +10,6 @@ from pinproof.description.dh import DhTable
 from pinproof.description.dh_urdf import urdf_of_table
 from pinproof.model.dh_proof import prove_urdf_equals_table
 
-__all__ = ["dh_to_urdf", "write_urdf"]
-
 
 def dh_to_urdf(table: DhTable) -> str:
     """Convert a DH table to a URDF and verify that both have the same forward kinematics.

@@ -38,8 +38,6 @@ from pinproof.model import Arm
 from pinproof.model.chain import link_path
 from pinproof.model.dh_proof import prove_table_equals_arm
 
-__all__ = ["COINCIDENT", "FARTHEST", "PARALLEL", "Axis", "frame_on", "frames_along", "row_numbers", "urdf_to_dh"]
-
 Array = npt.NDArray[np.float64]
 
 PARALLEL = 1e-10

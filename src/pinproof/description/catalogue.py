@@ -14,8 +14,6 @@ from typing import Any
 from pinproof.description.packages import example_robot_data
 from pinproof.errors import InputError, UnknownNameError
 
-__all__ = ["CatalogueEntry", "catalogue_names", "find_robot", "robots_folder"]
-
 
 @dataclass(frozen=True)
 class CatalogueEntry:

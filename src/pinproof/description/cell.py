@@ -15,8 +15,6 @@ from pinproof.description.srdf import DisabledPair, EndEffector, Group, GroupSta
 from pinproof.description.urdf import Urdf, urdf_of
 from pinproof.description.xml_reader import Element, parse_text
 
-__all__ = ["WORLD", "Axis", "cell_srdf", "cell_urdf", "urdf_with_axes"]
-
 WORLD = "world"
 """The root link of a cell."""
 

@@ -37,19 +37,6 @@ from pinproof.errors import DhTableError, InputError, UnknownNameError
 from pinproof.spatial import finite, matrix, pose, rigid
 from pinproof.units import refuse_degree_limit, refuse_degrees, refuse_millimetres
 
-__all__ = [
-    "DEFAULT_PRISMATIC_VELOCITY",
-    "DEFAULT_REVOLUTE_LIMIT",
-    "DEFAULT_REVOLUTE_VELOCITY",
-    "DhRow",
-    "DhTable",
-    "load_table",
-    "other_separator",
-    "row_problem",
-    "row_transform",
-    "save_table",
-]
-
 Array = npt.NDArray[np.float64]
 
 DEFAULT_REVOLUTE_LIMIT = math.pi

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pinproof.common.file_keys import ANGLE, NUMBER, TEXT, FileKey, KeyTable, any_of, list_of, numbers, required
 
-__all__ = ["CONVENTIONS", "DEFAULT_EFFORT", "JOINT_TYPES", "LARGEST", "ROW", "TABLE", "TRANSFORM"]
-
 CONVENTIONS = ("standard", "modified")
 JOINT_TYPES = ("revolute", "prismatic", "continuous")
 

@@ -59,23 +59,6 @@ from pinproof.description.dh import DhRow, DhTable, row_transform
 from pinproof.description.urdf import Urdf
 from pinproof.errors import InputError
 
-__all__ = [
-    "DENSITY",
-    "GENERATED_BODIES",
-    "TCP",
-    "Body",
-    "Shape",
-    "ahead",
-    "behind",
-    "has_generated_bodies",
-    "joint_origins",
-    "link_bodies",
-    "rpy_of",
-    "tool_origin",
-    "urdf_of_table",
-    "urdf_text",
-]
-
 Array = npt.NDArray[np.float64]
 
 

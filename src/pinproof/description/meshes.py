@@ -17,8 +17,6 @@ from pinproof.description.packages import MeshFile
 from pinproof.description.xml_reader import refuse_doctype
 from pinproof.errors import MeshError
 
-__all__ = ["COLOURED_SUFFIXES", "MESH_SUFFIXES", "TriangleMesh", "collada_unit", "read_mesh", "resolved", "z_up"]
-
 MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf")
 
 COLOURED_SUFFIXES = MESH_SUFFIXES[1:]

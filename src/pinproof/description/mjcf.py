@@ -23,8 +23,6 @@ from pinproof.description.xml_reader import Element, numbers, place, required
 from pinproof.errors import UnknownNameError, UrdfError
 from pinproof.spatial import xyz_rpy
 
-__all__ = ["Words", "add_geom", "mjcf_of"]
-
 Array = npt.NDArray[np.float64]
 Attributes = dict[str, dict[str, str]]
 

@@ -11,8 +11,6 @@ import numpy.typing as npt
 from pinproof.description.urdf import JointType, LinkGeometry, Urdf, UrdfJoint
 from pinproof.errors import InputError
 
-__all__ = ["CELL", "PLACEMENT_JOINTS", "with_movable_base"]
-
 Array = npt.NDArray[np.float64]
 
 CELL = "placement_cell"

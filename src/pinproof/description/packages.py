@@ -11,8 +11,6 @@ from urllib.parse import unquote
 
 from pinproof.common.files import is_file
 
-__all__ = ["MeshFile", "climbs_out", "example_robot_data", "find_package", "locate"]
-
 WORKSPACE_DEPTH = 4
 """Search depth for packages below an entry of ROS_PACKAGE_PATH (workspace/src/repository/stack/package)."""
 

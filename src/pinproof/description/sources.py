@@ -12,8 +12,6 @@ from pinproof.description.xml_reader import parse_file
 from pinproof.errors import InputError
 from pinproof.units import refuse_degree_limit
 
-__all__ = ["notes", "read_description"]
-
 NAMED = 5
 """Largest number of names that a note lists."""
 

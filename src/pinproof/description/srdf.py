@@ -11,9 +11,6 @@ from pinproof.common.validation import ReadOnlyDict
 from pinproof.description.xml_reader import Element, numbers, parse_file, place, required
 from pinproof.errors import UrdfError
 
-__all__ = ["DisabledPair", "EndEffector", "Group", "GroupState", "Srdf", "read_srdf", "srdf_of", "srdf_text"]
-
-
 T = TypeVar("T")
 
 DEEPEST = 100

@@ -33,24 +33,6 @@ from pinproof.description.xml_reader import (
 )
 from pinproof.errors import InputError, UnknownNameError, UrdfError
 
-__all__ = [
-    "MAX_LINKS",
-    "JointType",
-    "LinkGeometry",
-    "Mimic",
-    "Urdf",
-    "UrdfJoint",
-    "check_mimics",
-    "moved_by",
-    "origin",
-    "read_joint",
-    "read_links",
-    "read_urdf",
-    "read_urdf_text",
-    "rpy_matrix",
-    "urdf_of",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:

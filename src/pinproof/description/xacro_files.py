@@ -12,8 +12,6 @@ from pathlib import Path
 from pinproof.description.xml_reader import parse_file
 from pinproof.errors import InputError, UnknownNameError, UrdfError
 
-__all__ = ["expand_xacro"]
-
 TIME_LIMIT = 60.0
 """Seconds; robots from MoveIt and vendor packages take one or two seconds."""
 

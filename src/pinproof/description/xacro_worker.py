@@ -14,8 +14,6 @@ from typing import Any
 
 from pinproof.description.packages import find_package
 
-__all__ = ["main"]
-
 MOST_MEMORY = 4 * 2**30
 """Bytes of address space; the largest robots need about a twentieth of it."""
 

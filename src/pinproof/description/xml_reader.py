@@ -12,20 +12,6 @@ from typing import Any
 from pinproof.common.files import read_bytes
 from pinproof.errors import FileError, UrdfError
 
-__all__ = [
-    "Element",
-    "number",
-    "numbers",
-    "only",
-    "parse_file",
-    "parse_text",
-    "place",
-    "refuse_doctype",
-    "required",
-    "spelt",
-    "spelt_attributes",
-]
-
 NEAR = 0.8
 """Similarity (``difflib`` ratio) above which an unknown tag is considered misspelt; 'collison' has 0.94."""
 

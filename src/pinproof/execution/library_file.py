@@ -20,8 +20,6 @@ from pinproof.motion import Trajectory
 from pinproof.motion.motion_keys import MOTION
 from pinproof.motion.trajectory_files import Reader, from_message, to_message
 
-__all__ = ["LIBRARY", "LibraryContent", "read", "write"]
-
 SCHEMA = "pinproof/library/1"
 """The version of the format, raised by breaking changes."""
 

@@ -34,8 +34,6 @@ from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory
 from pinproof.spatial import finite
 
-__all__ = ["Monitor", "MonitorResult", "MonitorStatus"]
-
 Array = npt.NDArray[np.float64]
 
 JOINT_TOLERANCE = 0.01

@@ -21,8 +21,6 @@ from pinproof.planning import PlanResult, shortcut
 from pinproof.planning.planners import Planner, planner_of
 from pinproof.spatial import SE3, finite, matrix, rigid
 
-__all__ = ["MotionLibrary", "RepairResult", "StoredMotion"]
-
 Array = npt.NDArray[np.float64]
 
 JOINTS = 1e-3

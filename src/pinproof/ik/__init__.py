@@ -14,7 +14,8 @@ from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
 from pinproof.ik.loop import DescentState, IkStep, StepRule
 from pinproof.ik.methods import make_ik
-from pinproof.ik.reach_proof import Overlap, ReachProof, ReachStatus, is_provable, prove_unreachable
+from pinproof.ik.reach_check import Overlap
+from pinproof.ik.reach_proof import ReachProof, ReachStatus, is_provable, prove_unreachable
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.task import IkGoal, IkTask
 from pinproof.ik.tracking import Tracker, TrackResult, track

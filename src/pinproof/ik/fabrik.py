@@ -19,8 +19,6 @@ from pinproof.ik.windings import TURN, turning
 from pinproof.model import Arm
 from pinproof.spatial import matrix
 
-__all__ = ["Fabrik"]
-
 Array = npt.NDArray[np.float64]
 Weighed = Iterable[tuple[float, Array]]
 

@@ -42,8 +42,6 @@ from pinproof.ik.windings import difference
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, rigid_many, rigid_matrix
 
-__all__ = ["IterativeIk"]
-
 Array = npt.NDArray[np.float64]
 Accept = Callable[[Array], bool]
 EngineName = Literal["auto", "compiled", "pinocchio"]

@@ -12,8 +12,6 @@ from pinproof.common.validation import require_positive
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.loop import NOTHING, CompiledRule, DescentState, StepRule
 
-__all__ = ["Clik", "DampedLeastSquares", "PseudoInverse"]
-
 Array = npt.NDArray[np.float64]
 
 

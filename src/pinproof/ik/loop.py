@@ -35,23 +35,6 @@ from pinproof.ik.windings import TURN, nearest_winding, turning
 from pinproof.model import Arm
 from pinproof.spatial import SE3, matrix, rigid
 
-__all__ = [
-    "AnyCandidate",
-    "CompiledRule",
-    "Descent",
-    "DescentState",
-    "IkStep",
-    "OnStep",
-    "PinocchioSearch",
-    "Search",
-    "Seeds",
-    "Stall",
-    "StepRule",
-    "compiled_solver",
-    "descend",
-    "seeds_of",
-]
-
 Array = npt.NDArray[np.float64]
 
 COUNT = 1024

@@ -8,8 +8,6 @@ from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
 
-__all__ = ["IK_METHODS", "make_ik"]
-
 IK_METHODS: dict[str, type[IterativeIk | AnalyticIk]] = {
     "clik": Clik,
     "analytic": AnalyticIk,

@@ -25,18 +25,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "CUT_LOWER",
-    "CUT_UPPER",
-    "EXCLUDED",
-    "SPLIT",
-    "Loop",
-    "Overlap",
-    "Steps",
-    "check_exclusion",
-    "excluded_boxes",
-]
-
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 

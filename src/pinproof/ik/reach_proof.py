@@ -28,8 +28,6 @@ from pinproof.model.limits import AT_LIMIT
 from pinproof.spatial import SE3, rigid
 from pinproof.units import far_hint
 
-__all__ = ["Overlap", "ReachProof", "ReachStatus", "is_provable", "prove_unreachable"]
-
 Array = npt.NDArray[np.float64]
 
 FIRST_BOXES = 64

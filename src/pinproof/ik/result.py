@@ -22,20 +22,6 @@ from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
 from pinproof.units import far_hint
 
-__all__ = [
-    "Candidate",
-    "IkBatch",
-    "IkOutcome",
-    "IkResult",
-    "IkSolutions",
-    "IkStatus",
-    "found",
-    "judge",
-    "not_found",
-    "refused",
-    "sampled",
-]
-
 Errors = tuple[float, float]
 Counted = tuple[bool, bool]
 

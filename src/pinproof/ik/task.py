@@ -28,8 +28,6 @@ from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 
-__all__ = ["Goal", "GoalName", "IkGoal", "IkTask", "Task", "TaskName", "make_goal", "make_task"]
-
 Array = npt.NDArray[np.float64]
 TaskName = Literal["pose", "position", "orientation", "spin_x", "spin_y", "spin_z"]
 

@@ -18,8 +18,6 @@ from pinproof.model import Arm
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, finite, matrix, rigid, rigid_many
 
-__all__ = ["TrackResult", "Tracker", "slips", "track"]
-
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 

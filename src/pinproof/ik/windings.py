@@ -13,8 +13,6 @@ import numpy.typing as npt
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
 
-__all__ = ["difference", "nearest_winding", "turning"]
-
 Array = npt.NDArray[np.float64]
 
 TURN = 2 * np.pi

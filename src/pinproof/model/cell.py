@@ -16,8 +16,6 @@ from pinproof.model.limits import JointLimits
 from pinproof.model.robot import PART, JointGroup, Robot
 from pinproof.spatial import rigid
 
-__all__ = ["assemble"]
-
 NAME = re.compile(r"[A-Za-z0-9_.\-]+")
 
 

@@ -23,22 +23,6 @@ from pinproof.description import Srdf, Urdf, UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.limits import JointLimits
 
-__all__ = [
-    "Chain",
-    "affine",
-    "aligned_axes",
-    "chain_of",
-    "compiled_chain",
-    "find_chain",
-    "group_ends",
-    "held_values",
-    "joint_axis",
-    "link_path",
-    "moving_joints",
-    "periodic",
-    "reduced_model",
-]
-
 Array = npt.NDArray[np.float64]
 
 MAX_JOINTS = 250

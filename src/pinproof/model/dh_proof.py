@@ -10,14 +10,6 @@ from pinproof.description.dh_urdf import TCP
 from pinproof.errors import ConversionError, PinproofError
 from pinproof.model.robot import Arm, load_robot_from_text
 
-__all__ = [
-    "CONFIGURATIONS",
-    "FK_TOLERANCE",
-    "RECOVERY_TOLERANCE",
-    "prove_table_equals_arm",
-    "prove_urdf_equals_table",
-]
-
 Array = npt.NDArray[np.float64]
 
 FK_TOLERANCE = 1e-12

@@ -16,16 +16,6 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.chain import aligned_axes
 from pinproof.spatial import finite
 
-__all__ = [
-    "GRAVITY",
-    "Payload",
-    "checked_payloads",
-    "dynamic_tree",
-    "inverse_dynamics",
-    "kinematic_tree",
-    "massless_joints",
-]
-
 Array = npt.NDArray[np.float64]
 
 GRAVITY = (0.0, 0.0, -9.81)

@@ -16,8 +16,6 @@ import numpy.typing as npt
 
 from pinproof.common.display import html_block, html_list, html_table, outline
 
-__all__ = ["SAMPLES", "JointInfo", "RobotInfo", "Role", "describe_axes"]
-
 Array = npt.NDArray[np.float64]
 
 PARALLEL_TOLERANCE = 1e-4

@@ -19,8 +19,6 @@ from pinproof.common.validation import named_arguments
 from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, UnknownNameError
 
-__all__ = ["AT_LIMIT", "DEFAULT_RAMP", "JointLimits", "LimitsFile", "distinct", "guess_note"]
-
 Array = npt.NDArray[np.float64]
 
 DEFAULT_RAMP = 0.5

@@ -24,8 +24,6 @@ from pinproof.errors import FileError, InputError, UrdfError
 from pinproof.model.dh_proof import prove_urdf_equals_table
 from pinproof.model.robot import Robot, build_robot
 
-__all__ = ["ROBOT_SUFFIXES", "load_robot"]
-
 ROBOT_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf", *TABLE_SUFFIXES)
 """Suffixes of the files that describe a robot."""
 

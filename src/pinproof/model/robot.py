@@ -44,17 +44,6 @@ from pinproof.model.info import SAMPLES, JointInfo, RobotInfo, Role, describe_ax
 from pinproof.model.limits import JointLimits, LimitsFile
 from pinproof.spatial import finite, frozen
 
-__all__ = [
-    "Arm",
-    "JointGroup",
-    "Reference",
-    "Robot",
-    "Singularity",
-    "build_robot",
-    "kinematic_class",
-    "load_robot_from_text",
-]
-
 Array = npt.NDArray[np.float64]
 
 Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]

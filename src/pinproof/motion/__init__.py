@@ -5,12 +5,13 @@ from pinproof.motion.cubic_path import CubicPath
 from pinproof.motion.curve import Curve
 from pinproof.motion.group_motion import separate, synchronise
 from pinproof.motion.joint_path import JointPath
+from pinproof.motion.limits import MotionLimits
 from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramSegment
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.program_steps import Blend
 from pinproof.motion.rate_constraints import RateConstraint
 from pinproof.motion.robot_program import JointMap, RobotProgram
-from pinproof.motion.timing import MotionLimits, time_parametrise
+from pinproof.motion.timing import time_parametrise
 from pinproof.motion.tool_limits import ToolLimits
 from pinproof.motion.torque_limits import TorqueLimits, TorquePeak
 from pinproof.motion.trajectory import Trajectory

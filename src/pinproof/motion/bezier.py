@@ -19,21 +19,6 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = [
-    "EXTREME_TOLERANCE",
-    "degree",
-    "derivative",
-    "elevate",
-    "evaluate",
-    "extremes",
-    "hermite",
-    "hermite_slope",
-    "hull",
-    "largest",
-    "on_pieces",
-    "split",
-]
-
 Array = npt.NDArray[np.float64]
 
 EXTREME_TOLERANCE = 1e-12

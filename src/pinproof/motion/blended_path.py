@@ -17,8 +17,6 @@ from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, ends_
 from pinproof.motion.joint_path import JointPath
 from pinproof.spatial import finite
 
-__all__ = ["MAX_DEGREE", "BlendedPath"]
-
 MAX_DEGREE = 5
 """Maximum degree of a piece: a rounding prescribes position, tangent and zero second derivative at both ends."""
 

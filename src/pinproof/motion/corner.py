@@ -23,8 +23,6 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = ["REVERSAL", "distance_to_corner", "round_off", "rounding", "spacing"]
-
 Array = npt.NDArray[np.float64]
 
 REVERSAL = 0.1

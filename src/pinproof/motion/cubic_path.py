@@ -15,8 +15,6 @@ from pinproof.motion import bezier
 from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, read_only
 from pinproof.spatial import finite
 
-__all__ = ["CubicPath"]
-
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class CubicPath(BezierCurve):

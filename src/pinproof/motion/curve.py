@@ -11,8 +11,6 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.motion import bezier
 
-__all__ = ["MEET_TOLERANCE", "BezierCurve", "Curve", "TimedCurve", "checked_joint_names", "ends_meet", "read_only"]
-
 Array = npt.NDArray[np.float64]
 
 MEET_TOLERANCE = 1e-12

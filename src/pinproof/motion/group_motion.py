@@ -14,8 +14,6 @@ from pinproof.motion.tool_limits import require_joints
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds, whole_nanoseconds
 
-__all__ = ["TimedColumns", "merged", "separate", "synchronise"]
-
 
 def separate(trajectory: Trajectory, group: JointGroup) -> dict[str, Trajectory]:
     """Return the trajectory of each arm of a group, by the name of the arm, all with the points in time of the whole.

@@ -15,8 +15,6 @@ from pinproof.errors import InputError
 from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, ends_meet, read_only
 from pinproof.spatial import finite
 
-__all__ = ["JointPath"]
-
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class JointPath(BezierCurve):

@@ -10,8 +10,6 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = ["POSITION_TOLERANCE", "RATE_TOLERANCE", "Bounds", "MotionLimits"]
-
 Array = npt.NDArray[np.float64]
 
 RATE_TOLERANCE = 1e-9

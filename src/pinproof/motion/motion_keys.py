@@ -20,22 +20,6 @@ from pinproof.common.file_keys import (
 )
 from pinproof.common.yaml_file import YAML_SUFFIXES
 
-__all__ = [
-    "CUBIC_UNITS",
-    "EVENT_KINDS",
-    "INTERPOLANTS",
-    "META",
-    "MOTION",
-    "POINT",
-    "PROGRAM",
-    "PROGRAM_SCHEMA",
-    "PROGRAM_UNITS",
-    "READ",
-    "RECORD",
-    "UNITS",
-    "WRITTEN",
-]
-
 INTERPOLANTS = {"cubic": "cubic Hermite between points", "quintic": "quintic Hermite between points"}
 """The names of the interpolants in the metadata of a file."""
 

@@ -26,8 +26,6 @@ from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, Reader, whole_nanoseconds
 
-__all__ = ["EventKind", "MotionProgram", "ProgramEvent", "ProgramSegment", "certificate_id"]
-
 EventKind = Literal["grip", "release"]
 
 

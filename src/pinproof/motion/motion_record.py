@@ -8,8 +8,6 @@ from typing import Any, Protocol
 
 from pinproof.errors import InputError
 
-__all__ = ["Certified", "MotionRecord", "records_of"]
-
 
 @dataclass(frozen=True)
 class MotionRecord:

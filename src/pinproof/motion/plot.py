@@ -13,8 +13,6 @@ from pinproof.errors import InputError
 from pinproof.motion import bezier
 from pinproof.spatial import finite
 
-__all__ = ["DrawnConstraint", "DrawnLimits", "Panel", "panels_of", "plot_trajectory"]
-
 Array = npt.NDArray[np.float64]
 
 SAMPLES = 12

@@ -8,8 +8,6 @@ from pinproof.motion.curve import Array
 from pinproof.motion.trajectory_files import Record
 from pinproof.spatial import SE3
 
-__all__ = ["Blend", "JointMove", "LinearMove", "SetOutput", "Step", "StreamedPoint", "StreamedTrajectory", "Wait"]
-
 
 @dataclass(frozen=True)
 class Blend:

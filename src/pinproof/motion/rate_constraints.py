@@ -11,8 +11,6 @@ import numpy.typing as npt
 from pinproof.errors import InputError, TimingError
 from pinproof.motion.trajectory import Trajectory
 
-__all__ = ["RateConstraint", "checked_constraints", "constraint_rows"]
-
 Array = npt.NDArray[np.float64]
 
 

@@ -35,13 +35,6 @@ from pinproof.motion.program_steps import (
 )
 from pinproof.spatial import finite
 
-__all__ = [
-    "JointMap",
-    "RobotProgram",
-    "make_program",
-    "moves_along",
-]
-
 FORMAT = "pinproof program 1"
 """The first words of the comments, with the version of the format."""
 

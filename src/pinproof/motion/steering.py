@@ -22,8 +22,6 @@ from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds
 
-__all__ = ["Move", "MoveSequence", "State", "Steering", "rate_excess", "rest", "rest_to_rest_times"]
-
 State = tuple[list[float], list[float], list[float]]
 """Positions, velocities and accelerations of all joints. Lists, because ruckig converts them faster than arrays."""
 

@@ -22,8 +22,6 @@ from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import LONGEST
 from pinproof.spatial import finite
 
-__all__ = ["IMAGE_TOLERANCE", "MotionLimits", "time_parametrise"]
-
 IMAGE_TOLERANCE = 1e-5
 """Maximum deviation (rad or m, in any joint) of the timed curve from the path: 0.01 mm at a reach of 1 m, which is less
 than the repeatability of arms and 1 % of usual clearances. The certificate is for the timed curve."""

@@ -13,8 +13,6 @@ from pinproof.model.dynamics import kinematic_tree
 from pinproof.motion.curve import Array
 from pinproof.motion.trajectory import Trajectory
 
-__all__ = ["ToolLimits", "controls", "require_joints", "time_of"]
-
 DIRECTIONS = 16
 """Number of directions in which a bound of the length of a vector is imposed during timing. The regular polygon with
 twice as many sides inside the circle loses 1 - cos(pi / 32) = 0.5 % of the acceleration."""

@@ -21,8 +21,6 @@ from pinproof.motion.tool_limits import controls, require_joints, time_of
 from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import finite
 
-__all__ = ["TorqueLimits", "TorquePeak"]
-
 SAMPLES_PER_PIECE = 65
 """Configurations of a piece at which the torque at standstill is computed for an error message."""
 

@@ -26,8 +26,6 @@ from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
 from pinproof.spatial import finite
 from pinproof.verifier import curve_digest
 
-__all__ = ["Trajectory"]
-
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Trajectory:

@@ -27,25 +27,6 @@ from pinproof.errors import TrajectoryError
 from pinproof.motion.motion_keys import CUBIC_UNITS, INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
 from pinproof.motion.motion_record import MotionRecord
 
-__all__ = [
-    "LONGEST",
-    "NANO",
-    "Points",
-    "Reader",
-    "Record",
-    "from_csv",
-    "from_json",
-    "from_message",
-    "from_yaml",
-    "read",
-    "seconds",
-    "to_csv",
-    "to_json",
-    "to_message",
-    "whole_nanoseconds",
-    "write",
-]
-
 Array = npt.NDArray[np.float64]
 
 NANO = 1_000_000_000

@@ -36,8 +36,6 @@ from pinproof.planning.rrt_connect import SEARCH_PAD, RrtConnect, sampling_box
 from pinproof.planning.simplification import shortcut
 from pinproof.spatial import finite
 
-__all__ = ["TimedPlanResult", "plan_among_movers"]
-
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 

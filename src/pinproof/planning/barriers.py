@@ -17,8 +17,6 @@ import numpy.typing as npt
 from pinproof._core import Workspace
 from pinproof.collision import CollisionChecker, Contact
 
-__all__ = ["Barrier", "find_barriers", "no_path_message"]
-
 Array = npt.NDArray[np.float64]
 
 VALUES = 128

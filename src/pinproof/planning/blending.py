@@ -9,8 +9,6 @@ from pinproof.collision import CollisionChecker, is_proven_free
 from pinproof.errors import InputError
 from pinproof.motion import BlendedPath, JointPath, corner
 
-__all__ = ["blend", "without_repeats"]
-
 Array = npt.NDArray[np.float64]
 
 MAX_HALVINGS = 5

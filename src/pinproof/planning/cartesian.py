@@ -20,8 +20,6 @@ from pinproof.planning.result import LinearPlanResult, LinearStatus, PosesPlanRe
 from pinproof.planning.route import Route, routes_through
 from pinproof.spatial import SE3, rigid, rigid_many
 
-__all__ = ["plan_linear", "plan_poses"]
-
 Array = npt.NDArray[np.float64]
 
 MAX_STARTS = 64

@@ -21,8 +21,6 @@ from pinproof.model import Arm
 from pinproof.motion import BlendedPath, CubicPath
 from pinproof.planning.edges import Edges
 
-__all__ = ["manifold_of", "shortened", "smooth_curves", "violations_at"]
-
 Array = npt.NDArray[np.float64]
 
 STEP = 0.3

@@ -28,8 +28,6 @@ from pinproof.motion import JointPath, Trajectory, synchronise, time_parametrise
 from pinproof.planning.planners import Planner, planner_of
 from pinproof.planning.simplification import shortcut
 
-__all__ = ["CoordinationResult", "coordinate", "plan_arms"]
-
 STEP = 0.05
 """Seconds between the delays that are tried: a small part of a usual motion."""
 

@@ -11,8 +11,6 @@ from pinproof.collision.placed_bodies import CoalJudge
 from pinproof.errors import InputError
 from pinproof.motion import TorqueLimits
 
-__all__ = ["Edges"]
-
 Array = npt.NDArray[np.float64]
 
 PAD = 5e-4

@@ -21,8 +21,6 @@ from pinproof.planning.constrained import manifold_of, violations_at
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.spatial import finite
 
-__all__ = ["Ends", "read_ends", "with_turns"]
-
 Array = npt.NDArray[np.float64]
 
 TURN = 2 * np.pi

@@ -24,8 +24,6 @@ from pinproof.planning.result import LinearStatus
 from pinproof.planning.route import Route
 from pinproof.spatial import SE3
 
-__all__ = ["FollowedRoute", "RouteFollower", "line_task", "nearest_target"]
-
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 _Stop = tuple[LinearStatus, str, tuple[str, ...]]

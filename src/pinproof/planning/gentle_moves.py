@@ -22,8 +22,6 @@ from pinproof.motion.limits import Bounds
 from pinproof.motion.rate_constraints import RateConstraint
 from pinproof.motion.steering import Move, State, Steering
 
-__all__ = ["GentleMoves"]
-
 Array = npt.NDArray[np.float64]
 
 SHARE = 0.998

@@ -21,8 +21,6 @@ from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
 from pinproof.planning.gentle_moves import GentleMoves
 
-__all__ = ["MovingEnds"]
-
 Array = npt.NDArray[np.float64]
 
 RESOLUTION = 0.06

@@ -26,8 +26,6 @@ from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.planning.rrt_connect import SEARCH_PAD, sampling_box
 
-__all__ = ["OmplPlanner", "ompl_planners"]
-
 Array = npt.NDArray[np.float64]
 
 UNLIMITED = 86_400.0

@@ -38,8 +38,6 @@ from pinproof.planning.gentle_moves import GentleMoves
 from pinproof.planning.rrt_connect import sampling_box
 from pinproof.spatial import finite
 
-__all__ = ["BUDGET", "OptimiseResult", "optimise"]
-
 Array = npt.NDArray[np.float64]
 
 BUDGET = 500

@@ -15,8 +15,6 @@ from pinproof.planning.ompl_adapter import OmplPlanner
 from pinproof.planning.result import PlanResult
 from pinproof.planning.rrt_connect import RrtConnect
 
-__all__ = ["CONSTRAINED_PLANNERS", "DEFAULT_PLANNER", "PLANNERS", "Planner", "make_planner", "planner_of"]
-
 
 class Planner(Protocol):
     """What every planner provides."""

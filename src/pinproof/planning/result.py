@@ -15,16 +15,6 @@ from pinproof.common.display import html_block, html_list, html_of, outline
 from pinproof.errors import PlanFailed
 from pinproof.motion import BlendedPath, CubicPath, JointPath
 
-__all__ = [
-    "LinearPlanResult",
-    "LinearStatus",
-    "PlanProgress",
-    "PlanResult",
-    "PlanStatus",
-    "PosesPlanResult",
-    "Progress",
-]
-
 Outcome = TypeVar("Outcome", bound="_Outcome")
 
 

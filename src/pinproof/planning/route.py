@@ -24,8 +24,6 @@ from pinproof._core import Route as CompiledRoute
 from pinproof.motion import corner
 from pinproof.spatial import SE3, log6, matrix
 
-__all__ = ["Route", "Segment", "routes_through"]
-
 Array = npt.NDArray[np.float64]
 
 LEVER = 0.25

@@ -34,8 +34,6 @@ from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends, with_turns
 from pinproof.planning.result import PlanProgress, PlanResult, PlanStatus, Progress
 
-__all__ = ["SEARCH_PAD", "RrtConnect", "Search", "sampling_box"]
-
 Array = npt.NDArray[np.float64]
 
 SEARCH_PAD = 2e-3

@@ -26,8 +26,6 @@ from pinproof.planning.blending import blend as round_corners
 from pinproof.planning.constrained import manifold_of, shortened, smooth_curves
 from pinproof.planning.edges import Edges
 
-__all__ = ["SimplifyResult", "shortcut", "simplify"]
-
 RESOLUTION = 0.05
 """Metres by which bodies move between two samples that are checked before the proof of an edge."""
 

@@ -26,8 +26,6 @@ from .interval_bounds import IntervalBounds
 from .parts import LARGEST_PARAMETER, Joint, placement
 from .reading import Refused, check_fields, index, items, member, number, numbers, shown, text
 
-__all__ = ["Constraint"]
-
 Array = npt.NDArray[np.float64]
 
 UNIT = 1e-9

@@ -30,8 +30,6 @@ import numpy.typing as npt
 from .parts import Body, Curve, Joint, support
 from .reading import Refused
 
-__all__ = ["IntervalBounds"]
-
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 

@@ -10,8 +10,6 @@ import numpy.typing as npt
 
 from .reading import Refused, check_fields, index, is_text, items, member, number, numbers, shown, text
 
-__all__ = ["LARGEST_PARAMETER", "Body", "Curve", "Joint", "body_digest", "curve_digest", "placement", "support"]
-
 Array = npt.NDArray[np.float64]
 
 RIGID = 1e-9

@@ -25,8 +25,6 @@ from .reading import (
     text,
 )
 
-__all__ = ["FORMAT", "VERSION", "Proof", "ProofVerdict", "verify"]
-
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 

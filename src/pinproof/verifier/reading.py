@@ -19,21 +19,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "Refused",
-    "check_fields",
-    "index",
-    "is_text",
-    "items",
-    "load",
-    "member",
-    "number",
-    "numbers",
-    "rows_of_names",
-    "shown",
-    "text",
-]
-
 Array = npt.NDArray[np.float64]
 
 LARGEST = 1e6

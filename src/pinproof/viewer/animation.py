@@ -18,19 +18,6 @@ from pinproof.spatial import matrix
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = [
-    "Film",
-    "Phase",
-    "animate",
-    "checked_motion",
-    "film",
-    "film_of_elbow",
-    "pose_tracks",
-    "quaternions",
-    "still",
-    "tracks",
-]
-
 Array = npt.NDArray[np.float64]
 
 FRAME_RATE = 60.0

@@ -15,8 +15,6 @@ from pinproof.errors import ViewerError
 from pinproof.viewer.camera import FIELD_OF_VIEW, LEAST_DISTANCE, View
 from pinproof.viewer.wire import Commands
 
-__all__ = ["assemble", "fill", "part", "view_settings"]
-
 # The page runs only the scripts that it contains; the browser blocks every network request.
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "

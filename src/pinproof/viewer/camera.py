@@ -19,19 +19,6 @@ import numpy.typing as npt
 from pinproof.viewer.stage import DrawnObstacle, Stage, box_corners
 from pinproof.viewer.surfaces import Surface
 
-__all__ = [
-    "FIELD_OF_VIEW",
-    "LEAST_DISTANCE",
-    "MARGIN",
-    "View",
-    "choose_view",
-    "extremes",
-    "fit",
-    "near_obstacles",
-    "placed_points",
-    "tool_points",
-]
-
 Array = npt.NDArray[np.float64]
 
 FIELD_OF_VIEW = 30.0

@@ -28,8 +28,6 @@ from pinproof.viewer.page import NO_FRAMES, Page, render_page
 from pinproof.viewer.picture import Picture
 from pinproof.viewer.wire import node_path, transform_command
 
-__all__ = ["LiveView", "PageSnapshot", "show"]
-
 LOOPBACK = "127.0.0.1"
 """Only this machine can open the page. The server of meshcat listens on every interface."""
 

@@ -24,24 +24,6 @@ from pinproof.viewer.stage import Stage
 from pinproof.viewer.surfaces import Rgba, Surface, ball, box_triangles, cone, revolved, shade, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 
-__all__ = [
-    "GHOST_HUES",
-    "LONGEST",
-    "ColouredPoints",
-    "Mark",
-    "PoseMarkers",
-    "add_frames",
-    "add_surroundings",
-    "arrow",
-    "body_nodes",
-    "copies",
-    "frame_names",
-    "ghosts_at",
-    "mark_radius",
-    "marks_of",
-    "swept",
-]
-
 Array = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
 

@@ -23,8 +23,6 @@ from pinproof.viewer.picture import Picture
 from pinproof.viewer.plots import PlotLimits, plots_html
 from pinproof.viewer.stage import Stage
 
-__all__ = ["NO_FRAMES", "Page", "render_page", "write_html"]
-
 NO_FRAMES: Mapping[str, SE3] = MappingProxyType({})
 
 

@@ -43,8 +43,6 @@ from pinproof.viewer.stage import Stage, set_stage, simplified
 from pinproof.viewer.surfaces import Rgba, ball, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 
-__all__ = ["LAYERS", "Caption", "Layer", "Picture", "RenderedPicture", "caption_of", "checked_layers", "stage_commands"]
-
 UNPROVEN = "NOT VALIDATED"
 MAP = "MAP"
 

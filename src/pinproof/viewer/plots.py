@@ -18,8 +18,6 @@ from pinproof.model import JointGroup
 from pinproof.motion import RateConstraint, Trajectory
 from pinproof.motion.plot import DrawnLimits, Panel, panels_of
 
-__all__ = ["PlotLimits", "plots_html"]
-
 Array = npt.NDArray[np.float64]
 
 WIDTH, HEIGHT = 360, 150

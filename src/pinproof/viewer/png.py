@@ -23,8 +23,6 @@ from pinproof.viewer.overlays import ColouredPoints
 from pinproof.viewer.page import NO_FRAMES, render_page
 from pinproof.viewer.picture import Picture
 
-__all__ = ["BROWSERS", "find_browser", "screenshot", "write_png"]
-
 BROWSER_VARIABLE = "PINPROOF_BROWSER"
 """The environment variable that names the browser; it takes precedence over browsers on PATH."""
 

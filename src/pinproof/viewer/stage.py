@@ -19,8 +19,6 @@ from pinproof.model import JointGroup
 from pinproof.spatial import matrix
 from pinproof.viewer.surfaces import Surface, body_surfaces, link_surfaces, merge_by_colour, obstacle_surfaces, shade
 
-__all__ = ["MAX_BYTES", "DrawnLink", "DrawnObstacle", "Stage", "box_corners", "set_stage", "simplified"]
-
 Array = npt.NDArray[np.float64]
 
 MAX_BYTES = 10e6

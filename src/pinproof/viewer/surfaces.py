@@ -43,23 +43,6 @@ from pinproof.description import LinkGeometry, meshes
 from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, collada_unit, read_mesh, resolved, z_up
 from pinproof.errors import InputError, MeshError, ViewerError
 
-__all__ = [
-    "PRIMITIVES",
-    "SHAPES",
-    "Rgba",
-    "Surface",
-    "ball",
-    "body_surfaces",
-    "box_triangles",
-    "cone",
-    "link_surfaces",
-    "merge_by_colour",
-    "obstacle_surfaces",
-    "revolved",
-    "shade",
-    "tube",
-]
-
 Array = npt.NDArray[np.float64]
 Rgba = tuple[float, float, float, float]
 Triangles = tuple[Array, npt.NDArray[np.int64]]

@@ -17,8 +17,6 @@ import numpy.typing as npt
 
 from pinproof.viewer.surfaces import Surface
 
-__all__ = ["Commands", "node_name", "node_path", "transform_command"]
-
 Array = npt.NDArray[np.float64]
 
 TYPED_ARRAYS = {"float32": "Float32Array", "int8": "Int8Array", "uint16": "Uint16Array", "uint32": "Uint32Array"}

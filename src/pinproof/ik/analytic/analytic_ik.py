@@ -25,8 +25,6 @@ from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, rigid, rigid_many
 
-__all__ = ["AnalyticIk"]
-
 Array = npt.NDArray[np.float64]
 
 DOUBLE, SHAPE = np.dtype(np.float64), (4, 4)

@@ -20,8 +20,6 @@ from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
 from pinproof.units import far_hint
 
-__all__ = ["IkBranches", "IkBranchesBatch", "Interval", "joined", "sweep", "sweep_many"]
-
 Array = npt.NDArray[np.float64]
 
 END = 1e-9

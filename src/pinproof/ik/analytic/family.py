@@ -14,8 +14,6 @@ from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.windings import TURN, difference
 from pinproof.model import Arm
 
-__all__ = ["IkFamily", "branches_elsewhere", "families_of"]
-
 Array = npt.NDArray[np.float64]
 
 SCAN = 72

@@ -21,8 +21,6 @@ import numpy.typing as npt
 from pinproof.errors import NoClosedForm
 from pinproof.model import Arm
 
-__all__ = ["Line", "Triple", "completed", "find_triples", "in_general_position", "lines_of", "size_of"]
-
 Array = npt.NDArray[np.float64]
 
 SNAP_TOLERANCE = 5e-3

@@ -29,8 +29,6 @@ from pinproof.ik.analytic.geometry import (
 from pinproof.model import Arm
 from pinproof.spatial import rigid
 
-__all__ = ["Plan", "plan_for", "plans_of", "why_not"]
-
 
 def why_not(arm: Arm) -> str:
     """The reason why an arm has no closed form."""

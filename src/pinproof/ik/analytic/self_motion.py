@@ -17,8 +17,6 @@ from pinproof.ik.result import IkOutcome
 from pinproof.ik.windings import difference, nearest_winding
 from pinproof.model import Arm
 
-__all__ = ["CurveEnd", "SelfMotion", "SelfMotionCurve", "self_motion_of"]
-
 Array = npt.NDArray[np.float64]
 
 END = 1e-9

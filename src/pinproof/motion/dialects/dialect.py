@@ -11,8 +11,6 @@ from pinproof.errors import TrajectoryError
 from pinproof.motion.curve import Array
 from pinproof.motion.program_steps import Blend, Step
 
-__all__ = ["NUMBER", "Body", "Dialect", "LineReader", "in_degrees", "numbers_of"]
-
 Body = Sequence[tuple[int, str]]
 """The lines of a program without the comments of pinproof, each with its number."""
 

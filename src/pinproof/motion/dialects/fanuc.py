@@ -12,8 +12,6 @@ from pinproof.motion.curve import Array
 from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, LineReader, in_degrees
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, Step, Wait
 
-__all__ = ["Fanuc"]
-
 CONTINUOUS = 50
 """The CNT value of a blended point; its blend may use at most half of each of the two moves."""
 

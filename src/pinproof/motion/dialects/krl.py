@@ -12,8 +12,6 @@ from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, LineReader, 
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, Step, Wait
 from pinproof.spatial import pose, xyz_rpy
 
-__all__ = ["Krl"]
-
 APPROXIMATION = 50
 """Per cent of half a move that the blend may use (``$APO.CPTP``)."""
 

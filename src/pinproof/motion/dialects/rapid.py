@@ -11,8 +11,6 @@ from pinproof.errors import InputError
 from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, LineReader, in_degrees, numbers_of
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, Step, Wait
 
-__all__ = ["Rapid"]
-
 NO_AXIS = ",".join(["9E9"] * 6)
 """The values of external axes that do not exist."""
 

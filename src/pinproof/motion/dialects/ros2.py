@@ -11,8 +11,6 @@ from pinproof.motion.dialects.dialect import Body, Dialect
 from pinproof.motion.program_steps import Step, StreamedTrajectory
 from pinproof.motion.trajectory_files import NANO, Reader, Record, from_json
 
-__all__ = ["Ros2"]
-
 
 class Ros2(Dialect):
     """The joint_trajectory_controller interpolates between the points exactly as :class:`~pinproof.Trajectory`."""

@@ -10,8 +10,6 @@ from pinproof.motion.curve import Array
 from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, LineReader, numbers_of
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, Step, StreamedPoint, Wait
 
-__all__ = ["UrScript"]
-
 START_SPEED = "a=0.5, v=0.3"
 """rad/s^2 and rad/s of the move to the first point."""
 

@@ -15,8 +15,6 @@ from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.task import Cell
 from pinproof.picks.judging.verdict import PickVerdict
 
-__all__ = ["BeltSequence", "pick_from_belt"]
-
 
 @dataclass(frozen=True, eq=False)
 class BeltSequence:

@@ -50,18 +50,6 @@ from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus
 from pinproof.picks.report.report import problem_row, verdict_row
 
-__all__ = [
-    "TIMINGS",
-    "Campaign",
-    "CampaignResult",
-    "Judge",
-    "RowTask",
-    "code_here",
-    "crashed_row",
-    "judge_row",
-    "judge_words",
-]
-
 PACKAGE = Path(__file__).parents[2]
 
 BESIDE_IT = ("benchmarks", "cli", "viewer")

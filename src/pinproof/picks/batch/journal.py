@@ -25,23 +25,6 @@ import numpy as np
 from pinproof.common.files import os_errors
 from pinproof.errors import CampaignError, FileError
 
-__all__ = [
-    "CRASHED",
-    "JOURNAL",
-    "RETRY",
-    "ROWS",
-    "SCHEMA",
-    "Journal",
-    "LineFile",
-    "differences",
-    "is_to_retry",
-    "read_header",
-    "refuse_foreign",
-    "row_checker",
-    "rows_there",
-    "to_line",
-]
-
 SYNC_SECONDS = 1.0
 """Seconds between calls of fsync. A killed process loses no rows; a system crash can lose the rows of this period."""
 

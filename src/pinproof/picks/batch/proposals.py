@@ -13,8 +13,6 @@ from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
 from pinproof.picks.judging.configurations import SWEEP, has_closed_form, turned_inside, widened
 
-__all__ = ["Proposals", "Proposed", "Span", "Wanted", "proposals_for"]
-
 Array = npt.NDArray[np.float64]
 
 FINEST_SPAN = 1e-6

@@ -25,19 +25,6 @@ from pinproof.picks.batch.reach_region import ReachRegion
 from pinproof.picks.batch.screening import Screening, ScreenStatus, code_of, in_chunks
 from pinproof.spatial import SE3, matrix, rigid, rigid_many
 
-__all__ = [
-    "SHARE",
-    "WON_AND_LOST",
-    "ReachComparison",
-    "ReachMap",
-    "_read_map",
-    "_write_comparison",
-    "_write_map",
-    "attainable_orientations",
-    "reach_map",
-    "slices",
-]
-
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 

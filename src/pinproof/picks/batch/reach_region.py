@@ -12,8 +12,6 @@ from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
 from pinproof.spatial import finite
 
-__all__ = ["MOST_POINTS", "ReachRegion", "approach_directions", "tool_orientations"]
-
 Array = npt.NDArray[np.float64]
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))

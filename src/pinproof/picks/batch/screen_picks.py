@@ -23,8 +23,6 @@ from pinproof.picks.judging.setup import check_held_joints
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import SE3, matrix, rigid, rigid_many
 
-__all__ = ["GraspScreening", "ScreenedPicks", "screen_picks"]
-
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 

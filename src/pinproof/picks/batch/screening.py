@@ -20,8 +20,6 @@ from pinproof.picks.batch.proposals import Wanted, proposals_for
 from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.verdict import Stage
 
-__all__ = ["CODES", "ScreenResult", "ScreenStatus", "ScreenedPoses", "Screening", "code_of", "in_chunks"]
-
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]

@@ -21,8 +21,6 @@ from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 
-__all__ = ["PicksInterrupted", "validate_picks"]
-
 Progress = Callable[[int, int], object]
 
 

@@ -35,23 +35,6 @@ from typing import Any, NamedTuple
 from pinproof.common.validation import require_integer
 from pinproof.errors import CampaignError, InputError
 
-__all__ = [
-    "IN_FLIGHT",
-    "MAX_DEATHS",
-    "Answer",
-    "Chunk",
-    "ChunkQueue",
-    "LocalExecutor",
-    "Outcome",
-    "Task",
-    "TaskPackage",
-    "TrackedExecutor",
-    "Workers",
-    "do_chunks",
-    "usable_cores",
-    "work",
-]
-
 Task = Callable[[int, Any], Any]
 """A picklable function ``task(start, part)``; ``part`` has the picks of a chunk, the first with index ``start``."""
 

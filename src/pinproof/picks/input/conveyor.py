@@ -12,8 +12,6 @@ from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
 from pinproof.spatial import finite
 
-__all__ = ["Conveyor"]
-
 NAME = "conveyor"
 """The name of the mover."""
 

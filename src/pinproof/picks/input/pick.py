@@ -23,27 +23,6 @@ from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3, finite, frozen, pose, rigid, xyz_rpy
 
-__all__ = [
-    "CellRobot",
-    "GraspSpin",
-    "GraspTolerance",
-    "GripperFingers",
-    "Member",
-    "NamedFrame",
-    "Pick",
-    "PickProblem",
-    "Picks",
-    "PlaceTarget",
-    "SuctionCup",
-    "ToolSpeed",
-    "family",
-    "moved",
-    "moved_by",
-    "root_from_frame",
-    "rotation_about",
-    "support_names",
-]
-
 Array = npt.NDArray[np.float64]
 
 STEPS = 24

@@ -43,8 +43,6 @@ from pinproof.picks.input.picks_keys import (
 from pinproof.spatial import SE3, finite
 from pinproof.units import ANGLE_UNITS, parse_angle, refuse_degrees, refuse_millimetres
 
-__all__ = ["is_turned", "make_pick", "mapping_of", "payload_of", "picks_of_row"]
-
 MOVE_KEYS = tuple(f"{move}{part}" for move in MOVES for part in ("", "_direction", "_frame"))
 
 LARGEST_PATTERN = 100_000

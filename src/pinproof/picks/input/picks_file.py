@@ -41,8 +41,6 @@ from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, Pic
 from pinproof.spatial import SE3, finite
 from pinproof.units import MOST_MARGIN, MOST_REACH, refuse_millimetres, warn_of_millimetres
 
-__all__ = ["open_picks", "read_picks"]
-
 Value = TypeVar("Value")
 
 SUFFIXES = (*YAML_SUFFIXES, ".json", TABLE_SUFFIX)

@@ -36,30 +36,6 @@ from pinproof.picks.input.pick import (
 )
 from pinproof.picks.input.settings import GripLimits, PickBudget
 
-__all__ = [
-    "CELL_ROBOT",
-    "COLUMNS",
-    "CONVEYOR",
-    "CUP",
-    "DEFAULTS",
-    "FINGERS",
-    "FRAME",
-    "GRID",
-    "GRIP_LIMITS",
-    "HELD",
-    "OBJECT_PAYLOAD",
-    "PATTERN",
-    "PAYLOAD",
-    "PICK",
-    "PICKS",
-    "PLACE",
-    "POSITION",
-    "SPEED",
-    "SPIN_RANGE",
-    "STAGE_SPEEDS",
-    "TOLERANCE",
-]
-
 POSITIVE = {"$ref": NUMBER, "minimum": 0}
 ABOVE_ZERO = {"$ref": NUMBER, "exclusiveMinimum": 0}
 

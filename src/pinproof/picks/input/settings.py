@@ -12,8 +12,6 @@ from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.planning import DEFAULT_PLANNER, make_planner
 
-__all__ = ["GripLimits", "PickBudget", "PickWeights"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class PickWeights:

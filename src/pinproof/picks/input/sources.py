@@ -35,8 +35,6 @@ from pinproof.picks.input.pick_row import picks_of_row
 from pinproof.picks.input.picks_keys import COLUMNS
 from pinproof.spatial import SE3, finite, frozen, rigid
 
-__all__ = ["TABLE_SUFFIX", "PickGrid", "PickList", "PickSource", "PickTable", "as_source"]
-
 
 class Part(Protocol):
     """A range of picks that pickles compactly; the picks are created when it is iterated."""

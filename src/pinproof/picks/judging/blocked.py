@@ -18,8 +18,6 @@ from pinproof.ik import Overlap, ReachProof, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.spatial import SE3
 
-__all__ = ["blocked_words", "prove_blocked"]
-
 Array = npt.NDArray[np.float64]
 
 BOXES = 3000

@@ -35,26 +35,6 @@ from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage
 from pinproof.spatial import SE3
 
-__all__ = [
-    "DIRECTIONS",
-    "DISTANCES",
-    "REMARK",
-    "Candidate",
-    "Shift",
-    "Shifting",
-    "apply_suggestion",
-    "members",
-    "move_place_words",
-    "move_words",
-    "place_shifts",
-    "shifts_of",
-    "shorten_words",
-    "tilts",
-    "turn_words",
-    "turns",
-    "upwards_words",
-]
-
 Array = npt.NDArray[np.float64]
 
 RESOLUTION = 0.01

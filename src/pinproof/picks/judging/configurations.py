@@ -13,20 +13,6 @@ from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm, JointLimits
 from pinproof.model.limits import AT_LIMIT
 
-__all__ = [
-    "REDUNDANT",
-    "TURN",
-    "along_families",
-    "at_full_speed",
-    "configurations",
-    "has_closed_form",
-    "least_seconds",
-    "limit_margins",
-    "manipulability",
-    "turned_inside",
-    "widened",
-]
-
 Array = npt.NDArray[np.float64]
 
 SWEEP = AnalyticIk(redundant_steps=24)

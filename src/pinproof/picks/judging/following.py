@@ -26,8 +26,6 @@ from pinproof.planning.follow import RouteFollower
 from pinproof.planning.route import Route
 from pinproof.spatial import SE3
 
-__all__ = ["Following", "follow_belt"]
-
 Array = npt.NDArray[np.float64]
 
 TIME_STEP = 0.01

@@ -31,31 +31,6 @@ from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.spatial import SE3, twist_size
 
-__all__ = [
-    "Candidate",
-    "Gripped",
-    "Reached",
-    "Screened",
-    "closing_words",
-    "contact_words",
-    "every_branch",
-    "every_branch_is_known",
-    "grip_holds",
-    "judge_grip",
-    "limit_margin",
-    "not_held_words",
-    "proven_unreachable",
-    "rank",
-    "reach",
-    "reach_between",
-    "refuted_at_release",
-    "refuted_by_contacts",
-    "refuted_by_name",
-    "screen",
-    "unreached",
-    "weighed",
-]
-
 Array = npt.NDArray[np.float64]
 
 

@@ -35,22 +35,11 @@ from pinproof.collision.line_surface import (
 )
 from pinproof.collision.links import link_bodies
 from pinproof.description import UrdfJoint
+from pinproof.description.urdf import moved_by
 from pinproof.model import Arm
-from pinproof.picks.input.pick import GripperFingers, moved_by
+from pinproof.picks.input.pick import GripperFingers
 from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3
-
-__all__ = [
-    "CupContact",
-    "FingerContact",
-    "GripResult",
-    "HeldPart",
-    "MovingFinger",
-    "balanced",
-    "fingers_of",
-    "grip_by_fingers",
-    "grip_by_tip",
-]
 
 Array = npt.NDArray[np.float64]
 

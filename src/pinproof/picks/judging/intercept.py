@@ -30,8 +30,6 @@ from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, Pi
 from pinproof.planning.among_movers import plan_among_movers
 from pinproof.planning.ends import with_turns
 
-__all__ = ["judge_on_conveyor", "on_conveyor"]
-
 Array = npt.NDArray[np.float64]
 
 TIME_STEP = 0.1

@@ -23,8 +23,6 @@ from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import State, rest, rest_to_rest_times
 from pinproof.planning.moving_ends import MovingEnds
 
-__all__ = ["Chosen", "JoinedMotion", "LineEnd", "backwards"]
-
 Array = npt.NDArray[np.float64]
 
 SPEEDS = (1.2, 0.95, 0.7)

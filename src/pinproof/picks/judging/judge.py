@@ -35,8 +35,6 @@ from pinproof.picks.judging.task import Cell, Task
 from pinproof.picks.judging.timing import Timed, time_motion
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult
 
-__all__ = ["judge"]
-
 
 class _GroupVerdict(NamedTuple):
     """The verdict on a group of grasps, and the attempt that passed the most stages if a line failed."""

@@ -21,24 +21,6 @@ from pinproof.planning import LinearPlanResult, PlanResult, make_planner, plan_l
 from pinproof.planning.ends import with_turns
 from pinproof.spatial import SE3
 
-__all__ = [
-    "Attempt",
-    "Crossing",
-    "Line",
-    "Pairs",
-    "along",
-    "full_rotations",
-    "line",
-    "line_in",
-    "line_out",
-    "passing",
-    "passing_at",
-    "shifted",
-    "shortened",
-    "span",
-    "transit",
-]
-
 Array = npt.NDArray[np.float64]
 Pairs = tuple[tuple[str, str], ...]
 

@@ -14,8 +14,6 @@ from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
 from pinproof.picks.input.pick import Member, Pick, Picks
 from pinproof.picks.judging.task import Task
 
-__all__ = ["at_rest", "carries", "limits_torque", "peaks_of", "rate_limits", "torque_limits", "torque_limits_of_tool"]
-
 Array = npt.NDArray[np.float64]
 
 CARRYING = ("retreat", "transfer", "place")

@@ -21,8 +21,6 @@ from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify
 from pinproof.planning.ends import with_turns
 
-__all__ = ["Placer", "Placing", "Release", "Scores", "release_lines"]
-
 Array = npt.NDArray[np.float64]
 
 

@@ -40,8 +40,6 @@ from pinproof.picks.judging.place import Placer, Placing, Release
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 
-__all__ = ["BestFirst", "CompleteMotion", "Scoring"]
-
 Array = npt.NDArray[np.float64]
 
 INSTANT = 0.1

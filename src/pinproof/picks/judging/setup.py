@@ -17,10 +17,11 @@ from pinproof.common.content_hash import digest
 from pinproof.common.display import outline
 from pinproof.common.validation import Rng, require_positive, seed_sequence
 from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
+from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.motion import MotionProgram
-from pinproof.picks.input.pick import Pick, Picks, moved_by
+from pinproof.picks.input.pick import Pick, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import contact_words
 from pinproof.picks.judging.judge import judge
@@ -29,8 +30,6 @@ from pinproof.picks.judging.task import Cell, Task
 from pinproof.picks.judging.timing import certify_displaced, recertify
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import xyz_rpy
-
-__all__ = ["PickSetup", "check_held_joints"]
 
 HELD_TOLERANCE = 1e-9
 """rad or m: two values of a held joint that differ by less are considered equal."""

@@ -15,8 +15,6 @@ from pinproof.picks.input.pick import SuctionCup
 from pinproof.picks.judging.grip import CupContact, GripResult, HeldPart
 from pinproof.spatial import SE3
 
-__all__ = ["grip_by_cup"]
-
 Array = npt.NDArray[np.float64]
 
 RIM, ACROSS = 256, 32

@@ -42,8 +42,6 @@ from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult
 from pinproof.spatial import SE3
 
-__all__ = ["suggest"]
-
 Array = npt.NDArray[np.float64]
 Judge = Callable[[Pick], PickVerdict]
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, Obstacle, Upright
 from pinproof.collision.line_surface import LineSurface, point_distance
 from pinproof.collision.separation import directions_to_facets
+from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import (
@@ -23,7 +24,6 @@ from pinproof.picks.input.pick import (
     PlaceTarget,
     family,
     moved,
-    moved_by,
     root_from_frame,
     support_names,
 )
@@ -34,8 +34,6 @@ from pinproof.picks.judging.suction import grip_by_cup
 from pinproof.picks.judging.verdict import Stage
 from pinproof.planning.planners import CONSTRAINED_PLANNERS
 from pinproof.spatial import SE3, matrix
-
-__all__ = ["DOWN", "SUPPORT_GAP", "Cell", "Task"]
 
 GRIPS_KEPT = 256
 """Number of grips that a cell keeps for other picks of equal parts."""

@@ -31,18 +31,6 @@ from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 from pinproof.planning import optimise
 from pinproof.planning.moving_ends import MovingEnds
 
-__all__ = [
-    "MotionPart",
-    "Timed",
-    "certify_displaced",
-    "motion_parts",
-    "prove_part",
-    "recertify",
-    "time_motion",
-    "time_part",
-    "timed_curve",
-]
-
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
 
 

@@ -22,8 +22,6 @@ from pinproof.motion.trajectory_files import NANO
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.grip import GripResult
 
-__all__ = ["VERDICT_COLOURS", "Intercept", "PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
-
 
 class Stage(Enum):
     """The stages of a pick, in the order in which they are judged."""

@@ -37,20 +37,6 @@ from pinproof.viewer.stage import DrawnLink, Stage, box_corners, set_stage, simp
 from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
 from pinproof.viewer.wire import Commands, node_path, transform_command
 
-__all__ = [
-    "KINDS",
-    "MOST_ROWS",
-    "Kind",
-    "PageContent",
-    "PageMotions",
-    "PageRow",
-    "entry",
-    "frame_picks",
-    "surfaces_of",
-    "without_more_details",
-    "write_page",
-]
-
 
 @dataclass(frozen=True)
 class Kind:

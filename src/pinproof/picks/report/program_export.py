@@ -23,8 +23,6 @@ from pinproof.motion.robot_program import make_program, moves_along
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.setup import PickSetup
 
-__all__ = ["PicksProgram", "export_picks"]
-
 
 @dataclass(frozen=True, eq=False)
 class PicksProgram:

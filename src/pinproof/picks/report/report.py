@@ -29,8 +29,6 @@ from pinproof.spatial import xyz_rpy
 if TYPE_CHECKING:
     from pinproof.picks.report.page import PageContent
 
-__all__ = ["COLUMNS", "CSV_COLUMNS", "REPORT_SUFFIXES", "PickReport", "problem_row", "proofs", "verdict_row"]
-
 
 def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
     """The certificates of a verdict, one for each part of its motion; empty unless the pick is good."""

@@ -20,8 +20,6 @@ from pinproof.common.file_keys import (
     required,
 )
 
-__all__ = ["REPORT", "SCHEMA"]
-
 SCHEMA = "pinproof/picks/2"
 """The version of the JSON format, raised by breaking changes.
 

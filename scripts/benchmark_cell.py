@@ -30,8 +30,8 @@ import numpy as np
 import pinproof as pp
 from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
 from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base, without_parts
-from pinproof.cell.placed_robot import PlacedRobot
-from pinproof.cell.placement_result import total_time
+from pinproof.cell.placement.placed_robot import PlacedRobot
+from pinproof.cell.placement.placement_result import total_time
 from pinproof.description import robots_folder
 from pinproof.picks import PickBudget, PickWeights
 

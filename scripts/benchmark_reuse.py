@@ -34,7 +34,7 @@ from pinproof.benchmarks.tables import (
     row_table,
     wrapped,
 )
-from pinproof.collision.reuse import SetupChange, StoredProof
+from pinproof.collision.certificates.reuse import SetupChange, StoredProof
 
 KINDS = ("moved", "added", "removed")
 

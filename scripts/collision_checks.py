@@ -18,7 +18,7 @@ from pinproof.benchmarks.plan_mbm import find_sets, read_problems
 from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems, own_reach
 from pinproof.benchmarks.tables import BenchmarkTable, installed_version, provenance
 from pinproof.collision import Box, CertificateStatus, CollisionChecker, Obstacle, Scene, certify
-from pinproof.collision.coal_checks import PlainCoal
+from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
 from pinproof.planning import RrtConnect, shortcut

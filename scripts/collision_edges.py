@@ -1,8 +1,8 @@
 """Certificates of random edges in random scenes, and an independent check of every verdict.
 
 FREE is checked at dense samples by Pinocchio and coal: the distances on the convex hulls of the links must not be below
-the proven clearance, and the exact meshes must not collide (:func:`pinproof.collision.audit`). COLLIDING must name a
-configuration at which coal finds a distance not larger than the margin.
+the proven clearance, and the exact meshes must not collide (:func:`pinproof.collision.checking.audit`). COLLIDING must
+name a configuration at which coal finds a distance not larger than the margin.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pinproof.collision import (
     audit,
     certify,
 )
-from pinproof.collision.coal_checks import PlainCoal
+from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.model import JointGroup, load_robot
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, pose

@@ -250,7 +250,7 @@ def test_package_follows_the_rule(rule: Rule) -> None:
         (upward_only, "model/arm.py", "import pinproof as pp"),
         (upward_only, "model/arm.py", "from pinproof import Clik"),
         (upward_only, "ik/clik.py", "from pinproof.collision import CollisionChecker"),
-        (upward_only, "collision/checker.py", "from pinproof.ik import Clik"),
+        (upward_only, "collision/checking/checker.py", "from pinproof.ik import Clik"),
         (upward_only, "spatial.py", "from .model import Robot"),
         (pinocchio_is_imported_by_few_packages, "planning/rrt.py", "import pinocchio as pin"),
         (pinocchio_is_imported_by_few_packages, "picks/stages.py", "def f():\n    from coal import Box"),

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from pinproof import _core
-from pinproof.collision.assembly import ROUNDING
-from pinproof.collision.certify import GOAL_SHARE, TOLERANCE
-from pinproof.collision.coal_checks import GJK_SLACK
-from pinproof.collision.parting import DEEPEST
+from pinproof.collision.certificates.certify import GOAL_SHARE, TOLERANCE
+from pinproof.collision.certificates.parting import DEEPEST
+from pinproof.collision.checking.assembly import ROUNDING
+from pinproof.collision.checking.coal_checks import GJK_SLACK
 
 from .pages import ROOT, run_page
 

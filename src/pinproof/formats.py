@@ -15,21 +15,21 @@ from pinproof.errors import UnknownNameError
 __all__ = ["FORMATS", "file_schema"]
 
 FORMATS = {
-    "scene": ("pinproof.collision.scene_keys", "SCENE"),
+    "scene": ("pinproof.collision.scenes.scene_keys", "SCENE"),
     "picks": ("pinproof.picks.input.picks_keys", "PICKS"),
-    "attached": ("pinproof.collision.scene_keys", "ATTACHED"),
+    "attached": ("pinproof.collision.scenes.scene_keys", "ATTACHED"),
     "dh": ("pinproof.description.dh_keys", "TABLE"),
     "limits": ("pinproof.model.limits", "FILE"),
     "motion": ("pinproof.motion.motion_keys", "MOTION"),
     "library": ("pinproof.execution.library_file", "LIBRARY"),
     "program": ("pinproof.motion.motion_keys", "PROGRAM"),
     "report": ("pinproof.picks.report.report_keys", "REPORT"),
-    "sequence": ("pinproof.cell.sequence_keys", "SEQUENCE"),
-    "allocation": ("pinproof.cell.allocation_keys", "ALLOCATION"),
-    "proof": ("pinproof.collision.proof_keys", "PROOF"),
-    "placement": ("pinproof.cell.placement_keys", "PLACEMENT"),
-    "comparison": ("pinproof.cell.placement_keys", "COMPARISON"),
-    "tolerance": ("pinproof.cell.placement_keys", "TOLERANCE"),
+    "sequence": ("pinproof.cell.sequencing.sequence_keys", "SEQUENCE"),
+    "allocation": ("pinproof.cell.allocation.allocation_keys", "ALLOCATION"),
+    "proof": ("pinproof.collision.certificates.proof_keys", "PROOF"),
+    "placement": ("pinproof.cell.placement.placement_keys", "PLACEMENT"),
+    "comparison": ("pinproof.cell.placement.placement_keys", "COMPARISON"),
+    "tolerance": ("pinproof.cell.placement.placement_keys", "TOLERANCE"),
 }
 """Module and name of the table of keys of each format."""
 

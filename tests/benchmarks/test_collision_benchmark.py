@@ -15,7 +15,7 @@ from collision_checks import CollisionTable, boxes, collision_benchmark
 from collision_edges import ROBOTS, check_edges, check_verdict, random_edge, random_scene
 
 import pinproof as pp
-from pinproof.collision.coal_checks import PlainCoal
+from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.errors import FileError, InputError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cell.allocation import _Run
-from pinproof.cell.waiting import TICK, Progress, shortest_waits
+from pinproof.cell.allocation.allocate import _Run
+from pinproof.cell.allocation.waiting import TICK, Progress, shortest_waits
 from pinproof.collision import audit
 
 FILE = Path(__file__).parents[2] / "robots" / "two_ur5" / "picks.yaml"

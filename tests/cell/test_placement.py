@@ -23,11 +23,11 @@ from pinproof.cell import (
     place_base,
     without_parts,
 )
-from pinproof.cell.base_proofs import BaseContacts
-from pinproof.cell.placed_robot import PlacedRobot
-from pinproof.cell.placement_bounds import SlowTask
-from pinproof.cell.placement_region import mounting_pose
-from pinproof.cell.placement_screening import GraspTable, PlacementScreening
+from pinproof.cell.placement.base_proofs import BaseContacts
+from pinproof.cell.placement.bounds import SlowTask
+from pinproof.cell.placement.placed_robot import PlacedRobot
+from pinproof.cell.placement.region import mounting_pose
+from pinproof.cell.placement.screening import GraspTable, PlacementScreening
 from pinproof.common.files import json_text
 from pinproof.picks import PickBudget, PickWeights
 from pinproof.picks.judging.task import Cell

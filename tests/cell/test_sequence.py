@@ -14,11 +14,11 @@ import pytest
 
 import pinproof as pp
 from pinproof.cell import SequenceResult
-from pinproof.cell.precedence import Precedence
-from pinproof.cell.sequencing import judge_options
-from pinproof.cell.tour import TourProblem
-from pinproof.cell.tour_bound import arc_bound
-from pinproof.cell.transits import MotionFailure, Step, StepMotions, scene_after
+from pinproof.cell.sequencing.precedence import Precedence
+from pinproof.cell.sequencing.sequence import judge_options
+from pinproof.cell.sequencing.tour import TourProblem
+from pinproof.cell.sequencing.tour_bound import arc_bound
+from pinproof.cell.sequencing.transits import MotionFailure, Step, StepMotions, scene_after
 from pinproof.errors import UnknownNameError
 from pinproof.picks import GraspSpin, PickBudget, PickSetup, PickVerdict, PlaceTarget, SuctionCup
 

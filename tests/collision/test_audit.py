@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.audit import audit
+from pinproof.collision.checking.audit import audit
 
 HOME = np.array([0.0, -1.2, 1.4, -1.7, -1.57, 0.0])
 

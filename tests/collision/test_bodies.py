@@ -28,11 +28,11 @@ from pinproof import (
     pose,
 )
 from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
-from pinproof.collision.bodies import GEOMETRIES, shape_bodies, shape_body
-from pinproof.collision.coal_checks import GJK_SLACK
-from pinproof.collision.hulls import Solid
-from pinproof.collision.shapes import Shape
-from pinproof.collision.surfaces import Ground, cell_faces, ground_surface
+from pinproof.collision.checking.coal_checks import GJK_SLACK
+from pinproof.collision.geometry.bodies import GEOMETRIES, shape_bodies, shape_body
+from pinproof.collision.geometry.hulls import Solid
+from pinproof.collision.geometry.shapes import Shape
+from pinproof.collision.geometry.surfaces import Ground, cell_faces, ground_surface
 from pinproof.errors import MeshError
 
 from ..examples import examples

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from pinproof import PointCloud
-from pinproof.collision.bodies import shape_body
+from pinproof.collision.geometry.bodies import shape_body
 
 
 def test_height_fields_of_coal_know_no_distance():

@@ -9,10 +9,10 @@ import pytest
 import trimesh
 
 from pinproof import Box, CollisionChecker, Cylinder, Mesh, Obstacle, Scene, Sphere, pose
-from pinproof.collision.bodies import shape_bodies, shape_body
-from pinproof.collision.coal_checks import GJK_SLACK, GJK_TOLERANCE
-from pinproof.collision.hulls import bvh
-from pinproof.collision.links import link_bodies
+from pinproof.collision.checking.coal_checks import GJK_SLACK, GJK_TOLERANCE
+from pinproof.collision.checking.links import link_bodies
+from pinproof.collision.geometry.bodies import shape_bodies, shape_body
+from pinproof.collision.geometry.hulls import bvh
 from pinproof.description import read_urdf
 from pinproof.description.packages import example_robot_data
 from pinproof.errors import MeshError

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull as Hull
 
 from pinproof import Box, CollisionChecker, Mesh, Obstacle, Scene, certify, pose
-from pinproof.collision.bodies import MOST_EXCESS, shape_bodies
-from pinproof.collision.convex_pieces import convex_pieces
-from pinproof.collision.hulls import Solid
+from pinproof.collision.geometry.bodies import MOST_EXCESS, shape_bodies
+from pinproof.collision.geometry.convex_pieces import convex_pieces
+from pinproof.collision.geometry.hulls import Solid
 from pinproof.verifier import verify
 
 from ..examples import examples

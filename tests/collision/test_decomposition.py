@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull as Hull
 
 from pinproof import CollisionChecker, Obstacle, Scene, Sphere, load_robot, pose
-from pinproof.collision.bodies import hull_body
-from pinproof.collision.decomposition import PIECES, clusters
-from pinproof.collision.hulls import Solid
+from pinproof.collision.geometry.bodies import hull_body
+from pinproof.collision.geometry.decomposition import PIECES, clusters
+from pinproof.collision.geometry.hulls import Solid
 from pinproof.description.meshes import read_mesh
 from pinproof.spatial import pose as placed
 

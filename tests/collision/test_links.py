@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from pinproof import CollisionChecker, InputError, UnknownNameError, load_robot
-from pinproof.collision.links import link_bodies, meshes_of
+from pinproof.collision.checking.links import link_bodies, meshes_of
 from pinproof.errors import MeshError
 from pinproof.model.robot import load_robot_from_text
 

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from pinproof import Box, CollisionChecker, Mesh, Obstacle, PointCloud, Scene, certify, load_robot, pose
-from pinproof.collision.certificate import CertificateStatus
+from pinproof.collision.certificates.certificate import CertificateStatus
 from pinproof.model.robot import load_robot_from_text
 
 

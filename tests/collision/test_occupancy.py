@@ -23,9 +23,9 @@ from pinproof import (
 )
 from pinproof._core import carve
 from pinproof.collision import DepthView, Intrinsics, remove_body, remove_robot
-from pinproof.collision.bodies import shape_bodies
-from pinproof.collision.occupancy import CLEARED, FREE, SEEN, UNKNOWN
-from pinproof.collision.surfaces import cell_faces
+from pinproof.collision.geometry.bodies import shape_bodies
+from pinproof.collision.geometry.occupancy import CLEARED, FREE, SEEN, UNKNOWN
+from pinproof.collision.geometry.surfaces import cell_faces
 from pinproof.errors import FileError
 from tests.collision.depth_camera import Solid, depth_image, look_at, states_by_definition
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pinproof import CollisionChecker, InputError, Obstacle, OccupancyGrid, Scene, load_robot
-from pinproof.collision.occupancy import FREE, SEEN, UNKNOWN
-from pinproof.collision.octomap_file import read_octomap
+from pinproof.collision.geometry.occupancy import FREE, SEEN, UNKNOWN
+from pinproof.collision.geometry.octomap_file import read_octomap
 from pinproof.errors import FileError, SceneError
 from pinproof.execution import ros2
 

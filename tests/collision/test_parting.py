@@ -30,8 +30,8 @@ from pinproof import (
     time_parametrise,
 )
 from pinproof.collision import HeightMap
-from pinproof.collision.certificate import Parting
-from pinproof.collision.separation import MovingBody, directions_to_facets
+from pinproof.collision.certificates.certificate import Parting
+from pinproof.collision.checking.separation import MovingBody, directions_to_facets
 from pinproof.motion import CubicPath, bezier
 
 from ..examples import examples

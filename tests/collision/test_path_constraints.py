@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof._core import constraint_bound
-from pinproof.collision.path_constraints import PathConstraint
+from pinproof.collision.certificates.path_constraints import PathConstraint
 from pinproof.model.robot import load_robot_from_text
 from pinproof.motion import CubicPath
 

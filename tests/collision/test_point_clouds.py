@@ -23,9 +23,9 @@ from pinproof import (
     pose,
     verify_proof,
 )
-from pinproof.collision.bodies import shape_bodies, shape_body
-from pinproof.collision.certificate import notes_of
-from pinproof.collision.surfaces import merged_cells
+from pinproof.collision.certificates.certificate import notes_of
+from pinproof.collision.geometry.bodies import shape_bodies, shape_body
+from pinproof.collision.geometry.surfaces import merged_cells
 from pinproof.errors import SceneError
 
 HERE = pose((0.2, -0.1, 0.3), (0.3, -0.4, 0.5))

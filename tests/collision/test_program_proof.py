@@ -10,8 +10,8 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision import certify_program, export_program
-from pinproof.collision.linear_moves import trace_line
-from pinproof.collision.program_proof import _share
+from pinproof.collision.certificates.linear_moves import trace_line
+from pinproof.collision.certificates.program_proof import _share
 from pinproof.errors import InputError
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove
 from pinproof.motion.robot_program import RobotProgram, make_program

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.reuse import SetupChange, StoredProof
+from pinproof.collision.certificates.reuse import SetupChange, StoredProof
 from pinproof.errors import InputError
 
 POST = pp.Obstacle("post", pp.Cylinder(radius=0.04, length=0.4), pp.pose((0.55, 0, 0.2)))

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from pinproof import InputError, OccupancyGrid, Scene
-from pinproof.collision import Intrinsics, read_points, sensor_files
-from pinproof.collision.occupancy import FREE, SEEN
+from pinproof.collision import Intrinsics, read_points
+from pinproof.collision.geometry import sensor_files
+from pinproof.collision.geometry.occupancy import FREE, SEEN
 from pinproof.errors import FileError, SceneError
 from tests.collision.depth_camera import Solid, depth_image, look_at
 

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from pinproof import Box, CertificateStatus, CollisionChecker, InputError, Mesh, Obstacle, Scene, Sphere, certify, pose
-from pinproof.collision.hulls import bvh
+from pinproof.collision.geometry.hulls import bvh
 from pinproof.errors import UrdfError
 from pinproof.model.robot import load_robot_from_text
 

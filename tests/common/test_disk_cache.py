@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision import links
+from pinproof.collision.checking import links
 from pinproof.common import disk_cache
 from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description.meshes import read_mesh

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import pinproof as pp
-from pinproof.collision.line_surface import LineSurface
+from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.picks import Stage, SuctionCup
 from pinproof.picks.judging.grip import HeldPart
 from pinproof.picks.judging.suction import grip_by_cup

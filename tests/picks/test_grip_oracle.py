@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.line_surface import LineSurface
+from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.picks.judging.grip import SAMPLED, HeldPart, fingers_of, grip_by_fingers
 from pinproof.spatial import SE3
 

@@ -94,7 +94,7 @@ def test_the_closing_direction_is_that_of_the_end_of_the_motion(arm) -> None:
 
 def test_rotating_fingers_hold_a_part_between_their_pads(arm) -> None:
     """The pads are nearly parallel cylinders; a block as wide as they leave is held, others are not."""
-    from pinproof.collision.line_surface import LineSurface
+    from pinproof.collision.checking.line_surface import LineSurface
     from pinproof.picks.judging.grip import HeldPart, grip_by_fingers
 
     closed = 0.25

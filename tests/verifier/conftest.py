@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificate import proven_motion
-from pinproof.collision.hulls import hull_of_any
-from pinproof.collision.proof_file import proof_document
+from pinproof.collision.certificates.certificate import proven_motion
+from pinproof.collision.certificates.proof_file import proof_document
+from pinproof.collision.geometry.hulls import hull_of_any
 from pinproof.model.robot import load_robot_from_text
 from pinproof.verifier import body_digest, curve_digest
 

@@ -7,8 +7,8 @@ import copy
 import numpy as np
 
 import pinproof as pp
-from pinproof.collision.certificate import proven_motion
-from pinproof.collision.proof_file import proof_document
+from pinproof.collision.certificates.certificate import proven_motion
+from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.model.robot import load_robot_from_text
 from pinproof.motion import CubicPath
 from pinproof.verifier import body_digest, curve_digest

@@ -10,7 +10,7 @@ from math import comb
 import coal
 import numpy as np
 
-from pinproof.collision.hulls import hull_of_any
+from pinproof.collision.geometry.hulls import hull_of_any
 
 SLACK = 2e-6
 """Metres: coal's GJK distances are off by less."""

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificate import proven_motion
-from pinproof.collision.proof_file import proof_document
+from pinproof.collision.certificates.certificate import proven_motion
+from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.motion import CubicPath
 from pinproof.verifier import verify
 

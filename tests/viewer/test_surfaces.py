@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from pinproof import Box, Capsule, Cylinder, HalfSpace, Mesh, Obstacle, OccupancyGrid, PointCloud, Sphere
 from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
-from pinproof.collision.bodies import shape_body
-from pinproof.collision.shapes import Shape
+from pinproof.collision.geometry.bodies import shape_body
+from pinproof.collision.geometry.shapes import Shape
 from pinproof.description import LinkGeometry
 from pinproof.errors import ViewerError
 from pinproof.spatial import matrix, pose

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-
 RANGE = 0.1
 """rad: the longest edge, the default of ``plan_qpos``."""
 

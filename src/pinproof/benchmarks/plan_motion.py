@@ -21,7 +21,7 @@ from pinproof.benchmarks.plan_problems import PlanProblem, ProblemName, select_s
 from pinproof.benchmarks.plan_run import motion_faults
 from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
 from pinproof.collision import CollisionChecker
-from pinproof.collision.audit import STEP
+from pinproof.collision.checking.audit import STEP
 from pinproof.errors import InputError, TimingError, UnknownNameError
 from pinproof.ik import AnalyticIk
 from pinproof.model import Arm, JointLimits, Payload, load_robot

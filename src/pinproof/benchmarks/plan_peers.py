@@ -25,7 +25,7 @@ from pinproof.benchmarks.plan_methods import TIME_LIMIT, PlanAnswer, PlanMethod,
 from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Sphere
-from pinproof.collision.coal_checks import PlainCoal
+from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.common.content_hash import digest
 from pinproof.motion import JointPath
 from pinproof.planning.rrt_connect import sampling_box

@@ -24,7 +24,7 @@ from pinproof.benchmarks.plan_problems import (
 from pinproof.benchmarks.plan_table import PlanRow, PlanTable, ProblemRow
 from pinproof.benchmarks.tables import leave_out, peer_versions, provenance
 from pinproof.collision import CollisionChecker
-from pinproof.collision.audit import STEP, audit
+from pinproof.collision.checking.audit import STEP, audit
 from pinproof.errors import InputError
 from pinproof.motion import Curve
 from pinproof.planning import DEFAULT_PLANNER

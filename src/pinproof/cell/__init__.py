@@ -6,25 +6,25 @@ time.
 :func:`pinproof.cell.allocate` distributes picks over several arms that move at the same time.
 """
 
-from pinproof.cell.allocation import allocate
-from pinproof.cell.allocation_page import write_allocation_page
-from pinproof.cell.allocation_report import ALLOCATION_SUFFIXES, allocation_dict, save_allocation
-from pinproof.cell.allocation_result import AllocationResult, ArmTime, OneArm, PartState
-from pinproof.cell.arm_program import Piece
-from pinproof.cell.common_clock import CommonInterval, Timing
+from pinproof.cell.allocation.allocate import allocate
+from pinproof.cell.allocation.allocation_page import write_allocation_page
+from pinproof.cell.allocation.allocation_report import ALLOCATION_SUFFIXES, allocation_dict, save_allocation
+from pinproof.cell.allocation.allocation_result import AllocationResult, ArmTime, OneArm, PartState
+from pinproof.cell.allocation.arm_program import Piece
+from pinproof.cell.allocation.common_clock import CommonInterval, Timing
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
-from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
-from pinproof.cell.parts import without_parts
-from pinproof.cell.placement import PlacementBudget, PlacementInterrupted, place_base
-from pinproof.cell.placement_map import EmptyCell, PlacementMap, SlowCell
-from pinproof.cell.placement_region import Placement, PlacementChoice, PlacementRegion
-from pinproof.cell.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
-from pinproof.cell.precedence import Precedence
-from pinproof.cell.sequence_page import read_heat_map, write_sequence_page
-from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
-from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
-from pinproof.cell.sequence_run import SequenceBudget
-from pinproof.cell.sequencing import SequenceInterrupted, sequence
+from pinproof.cell.placement.heat_map import EmptyCell, PlacementMap, SlowCell
+from pinproof.cell.placement.place_base import PlacementBudget, PlacementInterrupted, place_base
+from pinproof.cell.placement.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
+from pinproof.cell.placement.region import Placement, PlacementChoice, PlacementRegion
+from pinproof.cell.sequencing.cycle_time import CycleTime, PickTime, cycle_time
+from pinproof.cell.sequencing.parts import without_parts
+from pinproof.cell.sequencing.precedence import Precedence
+from pinproof.cell.sequencing.sequence import SequenceInterrupted, sequence
+from pinproof.cell.sequencing.sequence_page import read_heat_map, write_sequence_page
+from pinproof.cell.sequencing.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
+from pinproof.cell.sequencing.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
+from pinproof.cell.sequencing.sequence_run import SequenceBudget
 from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
 
 __all__ = [

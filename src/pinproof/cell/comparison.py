@@ -7,8 +7,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from pinproof.cell.placement_keys import COMPARISON_SCHEMA
-from pinproof.cell.placement_result import total_time
+from pinproof.cell.placement.placement_keys import COMPARISON_SCHEMA
+from pinproof.cell.placement.placement_result import total_time
 from pinproof.common.display import html_block, html_table, markdown_table, outline
 from pinproof.common.files import csv_text, figure, json_text, save_as
 from pinproof.common.validation import require_positive

@@ -25,10 +25,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.placement_keys import TOLERANCE_SCHEMA
-from pinproof.cell.placement_stages import Progress, StageRunner
+from pinproof.cell.placement.placement_keys import TOLERANCE_SCHEMA
+from pinproof.cell.stages import Progress, StageRunner
 from pinproof.collision import Obstacle
-from pinproof.collision.line_surface import LineSurface, outer_points
+from pinproof.collision.checking.line_surface import LineSurface, outer_points
 from pinproof.common.display import html_block, html_table, markdown_table, outline
 from pinproof.common.files import csv_text, json_text, save_as
 from pinproof.common.validation import require_integer, require_positive

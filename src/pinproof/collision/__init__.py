@@ -1,7 +1,6 @@
 """Collision: shapes, scenes, the checker, and certificates that hold between samples (coal)."""
 
-from pinproof.collision.audit import AuditResult, audit
-from pinproof.collision.certificate import (
+from pinproof.collision.certificates.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
@@ -9,14 +8,8 @@ from pinproof.collision.certificate import (
     Parting,
     UndecidedSpan,
 )
-from pinproof.collision.certify import certify, is_proven_free
-from pinproof.collision.checker import CheckResult, CollisionChecker, Contact
-from pinproof.collision.depth_image import DepthView, Intrinsics
-from pinproof.collision.movers import Mover, TimedScene, with_movers
-from pinproof.collision.occupancy import OccupancyGrid
-from pinproof.collision.overlaps import LinkOverlap, OverlapReport, sample_overlaps
-from pinproof.collision.pairs import ExcludedPair
-from pinproof.collision.path_constraints import (
+from pinproof.collision.certificates.certify import certify, is_proven_free
+from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     ConstraintViolation,
     LookAt,
@@ -25,12 +18,23 @@ from pinproof.collision.path_constraints import (
     Upright,
     Within,
 )
-from pinproof.collision.program_proof import ProgramCertificate, ProgramPart, certify_program, export_program
-from pinproof.collision.proof_file import verify_proof
-from pinproof.collision.scene import Attachments, Scene
-from pinproof.collision.sensor_files import read_points
-from pinproof.collision.sensor_removal import remove_body, remove_robot
-from pinproof.collision.shapes import (
+from pinproof.collision.certificates.program_proof import (
+    ProgramCertificate,
+    ProgramPart,
+    certify_program,
+    export_program,
+)
+from pinproof.collision.certificates.proof_file import verify_proof
+from pinproof.collision.checking.audit import AuditResult, audit
+from pinproof.collision.checking.checker import CheckResult, CollisionChecker, Contact
+from pinproof.collision.checking.movers import Mover, TimedScene, with_movers
+from pinproof.collision.checking.overlaps import LinkOverlap, OverlapReport, sample_overlaps
+from pinproof.collision.checking.pairs import ExcludedPair
+from pinproof.collision.checking.sensor_removal import remove_body, remove_robot
+from pinproof.collision.geometry.depth_image import DepthView, Intrinsics
+from pinproof.collision.geometry.occupancy import OccupancyGrid
+from pinproof.collision.geometry.sensor_files import read_points
+from pinproof.collision.geometry.shapes import (
     Box,
     Capsule,
     Cone,
@@ -45,6 +49,7 @@ from pinproof.collision.shapes import (
     Shape,
     Sphere,
 )
+from pinproof.collision.scenes.scene import Attachments, Scene
 
 __all__ = [
     "Attachments",

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, Scene, certify
-from pinproof.collision.assembly import checked_margin, only_arm
-from pinproof.collision.reuse import SetupChange, StoredProof
+from pinproof.collision.certificates.reuse import SetupChange, StoredProof
+from pinproof.collision.checking.assembly import checked_margin, only_arm
 from pinproof.common.display import html_block, html_of, html_table, outline
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.execution import library_file

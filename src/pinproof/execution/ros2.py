@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PointCloud, Scene, certify
-from pinproof.collision.moveit import moveit_message, read_moveit_message
+from pinproof.collision.scenes.moveit import moveit_message, read_moveit_message
 from pinproof.errors import InputError, PinproofError, UnknownNameError
 from pinproof.execution.monitor import Monitor
 from pinproof.motion import Trajectory
@@ -126,7 +126,7 @@ def planning_scene(scene: Scene, *, frame: str = "") -> Message:
 
 
 def read_planning_scene(message: Mapping[str, Any]) -> Scene:
-    """Read a moveit_msgs/PlanningScene, with the rules of :mod:`pinproof.collision.moveit`.
+    """Read a moveit_msgs/PlanningScene, with the rules of :mod:`pinproof.collision.scenes.moveit`.
 
     Raises
     ------

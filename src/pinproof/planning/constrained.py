@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from pinproof._core import Manifold
 from pinproof.collision import CollisionChecker, PathConstraint
-from pinproof.collision.path_constraints import amount
+from pinproof.collision.certificates.path_constraints import amount
 from pinproof.model import Arm
 from pinproof.motion import BlendedPath, CubicPath
 from pinproof.planning.edges import Edges

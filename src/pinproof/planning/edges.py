@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from pinproof._core import EdgeChecker
 from pinproof.collision import CollisionChecker
-from pinproof.collision.placed_bodies import CoalJudge
+from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.errors import InputError
 from pinproof.motion import TorqueLimits
 

@@ -23,9 +23,9 @@ import numpy.typing as npt
 
 from pinproof._core import Manifold, RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
-from pinproof.collision.certify import is_proven_free
-from pinproof.collision.checker import require_curve
-from pinproof.collision.path_constraints import check_constraints
+from pinproof.collision.certificates.certify import is_proven_free
+from pinproof.collision.certificates.path_constraints import check_constraints
+from pinproof.collision.checking.checker import require_curve
 from pinproof.common.display import html_block, html_of, outline
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import Curve, JointPath, MotionLimits, TorqueLimits, Trajectory, time_parametrise

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from pinproof._core import RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
-from pinproof.collision.path_constraints import check_constraints
+from pinproof.collision.certificates.path_constraints import check_constraints
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
 from pinproof.motion import JointPath, TorqueLimits

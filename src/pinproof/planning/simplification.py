@@ -17,8 +17,8 @@ import numpy as np
 
 from pinproof._core import shortcut as shorten
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
-from pinproof.collision.checker import require_curve
-from pinproof.collision.path_constraints import check_constraints
+from pinproof.collision.certificates.path_constraints import check_constraints
+from pinproof.collision.checking.checker import require_curve
 from pinproof.common.display import html_block, html_of
 from pinproof.errors import InputError
 from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier

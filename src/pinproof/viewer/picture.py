@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CheckResult, FirstContact, Obstacle, Scene, UndecidedSpan
-from pinproof.collision.certificate import proven_millimetres
+from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve

@@ -35,9 +35,9 @@ from pinproof.collision import (
     Shape,
     Sphere,
 )
-from pinproof.collision.bodies import triangles_of
-from pinproof.collision.hulls import hull_triangles
-from pinproof.collision.surfaces import cell_faces, ground_surface
+from pinproof.collision.geometry.bodies import triangles_of
+from pinproof.collision.geometry.hulls import hull_triangles
+from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
 from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description import LinkGeometry, meshes
 from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, collada_unit, read_mesh, resolved, z_up

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from pinproof.collision import Obstacle
-from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
-from pinproof.collision.scene_keys import POSE
+from pinproof.collision.scenes.scene_file import numbers_of, pose_of, read_obstacle
+from pinproof.collision.scenes.scene_keys import POSE
 from pinproof.common.file_keys import KeyTable
 from pinproof.common.yaml_file import LinedMapping
 from pinproof.errors import FileError, InputError, UnknownNameError

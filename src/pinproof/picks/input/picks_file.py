@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pinproof.collision import Mesh, Obstacle
-from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
-from pinproof.collision.scene_keys import POSE
+from pinproof.collision.scenes.scene_file import numbers_of, pose_of, read_obstacle
+from pinproof.collision.scenes.scene_keys import POSE
 from pinproof.common.files import is_file
 from pinproof.common.validation import require_integer
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pinproof.collision.scene_keys import BODY, OBSTACLE, ONE_ORIENTATION, POSE, POSE_KEYS, VECTOR
+from pinproof.collision.scenes.scene_keys import BODY, OBSTACLE, ONE_ORIENTATION, POSE, POSE_KEYS, VECTOR
 from pinproof.common.file_keys import (
     ANGLE,
     ANY_TEXT,

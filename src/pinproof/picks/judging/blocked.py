@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.collision.bodies import Body
-from pinproof.collision.inner_shapes import inner_shapes
+from pinproof.collision.geometry.bodies import Body
+from pinproof.collision.geometry.inner_shapes import inner_shapes
 from pinproof.ik import Overlap, ReachProof, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.spatial import SE3

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.collision.checker import CheckResult, Contact
+from pinproof.collision.checking.checker import CheckResult, Contact
 from pinproof.ik import AnalyticIk, Clik, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Member

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import ConvexHull, Obstacle
-from pinproof.collision.line_surface import (
+from pinproof.collision.checking.line_surface import (
     LineSurface,
     SurfacePoints,
     body_distance,
@@ -33,7 +33,7 @@ from pinproof.collision.line_surface import (
     point_distance,
     travel_to_touch,
 )
-from pinproof.collision.links import link_bodies
+from pinproof.collision.checking.links import link_bodies
 from pinproof.description import UrdfJoint
 from pinproof.description.urdf import moved_by
 from pinproof.model import Arm

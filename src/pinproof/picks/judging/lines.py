@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, certify
-from pinproof.collision.certificate import proven_millimetres
+from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import CubicPath, JointPath, TorqueLimits

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Obstacle, Upright
-from pinproof.collision.line_surface import LineSurface, point_distance
-from pinproof.collision.separation import directions_to_facets
+from pinproof.collision.checking.line_surface import LineSurface, point_distance
+from pinproof.collision.checking.separation import directions_to_facets
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, Mover, Obstacle, Scene
-from pinproof.collision.certificate import proven_millimetres
+from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import InputError

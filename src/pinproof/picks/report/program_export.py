@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from pinproof.collision import Certificate
-from pinproof.collision.program_proof import feasible
+from pinproof.collision.certificates.program_proof import feasible
 from pinproof.errors import InputError
 from pinproof.motion import JointMap, JointPath, MotionProgram, RobotProgram, time_parametrise
 from pinproof.motion.curve import MEET_TOLERANCE

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pinproof.collision import Certificate, Scene
-from pinproof.collision.certificate import proven_millimetres
+from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import csv_text, file_stems, json_text, unknown_suffix, write_text_whole
 from pinproof.errors import InputError

@@ -1,0 +1,1 @@
+"""Picks of several arms in one cell: their allocation, the common clock, and the result with its report and page."""

@@ -1,0 +1,420 @@
+"""Picks for several arms: which arm executes which pick, in which order, and when.
+
+Every pick is judged for every arm that may execute it. Picks are allocated so that the largest time of an arm is as
+short as possible, each arm's picks are put in sequence (:func:`pinproof.sequence`), and the arms wait for each other
+where they would meet (:mod:`pinproof.cell.allocation.common_clock`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell.allocation.allocation_result import AllocationResult, OneArm
+from pinproof.cell.allocation.common_clock import ArmsApart, Timing, time_together
+from pinproof.cell.sequencing.blocking import AT_PLACE
+from pinproof.cell.sequencing.options import Job
+from pinproof.cell.sequencing.precedence import Precedence
+from pinproof.cell.sequencing.sequence import judge_options, sequence
+from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
+from pinproof.cell.sequencing.sequence_run import SequenceBudget
+from pinproof.collision import CollisionChecker, Obstacle, Scene
+from pinproof.common.validation import Rng, require_type
+from pinproof.errors import InputError, NoAnswer, UnknownNameError
+from pinproof.model import JointGroup, Payload
+from pinproof.model.robot import PART
+from pinproof.picks import Pick, Picks, PickSetup
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[str, int, int], object]
+
+CROWDED = 3.0
+"""A pick costs 1 + this times as much if its arm would meet every other arm at every of its picks."""
+
+ROUNDS = 3
+"""Number of allocations: after the first, with costs that are scaled to the certified times of each arm."""
+
+GAIN = 1e-3
+"""Share of the largest load of an arm that a change of the allocation must save."""
+
+TOTAL = 0.05
+"""Weight of the sum of all loads beside the largest."""
+
+EXCHANGES = 500
+"""Largest number of exchanges that are compared for one change of the allocation."""
+
+
+def allocate(
+    group: JointGroup,
+    scene: Scene,
+    picks: Picks,
+    *,
+    precedence: Iterable[tuple[str, str]] = (),
+    grip_dwell: float = 0.0,
+    release_dwell: float = 0.0,
+    budget: SequenceBudget | None = None,
+    compare: bool = True,
+    rng: Rng = 0,
+    progress: Progress | None = None,
+) -> AllocationResult:
+    """Allocate picks to the arms of a cell, order them, and time all arms on a common clock.
+
+    Each arm starts and ends at home. It executes its sequence; its motions are certified with the other arms at home
+    and with the parts of the other arms both where they are picked and where they are placed. All arms move at the same
+    time, and wait at rest after a motion where they would meet. The pairs of bodies of different arms are certified on
+    the common clock.
+
+    Parameters
+    ----------
+    group
+        The arms, such as a cell of :func:`pinproof.assemble`; ``picks.load_cell()`` loads that of a picks file.
+    scene
+        The obstacles before the first pick, in the root frame of the group.
+    picks
+        The picks in the root frame of the group. With ``picks.robots``, each arm has its own hand and home, otherwise
+        they are the same for all.
+    precedence
+        Pairs of names: the first pick has ended when the second starts, whichever arms execute them.
+    grip_dwell, release_dwell
+        Seconds that an arm rests at each grasp and at each release.
+    budget
+        The effort of the search for the sequence of each arm.
+    compare
+        Whether the sequence of all picks by one arm is computed too, for each arm.
+    rng
+        Seed or Generator.
+    progress
+        Called with the name of the work, and the numbers of finished and of all parts of it.
+
+    Returns
+    -------
+    AllocationResult
+        The program of each arm and their certificates. Picks that no arm can execute are left out, with the reasons.
+
+    Raises
+    ------
+    InputError
+        If the group has one arm or arms that share joints, the robots overlap, the object of a pick is not in the
+        scene, or the picks are not valid for a sequence.
+    UnknownNameError
+        If a pick or ``picks.robots`` names an arm that the group does not have.
+    NoAnswer
+        If no sequence of an arm can be certified.
+    """
+    _check(group, picks)
+    require_type("scene", scene, Scene)
+    dwell, effort = (grip_dwell, release_dwell), budget or SequenceBudget()
+    run = _Run(group, scene, picks, tuple(precedence), dwell, effort, progress or _silent, rng)
+    run.judge()
+    timing, results = run.shortest()
+    alone = tuple(run.alone(name) for name in group.ends) if compare else ()
+    return AllocationResult(
+        group, scene, picks, timing, results, tuple(run.left_out), alone, run.apart.checker.attached
+    )
+
+
+def _silent(*_: object) -> None:
+    pass
+
+
+def _check(group: JointGroup, picks: Picks) -> None:
+    require_type("group", group, JointGroup)
+    require_type("picks", picks, Picks)
+    if len(group.ends) < 2:
+        raise InputError("picks are allocated to several arms; for one arm use pinproof.sequence")
+    if shared := group.shared_joints:
+        raise InputError(
+            f"the joints {', '.join(shared)} are shared by several arms of {group.robot.name!r}, which can "
+            "therefore not execute picks independently; choose arms without common joints (robot.arms(base=...))"
+        )
+    for name in picks.robots:
+        if name not in group.ends:
+            raise UnknownNameError("arm", name, group.ends, "the robots of the picks")
+    if missing := [name for name in group.ends if picks.robots and name not in picks.robots]:
+        raise InputError(f"the picks state no robot {', '.join(missing)}, which the group has")
+    for pick in picks:
+        if pick.arm is not None and pick.arm not in group.ends:
+            raise UnknownNameError("arm", pick.arm, group.ends, f"pick {pick.name!r}")
+        if isinstance(pick.carried, Obstacle):
+            raise InputError(
+                f"the object {pick.carried.name!r} of pick {pick.name!r} is not in the scene before the pick, so the "
+                "other arms could not be certified with it; add it to the scene and state its name as the object"
+            )
+    if not picks.picks:
+        raise InputError("there are no picks to allocate")
+
+
+def _own_settings(group: JointGroup, arm: str, picks: Picks) -> Picks:
+    """The settings of an arm, with the names of links and joints in the cell and unique names of its tool."""
+    own = picks.robots[arm].settings if picks.robots else picks
+    part = group.robot.part_of(group.ends[arm][1])
+    prefix = "" if part is None else part + PART
+
+    def full(name: str) -> str:
+        urdf = group.robot.urdf
+        return name if name in urdf.links or name in urdf.joints else prefix + name
+
+    def named(body: Obstacle) -> Obstacle:
+        return replace(body, name=f"{arm}{PART}{body.name}")
+
+    def placed(payload: Payload) -> Payload:
+        return payload if payload.frame is None else replace(payload, frame=full(payload.frame))
+
+    fingers = own.fingers
+    if fingers is not None:
+        fingers = replace(fingers, bodies=(named(fingers.bodies[0]), named(fingers.bodies[1])))
+    return replace(
+        own,
+        picks=(),
+        problems=(),
+        robots={},
+        tool=tuple(map(named, own.tool)),
+        fingers=fingers,
+        gripper=tuple(map(full, own.gripper)),
+        held={full(joint): value for joint, value in own.held.items()},
+        grip={full(joint): value for joint, value in own.grip.items()},
+        payload=tuple(map(placed, own.payload)),
+        home={full(joint): value for joint, value in own.home.items()},
+        frames=picks.frames,
+        margin=picks.margin,
+        source=picks.source,
+    )
+
+
+@dataclass(eq=False)
+class _Run:
+    """The work on one allocation."""
+
+    group: JointGroup
+    scene: Scene
+    picks: Picks
+    stated: tuple[tuple[str, str], ...]
+    dwell: tuple[float, float]
+    budget: SequenceBudget
+    progress: Progress
+    rng: Rng
+    left_out: list[LeftOut] = field(default_factory=list)
+    jobs: dict[tuple[str, str], Job] = field(default_factory=dict)
+    costs: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        group = self.group
+        Precedence.stated((pick.name for pick in self.picks), self.stated)
+        self.shared = {name: _own_settings(group, name, self.picks) for name in group.ends}
+        self.home = group.home
+        for name, arm in group.arms.items():
+            self.home[group.indices(name)] = self.shared[name].home_configuration(arm.joint_names, arm.home)
+        tools = [replace(body, arm=name) for name, own in self.shared.items() for body in own.open_tool]
+        self.held = {joint: value for own in self.shared.values() for joint, value in own.held.items()}
+        checker = CollisionChecker(group.with_held(self.held), margin=self.picks.margin, attached=tools)
+        self.apart = ArmsApart(checker)
+        at_home = self.apart.carrying((), {}).check(self.home)
+        if not at_home.free:
+            raise InputError(f"the arms are in contact at home: {at_home}")
+        self.setups = {name: self._setup(name, ()) for name in group.ends}
+
+    def _setup(self, arm: str, others: Sequence[Obstacle]) -> PickSetup:
+        """The setup of an arm, with the others at home and with these parts of the others at their places."""
+        group, own = self.group, self.group.arms[arm]
+        at = dict(zip(group.joint_names, self.home.tolist(), strict=True))
+        still = own.with_held({**{j: at[j] for j in at if j not in own.joint_names}, **self.held})
+        tools, allowed = [], list(self.scene.allowed)
+        for name, (base, tcp) in group.ends.items():
+            if name == arm:
+                continue
+            world_from_tcp = group.root_from_frame(self.home, tcp)
+            of_arm = [link for link in group.robot.urdf.links if self.apart.arm_of[link] == name or link in (base, tcp)]
+            for body in self.shared[name].open_tool:
+                tools.append(replace(body, pose=world_from_tcp * body.pose))
+                allowed += [(link, body.name) for link in of_arm]
+        every = Scene(
+            (*self.scene.obstacles, *tools, *others),
+            allowed=allowed,
+            disabled=self.scene.disabled,
+            frame=self.scene.frame,
+            notes=self.scene.notes,
+            source=self.scene.source,
+        )
+        return PickSetup.make(still, every, self.shared[arm], home=None, rng=self.rng)
+
+    # -- which arm ----------------------------------------------------------------------------------------------------
+
+    def judge(self) -> None:
+        """Judge every pick for every arm that may execute it; picks that none can execute are left out."""
+        names = [pick.name for pick in self.picks]
+        reasons: dict[str, list[str]] = {name: [] for name in names}
+        self.tied = {name: {name} for name in names}
+        self.costs = {arm: dict.fromkeys(names, np.inf) for arm in self.setups}
+        for number, (arm, setup) in enumerate(self.setups.items()):
+            own = [pick for pick in self.picks if pick.arm in (None, arm)]
+            self.progress("picks", number, len(self.setups))
+            if not own:
+                continue
+            found = judge_options(setup, own, self.budget)
+            for left in found.left_out:
+                reasons[left.name].append(f"{arm}: {left.reason}")
+            for pair in found.pairs:
+                self._tie(*pair)
+            self.jobs |= {(arm, job.pick.name): job for job in found.jobs}
+            self.costs[arm] |= found.seconds
+        self.progress("picks", len(self.setups), len(self.setups))
+        self.meetings = self._meetings()
+        for pick in self.picks:
+            if not any(np.isfinite(costs[pick.name]) for costs in self.costs.values()):
+                self.left_out.append(LeftOut(pick.name, "; ".join(reasons[pick.name])))
+        self._check_ties()
+
+    def _tie(self, a: str, b: str) -> None:
+        """Let the same arm execute two picks, because the parts support or block each other."""
+        joined = self.tied[a] | self.tied[b]
+        for name in joined:
+            self.tied[name] = joined
+
+    def _check_ties(self) -> None:
+        arm_of = {pick.name: pick.arm for pick in self.picks}
+        for name, tied in self.tied.items():
+            stated = {arm_of[each] for each in tied} - {None}
+            if len(stated) > 1:
+                other = next(each for each in sorted(tied) if arm_of[each] not in (None, arm_of[name]))
+                raise InputError(
+                    f"the picks {name!r} and {other!r} support or block each other, so that one arm must execute both; "
+                    f"state the same arm for {', '.join(sorted(tied))}"
+                )
+
+    def _meetings(self) -> dict[tuple[str, str], dict[tuple[str, str], float]]:
+        """For each arm and pick, and each other arm and pick: the share of their grasps and releases that collide."""
+        checker, ends = self.apart.sampled({}), {}
+        for key, job in self.jobs.items():
+            first = job.options[0]
+            ends[key] = [first.attempt.q, *([] if first.release is None else [first.release.q])]
+        found: dict[tuple[str, str], dict[tuple[str, str], float]] = {}
+        for key, own in ends.items():
+            rivals = [(other, q) for other, each in ends.items() if other[0] != key[0] for q in each]
+            whole = np.repeat(self.home[None], len(rivals), axis=0)
+            for row, (other, q) in zip(whole, rivals, strict=True):
+                row[self.group.indices(other[0])] = q
+            found[key] = {}
+            for q in own:
+                whole[:, self.group.indices(key[0])] = q
+                for (other, _), free in zip(rivals, checker.is_free_batch(whole).tolist(), strict=True):
+                    share = (not free) / len(own) / len(ends[other])
+                    found[key][other] = found[key].get(other, 0.0) + share
+        return found
+
+    def allocation(self) -> tuple[str, ...]:
+        """The arm of each pick, empty for those that are left out, so that the largest time of an arm is short."""
+        out = {left.name for left in self.left_out}
+        units = list(dict.fromkeys(tuple(sorted(tied - out)) for tied in self.tied.values()))
+        units, arms = [unit for unit in units if unit], list(self.costs)
+        cost = np.array([[sum(self.costs[arm][name] for name in unit) for arm in arms] for unit in units])
+        meet = np.zeros((len(units), len(arms)) * 2)
+        unit_of = {name: k for k, unit in enumerate(units) for name in unit}
+        for (arm, name), others in self.meetings.items():
+            for (rival, other), share in others.items():
+                if name in unit_of and other in unit_of:
+                    weight = 1.0 / len(units[unit_of[name]]) / len(units[unit_of[other]])
+                    meet[unit_of[name], arms.index(arm), unit_of[other], arms.index(rival)] += share * weight
+        chosen = _balanced(cost.reshape(len(units), len(arms)), meet)
+        of = {name: arms[k] for unit, k in zip(units, chosen, strict=True) for name in unit}
+        return tuple(of.get(pick.name, "") for pick in self.picks)
+
+    def shortest(self) -> tuple[Timing, dict[str, SequenceResult]]:
+        """The allocation with the shortest certified time of several, and its sequences."""
+        seen: set[tuple[str, ...]] = set()
+        tried: list[tuple[Timing, dict[str, SequenceResult]]] = []
+        for _ in range(ROUNDS):
+            chosen = self.allocation()
+            if chosen in seen:
+                break
+            seen.add(chosen)
+            results = self.sequences(chosen)
+            tried.append((time_together(self.apart, self.home, results, self.stated), results))
+        return min(tried, key=lambda each: (not each[0].free, each[0].trajectory.duration))
+
+    # -- the programs -------------------------------------------------------------------------------------------------
+
+    def sequences(self, chosen: tuple[str, ...]) -> dict[str, SequenceResult]:
+        """The sequence of each arm that has a pick; the costs are then scaled to the certified times."""
+        found = {}
+        for number, arm in enumerate(self.setups):
+            self.progress("sequences", number, len(self.setups))
+            own = [pick for pick, of in zip(self.picks, chosen, strict=True) if of == arm]
+            if not own:
+                continue
+            names = {pick.name for pick in own}
+            others = [
+                self.jobs[of, each.name] for each, of in zip(self.picks, chosen, strict=True) if of not in ("", arm)
+            ]
+            placed = [(part, k) for job in others for k, part in enumerate(job.places)]
+            at = [replace(part, name=f"{part.name}{AT_PLACE}{f' {k}' if k else ''}") for part, k in placed]
+            setup = self._setup(arm, at)
+            pairs = [pair for pair in self.stated if names.issuperset(pair)]
+            found[arm] = self._sequence(setup, own, pairs)
+            load = sum(self.costs[arm][name] for name in names)
+            scale = found[arm].duration / load if load > 0.0 else 1.0  # picks at home need no motion
+            self.costs[arm] = {name: cost * scale for name, cost in self.costs[arm].items()}
+        self.progress("sequences", len(self.setups), len(self.setups))
+        return found
+
+    def _sequence(self, setup: PickSetup, picks: Sequence[Pick], pairs: Sequence[tuple[str, str]]) -> SequenceResult:
+        grip, release = self.dwell
+        return sequence(setup, picks, precedence=pairs, grip_dwell=grip, release_dwell=release, budget=self.budget)
+
+    def alone(self, arm: str) -> OneArm:
+        """The sequence of all picks by one arm, with the others at home."""
+        self.progress("one arm", list(self.setups).index(arm), len(self.setups))
+        try:
+            result = self._sequence(self.setups[arm], tuple(self.picks), self.stated)
+        except NoAnswer as error:
+            return OneArm(arm, None, str(error))
+        if not result.ok:
+            missing = result.left_out
+            return OneArm(arm, None, f"{len(missing)} picks left out; {missing[0].name}: {missing[0].reason}")
+        return OneArm(arm, result.duration, "")
+
+
+def _balanced(cost: Array, meet: Array) -> list[int]:
+    """For each unit (row) the arm (column), so that the largest load of an arm is small.
+
+    The load of an arm is the sum of its costs, each increased by the share of the other arms' units at which they meet.
+    Each unit starts with its cheapest arm. A unit is then given to another arm, or two of different arms are exchanged,
+    as long as this reduces the largest load; of all such changes, the best is made.
+
+    Parameters
+    ----------
+    cost
+        (U, A) seconds; infinite where the arm cannot.
+    meet
+        (U, A, U, A) the share of collisions of a unit of an arm with one of another arm.
+    """
+    units, arms = np.arange(len(cost)), range(cost.shape[1] if len(cost) else 0)
+
+    def load(chosen: npt.NDArray[np.intp]) -> float:
+        apart = chosen[:, None] != chosen
+        met = (meet[units[:, None], chosen[:, None], units, chosen] * apart).sum(axis=1)
+        seconds = cost[units, chosen] * (1.0 + CROWDED * met / np.maximum(apart.sum(axis=1), 1))
+        loads = [float(seconds[chosen == arm].sum()) for arm in arms]
+        return max(loads) + TOTAL * sum(loads)
+
+    if not len(cost):
+        return []
+    chosen = (cost * (1.0 + CROWDED * meet.mean(axis=(2, 3)))).argmin(axis=1)
+    best = load(chosen)
+    while True:
+        changes: list[tuple[tuple[int, int], ...]]
+        changes = [((unit, arm),) for unit in range(len(cost)) for arm in arms if arm != chosen[unit]]
+        pairs = [(a, b) for a in range(len(cost)) for b in range(a) if chosen[a] != chosen[b]]
+        changes += [((a, chosen[b]), (b, chosen[a])) for a, b in pairs[:: -(-len(pairs) // EXCHANGES) or 1]]
+        tried = []
+        for change in changes:
+            other = chosen.copy()
+            for unit, arm in change:
+                other[unit] = arm
+            tried.append((load(other) if np.isfinite(cost[units, other]).all() else np.inf, other))
+        value, other = min(tried, key=lambda each: each[0], default=(np.inf, chosen))
+        if value > (1.0 - GAIN) * best:
+            return list(map(int, chosen))
+        best, chosen = value, other

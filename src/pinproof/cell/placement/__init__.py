@@ -1,0 +1,1 @@
+"""Base placement: the search in a region, screening, proofs, bounds, and the result with its heat map."""

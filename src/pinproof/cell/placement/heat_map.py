@@ -1,0 +1,223 @@
+"""The screened grid of a search for a placement, and the cells of it about which something is proven."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell.placement.region import AXES
+from pinproof.common.files import csv_text, figure
+from pinproof.common.validation import freeze_arrays
+from pinproof.viewer import ColouredPoints
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+INSIDE = 1e-9
+"""m and rad: allowance for rounding of the ends of cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementMap:
+    """The screened grid of placements.
+
+    Parameters
+    ----------
+    placements
+        (N, 4) x, y, z, yaw.
+    choices
+        The names of the discrete choices.
+    choice
+        (N,) index of the choice of each placement.
+    axes
+        The values of x, y, z and yaw of the grid, in which yaw varies fastest.
+    base
+        (N,) whether the base and the arm at home are free.
+    codes
+        (N, P) codes of :class:`~pinproof.picks.ScreenStatus` of each pick at the grasp.
+    share
+        (N,) share of the picks that work, from 0 to 1.
+    seconds
+        (N,) estimated cycle time; NaN where a pick does not work.
+    estimate
+        (N,) estimated value of the objective; NaN where a pick does not work.
+    """
+
+    placements: Array
+    choices: tuple[str, ...]
+    choice: npt.NDArray[np.int64]
+    axes: tuple[Array, Array, Array, Array]
+    base: Mask
+    codes: npt.NDArray[np.int8]
+    share: Array
+    seconds: Array
+    estimate: Array
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "placements", "choice", "base", "codes", "share", "seconds", "estimate")
+
+    def __len__(self) -> int:
+        return len(self.placements)
+
+    def __repr__(self) -> str:
+        feasible = int(np.isfinite(self.estimate).sum())
+        return f"PlacementMap({len(self):,} placements, {feasible:,} where all picks work)"
+
+    @property
+    def feasible(self) -> Mask:
+        """(N,) placements at which every pick works, as far as it was screened."""
+        return np.asarray(np.isfinite(self.estimate))
+
+    def within(self, cells: Sequence[EmptyCell | SlowCell]) -> Mask:
+        """(N,) placements in one of the cells of their choice."""
+        found = np.zeros((len(self.choices), *(len(axis) for axis in self.axes)), dtype=bool)
+        for cell in cells:
+            ends = zip(self.axes, cell.lower - INSIDE, cell.upper + INSIDE, strict=True)
+            inside = tuple(slice(*np.searchsorted(axis, (low, high)).tolist()) for axis, low, high in ends)
+            found[self.choices.index(cell.choice)][inside] = True
+        return found.ravel()
+
+    def over_floor(self, values: Array, choice: int, best: Any = np.nanmax) -> Array:
+        """(nx, ny) the best of values (N,) over z and yaw at each x and y; NaN where no value exists."""
+        grid = values[self.choice == choice].reshape(*(len(axis) for axis in self.axes))
+        flat = grid.reshape(*grid.shape[:2], -1)
+        known = np.isfinite(flat).any(axis=2)
+        out = np.full(known.shape, np.nan)
+        out[known] = best(flat[known], axis=1)
+        return out
+
+    def floor_points(self, *, choice: int = 0, seconds: bool = False, height: float = 0.0) -> ColouredPoints:
+        """The map as points on the floor of the cell, for the page of a sequence.
+
+        Parameters
+        ----------
+        choice
+            The index of the discrete choice.
+        seconds
+            Whether to show the estimated cycle time instead of the share of the picks that work.
+        height
+            The z of the points in the frame of the cell, in metres.
+        """
+        values = self.over_floor(self.seconds if seconds else self.share, choice, np.nanmin if seconds else np.nanmax)
+        x, y = np.meshgrid(self.axes[0], self.axes[1], indexing="ij")
+        known = np.isfinite(values)
+        xyz = np.column_stack([x[known], y[known], np.full(int(known.sum()), height)])
+        steps = [float(axis[1] - axis[0]) for axis in self.axes[:2] if len(axis) > 1]
+        label = "estimated cycle time [s]:" if seconds else "share of picks that work:"
+        shown, size = values[known], 0.4 * min(steps, default=0.05)
+        low, high = (float(shown.min(initial=np.inf)), float(shown.max(initial=-np.inf))) if seconds else (0.0, 1.0)
+        if not low < high:  # none or one value
+            low, high = 0.0, max(high, 1.0)
+        return ColouredPoints.of_values(xyz, shown, label=label, low=low, high=high, size=size)
+
+    def to_csv(self) -> str:
+        """One row per placement: its values, whether the base is free, the share of picks, and the estimates."""
+        figures = np.column_stack([self.share, self.seconds, self.estimate])
+        columns = (self.choice.tolist(), self.placements.tolist(), self.base.tolist(), figures.tolist())
+        rows = (
+            (self.choices[number], *map(figure, values), int(base), *map(figure, row))
+            for number, values, base, row in zip(*columns, strict=True)
+        )
+        return csv_text(("choice", *AXES, "base_free", "share", "estimated_seconds", "estimate"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The map over the floor for each choice, the best over z and yaw, as plain values for a page."""
+        return {
+            "x": self.axes[0].tolist(),
+            "y": self.axes[1].tolist(),
+            "choices": [
+                {
+                    "choice": name,
+                    "share": _listed(self.over_floor(self.share, number)),
+                    "seconds": _listed(self.over_floor(self.seconds, number, np.nanmin)),
+                }
+                for number, name in enumerate(self.choices)
+            ],
+        }
+
+
+def _listed(values: Array) -> list[list[float | None]]:
+    return [[finite_or_none(value) for value in row] for row in values.tolist()]
+
+
+def finite_or_none(value: float) -> float | None:
+    """The value for JSON, which has no NaN and no infinity."""
+    return float(value) if np.isfinite(value) else None
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementCell:
+    """A cell of placements.
+
+    Parameters
+    ----------
+    choice
+        The name of the discrete choice.
+    lower, upper
+        (4,) the ranges of x, y, z (m) and yaw (rad).
+    """
+
+    choice: str
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, "lower", "upper")
+
+    @property
+    def volume(self) -> float:
+        """Product of the sides that are not 0."""
+        sides = self.upper - self.lower
+        return float(np.prod(sides[sides > 0]))
+
+    @property
+    def ranges(self) -> str:
+        """The ranges as text."""
+        return ", ".join(f"{n} {a:.3f} to {b:.3f}" for n, a, b in zip(AXES, self.lower, self.upper, strict=True))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EmptyCell(PlacementCell):
+    """A cell of placements, at each of which a pick is proven to be out of reach, or the base to be in contact.
+
+    Parameters
+    ----------
+    choice, lower, upper
+        The discrete choice, and the (4,) ranges of x, y, z (m) and yaw (rad).
+    pick
+        The pick that is out of reach; empty if the base is in contact.
+    boxes
+        Number of boxes of joint values that the proof excludes; 0 if the length of the arm excludes the cell.
+    contact
+        The part of the base, or of what moves with it, and the obstacle or forbidden zone that overlap.
+    """
+
+    pick: str = ""
+    boxes: int = 0
+    contact: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        why = f"{self.pick} is out of reach" if self.pick else f"{self.contact[0]} penetrates {self.contact[1]}"
+        return f"EmptyCell({self.ranges}: {why})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SlowCell(PlacementCell):
+    """A cell of placements, at each of which the cycle time is proven to be larger than that of the best placement.
+
+    Parameters
+    ----------
+    choice, lower, upper
+        The discrete choice, and the (4,) ranges of x, y, z (m) and yaw (rad).
+    seconds
+        A lower bound (s) of the cycle time in the cell, for motions that rest where those of picks do.
+    """
+
+    seconds: float
+
+    def __repr__(self) -> str:
+        return f"SlowCell({self.ranges}: at least {self.seconds:.3f} s)"

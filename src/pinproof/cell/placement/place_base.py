@@ -1,0 +1,528 @@
+"""Base placement: where the robot is placed so that all picks work, with the shortest cycle time.
+
+The search is hierarchical. A grid of placements is screened at the grasps of all picks
+(:mod:`pinproof.cell.placement.screening`), with an estimate of the objective where every pick works. The best
+placements are refined by the evolution strategy CMA-ES, which needs no derivatives. The best few are certified: every
+pick is judged in all stages, and the placement with the best certified value is the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell.placement.bounds import SlowTask, slow_cells
+from pinproof.cell.placement.empty_regions import EMPTY_BUDGET, EmptyTask, empty_cells
+from pinproof.cell.placement.heat_map import EmptyCell, PlacementMap, SlowCell
+from pinproof.cell.placement.placed_robot import PlacedRobot
+from pinproof.cell.placement.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
+from pinproof.cell.placement.region import AXES, Placement, PlacementChoice, PlacementRegion
+from pinproof.cell.placement.screening import FREE, REACH, GraspTable, PlacementScreening
+from pinproof.cell.placement.tasks import (
+    OBJECTIVES,
+    CertifyTask,
+    GridTask,
+    RefineTask,
+    codes_of,
+    least_failing_step,
+    penalised,
+)
+from pinproof.cell.stages import Progress, StageRunner
+from pinproof.collision import CollisionChecker, Scene
+from pinproof.common.content_hash import digest
+from pinproof.common.validation import require_integer
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm
+from pinproof.picks.batch.campaign import code_here
+from pinproof.picks.batch.workers import IN_FLIGHT, Workers
+from pinproof.picks.input.pick import Pick, Picks
+from pinproof.picks.input.settings import PickBudget, PickWeights
+from pinproof.picks.judging.setup import PickSetup, check_held_joints
+from pinproof.picks.judging.task import Cell
+from pinproof.picks.report.report import PickReport
+
+Array = npt.NDArray[np.float64]
+
+MOST_ROUNDS = 4
+"""Rounds of certification, each of ``certified`` placements, until one is found at which every pick is good."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacementBudget:
+    """The budget of a search for a placement.
+
+    Parameters
+    ----------
+    grid
+        Number of placements of the grid, for each discrete choice.
+    runs
+        Number of placements from which the evolution strategy starts.
+    evaluations
+        Number of placements that each of these runs screens.
+    certified
+        Number of placements whose picks are all judged; more if a pick fails at each of them.
+    proofs
+        Largest number of boxes of joint values in a proof that a cell of placements is empty; 0 for no proofs.
+    """
+
+    grid: int = 2000
+    runs: int = 4
+    evaluations: int = 160
+    certified: int = 3
+    proofs: int = EMPTY_BUDGET
+
+    def __post_init__(self) -> None:
+        for name, least in (("grid", 1), ("runs", 0), ("evaluations", 0), ("certified", 1), ("proofs", 0)):
+            require_integer(f"PlacementBudget.{name}", getattr(self, name), least)
+
+
+class PlacementInterrupted(KeyboardInterrupt):
+    """Ctrl-C during :func:`pinproof.place_base`; ``result`` has what was found before."""
+
+    def __init__(self, result: PlacementResult) -> None:
+        super().__init__(f"interrupted: {result.message}")
+        self.result = result
+
+
+def place_base(
+    arm: Arm,
+    scene: Scene,
+    picks: Picks | Sequence[Pick],
+    region: PlacementRegion,
+    *,
+    moves_with_base: Sequence[str] = (),
+    choices: Sequence[PlacementChoice] = (),
+    objective: str = "cycle_time",
+    home: npt.ArrayLike | None = None,
+    rng: int = 0,
+    placement_budget: PlacementBudget | None = None,
+    budget: PickBudget | None = None,
+    weights: PickWeights | None = None,
+    executor: Workers | None = None,
+    workers: int | None = None,
+    in_flight: int = IN_FLIGHT,
+    folder: str | Path | None = None,
+    progress: Progress | None = None,
+) -> PlacementResult:
+    """Search for the placement of the robot's base at which all picks work, with the best value of an objective.
+
+    Parameters
+    ----------
+    arm
+        The arm.
+    scene, picks
+        The obstacles and the picks in the frame of the cell; the placement is the pose of the root link in this frame.
+    region
+        The placements that are searched, and forbidden zones.
+    moves_with_base
+        Names of obstacles that keep their pose relative to the root link, such as a pedestal. They collide with the
+        other obstacles, unless ``scene.allowed`` lists the pair. To move the workpiece instead, name all others.
+    choices
+        Discrete alternatives, such as tools or robots, each of which is searched.
+    objective
+        ``"cycle_time"``, ``"clearance"`` or ``"manipulability"``. A placement at which more picks work is better.
+    home
+        (n,) where each transit starts; by default the home of the picks if they define one, else that of the arm.
+    rng
+        The seed. The result is the same for any number of workers.
+    placement_budget, budget, weights
+        The budget of the search; that for judging a pick (by default without suggestions), and the weights by which its
+        motions are compared (by default those of the objective).
+    executor, workers, in_flight
+        As for :func:`pinproof.validate_picks`.
+    folder
+        Where the results of screening and judging are kept, so that an interrupted search resumes.
+    progress
+        Called with the name of the stage, the number of finished items, and the number of all items.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, or a name is repeated or unknown.
+    PlacementInterrupted
+        After Ctrl-C (a KeyboardInterrupt); its ``result`` has what was found before.
+    """
+    picks = _valid_picks(picks)
+    _refuse_invalid(objective, rng, choices)
+    alternatives = [
+        _Alternative.make(arm, scene, picks, region, moves_with_base, choice, home)
+        for choice in choices or (PlacementChoice("default"),)
+    ]
+    if not choices:
+        alternatives = [replace(alternatives[0], name="")]
+    search = _Search(
+        alternatives,
+        picks,
+        region,
+        objective,
+        placement_budget or PlacementBudget(),
+        budget or PickBudget(remedies=0),
+        weights or OBJECTIVES[objective].weights,
+        rng,
+    )
+    kept = None if folder is None else Path(folder)
+    search.runner = StageRunner(search.identity(), executor, workers, in_flight, kept, progress)
+    try:
+        return search.run()
+    except KeyboardInterrupt:
+        raise PlacementInterrupted(search.result(interrupted=True)) from None
+
+
+def _valid_picks(picks: Picks | Sequence[Pick]) -> Picks:
+    if not isinstance(picks, Picks):
+        picks = Picks(tuple(picks))
+    if not len(picks):
+        raise InputError("there are no picks; a placement is searched for at least one pick")
+    if picks.problems:
+        first = picks.problems[0]
+        raise InputError(f"{len(picks.problems)} picks could not be read; the first is {first.name!r}: {first.reason}")
+    return picks
+
+
+def _refuse_invalid(objective: str, rng: int, choices: Sequence[PlacementChoice]) -> None:
+    if objective not in OBJECTIVES:
+        raise UnknownNameError("objective", objective, OBJECTIVES)
+    require_integer("rng", rng, 0)
+    names = [choice.name for choice in choices]
+    if doubled := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"the names of choices must differ; repeated: {', '.join(doubled)}")
+
+
+@dataclass(frozen=True, eq=False)
+class _Alternative:
+    """One discrete choice, ready for screening and judging."""
+
+    name: str
+    placed: PlacedRobot
+    picks: Picks
+    home: Array
+    screening: PlacementScreening
+
+    @classmethod
+    def make(
+        cls,
+        arm: Arm,
+        scene: Scene,
+        picks: Picks,
+        region: PlacementRegion,
+        moves_with_base: Sequence[str],
+        choice: PlacementChoice,
+        home: npt.ArrayLike | None,
+    ) -> _Alternative:
+        picks.refuse_conveyor("base placement")
+        own = choice.arm or arm
+        changes: dict[str, Any] = {}
+        if choice.tip is not None:
+            changes["tip"] = choice.tip
+        if choice.tool is not None:
+            changes["tool"] = choice.tool
+        if choice.arm is not None and set(picks.home) - set(own.joint_names):
+            changes["home"] = {}
+        shared = replace(picks, **changes)
+        check_held_joints(own, shared)
+        stated = choice.home if choice.home is not None else home
+        start = shared.home_configuration(own.joint_names, own.home) if stated is None else stated
+        start = own.limits.snap(own.configuration(start, "home"))
+        if outside := own.limits.violations(start, own.joint_names):
+            raise InputError(f"home is not a valid start: {'; '.join(outside)}")
+        placed = PlacedRobot.make(own, scene, choice.placement_from_root, moves_with_base)
+        placed.refuse_picks_on_base(picks.picks, shared)
+        middle = (region.lower + region.upper) / 2
+        checker = CollisionChecker(placed.arm_at(middle), placed.scene, margin=shared.margin, attached=shared.open_tool)
+        cell = Cell(checker, replace(shared, picks=(), problems=()), start)
+        table = GraspTable.of(shared, cell)
+        if len(table.problems):
+            index, reason = next(iter(table.problems.items()))
+            raise InputError(f"pick {picks.picks[index].name!r} is invalid: {reason}")
+        return cls(
+            choice.name, placed, shared, start, PlacementScreening(placed, shared, start, table, region.forbidden)
+        )
+
+    def setup(self, placement: Array, search: _Search) -> PickSetup:
+        """What the picks are judged with at a placement (4,)."""
+        return PickSetup.make(
+            self.placed.arm_at(placement),
+            self.placed.scene,
+            self.picks,
+            home=self.home,
+            rng=search.rng,
+            weights=search.weights,
+            budget=search.pick_budget,
+        )
+
+
+@dataclass(eq=False)
+class _Search:
+    """The state of a search; :meth:`result` gives what is known at any time."""
+
+    alternatives: list[_Alternative]
+    picks: Picks
+    region: PlacementRegion
+    objective: str
+    budget: PlacementBudget
+    pick_budget: PickBudget
+    weights: PickWeights
+    rng: int
+    runner: StageRunner = field(init=False)
+    map: PlacementMap | None = None
+    candidates: list[CertifiedPlacement] = field(default_factory=list)
+    empty: tuple[EmptyCell, ...] = ()
+    covered: float = 0.0
+    slower: tuple[SlowCell, ...] = ()
+    slower_share: float = 0.0
+    sensitivity: tuple[PlacementSensitivity, ...] = ()
+    evaluations: int = 0
+
+    def identity(self) -> dict[str, Any]:
+        """What all results depend on, as plain values."""
+        parts = [
+            (
+                each.name,
+                each.screening.checker.fingerprint(),
+                each.placed.mounting.tobytes(),
+                each.home.tolist(),
+                digest(each.picks),
+                digest(each.placed.original.limits),
+            )
+            for each in self.alternatives
+        ]
+        return {
+            "pinproof": code_here(),
+            "cell": digest(parts),
+            "region": digest(
+                (self.region.lower.tolist(), self.region.upper.tolist(), [repr(zone) for zone in self.region.forbidden])
+            ),
+            "objective": self.objective,
+            "budget": digest((self.budget, self.pick_budget, self.weights)),
+            "seed": self.rng,
+        }
+
+    def run(self) -> PlacementResult:
+        """All stages."""
+        axes = self.region.axes(self.budget.grid)
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
+        screenings = tuple(each.screening for each in self.alternatives)
+        items = [(number, values) for number in range(len(screenings)) for values in grid]
+        rows = self.runner.run("grid", GridTask(screenings, self.objective), items, 64)
+        self.evaluations += len(rows)
+        self._make_map(axes, grid, rows)
+        total = len(self.picks)
+        order = sorted(range(len(rows)), key=lambda k: (penalised(rows[k], total), k))
+        found = [(items[k][0], items[k][1], rows[k]) for k in order]
+        steps = np.array(
+            [
+                (high - low) / len(axis)
+                for low, high, axis in zip(self.region.lower, self.region.upper, axes, strict=True)
+            ]
+        )
+        starts = [(choice, values) for choice, values, row in _apart(found, steps, self.budget.runs) if row["base"]]
+        if starts and self.budget.evaluations and self.region.free_axes:
+            task = RefineTask(screenings, self.region, steps, self.objective, self.budget.evaluations, self.rng)
+            for row in self.runner.run("refine", task, starts, 1):
+                self.evaluations += row["evaluations"]
+                found += [(row["choice"], np.array(each["values"]), each) for each in row["best"]]
+        found = [each for each in found if each[2]["base"]]
+        found.sort(key=lambda each: (penalised(each[2], total), each[0], tuple(each[1].tolist())))
+        self._certify(found, steps)
+        self._prove_empty(axes)
+        if self.candidates and self.candidates[0].ok:
+            self._prove_slower(steps)
+            self._measure_sensitivity()
+        return self.result()
+
+    def _make_map(self, axes: tuple[Array, Array, Array, Array], grid: Array, rows: list[dict[str, Any]]) -> None:
+        many = len(self.alternatives)
+        total = len(self.picks)
+        self.map = PlacementMap(
+            np.tile(grid, (many, 1)),
+            tuple(each.name for each in self.alternatives),
+            np.repeat(np.arange(many), len(grid)),
+            axes,
+            np.array([row["base"] for row in rows]),
+            codes_of(rows),
+            np.array([row["working"] for row in rows]) / total,
+            np.array([np.nan if row["seconds"] is None else row["seconds"] for row in rows]),
+            np.array([np.nan if row["estimate"] is None else row["estimate"] for row in rows]),
+        )
+
+    def _certify(self, found: list[tuple[int, Array, dict[str, Any]]], steps: Array) -> None:
+        """Judge all picks at the best placements, until one is found at which every pick is good."""
+        spread = _apart(found, steps / 4, MOST_ROUNDS * self.budget.certified)
+        for number in range(MOST_ROUNDS):
+            chosen = spread[number * self.budget.certified : (number + 1) * self.budget.certified]
+            if not chosen or (number and chosen[0][2]["estimate"] is None):
+                return  # placements at which picks already fail in the screening are judged only if there are no others
+            self._judge(number, chosen)
+            self.candidates.sort(key=lambda each: (-len(each.report.good), each.score))
+            if self.candidates[0].ok:
+                return
+
+    def _judge(self, number: int, chosen: list[tuple[int, Array, dict[str, Any]]]) -> None:
+        setups = tuple(self.alternatives[choice].setup(values, self) for choice, values, _ in chosen)
+        picks = tuple(self.alternatives[choice].picks for choice, _, _ in chosen)
+        items = [(candidate, index) for candidate in range(len(chosen)) for index in range(len(self.picks))]
+        rows = self.runner.run(f"certify_{number + 1}", CertifyTask(setups, picks), items, 1)
+        for candidate, (choice, values, screened) in enumerate(chosen):
+            own = rows[candidate * len(self.picks) : (candidate + 1) * len(self.picks)]
+            setup = setups[candidate]
+            # rows that were read from the folder have no motions, so these picks are judged again
+            verdicts = tuple(
+                row.get("keep") or setup.judge(index, picks[candidate].picks[index]) for index, row in enumerate(own)
+            )
+            alternative = self.alternatives[choice]
+            report = PickReport(
+                alternative.placed.original.robot.name,
+                verdicts,
+                picks[candidate].problems,
+                setup.checker.arm.limits.acceleration_source,
+                setup.not_covered({pick.carried is not None for pick in picks[candidate]}),
+                setup,
+            )
+            estimate = np.nan if screened["estimate"] is None else screened["estimate"]
+            self.candidates.append(
+                CertifiedPlacement(
+                    Placement.of(values, alternative.name),
+                    report,
+                    estimate,
+                    OBJECTIVES[self.objective].certified(report),
+                    alternative.placed,
+                )
+            )
+
+    def _prove_empty(self, axes: tuple[Array, Array, Array, Array]) -> None:
+        """Prove that cells of the grid have no placement at which every pick is in reach."""
+        if not self.budget.proofs or self.map is None:
+            return
+        task = EmptyTask(tuple(each.screening for each in self.alternatives), self.region, self.budget.proofs)
+        items = task.items(axes, self.map.codes)
+        found = self.runner.run("proofs", task, items, 16)
+        self.empty, self.covered = empty_cells(
+            items, found, tuple(each.name for each in self.alternatives), self.picks, self.region
+        )
+
+    def _prove_slower(self, steps: Array) -> None:
+        """Prove that cells of the grid have no placement with a shorter cycle time than the best one."""
+        if not self.budget.proofs or self.objective != "cycle_time" or self.map is None:
+            return
+        best, names = self.candidates[0].cycle_time, tuple(each.name for each in self.alternatives)
+        task = SlowTask(tuple(each.screening for each in self.alternatives), steps / 2, best)
+        items = task.items(self.map, self.empty)
+        self.slower = slow_cells(items, self.runner.run("bounds", task, items, 64), names, best)
+        self.slower_share = len(self.slower) / len(self.map)
+
+    def _measure_sensitivity(self) -> None:
+        """Find how far the base may be off along each axis."""
+        best = self.candidates[0]
+        alternative = next(each for each in self.alternatives if each.name == best.placement.choice)
+        found = []
+        for k in range(4):
+            low, first_low = least_failing_step(alternative.screening, best.placement.values, k, -1.0)
+            high, first_high = least_failing_step(alternative.screening, best.placement.values, k, 1.0)
+            found.append(PlacementSensitivity(AXES[k], low, high, first_low, first_high))
+        self.sensitivity = tuple(found)
+
+    def result(self, *, interrupted: bool = False) -> PlacementResult:
+        """What is known so far."""
+        failing: dict[str, str] = {}
+        if self.map is not None and not (self.candidates and self.candidates[0].ok):
+            failing = self._failing()
+        tolerance = 0.0
+        if self.candidates and self.candidates[0].ok:
+            best = self.candidates[0]
+            tolerance = max(0.0, best.clearance - self.alternatives[0].picks.margin)
+        return PlacementResult(
+            tuple(self.candidates),
+            self.map,
+            self.region,
+            self.picks,
+            self.objective,
+            self.empty,
+            self.covered,
+            self.slower,
+            self.slower_share,
+            self.sensitivity,
+            tolerance,
+            failing,
+            self._message(failing, interrupted),
+            self.evaluations,
+            interrupted,
+        )
+
+    def _failing(self) -> dict[str, str]:
+        """Why each pick that works at no placement fails."""
+        grid, least = self.map, self.candidates[0] if self.candidates else None
+        if grid is None:
+            return {}
+        reasons = {}
+        usable = grid.base
+        for index, pick in enumerate(self.picks):
+            codes = grid.codes[usable, index]
+            verdict = None if least is None else least.report.verdicts[index]
+            if (codes == FREE).any() and (verdict is None or verdict.ok):
+                continue
+            if not len(codes):
+                reasons[pick.name] = "the base or the arm at home is in contact at every placement"
+                continue
+            if (codes == FREE).any():
+                if verdict is not None:
+                    reasons[pick.name] = f"fails at the least failing placement: {verdict.reason}"
+                continue
+            reach = int((codes == REACH).sum())
+            words = f"out of reach at {reach} of {len(codes)} placements"
+            if reach < len(codes):
+                words += f", in contact at the other {len(codes) - reach}" if reach else ""
+            if reach == 0:
+                words = f"in contact at all {len(codes)} placements"
+            reasons[pick.name] = (
+                words if verdict is None else f"{words}; at the least failing placement: {verdict.reason}"
+            )
+        return reasons
+
+    def _message(self, failing: Mapping[str, str], interrupted: bool) -> str:
+        searched = f"{self.evaluations:,} placements screened"
+        if self.map is None:
+            return f"no result: the grid of placements is not complete ({searched})"
+        feasible = int(self.map.feasible.sum())
+        searched += f", all picks work at {feasible:,} of {len(self.map):,} of the grid"
+        more = "; interrupted" if interrupted else ""
+        if self.covered > 0:
+            more = f"; {self.covered:.1%} of the region proven to have no placement{more}"
+        if self.slower:
+            more = f"; {self.slower_share:.1%} proven to be slower{more}"
+        if not self.map.base.any():
+            contacts = self.alternatives[0].screening.base_contacts(self.map.placements[len(self.map) // 2])
+            return f"no placement: the base or the arm at home is in contact everywhere ({contacts}); {searched}{more}"
+        if self.candidates and self.candidates[0].ok:
+            best = self.candidates[0]
+            return (
+                f"best placement {best.placement}: {len(self.picks)} picks certified, cycle time "
+                f"{best.cycle_time:.3f} s; {searched}{more}"
+            )
+        if not self.candidates:
+            return f"no placement was judged yet; {searched}{more}"
+        least = self.candidates[0]
+        names = list(failing)
+        listed = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+        return (
+            f"no placement at which all picks are good; the least failing one is {least.placement} with "
+            f"{len(least.report.good)} of {len(self.picks)} good picks; failing: {listed}; {searched}{more}"
+        )
+
+
+def _apart(
+    found: Sequence[tuple[int, Array, dict[str, Any]]], steps: Array, count: int
+) -> list[tuple[int, Array, dict[str, Any]]]:
+    """The first ``count`` placements of which no two of one choice are within one and a half ``steps`` (4,)."""
+    chosen: list[tuple[int, Array, dict[str, Any]]] = []
+    size = np.where(steps > 0, steps, 1.0)
+    for each in found:
+        if len(chosen) == count:
+            break
+        if all(other[0] != each[0] or (np.abs(other[1] - each[1]) > 1.5 * size).any() for other in chosen):
+            chosen.append(each)
+    return chosen

@@ -1,0 +1,369 @@
+"""Screening of many placements: which picks work at the grasp, and an estimate of the time of each pick.
+
+All configurations of all picks at all placements of a chunk are checked in one call, because the placement is a part of
+the configuration of :attr:`PlacedRobot.wide_arm`. Only the grasp is screened first. At placements where every grasp is
+free, the poses at the ends of the straight lines and at the place are screened too, and the time of the pick is
+estimated: a joint that moves by d from rest to rest within its limits v and a takes at least d / v + v / a, or
+2 sqrt(d / a) if it does not reach v.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell.placement.placed_robot import PlacedRobot
+from pinproof.collision import CollisionChecker, Obstacle
+from pinproof.errors import NoClosedForm
+from pinproof.ik import AnalyticIk, Clik
+from pinproof.model import Arm
+from pinproof.picks.batch.screening import ScreenStatus, code_of
+from pinproof.picks.input.pick import Member, Picks, moved
+from pinproof.picks.judging.configurations import TURN, manipulability
+from pinproof.picks.judging.task import Cell, Task
+from pinproof.spatial import matrix
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
+
+REACH, CONTACT, FREE = map(code_of, (ScreenStatus.REACH, ScreenStatus.CONTACT, ScreenStatus.FREE))
+
+FIRST_GRASPS = 6
+"""Number of grasps of a family that are screened at every placement; the others only for picks that fail with these."""
+
+REDUNDANT_STEPS = 8
+"""Values of the redundant joint of an arm of seven joints."""
+
+STARTS = 3
+"""Start configurations of the search, for arms without a closed form."""
+
+DETOUR = 1.3
+"""Factor of the estimated time of a motion whose straight line in joint space is in collision: a planned path around an
+obstacle is longer."""
+
+ALONG = 6
+"""Number of configurations that are checked on that line."""
+
+LINE_JUMP = 1.2
+"""rad or m: the ends of a straight line of the tcp whose configurations differ by more are on different IK branches."""
+
+ROWS = 8192
+"""Number of poses that are screened at a time."""
+
+
+def rest_to_rest(distance: Array, velocity: Array, acceleration: Array) -> Array:
+    """Least time (s) in which the slowest joint moves by ``distance`` (..., n) from rest to rest; (...)."""
+    ramp = velocity**2 / acceleration
+    fast = distance / velocity + velocity / acceleration
+    return np.asarray(np.where(distance >= ramp, fast, 2.0 * np.sqrt(distance / acceleration)).max(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class GraspTable:
+    """The poses of all grasps of all picks in the frame of the cell.
+
+    Parameters
+    ----------
+    names
+        The P picks.
+    pick
+        (R,) the pick of each grasp.
+    stations
+        (6, R, 4, 4) ``cell_from_tcp`` at the start of the approach, the grasp, the end of the retreat, the start of the
+        line to the place, the release, and the end of the line after it; NaN for picks without a place.
+    later
+        (R,) whether the grasp is screened only if the first ones fail.
+    nominal
+        (P, 4, 4) ``cell_from_tip`` of the nominal grasp of each pick.
+    problems
+        The reason for each pick that is invalid in this cell, by its index.
+    """
+
+    names: tuple[str, ...]
+    pick: Indices
+    stations: Array
+    later: Mask
+    nominal: Array
+    problems: dict[int, str]
+
+    @classmethod
+    def of(cls, picks: Picks, cell: Cell) -> GraspTable:
+        """The table of all picks; ``cell`` has the frame of the placements as its root."""
+        rows: list[tuple[int, bool, list[Array]]] = []
+        problems: dict[int, str] = {}
+        nominal = np.full((len(picks), 4, 4), np.nan)
+        for index, pick in enumerate(picks):
+            try:
+                task = Task(pick, cell)
+            except ValueError as error:
+                problems[index] = str(error)
+                continue
+            nominal[index] = matrix(task.pick.pose)
+            members = [member for group in task.groups() for member in group]
+            step = max(1, -(-len(members) // FIRST_GRASPS))
+            rows += [(index, k % step != 0, _stations(task, member)) for k, member in enumerate(members)]
+        stations = np.array([poses for _, _, poses in rows]).reshape(-1, 6, 4, 4).swapaxes(0, 1)
+        return cls(
+            tuple(pick.name for pick in picks),
+            np.array([index for index, _, _ in rows], dtype=np.int64),
+            np.ascontiguousarray(stations),
+            np.array([later for _, later, _ in rows], dtype=bool),
+            nominal,
+            problems,
+        )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+def _stations(task: Task, member: Member) -> list[Array]:
+    tip = task.cell.shared.tip.inverse()
+    grasp = task.grasp(member)
+    poses = [task.approach_end(grasp), grasp, task.retreat_end(grasp)]
+    if task.place is None:
+        return [*(matrix(pose * tip) for pose in poses), *(np.full((4, 4), np.nan),) * 3]
+    place, release = task.place, task.release(member)
+    poses += [
+        moved(release, -place.approach, place.approach_direction, place.approach_frame),
+        release,
+        moved(release, place.retreat, place.retreat_direction, place.retreat_frame),
+    ]
+    return [matrix(pose * tip) for pose in poses]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementScores:
+    """The screening results of m placements and P picks.
+
+    Parameters
+    ----------
+    base
+        (m,) whether the base and the arm at home are free.
+    codes
+        (m, P) codes of :class:`~pinproof.picks.ScreenStatus` at the grasp; REACH where the base is not free.
+    seconds
+        (m, P) estimated time of each pick; NaN where it is not estimated, inf where no motion seems possible.
+    clearance, manipulability
+        (m, P) at the grasp with the least estimated time; NaN where not estimated.
+    """
+
+    base: Mask
+    codes: npt.NDArray[np.int8]
+    seconds: Array
+    clearance: Array
+    manipulability: Array
+
+    @property
+    def working(self) -> Indices:
+        """(m,) number of picks that work, as far as they were screened."""
+        works = self.codes == FREE
+        return np.asarray(np.where(self.base, (works & ~np.isinf(self.seconds)).sum(axis=1), 0))
+
+
+class PlacementScreening:
+    """Screens placements of one robot in one cell; pickles without its checkers' workspaces.
+
+    Parameters
+    ----------
+    placed
+        The robot and the scene.
+    picks
+        The picks.
+    home
+        (n,) where the motions start.
+    table
+        The grasps.
+    zones
+        The forbidden zones.
+    """
+
+    def __init__(
+        self, placed: PlacedRobot, picks: Picks, home: Array, table: GraspTable, zones: Sequence[Obstacle] = ()
+    ) -> None:
+        self.placed, self.picks, self.home, self.table = placed, picks, home, table
+        carried = [each if isinstance(each, str) else each.name for pick in picks if (each := pick.carried) is not None]
+        objects = [name for name in dict.fromkeys(carried) if name in placed.scene.names]
+        self.checker = placed.checker(picks, hand_may_touch=objects)
+        self.zones: CollisionChecker | None = placed.zone_checker(zones, picks)
+        self.branches = Branches(placed.original, home)
+
+    def base_free(self, placements: Array) -> Mask:
+        """(m,) whether the base is free of the scene and of forbidden zones, with the arm at home."""
+        at_home = np.hstack([placements, np.tile(self.home, (len(placements), 1))])
+        free = self.checker.is_free_batch(at_home)
+        return free if self.zones is None else free & self.zones.is_free_batch(at_home)
+
+    def base_contacts(self, placement: Array) -> str:
+        """The contacts of the base and of the arm at home at one placement (4,), as text; empty if it is free."""
+        q = np.concatenate([placement, self.home])
+        found = [*self.checker.check(q).contacts, *(() if self.zones is None else self.zones.check(q).contacts)]
+        return "; ".join(map(str, found[:3]))
+
+    def screen(self, placements: Array, *, estimate: bool = True) -> PlacementScores:
+        """Screen placements (m, 4); with ``estimate`` also the time where every grasp is free."""
+        count, total = len(placements), len(self.table)
+        scores = PlacementScores(
+            self.base_free(placements),
+            np.full((count, total), REACH, dtype=np.int8),
+            *(np.full((count, total), np.nan) for _ in range(3)),
+        )
+        rows = np.flatnonzero(scores.base)
+        # the seeds of a numerical search depend on the other poses of a call, so each placement has its own calls
+        size = max(1, ROWS // max(len(self.table.pick), 1)) if self.branches.closed else 1
+        for start in range(0, len(rows), size):
+            at = rows[start : start + size]
+            self._grasps(placements, at, scores)
+            if estimate:
+                every = at[(scores.codes[at] == FREE).all(axis=1)]
+                if len(every):
+                    self._estimate(placements, every, scores)
+        return scores
+
+    def _grasps(self, placements: Array, at: Indices, scores: PlacementScores) -> None:
+        """Screen the grasps at the placements with the indices ``at``."""
+        for later in (False, True):
+            grasps = np.flatnonzero(self.table.later == later)
+            place, grasp = (part.ravel() for part in np.meshgrid(at, grasps, indexing="ij"))
+            if later:
+                left = scores.codes[place, self.table.pick[grasp]] != FREE
+                place, grasp = place[left], grasp[left]
+            if not len(grasp):
+                continue
+            q = self._solve(placements, place, self.table.stations[1][grasp])
+            codes = self._free_codes(placements, place, q)
+            np.maximum.at(scores.codes, (place, self.table.pick[grasp]), codes)
+
+    def _solve(self, placements: Array, place: Indices, cell_from_tcp: Array) -> Array:
+        """(N, k, n) the IK solutions at poses (N, 4, 4) of the tcp in the cell, for the placements ``place`` (N,)."""
+        base_from_cell = self.placed.base_from_cell(placements)
+        return self.branches(base_from_cell[place] @ cell_from_tcp)
+
+    def _free_codes(self, placements: Array, place: Indices, q: Array) -> npt.NDArray[np.int8]:
+        """(N,) the status of each row of solutions q (N, k, n)."""
+        known = np.isfinite(q[:, :, 0])
+        codes = np.where(known.any(axis=1), CONTACT, REACH).astype(np.int8)
+        for branch in range(q.shape[1]):
+            rows = np.flatnonzero(known[:, branch] & (codes != FREE))
+            if len(rows):
+                codes[rows[self._is_free(placements, place[rows], q[rows, branch])]] = FREE
+        return codes
+
+    def _is_free(self, placements: Array, place: Indices, q: Array) -> Mask:
+        return self.checker.is_free_batch(np.hstack([placements[place], q]))
+
+    def _estimate(self, placements: Array, at: Indices, scores: PlacementScores) -> None:
+        """Estimate the time of every pick at the placements with the indices ``at``."""
+        for placing in (False, True):
+            with_place = np.isfinite(self.table.stations[3][:, 0, 0])
+            grasps = np.flatnonzero((with_place == placing) & ~self.table.later)
+            if not len(grasps):
+                continue
+            place, grasp = (part.ravel() for part in np.meshgrid(at, grasps, indexing="ij"))
+            seconds, clearance, volume = self._times(placements, place, grasp, 6 if placing else 3)
+            key = (place, self.table.pick[grasp])
+            best = np.full(scores.seconds.shape, np.inf)
+            np.minimum.at(best, key, seconds)
+            chosen = seconds == best[key]
+            scores.seconds[key] = best[key]
+            scores.clearance[place[chosen], key[1][chosen]] = clearance[chosen]
+            scores.manipulability[place[chosen], key[1][chosen]] = volume[chosen]
+
+    def _times(self, placements: Array, place: Indices, grasp: Indices, stations: int) -> tuple[Array, Array, Array]:
+        """(N,) the estimated time (inf without motion), the clearance and the manipulability at the grasp."""
+        q = [self._solve(placements, place, self.table.stations[k][grasp]) for k in range(stations)]
+        before, after = self._matched(q[1], q[0]), self._matched(q[1], q[2])
+        cost = self._move(self.home, before) + self._move(before, q[1]) + self._move(q[1], after)
+        points = [before, q[1], after]
+        if stations == 6:
+            there, leave = self._matched(q[4], q[3]), self._matched(q[4], q[5])
+            down = self._move(there, q[4]) + self._move(q[4], leave)
+            across = self._move(after[:, :, None], there[:, None]) + down[:, None]
+            filled = np.where(np.isfinite(across), across, np.inf)
+            which = filled.argmin(axis=2)
+            cost = cost + filled.min(axis=2)
+            points += [np.take_along_axis(each, which[:, :, None], axis=1) for each in (there, q[4], leave)]
+        cost = np.where(np.isfinite(cost), cost, np.inf)
+        return self._first_free(placements, place, cost, points)
+
+    def _first_free(
+        self, placements: Array, place: Indices, cost: Array, points: list[Array]
+    ) -> tuple[Array, Array, Array]:
+        """The least cost of each row (N, k) whose configurations, (N, k, n) for each station, are free."""
+        order, count = np.argsort(cost, axis=1, kind="stable"), len(cost)
+        seconds, q = np.full(count, np.inf), np.full((count, self.home.size), np.nan)
+        for rank in range(cost.shape[1]):
+            branch = order[:, rank]
+            rows = np.flatnonzero(np.isinf(seconds) & np.isfinite(cost[np.arange(count), branch]))
+            for station in points:
+                free = self._is_free(placements, place[rows], station[rows, branch[rows]])
+                rows = rows[free]
+            seconds[rows], q[rows] = cost[rows, branch[rows]], points[1][rows, branch[rows]]
+            if len(rows):
+                entrance = points[0][rows, branch[rows]]
+                blocked = ~self._line_free(placements, place[rows], entrance)
+                seconds[rows] += np.where(blocked, (DETOUR - 1.0) * self._move(self.home, entrance), 0.0)
+        clearance, volume = np.full(count, np.nan), np.full(count, np.nan)
+        done = np.flatnonzero(np.isfinite(seconds))
+        if len(done):
+            volume[done] = manipulability(self.placed.original, q[done])
+            clearance[done] = self.checker.clearance_batch(np.hstack([placements[place[done]], q[done]]))
+        return seconds, clearance, volume
+
+    def _line_free(self, placements: Array, place: Indices, entrance: Array) -> Mask:
+        """(N,) whether configurations on the straight line in joint space from home to (N, n) are free."""
+        free = np.ones(len(entrance), dtype=bool)
+        for share in (np.arange(ALONG) + 0.5) / ALONG:
+            rows = np.flatnonzero(free)
+            free[rows] = self._is_free(placements, place[rows], self.home + share * (entrance[rows] - self.home))
+        return free
+
+    def _move(self, here: Array, there: Array) -> Array:
+        limits, periodic = self.placed.original.limits, self.placed.original.periodic
+        distance = np.abs(here - there)
+        distance = np.where(periodic, np.abs(distance - TURN * np.round(distance / TURN)), distance)
+        return rest_to_rest(distance, limits.velocity, limits.acceleration)
+
+    def _matched(self, q: Array, end: Array) -> Array:
+        """(N, k, n) for each solution q (N, k, n) the nearest of the solutions ``end`` (N, m, n) on the same branch."""
+        far = np.abs(q[:, :, None] - end[:, None])
+        far = np.where(self.placed.original.periodic, np.abs(far - TURN * np.round(far / TURN)), far).max(axis=3)
+        far = np.where(np.isfinite(far), far, np.inf)
+        which = far.argmin(axis=2)
+        found = np.take_along_axis(end, which[:, :, None], axis=1)
+        same = np.take_along_axis(far, which[:, :, None], axis=2)[:, :, 0] < LINE_JUMP
+        return np.where(same[:, :, None], found, np.nan)
+
+
+class Branches:
+    """The IK solutions of many targets: all branches with a closed form, otherwise some."""
+
+    def __init__(self, arm: Arm, home: Array) -> None:
+        self._arm, self._home, self._solver = arm, home, AnalyticIk(redundant_steps=REDUNDANT_STEPS)
+        self.closed = True
+        try:
+            self._solver.solve_all_batch(arm, arm.forward_kinematics_batch(home[None]), home)
+        except NoClosedForm:
+            self.closed = False
+        low, high = arm.limits.sampling_range()
+        others = np.random.default_rng(0).uniform(low, high, (STARTS - 1, arm.dof))
+        self._starts = np.vstack([home, others])
+
+    @property
+    def complete(self) -> bool:
+        """Whether all solutions of a target are found."""
+        return self.closed and self._arm.dof <= 6
+
+    def __call__(self, targets: Array) -> Array:
+        """(N, k, n) solutions within the limits for targets (N, 4, 4), NaN where no solution exists."""
+        targets = np.ascontiguousarray(targets)
+        if self.closed:
+            return np.asarray(self._solver.solve_all_batch(self._arm, targets, self._home).q)
+        many = []
+        for number, start in enumerate(self._starts):
+            found = Clik(restarts=2).solve_batch(self._arm, targets, start, rng=number)
+            many.append(np.where(found.ok[:, None], found.q, np.nan))
+        return np.stack(many, axis=1)

@@ -1,0 +1,254 @@
+"""The tasks of a search for a placement: screening, refinement by CMA-ES, judging, and the sensitivity of the result.
+
+Source of CMA-ES: N. Hansen, A. Ostermeier (2001), "Completely derandomized self-adaptation in evolution strategies",
+Evolutionary Computation 9(2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell.placement.placement_result import total_time
+from pinproof.cell.placement.region import METRES_PER_RADIAN, PlacementRegion
+from pinproof.cell.placement.screening import FREE, PlacementScores, PlacementScreening
+from pinproof.errors import InputError
+from pinproof.picks.input.pick import Picks
+from pinproof.picks.input.settings import PickWeights
+from pinproof.picks.judging.configurations import manipulability
+from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.report.report import PickReport
+
+Array = npt.NDArray[np.float64]
+
+FAILS = 1e4
+"""Value of the objective for each pick that fails, larger than any cycle time of one pick (s)."""
+
+SENSITIVITY_STEPS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2)
+"""Metres (or, divided by METRES_PER_RADIAN, rad) of deviations at which a placement is screened."""
+
+SENSITIVITY_ROUNDS = 6
+"""Bisections between the last deviation that works and the first that fails: to 1/64 of the step."""
+
+
+@dataclass(frozen=True)
+class _Objective:
+    """What is minimised: from estimates (m, P) per pick, and from a report; and the weights for judging the picks."""
+
+    estimate: Callable[[PlacementScores], Array]
+    certified: Callable[[PickReport], float]
+    weights: PickWeights
+
+
+def _weights(**chosen: float) -> PickWeights:
+    return PickWeights(**{**{each.name: 0.0 for each in fields(PickWeights)}, **chosen})
+
+
+def _mean_clearance(report: PickReport) -> float:
+    return -float(np.mean([verdict.clearance for verdict in report.good])) if report.good else np.nan
+
+
+def _least_manipulability(report: PickReport) -> float:
+    q = [verdict.q_grasp for verdict in report.good if verdict.q_grasp is not None]
+    if not q or report.setup is None:
+        return np.nan
+    return -float(manipulability(report.setup.checker.arm, np.array(q)).min())
+
+
+OBJECTIVES: Mapping[str, _Objective] = {
+    "cycle_time": _Objective(lambda scores: scores.seconds.sum(axis=1), total_time, _weights(duration=1.0)),
+    "clearance": _Objective(lambda scores: -scores.clearance.mean(axis=1), _mean_clearance, _weights(clearance=1.0)),
+    "manipulability": _Objective(
+        lambda scores: -scores.manipulability.min(axis=1), _least_manipulability, _weights(manipulability=1.0)
+    ),
+}
+"""The objectives by name: the sum of the times of all picks, the mean over the picks of the smallest clearance of the
+motion, and the smallest manipulability at a grasp."""
+
+
+@dataclass(frozen=True, eq=False)
+class GridTask:
+    """Screens placements, given as (choice, x, y, z, yaw)."""
+
+    screenings: tuple[PlacementScreening, ...]
+    objective: str
+
+    def __call__(self, start: int, part: Sequence[tuple[int, Array]]) -> list[dict[str, Any]]:
+        """The rows of consecutive placements."""
+        del start
+        rows: list[dict[str, Any]] = [{} for _ in part]
+        for choice, screening in enumerate(self.screenings):
+            at = [k for k, (number, _) in enumerate(part) if number == choice]
+            if at:
+                scores = screening.screen(np.array([part[k][1] for k in at]))
+                for k, row in zip(at, score_rows(scores, self.objective), strict=True):
+                    rows[k] = row
+        return rows
+
+
+def score_rows(scores: PlacementScores, objective: str) -> list[dict[str, Any]]:
+    """The scores of placements as plain values; estimates are None where a pick fails."""
+    with np.errstate(invalid="ignore"):
+        values, seconds = OBJECTIVES[objective].estimate(scores), scores.seconds.sum(axis=1)
+    total = scores.codes.shape[1]
+    rows = []
+    for k, working in enumerate(scores.working.tolist()):
+        every = working == total
+        rows.append(
+            {
+                "base": bool(scores.base[k]),
+                "codes": "".join(map(str, scores.codes[k].tolist())),
+                "working": working,
+                "seconds": float(seconds[k]) if every else None,
+                "estimate": float(values[k]) if every else None,
+            }
+        )
+    return rows
+
+
+def codes_of(rows: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.int8]:
+    """(m, P) the codes of rows of :func:`score_rows`."""
+    digits = np.frombuffer("".join(row["codes"] for row in rows).encode("ascii"), dtype=np.int8)
+    return (digits - ord("0")).reshape(len(rows), -1)
+
+
+def penalised(row: Mapping[str, Any], total: int) -> float:
+    """The value that is minimised: the estimate, or a penalty for each pick that fails."""
+    if row["estimate"] is not None:
+        return float(row["estimate"])
+    return FAILS * (total - row["working"] + (0 if row["base"] else 1))
+
+
+@dataclass(frozen=True, eq=False)
+class RefineTask:
+    """Runs of the evolution strategy, each from a start (choice, x, y, z, yaw); returns the best placements."""
+
+    screenings: tuple[PlacementScreening, ...]
+    region: PlacementRegion
+    steps: Array
+    objective: str
+    evaluations: int
+    rng: int
+
+    KEPT = 5
+
+    def __call__(self, start: int, part: Sequence[tuple[int, Array]]) -> list[dict[str, Any]]:
+        """The rows of consecutive runs."""
+        return [self._run(index, choice, at) for index, (choice, at) in enumerate(part, start)]
+
+    def _run(self, index: int, choice: int, start: Array) -> dict[str, Any]:
+        screening, free = self.screenings[choice], list(self.region.free_axes)
+        found: list[tuple[float, list[float], dict[str, Any]]] = []
+
+        def judge(points: Array) -> list[float]:
+            values = np.tile(start, (len(points), 1))
+            values[:, free] = points
+            values[:, 3] = self._turned(values[:, 3])
+            rows = score_rows(screening.screen(values), self.objective)
+            costs = [penalised(row, len(screening.table)) for row in rows]
+            found.extend(zip(costs, values.tolist(), rows, strict=True))
+            return costs
+
+        if len(free) == 1:  # CMA-ES needs two variables; a line is divided evenly
+            low, high = self.region.lower[free], self.region.upper[free]
+            around = start[free] + self.steps[free] * np.linspace(-1, 1, self.evaluations)[:, None]
+            judge(np.clip(around, low, high))
+        elif free and self.evaluations:
+            _evolve(judge, start[free], self.steps[free], self._bounds(free), self.evaluations, self.rng + index + 1)
+        found.sort(key=lambda each: (each[0], each[1]))
+        best = [{"values": values, **row} for _, values, row in found[: self.KEPT]]
+        return {"choice": choice, "evaluations": len(found), "best": best}
+
+    def _bounds(self, free: list[int]) -> list[list[float | None]]:
+        full = self._is_full_turn
+        low = [None if k == 3 and full else float(self.region.lower[k]) for k in free]
+        high = [None if k == 3 and full else float(self.region.upper[k]) for k in free]
+        return [low, high]
+
+    @property
+    def _is_full_turn(self) -> bool:
+        return self.region.yaw[1] - self.region.yaw[0] >= 2 * np.pi * (1 - 1e-9)
+
+    def _turned(self, yaw: Array) -> Array:
+        """Angles moved into the range by full rotations, if the region has all angles."""
+        low = self.region.yaw[0]
+        return np.asarray(low + np.mod(yaw - low, 2 * np.pi)) if self._is_full_turn else yaw
+
+
+def _evolve(
+    judge: Callable[[Array], list[float]],
+    start: Array,
+    steps: Array,
+    bounds: list[list[float | None]],
+    evaluations: int,
+    seed: int,
+) -> None:
+    """Minimise a function of many points (m, d) at a time by CMA-ES."""
+    try:
+        import cma
+    except ImportError as error:
+        raise InputError("refining a placement needs the extra 'cell': pip install 'pinproof[cell]'") from error
+    generator = np.random.default_rng(seed)
+    settings = {
+        "seed": np.nan,  # the global generator of NumPy is left alone
+        "randn": lambda *shape: generator.standard_normal(shape),
+        "bounds": bounds,
+        "CMA_stds": steps,
+        "maxfevals": evaluations,
+        "verbose": -9,
+        "verb_log": 0,
+        "verb_disp": 0,
+    }
+    strategy = cma.CMAEvolutionStrategy(start, 0.5, settings)
+    while not strategy.stop() and strategy.countevals < evaluations:
+        points = strategy.ask()
+        strategy.tell(points, judge(np.array(points)))
+
+
+@dataclass(frozen=True, eq=False)
+class CertifyTask:
+    """Judges picks, given as (number of the candidate, index of the pick)."""
+
+    setups: tuple[PickSetup, ...]
+    picks: tuple[Picks, ...]
+
+    def __call__(self, start: int, part: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:
+        """The rows of consecutive picks; each keeps its verdict in memory."""
+        del start
+        rows = []
+        for candidate, index in part:
+            verdict = self.setups[candidate].judge(index, self.picks[candidate].picks[index])
+            duration = None if verdict.trajectory is None else verdict.trajectory.duration
+            rows.append({"ok": verdict.ok, "duration": duration, "keep": verdict})
+        return rows
+
+
+def least_failing_step(screening: PlacementScreening, values: Array, axis: int, sign: float) -> tuple[float, str]:
+    """The largest deviation along an axis at which all picks work at the grasp, and what fails first beyond it."""
+    scale = sign / (METRES_PER_RADIAN if axis == 3 else 1.0)
+
+    def judged(steps: Sequence[float]) -> tuple[npt.NDArray[np.bool_], PlacementScores]:
+        moved = np.tile(values, (len(steps), 1))
+        moved[:, axis] += scale * np.array(steps)
+        scores = screening.screen(moved, estimate=False)
+        return scores.base & (scores.codes == FREE).all(axis=1), scores
+
+    works, scores = judged(SENSITIVITY_STEPS)
+    if works.all():
+        return np.inf, ""
+    first = int(np.argmin(works))
+    low, high = (0.0, *SENSITIVITY_STEPS)[first], SENSITIVITY_STEPS[first]
+    base, codes = bool(scores.base[first]), scores.codes[first]
+    for _ in range(SENSITIVITY_ROUNDS):
+        middle = 0.5 * (low + high)
+        works, scores = judged([middle])
+        if works[0]:
+            low = middle
+        else:
+            high, base, codes = middle, bool(scores.base[0]), scores.codes[0]
+    first_pick = screening.table.names[int(np.argmax(codes != FREE))]
+    return low * abs(scale), first_pick if base else "the base or the arm at home"

@@ -1,0 +1,1 @@
+"""The order of picks: tours, transits, lower bounds, cycle times, and the result with its report and page."""

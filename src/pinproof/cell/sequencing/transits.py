@@ -1,0 +1,316 @@
+"""The certified motions of a sequence, each in the scene of its moment.
+
+The transit to a pick starts where the pick before ended, not at home. A trajectory that was found before is certified
+again in the present scene, and planned anew only if it is not proven free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell.sequencing.options import Job, PickOption
+from pinproof.collision import Certificate, Scene
+from pinproof.errors import TimingError
+from pinproof.motion import BlendedPath, JointPath, MotionLimits, Trajectory, time_parametrise
+from pinproof.motion.limits import Bounds
+from pinproof.motion.steering import rest_to_rest_times
+from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, StageResult
+from pinproof.picks.input.pick import Member
+from pinproof.picks.judging.lines import Attempt, shortened, transit
+from pinproof.picks.judging.motion_limits import peaks_of, rate_limits, torque_limits_of_tool
+from pinproof.picks.judging.place import Placer, Placing, Release
+from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
+from pinproof.picks.judging.verdict import Stage
+from pinproof.planning import make_planner, optimise
+
+Array = npt.NDArray[np.float64]
+
+RETRIED = 1.02
+"""A motion that takes this multiple of its lower bound is searched again with other random numbers."""
+
+SAMPLES = 15
+"""Number of points of such a motion through which the path leads from which these searches start."""
+
+SEARCHES, SEARCH_FACTOR = 4, 3
+"""Number of these searches, and their budget as a multiple of that of the first one."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionFailure:
+    """Why a pick cannot be executed at its position in the sequence.
+
+    Parameters
+    ----------
+    part
+        The part of the motion that failed.
+    reason
+        The message of the planner or of the certificate.
+    bodies
+        The names of the bodies of the first contact, if one was found.
+    """
+
+    part: str
+    reason: str
+    bodies: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A pick at its position in a sequence.
+
+    Parameters
+    ----------
+    scene
+        The scene of the moment.
+    q
+        (n,) the end of the motion before.
+    job, option
+        The pick, and the choice for it.
+    index
+        The index of the pick, for its random stream.
+    known
+        Trajectories that were found before for parts of the motion, by name.
+    """
+
+    scene: Scene
+    q: Array
+    job: Job
+    option: PickOption
+    index: int
+    known: Mapping[str, Trajectory]
+
+
+@dataclass(frozen=True, eq=False)
+class StepMotions:
+    """Plans, times and certifies the motions of steps.
+
+    Parameters
+    ----------
+    setup
+        The cell before the sequence.
+    """
+
+    setup: PickSetup
+
+    def __call__(self, _start: int, steps: Sequence[Step]) -> list[PickVerdict | MotionFailure]:
+        """The certified motions of each step, or the reason of the failure."""
+        return [self.certified(step) for step in steps]
+
+    def certified(self, step: Step) -> PickVerdict | MotionFailure:
+        """The certified motions of a step, or the reason of the failure."""
+        setup, job, option = self.setup, step.job, step.option
+        cell = Cell(setup.checker.with_scene(step.scene), setup.shared, step.q, setup.weights, setup.budget)
+        task = Task(job.pick, cell)
+        seeds = setup.rng(step.index).integers(2**31, size=4).tolist()
+        carrying = task.carrying(option.attempt.candidate.member)
+        attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, job.pick.support))
+        release = option.release
+        if release is not None and task.place is not None:
+            release = replace(release, parting=task.supports(carrying, release.q, task.place.support))
+        try:
+            return _parts(task, attempt, release, seeds, step.known)
+        except TimingError as error:
+            return MotionFailure("timing", str(error))
+
+
+def _parts(
+    task: Task, attempt: Attempt, release: Release | None, seeds: list[int], known: Mapping[str, Trajectory]
+) -> PickVerdict | MotionFailure:
+    joints, member = task.arm.joint_names, attempt.candidate.member
+    arrive = _again(_part(task, member, "transit"), known)
+    path = JointPath(np.array([attempt.entrance]), joints)
+    if arrive is None:
+        crossing = transit(task, [attempt], task.cell.budget.nodes, seeds[:2])
+        if crossing.path is None:
+            return MotionFailure("transit", crossing.result.message)
+        path = crossing.path
+    placing, across = None, None
+    if release is not None and task.place is not None:
+        across = _again(_part(task, member, "transfer"), known)
+        transfer: JointPath | BlendedPath = JointPath(np.array([release.entrance]), joints)
+        if across is None:
+            result, made = Placer(task, seeds[0]).transfer(task.place, attempt, release, seeds[2:], turns=False)
+            if made is None:
+                return MotionFailure("transfer", result.message)
+            transfer = made.transfer
+        placing = Placing(transfer, release.lift, release.leave, release.parting, release.clearance)
+    motions: list[PickMotion] = []
+    for part in motion_parts(task, attempt, path, placing, separate=True):
+        motion = {"transit": arrive, "transfer": across}.get(part.name) or _again(part, known)
+        if motion is None:
+            motion, why = time_part(task, part, attempt)
+            if motion is None:
+                return MotionFailure(part.name, why, _first_bodies(prove_part(part, _timed(part))))
+        motions.append(motion)
+    return _verdict(task, attempt, motions)
+
+
+def _part(task: Task, member: Member, name: str) -> MotionPart:
+    """The conditions of a transit or a transfer."""
+    if name == "transit":
+        return MotionPart(name, (), task.outside)
+    return MotionPart(name, (), task.carrying(member), constraints=task.constraints(member))
+
+
+def _timed(part: MotionPart) -> Trajectory:
+    return Trajectory.join(*(time_parametrise(curve, part.checker.arm.limits) for curve in part.curves))
+
+
+def _again(part: MotionPart, known: Mapping[str, Trajectory]) -> PickMotion | None:
+    """A known trajectory of a part, certified again; None if it does not exist or is not proven free."""
+    trajectory = known.get(part.name)
+    if trajectory is None:
+        return None
+    certificate = prove_part(part, trajectory)
+    if not certificate.free:
+        return None
+    around = part.checker
+    return PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
+
+
+def closing_motion(
+    setup: PickSetup, scene: Scene, q: Array, end: Array, known: Mapping[str, Trajectory]
+) -> PickMotion | MotionFailure:
+    """The certified transit from q (n,) to the end (n,) of a sequence."""
+    checker = setup.checker.with_scene(scene)
+    again = _again(MotionPart("transit", (), checker), known)
+    if again is not None:
+        return again
+    torques = torque_limits_of_tool(checker.arm, setup.shared)
+    planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
+    plan = planner.plan(checker, q, end[None], torque_limits=torques, rng=0)
+    if plan.path is None:
+        return MotionFailure("transit", f"to the end: {plan.message}")
+    path, _ = shortened(plan, checker, 0, torques)
+    rates = [] if torques is None else [torques]
+    found = optimise(path, checker, rate_limits=rates, budget=setup.budget.motion)
+    if not found.certificate.free:
+        return MotionFailure("transit", f"to the end: {found.certificate.message}")
+    return PickMotion("transit", found.trajectory, found.certificate, checker.attached, checker.scene, checker.arm.held)
+
+
+def scene_after(scene: Scene, job: Job, option: PickOption) -> Scene:
+    """The scene after a pick: its part is at its place."""
+    if job.before is not None:
+        scene = scene.remove(job.before.name)
+    return scene if option.after is None else scene.add(option.after)
+
+
+@dataclass(frozen=True, eq=False)
+class LongMotions:
+    """Searches longer for the motions of a step that take much longer than their bounds.
+
+    Parameters
+    ----------
+    setup
+        The cell before the sequence.
+    """
+
+    setup: PickSetup
+
+    def __call__(
+        self, _start: int, steps: Sequence[tuple[Scene, Job, PickVerdict, Sequence[str]]]
+    ) -> list[PickVerdict]:
+        """The verdict of each step with the named motions, transit or transfer, as short as was found."""
+        return [self.shorter(*step) for step in steps]
+
+    @staticmethod
+    def of(setup: PickSetup, motion: PickMotion) -> bool:
+        """Whether a motion is searched again."""
+        wanted = motion.name in ("transit", "transfer")
+        return wanted and motion.trajectory.duration > RETRIED * _least(motion.trajectory, setup.checker.arm.limits)
+
+    def shorter(self, scene: Scene, job: Job, verdict: PickVerdict, names: Sequence[str]) -> PickVerdict:
+        """The verdict with the shortest motions of these names that were found."""
+        setup = self.setup
+        task = Task(
+            job.pick, Cell(setup.checker.with_scene(scene), setup.shared, setup.home, setup.weights, setup.budget)
+        )
+        member = next(each for group in task.groups() for each in group if each.words == verdict.member)
+        motions = [
+            _searched(task, member, motion, _part(task, member, motion.name)) if motion.name in names else motion
+            for motion in verdict.motions
+        ]
+        return _with_motions(verdict, motions)
+
+
+def _searched(task: Task, member: Member, motion: PickMotion, part: MotionPart) -> PickMotion:
+    """The shortest motion of several searches, which start from the path of the given one."""
+    best, limits = motion, task.arm.limits
+    moved = motion.trajectory
+    least = _least(moved, limits)
+    rates = rate_limits(task, member, part.name, part.checker)
+    inner = np.asarray(moved(np.linspace(0.0, moved.duration, SAMPLES)))[1:-1]
+    path = JointPath(np.vstack([moved.start, inner, moved.end]), moved.joint_names)
+    for seed in range(1, SEARCHES + 1):
+        found = optimise(
+            path,
+            part.checker,
+            limits=limits,
+            rate_limits=rates,
+            constraints=part.constraints,
+            rng=seed,
+            budget=SEARCH_FACTOR * task.cell.budget.motion,
+        )
+        if found.certificate.free and found.duration < best.trajectory.duration:
+            peaks = peaks_of(rates, found.trajectory)
+            best = replace(best, trajectory=found.trajectory, certificate=found.certificate, torques=peaks)
+        if best.trajectory.duration <= RETRIED * least:
+            break
+    return best
+
+
+def _least(trajectory: Trajectory, limits: MotionLimits) -> float:
+    """Lower bound (s) of the time of a motion between the ends of a trajectory, without obstacles."""
+    bounds = Bounds.of(limits, trajectory.joint_names)
+    return float(rest_to_rest_times(trajectory.end - trajectory.start, bounds).max())
+
+
+def _first_bodies(certificate: Certificate) -> tuple[str, ...]:
+    return () if certificate.first_contact is None else certificate.first_contact.bodies
+
+
+def _verdict(task: Task, attempt: Attempt, motions: list[PickMotion]) -> PickVerdict:
+    """The verdict on a pick with these motions."""
+    joined = Trajectory.join(*(motion.trajectory for motion in motions))
+    empty = PickVerdict(
+        task.pick,
+        PickStatus.GOOD,
+        (),
+        1,
+        attempt.q,
+        joined,
+        0.0,
+        None,
+        tuple(motions),
+        member=attempt.candidate.member.words,
+        grip=None if task.name is None else task.grip(attempt.candidate.member),
+    )
+    return _with_motions(empty, motions)
+
+
+def _with_motions(verdict: PickVerdict, motions: list[PickMotion]) -> PickVerdict:
+    """The verdict with these motions, and its times and its stage for them."""
+    grasp = [motion.trajectory for motion in motions if motion.name in ("transit", "approach")]
+    upto = [motion.trajectory for motion in motions if motion.name != "leave"]
+    joined = Trajectory.join(*(motion.trajectory for motion in motions))
+    clearance = min(motion.certificate.clearance for motion in motions)
+    result = StageResult(
+        Stage.TIMING,
+        True,
+        f"collision-free in {len(motions)} motions",
+        {"duration": joined.duration, "clearance": clearance},
+    )
+    return replace(
+        verdict,
+        stages=(result,),
+        trajectory=joined,
+        grasp_time=Trajectory.join(*grasp).duration,
+        motions=tuple(motions),
+        release_time=None if verdict.pick.place is None else Trajectory.join(*upto).duration,
+    )

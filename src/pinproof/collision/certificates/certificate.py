@@ -1,0 +1,662 @@
+"""Certificates: the verdict over a whole curve with its evidence, assumptions and hashes.
+
+Also compares a motion that was read from a file with what the file records: attached bodies, held
+joints and obstacles.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision.certificates.path_constraints import (
+    ConstraintProof,
+    ConstraintViolation,
+    PathConstraint,
+    UndecidedConstraint,
+    exact_text,
+)
+from pinproof.collision.checking.pairs import ExcludedPair
+from pinproof.collision.geometry.bodies import FileStamp
+from pinproof.collision.geometry.occupancy import OccupancyGrid
+from pinproof.collision.geometry.shapes import Mesh, Obstacle
+from pinproof.collision.scenes.scene import Scene
+from pinproof.common.display import html_block, html_list, outline
+from pinproof.common.files import os_errors
+from pinproof.description.dh_urdf import GENERATED_BODIES
+from pinproof.errors import InputError, NotProvenFree
+from pinproof.model import JointGroup
+from pinproof.motion import Curve, MotionRecord
+from pinproof.spatial import matrix
+from pinproof.verifier import curve_digest
+
+if TYPE_CHECKING:
+    from pinproof.collision.certificates.proof_file import ProvenMotion
+    from pinproof.collision.checking.checker import CollisionChecker
+    from pinproof.collision.checking.movers import Mover
+    from pinproof.motion import MotionRecord
+
+DIGITS = 9
+"""Decimals of a pose (metres for positions) that a digest distinguishes: files round rotations."""
+
+HELD_TOLERANCE = 1e-9
+"""rad or m: two values of a held joint that differ by less are the same."""
+
+
+def body_digest(body: Obstacle) -> str:
+    """Return a hash of name, shape and pose of an attached body; a mesh file is hashed by content, not by path.
+
+    Raises
+    ------
+    FileError
+        If a mesh file cannot be read.
+    """
+    shape, digest = body.shape, hashlib.sha256()
+    if isinstance(shape, Mesh) and shape.path is not None:
+        with os_errors(shape.path):
+            digest.update(hashlib.sha256(Path(shape.path).read_bytes()).digest())
+        digest.update(repr((shape.scale, shape.hull, shape.hollow)).encode())
+    else:
+        digest.update(repr(shape).encode())
+    digest.update(repr(body.name).encode() + (np.round(matrix(body.pose), DIGITS) + 0.0).tobytes())
+    return digest.hexdigest()
+
+
+def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) -> tuple[str, ...]:
+    """List, in sentences, what a motion was certified with and the checker does not have.
+
+    Compared are attached bodies, positions of held joints, and the obstacles if the checker has none at all.
+    """
+    if not records:
+        return ()
+    first = records[0]
+    if not all(first.same_setup(other) for other in records):
+        names = ", ".join(record.name for record in records)
+        return (f"its parts ({names}) were certified with different attached bodies, held joints or scenes",)
+    found = []
+    now = {body.name: body for body in checker.attached}
+    if absent := [name for name in first.attached if name not in now]:
+        found.append(f"it was certified with {_listed(absent)} attached, which is missing now")
+    if other := [name for name, known in first.attached.items() if name in now and body_digest(now[name]) != known]:
+        found.append(f"{_listed(other)} had another shape or pose on the tcp when it was certified")
+    held = checker.group.held
+    for name, value in first.held.items():
+        if name in held and abs(held[name] - value) > HELD_TOLERANCE:
+            found.append(f"it was certified with {name} held at {value:.9g}, now at {held[name]:.9g}")
+    if first.obstacles and not checker.scene.obstacles:
+        found.append(
+            f"it was certified among the obstacles {_listed(first.obstacles)}, but the scene has no obstacles now"
+        )
+    return tuple(found)
+
+
+def changes_since(
+    records: tuple[MotionRecord, ...],
+    checker: CollisionChecker,
+    curve: str,
+    setup: str,
+    constraints: Sequence[PathConstraint] = (),
+) -> list[str]:
+    """List, in sentences, all differences between the certification recorded with a motion and the present one."""
+    found = list(missing_since(records, checker))
+    required = set(map(exact_text, constraints))
+    lost = dict.fromkeys(text for record in records for text in record.constraints if text not in required)
+    found += [f"it was certified with the constraint {text}, which is not required now" for text in lost]
+    if len(records) != 1:
+        return found
+    record = records[0]
+    if record.curve != curve:
+        found.append("it was changed after it was certified")
+    if record.margin > checker.margin:
+        found.append(f"it was certified with a margin of {record.margin * 1e3:.9g} mm")
+    if not found and record.setup != setup:
+        found.append("it was certified with another robot, another scene or more bodies, or their files were moved")
+    return found
+
+
+def _listed(names: tuple[str, ...] | list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+Array = npt.NDArray[np.float64]
+
+FILES_KEPT = 1024
+"""Number of cached hashes of mesh files; an entry is valid while time and size of the file are unchanged."""
+
+ARMS_KEPT = 8
+"""Number of cached hashes of arms: a task has one for each position of the fingers."""
+
+
+class CertificateStatus(Enum):
+    """The verdict over a whole curve: FREE, COLLIDING, VIOLATED (a constraint of the tcp) or UNDECIDED."""
+
+    FREE = "free"
+    COLLIDING = "colliding"
+    VIOLATED = "violated"
+    UNDECIDED = "undecided"
+
+
+@dataclass(frozen=True, eq=False)
+class FirstContact:
+    """The first contact on a curve; everything before ``proven_free_until`` is proven collision-free.
+
+    Parameters
+    ----------
+    time
+        The curve's parameter: seconds on a trajectory, waypoint index on a path.
+    q
+        (n,) the configuration there.
+    bodies
+        Names of the links, attached objects or obstacles in contact.
+    distance
+        Signed distance (m) there, at most the margin.
+    points
+        (2, 3) the nearest points in the robot's root frame.
+    penetrating
+        True if the bodies overlap, False if their distance is only below the margin.
+    proven_free_until
+        The parameter up to which the curve is proven collision-free.
+    """
+
+    time: float
+    q: Array
+    bodies: tuple[str, str]
+    distance: float
+    points: Array
+    penetrating: bool
+    proven_free_until: float
+
+
+@dataclass(frozen=True, eq=False)
+class UndecidedSpan:
+    """A span [start, end] of the parameter in which a pair is neither proven apart nor in contact; distance (m)."""
+
+    start: float
+    end: float
+    bodies: tuple[str, str]
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class MotionTube:
+    """Deviations of the joints and the obstacles that a certificate covers.
+
+    Parameters
+    ----------
+    joints
+        (n,) rad or m. The verdict holds for every configuration that differs from one on the curve by no more than this
+        in each joint, so for every motion within the tube, with any timing.
+    obstacles
+        Metres. It holds for displaced, rotated or enlarged obstacles if no point of a surface moves farther than this.
+    largest_joints
+        rad or m: by how much more all joints could deviate at the same time with the proof still valid (obstacles
+        within ``obstacles``). A proven lower bound; close to bodies it is at most 0.05. NaN unless FREE.
+    largest_obstacles
+        Metres: by how much more all obstacles could be displaced (joints within ``joints``). NaN unless FREE.
+    """
+
+    joints: Array
+    obstacles: float
+    largest_joints: float
+    largest_obstacles: float
+
+
+@dataclass(frozen=True, eq=False)
+class Parting:
+    """Two bodies that may touch at the start and are proven to separate.
+
+    Parameters
+    ----------
+    bodies
+        The moving body (a link or attached object) and the obstacle.
+    normal
+        (3,) unit vector in the root frame: up to ``end`` no point of the moving body moves against this direction,
+        except for rounding.
+    gap
+        Gap (m) between the two along ``normal`` at the start; a negative value is an overlap, of 1 mm at most.
+    until
+        The parameter after which their distance is larger than their margin, until the end of the curve.
+    end
+        The parameter up to which the body is proven not to approach; after it the ordinary proof applies.
+    """
+
+    bodies: tuple[str, str]
+    normal: Array
+    gap: float
+    until: float
+    end: float
+
+    def __str__(self) -> str:
+        one, other = self.bodies
+        along = ", ".join(f"{x:.3g}" for x in self.normal + 0.0)
+        gap = round(self.gap * 1e3, 2) + 0.0  # -0.0 becomes 0.0
+        return (
+            f"{one} may touch {other} until {self.until:.4g} (gap {gap:.2f} mm at the start): it is proven "
+            f"not to approach along ({along}) until {self.end:.4g}, and to keep its margin afterwards"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """The verdict over a whole curve, valid between samples too.
+
+    Parameters
+    ----------
+    status
+        FREE: at every point of the tube every checked pair is farther apart than its margin; for a pair of
+        ``partings``, after it has separated; and every constraint is satisfied. COLLIDING: a configuration on the curve
+        was found where a pair is not. VIOLATED: one was found that violates a constraint, and no contact. UNDECIDED:
+        none of these could be shown at the tolerance.
+    margin
+        The required distance (m) of all pairs without an individual margin.
+    clearance
+        Proven lower bound (m) of every distance in the tube, for a pair of ``partings`` after its ``end``; NaN unless
+        FREE.
+    observed
+        The smallest distance (m) that was measured on the curve: an upper bound of the true clearance.
+    first_contact, undecided
+        The evidence for COLLIDING and for UNDECIDED.
+    message
+        The verdict as a sentence, with a suggestion where it is not FREE.
+    pairs, intervals
+        Number of checked pairs of bodies, and of intervals.
+    excluded
+        The pairs that were not checked, with the reasons.
+    tolerance
+        Metres: an interval in which bodies move less than this is not bisected further.
+    notes
+        The assumptions of the verdict, in sentences: meshes replaced by hulls, surfaces without an inside, held joints.
+    tube
+        The deviations that are covered, and the largest ones for which the proof remains valid.
+    evidence
+        (K, 7) if recorded: rows of start and end of an interval of the parameter, pair, its proven distance (m) there,
+        and a unit vector (3) in the root frame along which the supports of the two bodies are apart at the middle of
+        the interval (zeros if bounding balls or boxes are).
+    partings
+        The pairs that were allowed to touch at the start, each with the proof that it separates.
+    backwards
+        Whether the proof is of the reversed curve: then ``partings`` refer to that curve, and the pairs may touch at
+        the end of this one.
+    subject
+        The curve and checker of a recorded certificate, for :meth:`save`.
+    attached, held, obstacles
+        The bodies that move with the tcp, the values (rad or m) of the joints outside the arm by name, and the names of
+        the obstacles.
+    constraints
+        The constraints of the tcp that were requested, each with its proven largest error within ``tube.joints``.
+        ``tube.largest_joints`` is about collisions only.
+    violation, undecided_constraint
+        The first violation of a constraint, and the first span in which one is undecided.
+    """
+
+    status: CertificateStatus
+    margin: float
+    clearance: float
+    observed: float
+    first_contact: FirstContact | None
+    undecided: UndecidedSpan | None
+    message: str
+    pairs: int
+    intervals: int
+    excluded: tuple[ExcludedPair, ...]
+    tolerance: float
+    curve: str
+    setup: str
+    notes: tuple[str, ...] = ()
+    tube: MotionTube | None = None
+    evidence: Array | None = None
+    partings: tuple[Parting, ...] = ()
+    backwards: bool = False
+    subject: tuple[Curve, CollisionChecker] | None = field(default=None, repr=False)
+    attached: tuple[Obstacle, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    obstacles: tuple[str, ...] = ()
+    constraints: tuple[ConstraintProof, ...] = ()
+    violation: ConstraintViolation | None = None
+    undecided_constraint: UndecidedConstraint | None = None
+
+    @property
+    def free(self) -> bool:
+        """Whether the status is FREE."""
+        return self.status is CertificateStatus.FREE
+
+    def matches(
+        self,
+        curve: Curve,
+        arm: JointGroup,
+        scene: Scene,
+        attached: Sequence[Obstacle] = (),
+        constraints: Sequence[PathConstraint] = (),
+        movers: Sequence[Mover] = (),
+    ) -> bool:
+        """Whether this certificate was made for exactly this curve, arm, scene, attached objects and movers.
+
+        Each of ``constraints`` must be one of its constraints; it may have more, because it then proves more.
+        """
+        own = {exact_text(proof.constraint) for proof in self.constraints}
+        if not own.issuperset(map(exact_text, constraints)):
+            return False
+        return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached, movers)
+
+    def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
+        """Return the record of this certificate for the file of its motion, from time ``start`` to ``end`` (s)."""
+        return MotionRecord(
+            name,
+            start,
+            end,
+            self.status.name,
+            self.clearance if math.isfinite(self.clearance) else None,
+            self.margin,
+            self.pairs,
+            self.curve,
+            self.setup,
+            {body.name: body_digest(body) for body in self.attached},
+            self.held,
+            self.obstacles,
+            tuple(exact_text(proof.constraint) for proof in self.constraints),
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the proof to a ``.json`` or ``.json.gz`` file, for ``pinproof.verifier`` to re-check anywhere.
+
+        The format is described in docs/formats/proof.md. The verifier has accepted every file that is written; where
+        its bounds are less tight than those of :func:`certify`, intervals are bisected further. The file is written
+        atomically.
+
+        Raises
+        ------
+        InputError
+            If nothing was recorded, the verdict is not FREE, the file name has another suffix, or a checked body is not
+            convex, so that no separating direction exists.
+        NotProvenFree
+            If the verifier cannot confirm the proof.
+        FileError
+            If the file cannot be written.
+        """
+        from pinproof.collision.certificates.proof_file import write_proof
+
+        if not self.free:
+            raise InputError(f"only a FREE certificate is a proof to save; this one is {self.status.name}")
+        if self.evidence is None or self.subject is None:
+            raise InputError("this certificate has no evidence; create it with certify(..., record=True) to save it")
+        try:
+            write_proof(proven_motion(self, *self.subject), path)
+        except NotProvenFree as error:
+            raise NotProvenFree(str(error), self) from error
+
+    def or_raise(self) -> Certificate:
+        """Return the certificate if it is FREE.
+
+        Raises
+        ------
+        NotProvenFree
+            With the message of the certificate otherwise.
+        """
+        if not self.free:
+            raise NotProvenFree(self.message, self)
+        return self
+
+    def __repr__(self) -> str:
+        return outline(f"Certificate({self.status.name}: {self.message})", self.notes)
+
+    def _repr_html_(self) -> str:
+        excluded = [f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in self.excluded]
+        return html_block(f"{self.status.name}: {self.message}", html_list((*self.notes, *excluded)))
+
+    def __str__(self) -> str:
+        return "\n".join((f"{self.status.name}: {self.message}", *(f"note: {note}" for note in self.notes)))
+
+
+def proven_motion(certificate: Certificate, curve: Curve, checker: CollisionChecker) -> ProvenMotion:
+    """Return the parts of a FREE certificate with evidence that a proof file needs."""
+    from pinproof.collision.certificates.proof_file import ProvenMotion
+
+    tube, evidence = certificate.tube, certificate.evidence
+    return ProvenMotion(
+        curve=curve,
+        checker=checker,
+        evidence=np.empty((0, 7)) if evidence is None else np.asarray(evidence),
+        clearance=certificate.clearance,
+        joint_tolerance=[] if tube is None else tube.joints.tolist(),
+        obstacle_tolerance=0.0 if tube is None else tube.obstacles,
+        curve_hash=certificate.curve,
+        setup_hash=certificate.setup,
+        notes=certificate.notes,
+        constraints=certificate.constraints,
+    )
+
+
+def curve_hash(curve: Curve) -> str:
+    """Return a hash of the joints, knots and polynomial pieces of a curve, exact to the last bit."""
+    return curve_digest(tuple(curve.joint_names), *curve.bezier())
+
+
+def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = (), movers: Sequence[Mover] = ()) -> str:
+    """Return a hash of an arm (kinematics, held joints, collision geometry), its attached objects, a scene, and movers.
+
+    The pairs that the SRDF and the scene allow or disable are included.
+    Meshes are hashed by name and by the present content of their files.
+    """
+    meshes = [None if geometry.mesh is None else geometry.mesh.path for geometry in arm.robot.urdf.collisions]
+    digest = _hash_of(arm, tuple(map(_content_hash, meshes))).copy()
+    digest.update(repr((scene.allowed, scene.disabled, arm.robot.srdf.disabled)).encode())
+    for obstacle in (*attached, None, *scene.obstacles):
+        if obstacle is None:  # separates the attached objects from the scene
+            digest.update(b"scene")
+            continue
+        digest.update(repr((obstacle.name, obstacle.shape, obstacle.arm)).encode() + matrix(obstacle.pose).tobytes())
+        if isinstance(obstacle.shape, Mesh):
+            digest.update(_content_hash(obstacle.shape.path).encode())
+    for mover in movers:
+        digest.update(mover.identity().encode())
+    return digest.hexdigest()
+
+
+class _Examined(NamedTuple):
+    """What was examined in the context of :func:`files_examined_once`: files, and checkers with the hash and notes."""
+
+    stamps: dict[str, FileStamp | None]
+    setups: dict[CollisionChecker, tuple[str, tuple[str, ...]]]
+
+
+_examined: ContextVar[_Examined | None] = ContextVar("examined", default=None)
+
+
+@contextmanager
+def files_examined_once() -> Iterator[None]:
+    """In this context, each mesh file is examined at most once, for a search that makes many certificates.
+
+    A certificate states the files at the moment of their first examination in the context; of the outer one, if it is
+    nested.
+    """
+    token = _examined.set(_examined.get() or _Examined({}, {}))
+    try:
+        yield
+    finally:
+        _examined.reset(token)
+
+
+def _stamp(path: str | Path) -> FileStamp | None:
+    """Return the present stamp of a file; None if there is no file."""
+    examined = _examined.get()
+    if examined is None:
+        return FileStamp.of(path)
+    path = os.fspath(path)
+    if path not in examined.stamps:
+        examined.stamps[path] = FileStamp.of(path)
+    return examined.stamps[path]
+
+
+class Identity(NamedTuple):
+    """The hashes of a curve and of the setup of its checker, and the notes about the setup."""
+
+    curve: str
+    setup: str
+    notes: tuple[str, ...]
+
+
+def identity_of(curve: Curve, checker: CollisionChecker) -> Identity:
+    """Return what a certificate of a curve states about the curve and the setup."""
+    examined = _examined.get()
+    known = None if examined is None else examined.setups.get(checker)
+    if known is None:
+        files = mesh_files(checker)
+        known = checked_hash(checker, files), notes_of(checker, files)
+        if examined is not None:
+            examined.setups[checker] = known
+    return Identity(curve_hash(curve), *known)
+
+
+class MeshFiles(NamedTuple):
+    """The present state of the mesh files of a checker."""
+
+    stamps: tuple[FileStamp | None, ...]
+    """Of the meshes of the robot, the attached objects and the obstacles; None for a mesh without a file."""
+    changed: tuple[FileStamp, ...]
+    """The files, as the checker read them, that were changed since then."""
+
+
+_meshes: WeakKeyDictionary[CollisionChecker, tuple[list[str | None], list[FileStamp]]] = WeakKeyDictionary()
+"""The paths of the meshes of each checker, and the stamps of the files that it read."""
+
+_setups: WeakKeyDictionary[CollisionChecker, tuple[tuple[FileStamp | None, ...], str]] = WeakKeyDictionary()
+"""The hash of the setup of each checker, with the mesh files for which it holds: one motion may need many proofs."""
+
+
+def mesh_files(checker: CollisionChecker) -> MeshFiles:
+    """Return the present state of the mesh files of a checker; each file is examined once."""
+    known = _meshes.get(checker)
+    if known is None:
+        urdf, objects = checker.group.robot.urdf, (*checker.attached, *checker.scene.obstacles)
+        paths: list[str | Path | None] = [each.mesh.path for each in urdf.collisions if each.mesh is not None]
+        paths += [each.shape.path for each in objects if isinstance(each.shape, Mesh)]
+        read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
+        known = _meshes[checker] = [None if path is None else os.fspath(path) for path in paths], list(read)
+    named, read_files = known
+    now = {path: _stamp(path) for path in {*named, *(file.path for file in read_files)} if path is not None}
+    stamps = tuple(None if path is None else now[path] for path in named)
+    return MeshFiles(stamps, tuple(file for file in read_files if now[file.path] != file))
+
+
+def checked_hash(checker: CollisionChecker, files: MeshFiles) -> str:
+    """Return :func:`setup_hash` of the setup of a checker, whose present files are given.
+
+    If a mesh file was changed after the checker read it, the hash matches no setup.
+    """
+    known = _setups.get(checker)
+    if known is None or known[0] != files.stamps:
+        known = _setups[checker] = files.stamps, setup_hash(checker.group, checker.scene, checker.attached)
+    digest, changed = known[1], files.changed
+    return hashlib.sha256(repr((digest, changed)).encode()).hexdigest() if changed else digest
+
+
+@lru_cache(maxsize=ARMS_KEPT)
+def _hash_of(arm: JointGroup, meshes: tuple[str, ...]) -> Any:
+    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, dict(arm.ends), arm.joint_names, dict(arm.held))).encode())
+    for geometry, content in zip(arm.robot.urdf.collisions, meshes, strict=True):
+        mesh = None if geometry.mesh is None else geometry.mesh.uri
+        digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh, content)).encode())
+        digest.update(np.ascontiguousarray(geometry.origin).tobytes())
+    return digest
+
+
+def _content_hash(path: str | Path | None) -> str:
+    """Return a hash of the present content of a file; empty if there is no file."""
+    stamp = None if path is None else _stamp(path)
+    return "" if stamp is None else _hash_of_file(stamp)
+
+
+@lru_cache(maxsize=FILES_KEPT)
+def _hash_of_file(stamp: FileStamp) -> str:
+    return hashlib.sha256(Path(stamp.path).read_bytes()).hexdigest()
+
+
+def free_sentence(proven: float, pairs: int, excluded: int) -> str:
+    """Return the message of a FREE certificate: proven clearance (m), number of checked and of excluded pairs."""
+    if not pairs:
+        return "collision-free: there is no pair to check" + (f"; {_excluded(excluded)}" if excluded else "")
+    between = "the only checked pair" if pairs == 1 else f"all {pairs} checked pairs"
+    sentence = f"collision-free: at least {proven_millimetres(proven)} between {between}"
+    return f"{sentence}; {_excluded(excluded)}" if excluded else sentence
+
+
+def _excluded(count: int) -> str:
+    return "1 pair is excluded" if count == 1 else f"{count} pairs are excluded"
+
+
+def parameter_text(curve: Curve, parameter: float) -> str:
+    """Return a curve parameter for messages: seconds on a trajectory, waypoint index on a path."""
+    return f"t = {parameter:.4g} s" if hasattr(curve, "duration") else f"path parameter {parameter:.4g}"
+
+
+def proven_millimetres(clearance: float) -> str:
+    """Return a lower bound as text in mm, rounded down."""
+    if clearance == math.inf:
+        return "unbounded (no pair is checked)"
+    return f"{math.floor(clearance * 1e4) / 10:.1f} mm"
+
+
+NAMED = 6
+"""Number of names that a note lists; more are counted."""
+
+
+def notes_of(checker: CollisionChecker, files: MeshFiles | None = None) -> tuple[str, ...]:
+    """Return the assumptions of a checker's verdicts as sentences: replaced meshes, held joints, unchecked links.
+
+    Excluded pairs are listed in :attr:`CollisionChecker.excluded`, each with its reason. ``files`` are the present mesh
+    files, which are examined by default.
+    """
+    before, after = _unchanging_notes(checker)
+    changed = [Path(file.path).name for file in (files or mesh_files(checker)).changed]
+    about_files = [f"{_some(changed)}: changed after the checker read it; create a new checker"] if changed else []
+    return tuple(dict.fromkeys((*before, *about_files, *after)))
+
+
+_notes: WeakKeyDictionary[CollisionChecker, tuple[list[str], list[str]]] = WeakKeyDictionary()
+
+
+def _unchanging_notes(checker: CollisionChecker) -> tuple[list[str], list[str]]:
+    """The notes before and after those about changed files."""
+    if checker in _notes:
+        return _notes[checker]
+    arm, notes = checker.group, list(checker.scene.notes)
+    by_remark: dict[str, dict[str, None]] = {}
+    for body in checker.bodies:
+        if body.remark:
+            by_remark.setdefault(body.remark, {})[body.owner] = None
+    for thing in checker.scene.obstacles:  # a grid without an occupied cell has no body
+        if isinstance(thing.shape, OccupancyGrid):
+            by_remark.setdefault(thing.shape.remark, {})[thing.name] = None
+    notes += [f"{_some(tuple(owners))}: {remark}" for remark, owners in by_remark.items()]
+    how: dict[str, list[str]] = {}
+    for pair in checker.finer:
+        how.setdefault(f"checked with {pair.by}, because {pair.reason}", []).append(" and ".join(pair.owners))
+    notes += [f"{_some(pairs)}: {judged}" for judged, pairs in how.items()]
+    solid = {body.link for body in checker.bodies if body.owner == body.link}
+    if not solid:
+        notes.append("the robot has no collision geometry, so its links are not checked")
+    elif arm.robot.has_generated_bodies:
+        notes.append(GENERATED_BODIES)
+    elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
+        notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
+    held = [f"{name} = {value:g}" for name, value in arm.held.items()]
+    _notes[checker] = notes, [f"joints outside the arm are held fixed: {_some(held)}"] if held else []
+    return _notes[checker]
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f", ... ({len(names)} in all)" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more

@@ -1,0 +1,484 @@
+"""Certification of a whole curve: proven collision-free between samples too, not sampled.
+
+The curve is bisected into intervals in path order. In each interval, the distance of every pair at the middle is
+compared with an upper bound of the approach of the pair within the interval (``src/core/certificate/motion_bounds.h``).
+Pairs that are proven apart are dropped; the others are passed to both halves. A contact at a middle ends the search to
+its right; the search to its left continues until everything before the contact is proven collision-free or the
+tolerance is reached. The loop is compiled (``src/core/certificate/curve_proof.h``); for bodies without a support
+function it calls coal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import ProofSettings, ProofState, prove
+from pinproof.collision.certificates.certificate import (
+    Certificate,
+    CertificateStatus,
+    FirstContact,
+    Identity,
+    MotionTube,
+    UndecidedSpan,
+    changes_since,
+    free_sentence,
+    identity_of,
+    parameter_text,
+)
+from pinproof.collision.certificates.constraint_proofs import with_constraints
+from pinproof.collision.certificates.parting import prove_parting
+from pinproof.collision.certificates.path_constraints import PathConstraint, check_constraints
+from pinproof.collision.checking.assembly import only_arm
+from pinproof.collision.checking.checker import CollisionChecker, Contact, require_curve
+from pinproof.collision.checking.coal_checks import Distance
+from pinproof.collision.checking.movers import Mover, with_movers
+from pinproof.collision.checking.placed_bodies import CoalJudge
+from pinproof.errors import InputError
+from pinproof.motion import Curve, Trajectory
+from pinproof.motion.curve import read_only
+from pinproof.spatial import finite
+
+Array = npt.NDArray[np.float64]
+
+GOAL_SHARE = 0.5
+"""A pair is dropped once this share of the smallest distance found so far is proven, so that the bound is useful."""
+
+LOOK_AHEAD = 200
+"""Number of intervals that are searched for a contact behind an undecided span, so that COLLIDING is preferred."""
+
+TOLERANCE = 1e-4
+"""Metres: a hundredth of a usual clearance; an interval in which bodies move less is not bisected further."""
+
+TOLERANCES = (TOLERANCE, 1e-5, 1e-6)
+"""Metres: a curve that is UNDECIDED at one tolerance is certified again with the next. A path that was proven with a
+small clearance may need it after timing, because its pieces are then bisected at other parameters. The cost is a few
+bisections of each open span; below 1e-6 m the tolerance of coal's distances, 2e-6 m, dominates."""
+
+KNOWN_NOTHING = ProofState()
+
+QUICK_INTERVALS = 2000
+"""Number of intervals after which a quick proof fails: about 100 times those of a short edge in free space."""
+
+
+def certify(
+    curve: Curve,
+    checker: CollisionChecker,
+    *,
+    tolerance: float | None = None,
+    max_intervals: int = 200_000,
+    joint_tolerance: npt.ArrayLike = 0.0,
+    obstacle_tolerance: float = 0.0,
+    parting: Sequence[tuple[str, str]] = (),
+    constraints: Sequence[PathConstraint] = (),
+    movers: Sequence[Mover | Trajectory] = (),
+    record: bool = False,
+) -> Certificate:
+    """Prove that a curve is collision-free and satisfies constraints, or find a configuration where it does not.
+
+    Parameters
+    ----------
+    curve
+        A :class:`~pinproof.JointPath`, :class:`~pinproof.motion.CubicPath` or :class:`~pinproof.Trajectory`.
+    checker
+        Defines the checked bodies and pairs, and their margins.
+    tolerance
+        Metres. An interval in which no body moves farther than this towards another is not bisected further, so a curve
+        whose clearance beyond the margin is smaller may be UNDECIDED. Default: 1e-4, then 1e-5 and 1e-6 while the
+        verdict is UNDECIDED; :attr:`Certificate.tolerance` is the last one used.
+    max_intervals
+        Maximum number of intervals for each tolerance; the verdict is UNDECIDED when it is reached.
+    joint_tolerance
+        rad or m, one number or (n,): the proof also covers every configuration that differs from one on the curve by no
+        more than this in each joint, such as the tracking error of a controller.
+    obstacle_tolerance
+        Metres: the proof also covers obstacles that are displaced, rotated or enlarged, if no point of their surface
+        moves farther than this.
+    parting
+        Pairs of names, each of a link or attached object and an obstacle, that may touch at the start, such as a part
+        and its support. It is proven that the two do not approach each other until they have separated, and that they
+        keep their margin afterwards; :meth:`CollisionChecker.allowing` would exclude the pair instead. Cannot be
+        combined with ``joint_tolerance`` or ``record``.
+    constraints
+        :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.collision.LookAt`: conditions of the
+        tcp that must hold over the whole curve too.
+    movers
+        :class:`~pinproof.Mover` for obstacles that move with time, such as parts on a conveyor, and trajectories of
+        other joints of the robot, such as those of another arm of a cell. The certificate is then one of the motion of
+        all of them, which :func:`pinproof.collision.with_movers` returns, over space and time.
+    record
+        Store the evidence in :attr:`Certificate.evidence`, which :meth:`Certificate.save` needs.
+
+    Returns
+    -------
+    Certificate
+        FREE, COLLIDING, VIOLATED or UNDECIDED. FREE is always proven. COLLIDING is a contact at a configuration on the
+        curve itself; its distance is reduced by ``obstacle_tolerance``. VIOLATED is a configuration on the curve that
+        violates a constraint.
+
+    Raises
+    ------
+    InputError
+        If the curve's joints are not the arm's, a setting is invalid, or an array of the checker was modified in place.
+    UnknownNameError
+        If ``parting`` names an unknown body.
+    """
+    if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
+        raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
+    joints = _checked_tolerances(curve, checker, joint_tolerance, obstacle_tolerance)
+    if parting and (joints.any() or record):
+        raise InputError("parting cannot be combined with joint_tolerance or record")
+    n, constraints = checker.group.dof, check_constraints(constraints)
+    checker.refuse_changes()
+    arm_curve, group = curve, checker.group
+    if movers:
+        if parting or obstacle_tolerance:
+            raise InputError("movers cannot be combined with parting or obstacle_tolerance; Mover has a tolerance")
+        curve, checker, tolerances = with_movers(curve, checker, movers)
+        joints = np.concatenate([joints, np.zeros(len(tolerances) - n)]) + tolerances
+
+    obstacles = float(obstacle_tolerance)
+
+    def at(each: float) -> Certificate:
+        def prove(part: Curve, judge: CollisionChecker) -> Certificate:
+            settings = _settings(each, max_intervals, obstacles, record)
+            # the hashes and notes of a part are those of the complete curve, which prove_parting states
+            return _Proof(part, judge, settings, joints, obstacles, constraints, identify=not parting).run()
+
+        if not parting:
+            return prove(curve, checker)
+        return prove_parting(
+            curve,
+            checker,
+            parting,
+            prove,
+            tolerance=each,
+            max_intervals=max_intervals,
+            obstacle_tolerance=obstacles,
+        )
+
+    certificate = _at_finer_tolerances(at, tolerance, max_intervals)
+    if not constraints:
+        return certificate
+    return with_constraints(
+        certificate,
+        arm_curve,
+        only_arm(group),
+        constraints,
+        tolerance=tolerance,
+        max_intervals=max_intervals,
+        joint_tolerance=joints[:n],
+        record=record,
+    )
+
+
+def _checked_tolerances(
+    curve: Curve, checker: CollisionChecker, joint_tolerance: npt.ArrayLike, obstacle_tolerance: float
+) -> Array:
+    """The tolerance of each joint (n,), rad or m, of a curve of the joints of the checker."""
+    require_curve(curve, checker)
+    group = checker.group
+    if isinstance(joint_tolerance, float) and joint_tolerance == obstacle_tolerance == 0.0:
+        return np.zeros(group.dof)
+    each = np.full(group.dof, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
+    joints = finite("joint_tolerance", each, (group.dof,))
+    if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
+        raise InputError(
+            f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; both are 0 or more"
+        )
+    return joints
+
+
+def is_proven_free(curve: Curve, checker: CollisionChecker, *, joint_tolerance: Array | None = None) -> bool:
+    """Return whether the curve is proven collision-free, for searches that query many short edges.
+
+    Faster than :func:`certify`: it proves the margin and no clearance beyond it, and returns no reason. With
+    ``joint_tolerance`` (n,), the proof covers deviations of the joints as in :func:`certify`.
+    """
+    if checker.still.touching:
+        return False
+    knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
+    settings = ProofSettings(tolerance=TOLERANCE, max_intervals=QUICK_INTERVALS)
+    joints = np.zeros(checker.group.dof) if joint_tolerance is None else joint_tolerance
+    proof = prove(checker.world, knots, control, settings, joints, CoalJudge(checker.workspace), KNOWN_NOTHING)
+    return bool(proof.free)
+
+
+class KnownPairs(NamedTuple):
+    """What is proven of the pairs of a checker before a proof, so that only the other pairs remain."""
+
+    rest: CollisionChecker
+    """The same checker without the known pairs."""
+    proven: float
+    """Lower bound (m) of the distances of the known pairs on the curve, obstacles displaced by their tolerance."""
+    joint_tube: float
+    """rad or m by which all joints could deviate with the proof of the known pairs still valid."""
+    obstacle_tube: float
+    """Metres by which all obstacles could be displaced."""
+    curve: str
+    """The hash of the curve."""
+    setup: str
+    """The hash of the setup of the complete checker."""
+    notes: tuple[str, ...]
+    """The notes of the complete checker."""
+    evidence_with: Callable[[Array], Array]
+    """The evidence (K, 7) of all pairs from that of the rest."""
+
+
+def prove_rest(
+    curve: Curve,
+    checker: CollisionChecker,
+    known: KnownPairs,
+    *,
+    tolerance: float | None,
+    max_intervals: int,
+    joints: Array,
+    obstacles: float,
+    record: bool,
+) -> Certificate:
+    """Return the certificate of a curve of which some pairs are known to be apart; arguments as :func:`certify`."""
+
+    def at(each: float) -> Certificate:
+        settings = _settings(each, max_intervals, obstacles, record)
+        return _Proof(curve, checker, settings, joints, obstacles, (), known).run()
+
+    return _at_finer_tolerances(at, tolerance, max_intervals)
+
+
+def _at_finer_tolerances(
+    at: Callable[[float], Certificate], tolerance: float | None, max_intervals: int
+) -> Certificate:
+    """Return the certificate at the first of :data:`TOLERANCES`, or at the only one given, that is not UNDECIDED."""
+    first, *finer = TOLERANCES if tolerance is None else (tolerance,)
+    certificate = at(first)
+    for each in finer:
+        if certificate.status is not CertificateStatus.UNDECIDED or certificate.intervals >= max_intervals:
+            break
+        certificate = at(each)
+    return certificate
+
+
+def _settings(tolerance: float, max_intervals: int, obstacles: float, record: bool) -> ProofSettings:
+    return ProofSettings(
+        tolerance=tolerance,
+        max_intervals=max_intervals,
+        obstacle_tolerance=obstacles,
+        goal_share=GOAL_SHARE,
+        look_ahead=LOOK_AHEAD,
+        wants_tubes=True,
+        record=record,
+    )
+
+
+class _Proof:
+    """The certification of one curve at one tolerance; pairs are those of the judge."""
+
+    def __init__(
+        self,
+        curve: Curve,
+        checker: CollisionChecker,
+        settings: ProofSettings,
+        joints: Array,
+        obstacles: float,
+        constraints: Sequence[PathConstraint],
+        known: KnownPairs | None = None,
+        *,
+        identify: bool = True,
+    ) -> None:
+        self._identify = identify
+        self._curve, self._checker, self._constraints, self._known = curve, checker, constraints, known
+        judge = checker if known is None else known.rest
+        self._judge = judge.moved_obstacles(obstacles) if obstacles > 0 else judge
+        self._joints, self._obstacles = joints, obstacles
+        self._largest_margin = float(self._judge.margins.max(initial=0.0))
+        self._knots, self._control = (np.ascontiguousarray(part) for part in curve.bezier())
+        self._settings, self._state = settings, ProofState()
+        if known is not None:
+            self._begin_with(known)
+
+    def _begin_with(self, known: KnownPairs) -> None:
+        state = self._state
+        state.proven, state.joint_tube, state.obstacle_tube = known.proven, known.joint_tube, known.obstacle_tube
+        near = self._checker.workspace.nearest(self._control[0, 0])
+        if near.nearest >= 0:
+            state.observed = near.upper
+            state.spare = near.upper - float(self._checker.margins[near.nearest])
+
+    def run(self) -> Certificate:
+        first, last = float(self._knots[0]), float(self._knots[-1])
+        start, end = self._control[0, 0], self._control[-1, -1]
+        # Both ends are checked first: a start in contact is the most common failure, and bisection finds it late.
+        if (contact := self._look(start)) is not None:
+            return self._colliding(first, start, contact, first)
+        at_end = self._look(end)
+        if (undecided := self._check_fixed_pairs()) is not None:
+            return self._undecided(undecided) if at_end is None else self._colliding(last, end, at_end, first)
+        judge = self._judge
+        self._state = prove(
+            judge.world,
+            self._knots,
+            self._control,
+            self._settings,
+            self._joints,
+            CoalJudge(judge.workspace),
+            self._state,
+        )
+        span, found = self._state.open, self._state.contact
+        if found is not None:
+            at = np.array(found.q)
+            contact = self._deepest(at) or self._contact(found.pair, judge.placed(at).measure(found.pair))
+            return self._colliding(found.time, at, contact, found.time if span is None else span.start)
+        if at_end is not None:
+            return self._colliding(last, end, at_end, last if span is None else span.start)
+        if span is not None:
+            distance = span.distance
+            if distance == np.inf:  # not measured here: a longer interval had shown that the pair is close
+                distance = judge.placed(self._curve((span.start + span.end) / 2)).measure(span.pair).attained
+            return self._undecided(UndecidedSpan(span.start, span.end, self._names(span.pair), distance))
+        return self._free()
+
+    def _look(self, q: Array) -> Contact | None:
+        """Return the deepest contact at q (n,) and update the smallest observed distance."""
+        space = self._judge.workspace
+        near = space.nearest(q)
+        self._saw(near.nearest, near.upper)
+        for pair in near.left_to_coal:
+            self._saw(pair, space.measure(pair).attained)
+        apart = not near.contacts and not near.left_to_coal and near.lower > self._largest_margin
+        return None if apart and not self._judge.still.touching else self._deepest(q)
+
+    def _saw(self, pair: int, attained: float) -> None:
+        if pair < 0:
+            return
+        state = self._state
+        state.observed = min(state.observed, attained)
+        state.spare = min(state.spare, attained - float(self._judge.margins[pair]))
+
+    def _deepest(self, q: Array) -> Contact | None:
+        """Return the deepest contact at q (n,) whose measured distance is attained, so that it is evidence."""
+        judge, deepest = self._judge, None
+        for pair, measured in (*judge.workspace.touching(q), *judge.still.touching):
+            if measured.attained <= judge.margins[pair]:
+                self._saw(pair, measured.attained)
+                contact = self._contact(pair, measured)
+                if deepest is None or contact.distance < deepest.distance:
+                    deepest = contact
+        return deepest
+
+    def _contact(self, pair: int, measured: Distance) -> Contact:
+        """Return the contact of a pair, with the distance reduced by the tolerance of obstacles."""
+        contact = self._judge.contact(pair, measured)
+        moved = self._obstacles if self._judge.bodies[self._judge.pairs[pair][1]].link is None else 0.0
+        return replace(contact, distance=contact.distance - moved) if moved else contact
+
+    def _check_fixed_pairs(self) -> UndecidedSpan | None:
+        """Check once the pairs that no joint moves relative to each other; their contacts were found at the start."""
+        judge, state = self._judge, self._state
+        for pair, measured in judge.still.touching:
+            return UndecidedSpan(float(self._knots[0]), float(self._knots[-1]), self._names(pair), measured.distance)
+        if len(judge.still_pairs):
+            proven = judge.still.lower - judge.rounding
+            state.observed = min(state.observed, judge.still.upper)
+            state.proven = min(state.proven, proven - self._obstacles)
+            slack = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
+            state.obstacle_tube = min(state.obstacle_tube, slack)
+        return None
+
+    def _names(self, pair: int) -> tuple[str, str]:
+        i, j = self._judge.pairs[pair]
+        return self._judge.bodies[i].owner, self._judge.bodies[j].owner
+
+    def _free(self) -> Certificate:
+        count = len(self._checker.pairs)
+        proven = float(self._state.proven)
+        message = free_sentence(proven, count, len(self._checker.excluded))
+        if self._tolerances:
+            message += f"; {self._tolerances}"
+        return self._certificate(CertificateStatus.FREE, message, clearance=proven)
+
+    @property
+    def _tolerances(self) -> str:
+        """The allowed deviations as text; empty without any."""
+        deviations = []
+        if self._joints.any():
+            low, high = float(self._joints.min()), float(self._joints.max())
+            by = f"{high:g} rad or m" if low == high else "the given tolerances"
+            deviations.append(f"joints may deviate by up to {by}")
+        if self._obstacles:
+            deviations.append(f"obstacles may deviate by up to {self._obstacles * 1e3:g} mm")
+        return " and ".join(deviations)
+
+    def _colliding(self, time: float, q: Array, contact: Contact, proven_free_until: float) -> Certificate:
+        first = FirstContact(
+            time, q.copy(), contact.bodies, contact.distance, contact.points, contact.distance < 0, proven_free_until
+        )
+        message = f"{contact} at {parameter_text(self._curve, time)}"
+        if proven_free_until > self._curve.domain[0]:
+            message += f"; collision-free until {parameter_text(self._curve, proven_free_until)}"
+        return self._certificate(CertificateStatus.COLLIDING, message, first_contact=first)
+
+    def _undecided(self, span: UndecidedSpan) -> Certificate:
+        budget = self._settings.max_intervals
+        spent = self._state.intervals >= budget
+        limit = f"limit of {budget} intervals" if spent else f"tolerance of {self._settings.tolerance * 1e3:g} mm"
+        message = (
+            f"neither proven collision-free nor in collision on [{span.start:.6g}, {span.end:.6g}]: "
+            f"{' and '.join(span.bodies)} are {span.distance * 1e3:.3f} mm apart there, and the {limit} was reached; "
+            f"increase the distance{' or max_intervals' if spent else ''}, or lower the margin or the tolerance"
+        )
+        if self._tolerances:
+            message += f" ({self._tolerances})"
+        return self._certificate(CertificateStatus.UNDECIDED, message, undecided=span)
+
+    def _certificate(
+        self,
+        status: CertificateStatus,
+        message: str,
+        *,
+        clearance: float = np.nan,
+        first_contact: FirstContact | None = None,
+        undecided: UndecidedSpan | None = None,
+    ) -> Certificate:
+        checker, state, known = self._checker, self._state, self._known
+        free = status is CertificateStatus.FREE
+        if known is not None:
+            curve, setup, notes = known.curve, known.setup, known.notes
+        else:
+            curve, setup, notes = identity_of(self._curve, checker) if self._identify else Identity("", "", ())
+        evidence = state.evidence if self._settings.record else None
+        if evidence is not None and known is not None:
+            evidence = known.evidence_with(evidence)
+        records = getattr(self._curve, "certified", ())  # of a trajectory that was read from a file
+        found = changes_since(records, checker, curve, setup, self._constraints)
+        changes = (f"the file of the motion states: {each}" for each in found)
+        return Certificate(
+            status=status,
+            margin=checker.margin,
+            clearance=clearance,
+            observed=state.observed,
+            first_contact=first_contact,
+            undecided=undecided,
+            message=message,
+            pairs=len(checker.pairs),
+            intervals=state.intervals,
+            excluded=tuple(checker.excluded),
+            tolerance=self._settings.tolerance,
+            curve=curve,
+            setup=setup,
+            notes=(*notes, *changes),
+            tube=MotionTube(
+                read_only(self._joints),
+                self._obstacles,
+                max(state.joint_tube, 0.0) if free else np.nan,
+                max(state.obstacle_tube, 0.0) if free else np.nan,
+            ),
+            evidence=None if evidence is None else read_only(evidence),
+            subject=None if evidence is None else (self._curve, self._checker),
+            attached=checker.attached,
+            held=dict(checker.group.held),
+            obstacles=checker.scene.names,
+        )

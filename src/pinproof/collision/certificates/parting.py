@@ -1,0 +1,529 @@
+"""Certificates of motions that begin in contact: an object leaves its support and never approaches it again.
+
+Up to some point of the curve the object is proven not to approach its support, whatever their distance
+(``src/core/certificate/departure.h``); after it the ordinary proof applies, with the margin. All other pairs are proven
+as usual on the whole curve.
+Sliding along the support is therefore not sufficient: the object must separate from it by more than the margin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import Departure, DepartureProof
+from pinproof.collision.certificates.certificate import (
+    Certificate,
+    CertificateStatus,
+    FirstContact,
+    MotionTube,
+    Parting,
+    UndecidedSpan,
+    free_sentence,
+    identity_of,
+    parameter_text,
+)
+from pinproof.collision.checking.checker import CollisionChecker
+from pinproof.collision.checking.coal_checks import Distance
+from pinproof.collision.checking.separation import (
+    BodySupport,
+    FacetGroup,
+    MovingBody,
+    distinct,
+    facet_body,
+    facets_of,
+    leave_facets,
+    unit_vectors,
+)
+from pinproof.collision.geometry.bodies import Body
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.motion import Curve, bezier
+from pinproof.motion.curve import BezierCurve, read_only
+from pinproof.spatial import matrix
+
+Array = npt.NDArray[np.float64]
+
+DEEPEST = 1e-3
+"""Penetration (m) that is allowed at the start: the usual error of measured or taught poses."""
+
+NEAR = 2e-3
+"""Distance (m) beyond the margin up to which a facet counts as close at the start. The ordinary proof covers the other
+facets, within a few intervals."""
+
+Prove = Callable[[Curve, CollisionChecker], Certificate]
+
+
+def prove_parting(
+    curve: Curve,
+    checker: CollisionChecker,
+    names: Sequence[tuple[str, str]],
+    prove: Prove,
+    *,
+    tolerance: float,
+    max_intervals: int,
+    obstacle_tolerance: float,
+) -> Certificate:
+    """Return the certificate of a curve along which pairs separate that may touch at its start.
+
+    Parameters
+    ----------
+    names
+        Pairs of an obstacle and a link or attached object, in either order.
+    prove
+        The ordinary certification of a curve with a checker.
+    tolerance, max_intervals, obstacle_tolerance
+        As for :func:`pinproof.certify`.
+
+    Raises
+    ------
+    UnknownNameError, InputError
+        If a name is unknown, a pair is not an obstacle and a body of the robot, or is not checked.
+    """
+    knots, control = curve.bezier()
+    motion = _Motion(curve, knots, control, tolerance, max_intervals, obstacle_tolerance)
+    separating_pairs, full, start_contact = _departures(checker, _indices(checker, names), motion)
+    if start_contact is not None:
+        return _start_contact_verdict(curve, checker, start_contact, prove)
+    open_until = {pair: max(separating.proof.end for separating in own) for pair, own in full.pieces.items()}
+    ends = np.unique([float(knots[0]), *(separating.proof.end for separating in separating_pairs)]).tolist()
+    proven: list[Certificate] = []
+    for first, last in zip(ends, [*ends[1:], float(knots[-1])], strict=True):
+        separated = [separating for separating in separating_pairs if separating.proof.end == first]
+        space = full.checker.placed(bezier.evaluate(knots, control, first)) if separated else None
+        for separating in separated:
+            attained = np.inf if space is None else space.measure(separating.pair).attained
+            if attained - obstacle_tolerance <= full.checker.margins[separating.pair]:
+                not_separated = _not_separated(full.checker, separating, motion, prove)
+                return _on_complete_curve(curve, checker, proven, not_separated)
+        # Pairs of bodies are omitted, not of owners: other bodies of the same owners are checked on the whole curve.
+        apart = {separating.pair for separating in separating_pairs if separating.proof.end > first}
+        for pair, until in open_until.items():
+            apart |= {pair} if until > first else full.parts_of[pair]
+        proven.append(prove(_Part.of(curve, first, last), full.checker.without_pairs(apart) if apart else checker))
+        if not proven[-1].free:
+            return _on_complete_curve(curve, checker, proven[:-1], proven[-1])
+    return _free(curve, checker, proven, separating_pairs, obstacle_tolerance)
+
+
+def _free(
+    curve: Curve,
+    checker: CollisionChecker,
+    proven: Sequence[Certificate],
+    separating_pairs: Sequence[_SeparatingPair],
+    obstacle_tolerance: float,
+) -> Certificate:
+    """Return the certificate of a curve whose parts are all proven."""
+    touching = _that_touch(separating_pairs, float(curve.bezier()[0][0]))
+    partings = tuple(
+        Parting(
+            separating.bodies,
+            read_only(separating.departure.normal.copy()),
+            separating.gap,
+            separating.until,
+            separating.proof.end,
+        )
+        for separating in touching
+    )
+    clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)
+    message = "; ".join([free_sentence(clearance, len(checker.pairs), len(checker.excluded)), *map(str, partings)])
+    slack = [c.tube.largest_obstacles for c in proven if c.tube is not None]
+    slack += [DEEPEST + separating.gap - obstacle_tolerance for separating in separating_pairs] + [
+        separating.slack for separating in separating_pairs
+    ]
+    tube = MotionTube(read_only(np.zeros(checker.group.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
+    complete = _on_complete_curve(curve, checker, proven[:-1], proven[-1])
+    intervals = complete.intervals + sum(separating.proof.intervals for separating in separating_pairs)
+    return replace(
+        complete,
+        message=message,
+        clearance=clearance,
+        observed=observed,
+        intervals=intervals,
+        tube=tube,
+        partings=partings,
+    )
+
+
+def _that_touch(separating_pairs: Sequence[_SeparatingPair], start: float) -> list[_SeparatingPair]:
+    """Return the pairs within their margin after the start; for owners without any, the pair with the smallest gap."""
+    touching = [separating for separating in separating_pairs if separating.until > start]
+    named = {separating.bodies for separating in touching}
+    others: dict[tuple[str, str], _SeparatingPair] = {}
+    for separating in separating_pairs:
+        if separating.bodies in named or separating.of_facets:
+            continue
+        known = others.setdefault(separating.bodies, separating)
+        if separating.gap < known.gap:
+            others[separating.bodies] = separating
+    return [*touching, *others.values()]
+
+
+class _Motion(NamedTuple):
+    """The curve and the settings of the proof."""
+
+    curve: Curve
+    knots: Array
+    control: Array
+    tolerance: float
+    max_intervals: int
+    obstacle_tolerance: float
+
+    @property
+    def start(self) -> Array:
+        point: Array = self.control[0, 0]
+        return point
+
+    def follow(self, departure: Departure, enough: float) -> DepartureProof:
+        """Follow the curve while the body is proven not to approach."""
+        return departure.follow(self.knots, self.control, enough, self.tolerance, self.max_intervals)
+
+    def gap(self, departure: Departure, t: float) -> float:
+        """Return the gap (m) at a parameter."""
+        return departure.gap(bezier.evaluate(self.knots, self.control, t))
+
+
+@dataclass(frozen=True, eq=False)
+class _SeparatingPair:
+    """A separating pair of bodies: the proven span, the gap (m) at the start, the excess distance (m) at its end."""
+
+    pair: int
+    bodies: tuple[str, str]
+    departure: Departure
+    proof: DepartureProof
+    gap: float
+    slack: float
+    of_facets: bool = False
+
+    @property
+    def until(self) -> float:
+        """The parameter after which the distance is larger than the margin, by the gap or by the ordinary proof."""
+        return min(self.proof.until, self.proof.end)
+
+
+class _WithFacets(NamedTuple):
+    """A checker with the separating pairs and, for exact meshes, with pairs of their facets close to the start."""
+
+    checker: CollisionChecker
+    pieces: dict[int, list[_SeparatingPair]]
+    """The separations from the facets of an exact mesh, by the pair of the whole mesh."""
+    parts_of: dict[int, set[int]]
+    """The pairs of its facets and of the rest of the mesh."""
+
+
+class _StartContact(NamedTuple):
+    """A pair in contact at the start beyond what is allowed, with signed distance (m) and margin (m)."""
+
+    pair: int
+    distance: float
+    margin: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Split:
+    """An exact mesh as seen from one body: groups of facets close to the start, and the remaining facets."""
+
+    pair: int
+    groups: list[FacetGroup]
+    bodies: list[Body]
+    deepest: float
+    """Gap (m) at the facet with the deepest penetration."""
+
+
+def _departures(
+    checker: CollisionChecker, pairs: Sequence[int], motion: _Motion
+) -> tuple[list[_SeparatingPair], _WithFacets, _StartContact | None]:
+    """Return how each pair separates, and a checker that also has the facets close to the start."""
+    convex: list[tuple[int, Departure, DepartureProof, float]] = []
+    splits: list[_Split] = []
+    for pair in pairs:
+        a, b = checker.pairs[pair]
+        moving, body = MovingBody(checker, a), checker.bodies[b]
+        moving.move(motion.start)
+        enough = float(checker.margins[pair]) + motion.obstacle_tolerance + 2 * checker.rounding
+        measured = checker.placed(motion.start).measure(pair)
+        tried = _directions(body, matrix(body.link_from_body), -measured.normal)
+        if body.support is None and not isinstance(body.geometry, coal.Halfspace):
+            split = _split(checker, pair, moving, tried, enough, motion)
+            if split.groups:
+                splits.append(split)
+            elif (start_contact := _find_start_contact(checker, pair, measured, motion, split.deepest)) is not None:
+                return [], _WithFacets(checker, {}, {}), start_contact
+            continue
+        gaps = -moving.reach(-tried) - (levels := BodySupport.of(body).reach(matrix(body.link_from_body), tried))
+        if gaps.max() - motion.obstacle_tolerance < -DEEPEST:
+            if (start_contact := _find_start_contact(checker, pair, measured, motion, float(gaps.max()))) is not None:
+                return [], _WithFacets(checker, {}, {}), start_contact
+            continue  # apart but interlocked: proven as an ordinary pair
+        departure, proof, gap = _best(moving, tried, levels, gaps, enough, motion)
+        convex.append((pair, departure, proof, gap))
+    full, places = _with_facets(checker, splits)
+    separating_pairs = [
+        _separating_pair(full, full.pairs.index(checker.pairs[pair]), departure, proof, gap, motion)
+        for pair, departure, proof, gap in convex
+    ]
+    pieces, parts = {}, {}
+    for split, own in zip(splits, places, strict=True):
+        pair = full.pairs.index(checker.pairs[split.pair])
+        pieces[pair] = [
+            _separating_pair(full, k, group.departure, group.proof, group.gap, motion, of_facets=True)
+            for k, group in zip(own, split.groups, strict=False)
+        ]
+        parts[pair] = set(own)
+        separating_pairs += pieces[pair]
+        for k in own[len(split.groups) :]:  # the rest of the mesh
+            measured = full.placed(motion.start).measure(k)
+            if (start_contact := _find_start_contact(full, k, measured, motion, split.deepest)) is not None:
+                return [], _WithFacets(checker, {}, {}), start_contact._replace(pair=split.pair)
+    return separating_pairs, _WithFacets(full, pieces, parts), None
+
+
+def _separating_pair(
+    checker: CollisionChecker,
+    pair: int,
+    departure: Departure,
+    proof: DepartureProof,
+    gap: float,
+    motion: _Motion,
+    *,
+    of_facets: bool = False,
+) -> _SeparatingPair:
+    enough = float(checker.margins[pair]) + motion.obstacle_tolerance + 2 * checker.rounding
+    slack = motion.gap(departure, proof.end) - enough
+    return _SeparatingPair(pair, _owners(checker, pair), departure, proof, gap, slack, of_facets)
+
+
+def _best(
+    moving: MovingBody, tried: Array, levels: Array, gaps: Array, enough: float, motion: _Motion
+) -> tuple[Departure, DepartureProof, float]:
+    """Return the direction along which a body leaves a convex obstacle: first those with the largest gap are tried.
+
+    Directions along which the two overlap more than at the start are not tried. If no direction separates them, the one
+    with the longest span in which the body is proven not to approach is returned.
+    """
+    first = int(np.flatnonzero(gaps >= gaps.max() - moving.rounding)[0])
+    least = min(float(gaps.max()), 0.0) - moving.rounding
+    others = [k for k in np.argsort(-gaps, kind="stable").tolist() if k != first and gaps[k] >= least]
+    best: tuple[Departure, DepartureProof, float] | None = None
+    for k in (first, *others):
+        departure = moving.departure(tried[k], float(levels[k]))
+        proof = motion.follow(departure, enough)
+        if proof.until < np.inf:
+            return departure, proof, float(gaps[k])
+        if best is None or proof.end > best[1].end:
+            best = departure, proof, float(gaps[k])
+    return best  # type: ignore[return-value]  # the first was tried
+
+
+def _directions(body: Body, at: Array, measured: Array) -> Array:
+    """Return (d, 3) unit directions to try: the root's z, the obstacle's axes, and that of the nearest points."""
+    if isinstance(body.geometry, coal.Halfspace):
+        return np.array([at[:3, 2]])
+    own = at[:3, :3].T
+    return distinct(np.array([[0.0, 0.0, 1.0], *own, *-own, *unit_vectors(measured[None])]))
+
+
+def _split(
+    checker: CollisionChecker, pair: int, moving: MovingBody, tried: Array, enough: float, motion: _Motion
+) -> _Split:
+    """Split an exact mesh into the facets close to the start of a body and the rest."""
+    a, b = checker.pairs[pair]
+    body = checker.bodies[b]
+    vertices, triangles = facets_of(body)
+    at = matrix(body.link_from_body)
+    corners = (vertices @ at[:3, :3].T + at[:3, 3])[triangles]
+    groups, deepest = leave_facets(
+        moving,
+        checker.bodies[a],
+        corners,
+        tried,
+        reach=enough + NEAR,
+        deepest=DEEPEST - motion.obstacle_tolerance,
+        follow=lambda departure: motion.follow(departure, enough),
+    )
+    if not groups:
+        return _Split(pair, [], [], deepest)
+    name = f"{body.name} near {checker.bodies[a].name}"
+    bodies = [facet_body(body, f"{name}, {k}", vertices, triangles[group.facets]) for k, group in enumerate(groups)]
+    others = np.setdiff1d(np.arange(len(triangles)), np.concatenate([group.facets for group in groups]))
+    if len(others):
+        bodies.append(facet_body(body, f"{body.name} away from {checker.bodies[a].name}", vertices, triangles[others]))
+    return _Split(pair, groups, bodies, deepest)
+
+
+def _with_facets(checker: CollisionChecker, splits: Sequence[_Split]) -> tuple[CollisionChecker, list[list[int]]]:
+    """Return a checker with the parts of meshes, and the pairs of each split: those of its groups, then the rest."""
+    if not splits:
+        return checker, []
+    bodies = [body for split in splits for body in split.bodies]
+    first, places = len(checker.bodies), []
+    for split in splits:
+        a = checker.pairs[split.pair][0]
+        places.append([(a, first + k) for k in range(len(split.bodies))])
+        first += len(split.bodies)
+    full = checker.with_obstacle_bodies(bodies, [pair for own in places for pair in own])
+    index = {pair: k for k, pair in enumerate(full.pairs)}
+    return full, [[index[pair] for pair in own] for own in places]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part(BezierCurve):
+    """A part of a curve with the same parameter."""
+
+    joint_names: tuple[str, ...]
+    knots: Array
+    control: Array
+
+    @classmethod
+    def of(cls, curve: Curve, first: float, last: float) -> _Part:
+        """Return the part from ``first`` to ``last``; a single configuration if they are equal."""
+        knots, control = curve.bezier()
+        names = tuple(curve.joint_names)
+        if first >= last:
+            here = bezier.evaluate(knots, control, last)
+            return cls(names, np.array([last, last]), np.stack([here] * control.shape[1])[None])
+        i = int(np.clip(np.searchsorted(knots, first, side="right") - 1, 0, len(control) - 1))
+        j = int(np.clip(np.searchsorted(knots, last, side="left") - 1, 0, len(control) - 1))
+        pieces = control[i : j + 1].copy()
+        if last < knots[j + 1]:  # split at the end first, which keeps the start of the piece
+            pieces[-1] = bezier.split(pieces[-1], (last - knots[j]) / (knots[j + 1] - knots[j]))[0]
+        if first > knots[i]:
+            ends = last if i == j else knots[i + 1]
+            pieces[0] = bezier.split(pieces[0], (first - knots[i]) / (ends - knots[i]))[1]
+        return cls(names, np.array([first, *knots[i + 1 : j + 1], last]), pieces)
+
+    def bezier(self) -> tuple[Array, Array]:
+        return self.knots, self.control
+
+
+def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> list[int]:
+    """Return the indices of the pairs of bodies with these names."""
+    known, found = checker.obstacles_and_links, []
+    for stated in names:
+        if isinstance(stated, str) or len(stated) != 2:
+            raise InputError(f"parting: {stated!r} is not a pair of names")
+        one, other = stated
+        for name in (one, other):
+            if name not in known:
+                raise UnknownNameError("body", name, known, "parting")
+        if (one in checker.scene.names) == (other in checker.scene.names):
+            raise InputError(f"parting: {one!r} and {other!r}; one must be an obstacle, the other a link or attached")
+        meant = checker.pairs_of_owners(one, other)
+        if not meant:
+            raise InputError(
+                f"parting: {one!r} and {other!r} are not checked against each other, so parting does not apply to them"
+            )
+        found += meant
+    return list(dict.fromkeys(found))
+
+
+def _owners(checker: CollisionChecker, pair: int) -> tuple[str, str]:
+    i, j = checker.pairs[pair]
+    return checker.bodies[i].owner, checker.bodies[j].owner
+
+
+def _find_start_contact(
+    checker: CollisionChecker, pair: int, measured: Distance, motion: _Motion, gap: float
+) -> _StartContact | None:
+    """Return the refusal of a pair without a separating direction; None if its distance is larger than the margin.
+
+    The penetration is the smaller of coal's depth and the gap (m) along the best direction, which for a moving mesh is
+    that of its hull. For an obstacle mesh, coal returns the depth at some facet; the gap is that of the deepest facet.
+    """
+    margin = float(checker.margins[pair])
+    if measured.attained - motion.obstacle_tolerance > margin:
+        return None
+    leaving, left = (checker.bodies[i] for i in checker.pairs[pair])
+    distance = measured.distance
+    if distance <= 0 and np.isfinite(gap):
+        facets = leaving.support is not None and left.support is None
+        distance = min(gap, 0.0) if facets else max(distance, gap)
+    return _StartContact(pair, distance - motion.obstacle_tolerance, margin)
+
+
+def _start_contact_verdict(
+    curve: Curve, checker: CollisionChecker, start_contact: _StartContact, prove: Prove
+) -> Certificate:
+    """Return the verdict on a curve that starts with a contact beyond what ``parting`` allows."""
+    first, _ = curve.domain
+    found = prove(_Part.of(curve, first, first), checker)
+    one, other = _owners(checker, start_contact.pair)
+    if start_contact.distance < -DEEPEST:
+        message = (
+            f"{one} penetrates {other} by {-start_contact.distance * 1e3:.2f} mm at the start; parting allows "
+            f"{DEEPEST * 1e3:g} mm. Correct one of the poses or shapes"
+        )
+        return _on_complete_curve(curve, checker, [], replace(found, message=message))
+    message = (
+        f"{one} and {other} are {_apart(start_contact.distance)} at the start (margin "
+        f"{start_contact.margin * 1e3:g} mm), and no direction separates {other} from the convex hull of {one}; "
+        f"model {one} by several convex shapes"
+    )
+    span = UndecidedSpan(first, first, (one, other), start_contact.distance)
+    undecided = replace(
+        found, status=CertificateStatus.UNDECIDED, message=message, first_contact=None, undecided=span,
+        clearance=np.nan,
+    )  # fmt: skip
+    return _on_complete_curve(curve, checker, [], undecided)
+
+
+def _apart(distance: float) -> str:
+    if distance > 0:
+        return f"{distance * 1e3:.2f} mm apart"
+    return f"{-distance * 1e3:.2f} mm in penetration" if distance < -5e-6 else "in contact"
+
+
+def _not_separated(
+    checker: CollisionChecker, separating: _SeparatingPair, motion: _Motion, prove: Prove
+) -> Certificate:
+    """Return the verdict on a pair that has not separated at the end of the span in which it does not approach."""
+    curve, knots, control = motion.curve, motion.knots, motion.control
+    proof, pair, bodies = separating.proof, separating.pair, separating.bodies
+    here = bezier.evaluate(knots, control, proof.end)
+    shown = min(proof.stopped, float(knots[-1]))
+    there = bezier.evaluate(knots, control, shown)
+    measured = checker.placed(there).measure(pair)
+    nearer = separating.departure.gap(there) < separating.departure.gap(here) - checker.rounding
+    base = prove(_Part.of(curve, proof.end, proof.end), checker)  # for the common fields of certificates
+    touching = measured.attained - motion.obstacle_tolerance <= checker.margins[pair]
+    if touching and (nearer or proof.end >= float(knots[-1])):
+        contact = checker.contact(pair, measured)
+        distance = contact.distance - motion.obstacle_tolerance
+        first = FirstContact(shown, there, bodies, distance, contact.points, distance < 0, proof.end)
+        how = "approaches again" if nearer else "does not depart before the end"
+        at, until = (parameter_text(curve, t) for t in (shown, proof.end))
+        message = f"{contact} at {at}: {bodies[0]} {how}; it is proven not to approach until {until}"
+        return replace(
+            base, status=CertificateStatus.COLLIDING, message=message, first_contact=first, undecided=None,
+            clearance=np.nan,
+        )  # fmt: skip
+    along = ", ".join(f"{x:.3g}" for x in separating.departure.normal + 0.0)
+    message = (
+        f"{bodies[0]} is not proven to leave {bodies[1]}, which it touches, at [{proof.end:.6g}, {proof.stopped:.6g}]; "
+        f"move it off along one direction, such as ({along}), before moving it sideways"
+    )
+    span = UndecidedSpan(proof.end, proof.stopped, bodies, measured.distance)
+    return replace(
+        base, status=CertificateStatus.UNDECIDED, message=message, first_contact=None, undecided=span, clearance=np.nan
+    )
+
+
+def _on_complete_curve(
+    curve: Curve, checker: CollisionChecker, before: Sequence[Certificate], last: Certificate
+) -> Certificate:
+    """Return the verdict ``last`` on a part, after parts that are proven, as the verdict on the whole curve."""
+    own, setup, notes = identity_of(curve, checker)
+    return replace(
+        last,
+        observed=min(certificate.observed for certificate in (*before, last)),
+        intervals=sum(certificate.intervals for certificate in (*before, last)),
+        pairs=len(checker.pairs),
+        excluded=tuple(checker.excluded),
+        curve=own,
+        setup=setup,
+        notes=notes,
+    )

@@ -1,0 +1,494 @@
+"""The certificate of a robot program: what the controller will execute, according to the text of the program.
+
+A joint move is a straight line in joint space. At a point with a blend the controller leaves the two lines; where its
+curve is not published, every configuration is covered that differs in each joint by at most the extent of the blend
+from the two lines within the blend. A linear move is a straight line of the tcp; its joint values are bounded between
+samples (:mod:`pinproof.collision.certificates.linear_moves`). All lines are covered with the stated deviation of the
+controller.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+
+from pinproof.collision.certificates.certificate import Certificate, CertificateStatus
+from pinproof.collision.certificates.certify import certify
+from pinproof.collision.certificates.linear_moves import TURN_SHARE, LineTrace, levers, trace_line
+from pinproof.collision.checking.checker import CollisionChecker
+from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.errors import InputError, NotProvenFree
+from pinproof.model import Arm
+from pinproof.motion.curve import Array, Curve
+from pinproof.motion.dialects import find_dialect
+from pinproof.motion.joint_path import JointPath
+from pinproof.motion.program_steps import (
+    Blend,
+    JointMove,
+    LinearMove,
+    SetOutput,
+    Step,
+    StreamedPoint,
+    StreamedTrajectory,
+    Wait,
+)
+from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
+from pinproof.motion.timing import time_parametrise
+from pinproof.motion.trajectory import Trajectory
+
+StepKind = TypeVar("StepKind", bound=Step)
+
+SPACING = 1.0 / 256.0
+"""Share of a move between two samples of the distance to a blend's point; the bound between them is added."""
+
+TRACKING = 0.01
+"""rad: the assumed deviation from set points that are sent at a fixed period, whose interpolation is not published."""
+
+SAME_END = 1e-6
+"""rad: largest difference of the configuration at the end of a linear move from that of the text."""
+
+SMALLEST_RADIUS = 0.0005
+"""m: a blend with a smaller radius hardly differs from a stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramPart:
+    """A part of a program and its certificate.
+
+    Parameters
+    ----------
+    name
+        What it is, such as ``"blend at line 14"``.
+    line
+        The line of the program at which it ends.
+    blend
+        Whether it is the blend at a point.
+    certificate
+        The certificate of the configurations that the controller may pass.
+    """
+
+    name: str
+    line: int
+    blend: bool
+    certificate: Certificate
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramCertificate:
+    """The certificates of all parts of a program; collision-free only if every part is.
+
+    Parameters
+    ----------
+    parts
+        The parts in the order of execution.
+    notes
+        What the certificate assumes about the controller, and what it does not cover.
+    overlaps
+        Lines of blends that may overlap with the blend before, so that a controller may skip a point, that are at the
+        first point, to which the move is not known, or that are before a linear move. The program is then UNDECIDED.
+    outside_limits
+        The points of the program that violate the position limits, and the linear moves on which a joint may do so.
+    untraced
+        The linear moves whose joint values are not bounded, with the reason. The program is then UNDECIDED.
+    """
+
+    parts: tuple[ProgramPart, ...]
+    notes: tuple[str, ...]
+    overlaps: tuple[int, ...] = ()
+    outside_limits: tuple[str, ...] = ()
+    untraced: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        rows = [(each.name, each.certificate.status.name, each.certificate.clearance * 1e3) for each in self.parts]
+        columns = ("part", "status", "clearance [mm]")
+        return html_block(self.message, html_table(columns, rows), html_list((*self.notes, *self.outside_limits)))
+
+    @property
+    def free(self) -> bool:
+        """Whether every part is proven collision-free."""
+        return self.status is CertificateStatus.FREE
+
+    @property
+    def status(self) -> CertificateStatus:
+        """COLLIDING if a part is, otherwise UNDECIDED if a part is, otherwise FREE."""
+        found = {part.certificate.status for part in self.parts}
+        if self.overlaps or self.untraced:
+            found.add(CertificateStatus.UNDECIDED)
+        return found.pop() if len(found) == 1 else max(found - {CertificateStatus.FREE}, key=_severity)
+
+    @property
+    def clearance(self) -> float:
+        """The least proven clearance (m) of all parts; NaN unless all are FREE."""
+        return min(part.certificate.clearance for part in self.parts) if self.free else float("nan")
+
+    @property
+    def hash(self) -> str:
+        """The hash of curves, tolerances, setups and results of all parts, which the text of the program names."""
+        rows = [
+            [part.blend, each.curve, each.setup, each.status.name, str(each.tube)]
+            for part in self.parts
+            for each in [part.certificate]
+        ]
+        return hashlib.sha256(json.dumps(rows).encode("utf-8")).hexdigest()
+
+    @property
+    def message(self) -> str:
+        """The result in one sentence; it names the first part that is not free."""
+        if self.free:
+            blends = sum(part.blend for part in self.parts)
+            parts = [(len(self.parts) - blends, "motion"), (blends, "blend")]
+            words = " and ".join(f"{count} {what}{'' if count == 1 else 's'}" for count, what in parts if count)
+            return f"FREE: {words} of the program proven, clearance {self.clearance * 1e3:.1f} mm"
+        if self.status is CertificateStatus.UNDECIDED and self.untraced:
+            return f"UNDECIDED: {self.untraced[0]}"
+        part = next((each for each in self.parts if not each.certificate.free), None)
+        if part is None:
+            return (
+                f"UNDECIDED: the blend at line {self.overlaps[0]} may overlap with the one before it, so that a "
+                "controller may skip a point, or it is at the first point or before a linear move; reduce or remove it"
+            )
+        return f"{self.status.name}: {part.name}: {part.certificate.message}"
+
+    def or_raise(self) -> ProgramCertificate:
+        """The certificate itself; NotProvenFree if it is not FREE."""
+        if not self.free:
+            raise NotProvenFree(self.message)
+        return self
+
+    def __str__(self) -> str:
+        return self.message
+
+    def __repr__(self) -> str:
+        return outline(f"ProgramCertificate({self.message})", (f"{p.name}: {p.certificate}" for p in self.parts))
+
+
+def _severity(status: CertificateStatus) -> int:
+    return [CertificateStatus.UNDECIDED, CertificateStatus.VIOLATED, CertificateStatus.COLLIDING].index(status)
+
+
+def certify_program(program: RobotProgram, checker: CollisionChecker) -> ProgramCertificate:
+    """Certify what a controller executes according to the text of a program.
+
+    Parameters
+    ----------
+    program
+        The program, as read from its text.
+    checker
+        The arm with its tool in its scene. Attached bodies are assumed over the whole program.
+
+    Raises
+    ------
+    InputError
+        If the program is for other joints.
+    """
+    if program.joint_names != checker.arm.joint_names:
+        own = ", ".join(checker.arm.joint_names)
+        raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
+    program, traces, untraced = _traced(program, checker.arm)
+    parts = []
+    for name, line, blend, curve, tolerance in _executed(program, checker.arm, traces):
+        certificate = certify(curve, checker, joint_tolerance=tolerance)
+        parts.append(ProgramPart(name, line, blend, certificate))
+    notes = dict.fromkeys([*_notes(program), *(note for part in parts for note in part.certificate.notes)])
+    overlaps = tuple(_overlaps(program, checker.arm))
+    return ProgramCertificate(
+        tuple(parts), tuple(notes), overlaps, tuple(_outside(program, checker.arm, traces)), untraced
+    )
+
+
+def export_program(
+    curve: Curve,
+    checker: CollisionChecker,
+    dialect: str,
+    *,
+    name: str = "motion",
+    tolerance: float = 0.002,
+    blend: Blend | None = None,
+    deviation: float | None = None,
+    period: float | None = None,
+    joint_map: JointMap | None = None,
+    linear: bool = False,
+) -> tuple[RobotProgram, ProgramCertificate]:
+    """Write a program that follows a curve, and certify what the controller will execute.
+
+    The inner points are blended where that is proven collision-free, with a smaller radius where the language has one;
+    at the others the arm stops.
+
+    Parameters
+    ----------
+    curve
+        A trajectory, or a path (not for ``"ros2"``, which needs times).
+    checker
+        The arm with its tool in its scene.
+    dialect
+        ``"urscript"``, ``"rapid"``, ``"krl"``, ``"fanuc"`` or ``"ros2"``.
+    name
+        The name of the program.
+    tolerance
+        rad: largest deviation of the lines from the curve, at samples of it.
+    blend
+        The blend at inner points; by default that of the language.
+    deviation
+        rad: the deviation of the controller from the lines; by default that of the language.
+    period
+        Seconds between set points, to stream the trajectory (``servoj`` of URScript) instead of moves.
+    joint_map
+        The joint values of the controller from those of the model, if they differ.
+    linear
+        Whether parts of the motion from stop to stop on which the tcp moves on a straight line become linear moves.
+
+    Returns
+    -------
+    tuple[RobotProgram, ProgramCertificate]
+        The program, whose comments name the hash of the certificate, and the certificate. Check ``certificate.free``.
+
+    Raises
+    ------
+    InputError
+        If the language cannot express the motion, or the curve is for other joints.
+    """
+    language = find_dialect(dialect)
+    if tuple(curve.joint_names) != checker.arm.joint_names:
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
+    if language.joints is not None and not checker.arm.angular.all():
+        raise InputError(f"programs in {dialect} are for revolute joints only")
+    steps: Sequence[Step] = _steps(curve, dialect, tolerance, blend or language.blend, period)
+    if linear:
+        steps = _with_lines(steps, checker.arm, tolerance)
+    default = TRACKING if period is not None else language.deviation
+    write = partial(
+        make_program,
+        joint_names=curve.joint_names,
+        dialect=dialect,
+        name=name,
+        deviation=default if deviation is None else deviation,
+        joint_map=joint_map,
+    )
+    while True:
+        steps = feasible(steps, checker.arm)
+        program = write(steps)
+        certificate = certify_program(program, checker)
+        failed = {part.line for part in certificate.parts if part.blend and not part.certificate.free}
+        failed.update(certificate.overlaps)
+        if not failed:
+            break
+        steps = [
+            replace(step, blend=_smaller(step.blend)) if isinstance(step, JointMove) and read.line in failed else step
+            for step, read in zip(steps, program.steps, strict=True)
+        ]
+    if not certificate.free:
+        return program, certificate
+    named = write(steps, certificate=certificate.hash)
+    return named, certify_program(named, checker)
+
+
+def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
+    """The steps with longer durations of the moves that begin or end at a stop, as the limits of the arm require."""
+    longer = list(steps)
+    at: int | None = None
+    for k, step in enumerate(steps):
+        if not isinstance(step, JointMove | LinearMove):
+            continue
+        before = steps[at] if at is not None else None
+        at = k
+        if not isinstance(step, JointMove) or step.duration is None:
+            continue
+        if not isinstance(before, JointMove | LinearMove) or before.q is None:
+            continue
+        if isinstance(before, JointMove) and before.blend and step.blend:
+            continue
+        if np.abs(step.q - before.q).max() > 0:
+            line = JointPath(np.stack([before.q, step.q]), arm.joint_names)
+            longer[k] = replace(step, duration=max(step.duration, time_parametrise(line, arm.limits).duration))
+    return longer
+
+
+def _smaller(blend: Blend | None) -> Blend | None:
+    """The next smaller blend; None, a stop, if no worthwhile one exists."""
+    if blend is None or blend.radius is None or blend.radius / 2 < SMALLEST_RADIUS:
+        return None
+    return Blend(blend.radius / 2)
+
+
+def _steps(
+    curve: Curve, dialect: str, tolerance: float, blend: Blend | None, period: float | None
+) -> list[JointMove | StreamedPoint | StreamedTrajectory]:
+    language = find_dialect(dialect)
+    if (language.exact or period is not None) and not isinstance(curve, Trajectory):
+        raise InputError("this program needs a trajectory with times; use pp.time_parametrise first")
+    if language.exact and isinstance(curve, Trajectory):
+        return [StreamedTrajectory(curve.record())]
+    if period is None:
+        return list(moves_along(curve, tolerance=tolerance, blend=blend))
+    if not language.streams or not isinstance(curve, Trajectory):
+        raise InputError(f"programs in {dialect} cannot stream set points; remove period")
+    if not 0 < period < np.inf:
+        raise InputError(f"period = {period} must be above 0 s, and finite")
+    times = np.append(np.arange(period, curve.duration, period), curve.duration)
+    return [JointMove(curve.start), *(StreamedPoint(q, period) for q in curve(times))]
+
+
+def _executed(
+    program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]
+) -> Iterator[tuple[str, int, bool, Curve, Array]]:
+    """The parts of a program: name, line, whether a blend, curve and tolerance (n,) of each joint."""
+    even = np.full(arm.dof, program.deviation)
+    names = program.joint_names
+    moves = program.moves
+    for step in moves:
+        if isinstance(step, StreamedTrajectory):
+            yield f"trajectory at line {step.line}", step.line, False, Trajectory.of_record(step.record), even
+    points = [(step, step.q) for step in moves if not isinstance(step, StreamedTrajectory) and step.q is not None]
+    if len(points) == 1:
+        (step, q) = points[0]
+        yield f"point at line {step.line}", step.line, False, JointPath(q[None], names), even
+    for (_, before), (after, q) in pairwise(points):
+        if isinstance(after, LinearMove):
+            trace = traces[after.line]
+            yield f"linear move at line {after.line}", after.line, False, trace.path, even + trace.tolerance
+            continue
+        name = f"move at line {after.line}"
+        yield name, after.line, False, JointPath(np.stack([before, q]), names), even
+    for (_, first), (at, q), (following, last) in zip(points, points[1:], points[2:], strict=False):
+        if not isinstance(at, JointMove) or at.blend is None or isinstance(following, LinearMove):
+            continue
+        into, out = (_share(at.blend, arm, q, other) * (other - q) for other in (first, last))
+        extent = np.maximum(np.abs(into), np.abs(out))
+        curve = JointPath(np.stack([q + into, q, q + out]), names)
+        yield f"blend at line {at.line}", at.line, True, curve, extent + even
+
+
+def _traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, LineTrace], tuple[str, ...]]:
+    """The program with the configurations at the ends of its linear moves, their traces by line, and what has none."""
+    steps, traces, untraced = list[Step](), dict[int, LineTrace](), list[str]()
+    here: Array | None = None
+    for step in program.steps:
+        made = step
+        if isinstance(step, LinearMove):
+            trace, reason = _trace(step, here, arm)
+            if reason:
+                untraced.append(f"the linear move at line {step.line}: {reason}")
+                if step.q is None:  # where the next move begins is not known
+                    break
+            traces[step.line] = trace
+            made = replace(step, q=trace.path.end if step.q is None else step.q)
+        if isinstance(made, JointMove | LinearMove | StreamedPoint):
+            here = made.q
+        steps.append(made)
+    return replace(program, steps=tuple(steps)), traces, tuple(untraced)
+
+
+def _trace(step: LinearMove, here: Array | None, arm: Arm) -> tuple[LineTrace, str]:
+    """The trace of a linear move, and why it is not that of the text, if so."""
+    stated = step.q  # a linear move states one of the two
+    target = step.pose if step.pose is not None else arm.forward_kinematics(arm.home if stated is None else stated)
+    if here is None:
+        alone = JointPath((arm.home if step.q is None else step.q)[None], arm.joint_names)
+        return LineTrace(alone, 0.0), "it is the first move, so its start is not known"
+    trace = trace_line(arm, here, target)
+    if not trace.reason and step.q is not None and np.abs(trace.path.end - step.q).max() > SAME_END:
+        return trace, "it ends at another configuration than the text states"
+    return trace, trace.reason
+
+
+def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]:
+    """The steps in which moves from stop to stop along a straight line of the tcp are one linear move."""
+    moves = [step for step in steps if isinstance(step, JointMove)]
+    if len(moves) < len(steps):
+        raise InputError("linear moves need a program of moves; remove period, or choose another language")
+    made, part, start = list[Step](moves[:1]), list[JointMove](), moves[0]
+    for step in moves[1:]:
+        part.append(step)
+        if step.blend is not None and step is not moves[-1]:
+            continue
+        target = arm.forward_kinematics(step.q)
+        trace = trace_line(arm, start.q, target)
+        ends = not trace.reason and np.abs(trace.path.end - step.q).max() <= SAME_END
+        if ends and all(np.abs(trace.path.q - each.q).max(axis=1).min() <= 2 * tolerance for each in part):
+            made.append(LinearMove(step.q, target, sum(each.duration or 0.0 for each in part)))
+        else:
+            made += part
+        start, part = step, []
+    return made
+
+
+def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
+    """The lines of blends that, by their upper bounds, use the same part of a move as the blend before.
+
+    A blend at the first point uses a part of the move to this point, which is not known.
+    """
+    points = [step for step in program.moves if isinstance(step, JointMove | LinearMove)]
+    if points and isinstance(points[0], JointMove) and points[0].blend is not None:
+        yield points[0].line
+    for before, at in pairwise(points):
+        if not isinstance(before, JointMove) or before.blend is None:
+            continue
+        if isinstance(at, LinearMove):
+            yield before.line
+        elif at.blend is not None:
+            used = _share(before.blend, arm, before.q, at.q) + _share(at.blend, arm, at.q, before.q)
+            if used > 1.0:
+                yield at.line
+
+
+def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
+    """The violations of the position limits; a straight line between two points within the limits is within them.
+
+    On a linear move, all joint values that its trace allows must be within the limits.
+    """
+    for step in program.moves:
+        where = f"line {step.line}"
+        if isinstance(step, StreamedTrajectory):
+            ends: Sequence[Array] = Trajectory.of_record(step.record).range()
+        elif isinstance(step, LinearMove):
+            trace = traces[step.line]
+            ends = (trace.path.q.min(axis=0) - trace.tolerance, trace.path.q.max(axis=0) + trace.tolerance)
+            where += f", up to {trace.tolerance:.2g} rad from the traced values"
+        else:
+            ends = () if step.q is None else (step.q,)
+        for q in ends:
+            for sentence in arm.limits.violations(arm.limits.snap(q), arm.joint_names):
+                yield f"{where}: {sentence}"
+
+
+def _share(blend: Blend, arm: Arm, at: Array, other: Array) -> float:
+    """An upper bound of the share of the move between two points that a blend at the first may use.
+
+    For a blend with a radius it is the part of the move on which the tcp may be within the radius of its position at
+    the point. The tcp moves by at most ``lever . |dq|`` between two samples.
+    """
+    if blend.radius is None:
+        return blend.share
+    shares = np.arange(0.0, 1.0 + SPACING, SPACING)
+    tcp = arm.forward_kinematics_batch(at + shares[:, None] * (other - at))[:, :3, 3]
+    slack = float(levers(arm) @ np.abs(other - at)) * SPACING
+    inside = np.linalg.norm(tcp - tcp[0], axis=1) <= blend.radius + slack
+    return float(min(shares[inside].max() + SPACING, 1.0))
+
+
+def _notes(program: RobotProgram) -> Iterator[str]:
+    yield "the move to the first point of the program is not covered"
+    if program.dialect != "ros2":
+        yield (
+            f"each joint is assumed to stay within {program.deviation:g} rad of the straight lines between the points "
+            "of the program"
+        )
+    if any(isinstance(step, LinearMove) for step in program.steps):
+        yield (
+            "linear moves: the tool of the controller is at the tcp of the arm, its base frame is that of the arm, and "
+            f"the orientation stays within {TURN_SHARE:g} times its whole rotation of a rotation about one axis"
+        )
+    if any(isinstance(step, SetOutput) for step in program.steps):
+        yield "the attached bodies are the same before and after outputs are switched"
+    blends = [step.blend for step in program.moves if isinstance(step, JointMove) and step.blend is not None]
+    if any(blend.radius is not None for blend in blends):
+        yield "the radius of blends is measured at the tcp of the arm; set the same tcp at the controller"
+    if any(isinstance(step, Wait) for step in program.steps):
+        yield "nothing in the scene is assumed to move during waiting times"

@@ -1,0 +1,594 @@
+"""Proof files: the evidence for each pair in each interval, writing a file, and verifying it against your own setup.
+
+The format is described in docs/formats/proof.md. :mod:`pinproof.verifier` reads it and has accepted every file written.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof.collision.certificates.path_constraints import (
+    ConstraintProof,
+    LookAt,
+    PathConstraint,
+    Upright,
+    check_constraints,
+)
+from pinproof.collision.checking.checker import CollisionChecker
+from pinproof.collision.geometry.bodies import Body
+from pinproof.collision.geometry.shapes import Mesh
+from pinproof.common.files import write_bytes_whole
+from pinproof.errors import FileError, InputError, NotProvenFree
+from pinproof.model import Arm, JointGroup
+from pinproof.model.chain import joint_axis
+from pinproof.motion import Curve
+from pinproof.spatial import SE3
+from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, ProofVerdict, Refused, body_digest, load, verify
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+DIGITS = 6
+"""Decimals of a direction: for a body of 1 m the error is 1e-6 m at most; intervals that then fail are bisected."""
+
+CONFIRMED = 1e-6
+"""Metres by which the verifier may show less clearance than the certificate has."""
+
+ROUNDS = 60
+"""Maximum number of bisections: an interval then has the resolution of a double."""
+
+
+class ProvenMotion(NamedTuple):
+    """A curve that was proven collision-free, and the evidence: the parts of a FREE certificate that a file needs."""
+
+    curve: Curve
+    checker: CollisionChecker
+    evidence: Array
+    """(K, 7) as in :class:`pinproof.Certificate`."""
+    clearance: float
+    """The proven lower bound (m) of every distance."""
+    joint_tolerance: list[float]
+    """The deviation (rad or m) of each joint that the proof allows; empty for none."""
+    obstacle_tolerance: float
+    """The deviation (m) of obstacles that the proof allows."""
+    curve_hash: str
+    setup_hash: str
+    notes: tuple[str, ...]
+    constraints: tuple[ConstraintProof, ...] = ()
+    """The proofs of constraints of the tcp, with their evidence."""
+
+
+def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any]]:
+    """Return the table of intervals (T, 2) and, for each pair, its bodies, intervals and separating directions.
+
+    Raises
+    ------
+    NotProvenFree
+        If the verifier's bounds do not prove a pair apart on an interval, however small.
+    """
+    checker = proven.checker
+    pair, spans, u = _leaves(proven, (proof.curve.low, proof.curve.high))
+    bodies = np.array(checker.pairs, dtype=np.int64).reshape(-1, 2)
+    need = np.array([proof.required(i, j) for i, j in checker.pairs])
+    moved = np.array([proof.tolerance_of(j) for _, j in checker.pairs])
+    need = np.maximum(need, proven.clearance - CONFIRMED + moved)
+    done: list[tuple[Indices, Array, Array]] = []
+    fresh = np.zeros(len(pair), dtype=bool)  # whether the direction was found for this very interval
+    for _ in range(ROUNDS):
+        if not len(pair):
+            break
+        table, at = np.unique(spans, axis=0, return_inverse=True)
+        at = at.reshape(-1)
+        bounds_of_table = IntervalBounds(proof, table)
+        unknown = ~u.any(axis=1)
+        u[unknown] = _directions(checker, pair[unknown], bounds_of_table.q[at[unknown]])
+        fresh |= unknown
+        unit = u / np.linalg.norm(u, axis=1, keepdims=True)
+        good = bounds_of_table.distance(bodies[pair, 0], bodies[pair, 1], at, unit) > need[pair]
+        done.append((pair[good], spans[good], u[good]))
+        pair, spans, u, fresh = pair[~good], spans[~good], u[~good], fresh[~good]
+        # An interval that fails with its own direction is bisected; the others first get their own direction.
+        middle = spans[fresh].mean(axis=1)
+        halves = [np.column_stack([spans[fresh, 0], middle]), np.column_stack([middle, spans[fresh, 1]])]
+        spans = np.concatenate([spans[~fresh], *halves])
+        pair = np.concatenate([pair[~fresh], pair[fresh], pair[fresh]])
+        u, fresh = np.zeros((len(pair), 3)), np.zeros(len(pair), dtype=bool)
+    if len(pair):
+        a, b = (checker.bodies[i].name for i in checker.pairs[int(pair[0])])
+        raise NotProvenFree(f"the verifier cannot confirm that {a} and {b} are apart at {spans[0, 0]:.6g}")
+    return _document_rows(checker, done)
+
+
+def _leaves(proven: ProvenMotion, domain: tuple[float, float]) -> tuple[Indices, Array, Array]:
+    """Return the final evidence: pairs (K,), intervals (K, 2) and directions (K, 3), zeros where none is known.
+
+    An interval that was bisected for its pair is omitted, because its halves are proven too.
+    """
+    rows = np.asarray(proven.evidence)
+    rows = rows[np.lexsort([-rows[:, 1], rows[:, 0], rows[:, 2]])]
+    holds_next = np.zeros(len(rows), dtype=bool)
+    holds_next[:-1] = (rows[:-1, 2] == rows[1:, 2]) & (rows[1:, 1] <= rows[:-1, 1])
+    rows = rows[~holds_next]
+    still = proven.checker.still_pairs
+    return (
+        np.concatenate([rows[:, 2].astype(np.int64), still]),
+        np.concatenate([rows[:, :2], np.tile(domain, (len(still), 1))]),
+        np.concatenate([np.round(rows[:, 4:], DIGITS), np.zeros((len(still), 3))]),
+    )
+
+
+def _directions(checker: CollisionChecker, pairs: Indices, q: Array) -> Array:
+    """(K, 3) along which pairs (K,) are apart at configurations (K, n)."""
+    found = np.empty((len(pairs), 3))
+    for row, (pair, configuration) in enumerate(zip(pairs.tolist(), q, strict=True)):
+        found[row] = checker.placed(configuration).measure(pair).normal
+    return np.round(found, DIGITS)
+
+
+def _document_rows(checker: CollisionChecker, done: list[tuple[Indices, Array, Array]]) -> tuple[list[Any], list[Any]]:
+    if not done:
+        return [], []
+    pair, spans, u = (np.concatenate(parts) for parts in zip(*done, strict=True))
+    table, at = np.unique(spans, axis=0, return_inverse=True)
+    order = np.lexsort([spans[:, 0], pair])
+    groups = np.split(order, np.searchsorted(pair[order], np.arange(1, len(checker.pairs))))
+    rows = [
+        {"bodies": list(bodies), "intervals": at.reshape(-1)[mine].tolist(), "directions": u[mine].tolist()}
+        for bodies, mine in zip(checker.pairs, groups, strict=True)
+    ]
+    return table.tolist(), rows
+
+
+SUFFIXES = (".json", ".json.gz")
+
+SPARE = 1e-9
+"""rad or m by which the claimed clearance is below the proven one, and the claimed error of a constraint above it, for
+a machine that rounds differently."""
+
+
+def write_proof(proven: ProvenMotion, path: str | Path) -> None:
+    """Write the proof of a motion to a file; see :meth:`pinproof.Certificate.save`."""
+    if not str(path).endswith(SUFFIXES):
+        raise InputError(f"{path}: the name of a proof ends in {' or '.join(SUFFIXES)}")
+    data = _text(proof_document(proven)).encode()
+    write_bytes_whole(path, gzip.compress(data, mtime=0) if str(path).endswith(".gz") else data)
+
+
+def proof_document(proven: ProvenMotion) -> dict[str, Any]:
+    """The mapping that a file holds.
+
+    Raises
+    ------
+    InputError
+        If a body of a checked pair has no support function.
+    NotProvenFree
+        If the verifier cannot confirm the proof.
+    """
+    curve, checker = proven.curve, proven.checker
+    _refuse_surfaces(checker)
+    knots, control = curve.bezier()
+    arm = checker.group
+    document: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "made_by": f"pinproof {version('pinproof')}",
+        "claim": {"status": "FREE", "clearance": None},
+        "settings": {
+            "margin": checker.margin,
+            "margins": _single_margins(checker),
+            "joint_tolerance": proven.joint_tolerance,
+            "obstacle_tolerance": proven.obstacle_tolerance,
+        },
+        "hashes": {
+            "model": hashlib.sha256(arm.robot.urdf.kinematics.encode()).hexdigest(),
+            "scene": _scene_hash(checker),
+            "curve": proven.curve_hash,
+            "setup": proven.setup_hash,
+        },
+        "robot": {
+            "name": arm.robot.name,
+            "arms": {name: {"base": base, "tcp": tcp} for name, (base, tcp) in arm.ends.items()},
+            "held": dict(arm.held),
+        },
+        "curve": {"joint_names": list(curve.joint_names), "knots": knots.tolist(), "control": control.tolist()},
+        "joints": joints_of(arm),
+        "bodies": bodies_of(checker),
+        "notes": list(proven.notes),
+        "excluded": [[*pair.owners, " ".join(pair.reason.split())] for pair in checker.excluded],
+        "intervals": [],
+        "pairs": [],
+    }
+    try:
+        proof = Proof(document)
+    except Refused as refused:
+        raise NotProvenFree(f"the verifier cannot read the proof: {refused}") from refused
+    document["intervals"], document["pairs"] = evidence_of(proof, proven)
+    if proven.constraints:
+        document["constraints"] = _constraint_evidence(document, checker.arm, proven)
+    verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}})
+    if not verdict.ok:
+        raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}")
+    if np.isfinite(verdict.clearance):
+        document["claim"]["clearance"] = min(proven.clearance, verdict.clearance - SPARE)
+    return document
+
+
+def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
+    """A constraint with vectors of the tcp in the frame of the joint that carries it, and all others in the root."""
+    frame = arm.model.frames[arm.model.getFrameId(arm.tcp, pin.FrameType.BODY)]
+    joint_from_tcp, root_from_base = frame.placement, arm.root_from_base
+    row: dict[str, Any] = {"name": str(constraint), "joint": int(frame.parentJoint) - 1}
+    if isinstance(constraint, Upright):
+        axis, up = np.array(constraint.axis_in_tcp), np.array(constraint.up)
+        row["kind"] = "direction"
+        row["axis"] = (joint_from_tcp.rotation @ axis).tolist()
+        row["direction"] = (root_from_base.rotation @ up).tolist()
+    elif isinstance(constraint, LookAt):
+        row["kind"] = "target"
+        row["axis"] = (joint_from_tcp.rotation @ np.array(constraint.axis_in_tcp)).tolist()
+        row["origin"] = joint_from_tcp.translation.tolist()
+        row["point"] = root_from_base.act(np.array(constraint.point)).tolist()
+    else:
+        row["kind"] = "region"
+        row["point"] = joint_from_tcp.act(np.array(constraint.point_in_tcp)).tolist()
+        row["placement"] = _placed(SE3(root_from_base) * constraint.base_from_region)
+        row["low"], row["high"] = (
+            [x if np.isfinite(x) else None for x in side] for side in (constraint.low, constraint.high)
+        )
+    return {**row, "tolerance": constraint.tolerance}
+
+
+def _constraint_evidence(document: dict[str, Any], arm: Arm, proven: ProvenMotion) -> list[dict[str, Any]]:
+    """The constraints with the intervals on which the verifier proves them.
+
+    Raises
+    ------
+    NotProvenFree
+        If the verifier's bounds do not prove a constraint on an interval, however small.
+    """
+    rows = [
+        {**constraint_of(arm, each.constraint), "largest": each.constraint.tolerance, "intervals": []}
+        for each in proven.constraints
+    ]
+    proof = Proof({**document, "constraints": rows})
+    for each, row, stated in zip(proven.constraints, rows, proof.constraints, strict=True):
+        tolerance = each.constraint.tolerance
+        goal = min(each.largest + CONFIRMED, tolerance)
+        spans = np.empty((0, 2)) if each.evidence is None else np.asarray(each.evidence)
+        done, largest = [], 0.0
+        for _ in range(ROUNDS):
+            if not len(spans):
+                break
+            errors = proof.errors_of(stated, spans)
+            good = errors <= goal
+            done.append(spans[good])
+            largest = max(largest, float(errors[good].max(initial=0.0)))
+            failed = spans[~good]
+            middle = failed.mean(axis=1)
+            spans = np.concatenate([np.column_stack([failed[:, 0], middle]), np.column_stack([middle, failed[:, 1]])])
+        if len(spans):
+            raise NotProvenFree(f"the verifier cannot confirm {each.constraint} at {spans[0, 0]:.6g}")
+        intervals = np.concatenate(done)
+        row["intervals"] = intervals[np.argsort(intervals[:, 0], kind="stable")].tolist()
+        row["largest"] = min(largest + SPARE, tolerance)
+    return rows
+
+
+def joints_of(arm: JointGroup) -> list[dict[str, Any]]:
+    """The joints that move with the arm's, followers too, each behind its parent."""
+    model, rows = arm.model, []
+    for k in range(1, model.njoints):
+        axis, prismatic = joint_axis(model, k)
+        leader = int(np.abs(arm.scale[k - 1]).argmax())
+        rows.append(
+            {
+                "name": model.names[k],
+                "type": "prismatic" if prismatic else "revolute",
+                "axis": axis.tolist(),
+                "placement": _placed(model.jointPlacements[k]),
+                "parent": int(model.parents[k]) - 1,
+                "leader": leader,
+                "multiplier": float(arm.scale[k - 1, leader]),
+                "offset": float(arm.offset[k - 1]),
+            }
+        )
+    return rows
+
+
+def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
+    """The bodies of a checker, in its order."""
+    model, sources = checker.group.model, _sources(checker)
+    rows = []
+    for body in checker.bodies:
+        joint, place = -1, body.link_from_body
+        if body.link is not None:
+            frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
+            joint, place = int(frame.parentJoint) - 1, frame.placement * place
+        kind = "obstacle" if body.link is None else "link" if body.owner == body.link else "attached"
+        geometry = body.source or body.name
+        row = {
+            "name": body.name,
+            "owner": body.owner,
+            "kind": kind,
+            "geometry": geometry,
+            "level": body.level,
+            **sources[geometry],
+            "joint": joint,
+            "placement": _placed(place),
+            "shape": _shape(body),
+        }
+        rows.append({**row, "sha256": body_digest(row)})
+    return rows
+
+
+def _sources(checker: CollisionChecker) -> dict[str, dict[str, str]]:
+    """The kind and file of the shape that each geometry was made of, and the hash of its mesh file."""
+    found: dict[str, dict[str, str]] = {}
+    for geometry in checker.group.robot.urdf.collisions:
+        found[geometry.name] = _source(geometry.kind, None if geometry.mesh is None else geometry.mesh.path)
+    for thing in (*checker.attached, *checker.scene.obstacles):
+        mesh = thing.shape.path if isinstance(thing.shape, Mesh) else None
+        found[thing.name] = _source(type(thing.shape).__name__, mesh)
+    return found
+
+
+def _source(kind: str, mesh: str | Path | None) -> dict[str, str]:
+    if mesh is None:
+        return {"source": kind}
+    file = Path(mesh)
+    return {"source": f"{kind} {file.name}", "mesh_sha256": _file_hash(file, file.stat().st_mtime_ns)}
+
+
+@lru_cache(maxsize=256)
+def _file_hash(path: Path, _changed: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _single_margins(checker: CollisionChecker) -> list[list[Any]]:
+    """Return owner, owner and margin (m) of the pairs with an individual margin."""
+    found: dict[frozenset[str], list[Any]] = {}
+    for (i, j), margin in zip(checker.pairs, checker.margins.tolist(), strict=True):
+        owners = checker.bodies[i].owner, checker.bodies[j].owner
+        if margin != checker.margin:
+            found.setdefault(frozenset(owners), [*owners, margin])
+    return list(found.values())
+
+
+def _scene_hash(checker: CollisionChecker) -> str:
+    """Of the obstacles' bodies, in order: names, places and numbers."""
+    digest = hashlib.sha256()
+    for body in checker.bodies:
+        if body.link is None:
+            digest.update(body.content())
+    return digest.hexdigest()
+
+
+def _shape(body: Body) -> Any:
+    if isinstance(body.geometry, coal.Halfspace):
+        return "half_space"
+    if body.support is None:
+        return None
+    s = body.support
+    return {
+        "points": s.points.tolist(),
+        "disc_radii": s.disc_radii.tolist(),
+        "radius": float(s.radius),
+        "semi_axes": s.semi_axes.tolist(),
+    }
+
+
+def _placed(place: pin.SE3) -> list[list[float]]:
+    rows: list[list[float]] = np.column_stack([place.rotation, place.translation]).tolist()
+    return rows
+
+
+def _refuse_surfaces(checker: CollisionChecker) -> None:
+    """Refuse surfaces: they have no support function, and a direction separates convex bodies only."""
+    met = {i for pair in checker.pairs for i in pair}
+    surfaces = [b for i, b in enumerate(checker.bodies) if i in met and _shape(b) is None]
+    if surfaces:
+        links = any(body.link is not None for body in surfaces)
+        remedy = (
+            'links with link_meshes="decomposed" or "hull", and no finer_at'
+            if links
+            else "Mesh(hull=True), or boxes in its place"
+        )
+        names = ", ".join(body.name for body in surfaces)
+        raise InputError(f"a proof can hold convex bodies only, which {names} are not: use {remedy}")
+
+
+def _text(document: dict[str, Any]) -> str:
+    """JSON with a line for each joint, body and pair, so that people can read it."""
+
+    def line(value: Any) -> str:
+        return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+
+    parts = []
+    for key, value in document.items():
+        rows: Sequence[Any] = value if isinstance(value, list) and value and isinstance(value[0], dict) else ()
+        lines = ",\n".join(line(row) for row in rows)
+        parts.append(f"{line(key)}: [\n{lines}\n]" if rows else f"{line(key)}: {line(value)}")
+    return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+SAME = 1e-12
+"""rad, m and entries of matrices: by how much a number of the proof may differ from the one it is compared with: a
+thousandth of what the verifier allows for rounding, so a proof of either is a proof of both."""
+
+SHOWN = 5
+"""Number of differences that are named; the others are counted."""
+
+
+def verify_proof(
+    path: str | Path,
+    checker: CollisionChecker | None = None,
+    curve: Curve | None = None,
+    constraints: Sequence[PathConstraint] = (),
+) -> ProofVerdict:
+    """Re-check a proof file by independent code (:mod:`pinproof.verifier`), and compare it with your robot and motion.
+
+    Parameters
+    ----------
+    path
+        A file that :meth:`Certificate.save` wrote.
+    checker
+        Your arm, scene and attached objects, with the pairs and margins that you require: the proof must have the same
+        joints and bodies (numbers within 1e-12), and prove each of these pairs with its margin or a larger one.
+        Obstacles that only the proof has are accepted. Without a checker the robot and scene of the file are trusted.
+    curve
+        Your motion: the proof must have equal knots, and control points within 1e-12.
+    constraints
+        The constraints of the tcp that you require, which needs ``checker``: the proof must have each of them (numbers
+        within 1e-12) with your tolerance or a smaller one.
+
+    Returns
+    -------
+    ProofVerdict
+        Whether it holds, or the reasons against it; what was compared, and what was not.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or holds no JSON.
+    InputError
+        If ``constraints`` are given without ``checker``, which defines the tcp.
+    """
+    if constraints and checker is None:
+        raise InputError("constraints are compared in the frame of the tcp; give a checker too")
+    try:
+        document = load(path)
+    except (OSError, ValueError) as error:
+        raise FileError(path, f"cannot be read as a proof: {error}") from error
+    verdict = verify(document)
+    if not verdict.ok:
+        return replace(verdict, not_compared=())
+    proof = Proof(document)
+    reasons: list[str] = []
+    compared, not_compared = [], []
+    if checker is None:
+        not_compared += ["the robot", "the scene", *(["the constraints"] if proof.constraints else [])]
+    else:
+        reasons += _differences(document, proof, checker)
+        compared += ["the robot", "the scene"]
+        if constraints:
+            reasons += _missing_constraints(document, checker.arm, check_constraints(constraints))
+            compared.append("the constraints")
+        elif proof.constraints:
+            not_compared.append("the constraints")
+        names = {body.name for body in checker.bodies}
+        more = [body.name for body in proof.bodies if body.kind != "link" and body.name not in names]
+        not_compared += [f"{name} (not in yours)" for name in more]
+    if curve is None:
+        not_compared.append("the motion")
+    else:
+        reasons += _other_curve(proof, curve)
+        compared.append("the motion")
+    return replace(
+        verdict,
+        reasons=_few(reasons),
+        clearance=np.nan if reasons else verdict.clearance,
+        compared=tuple(compared),
+        not_compared=tuple(not_compared),
+    )
+
+
+def _missing_constraints(document: dict[str, Any], arm: Arm, constraints: Sequence[PathConstraint]) -> list[str]:
+    """The required constraints that the proof does not have."""
+    found = []
+    for each in constraints:
+        mine = constraint_of(arm, each)
+        keys = [key for key in mine if key not in ("name", "tolerance")]
+        rows = [row for row in document.get("constraints", []) if not _unlike(row, mine, keys)]
+        if not any(row["tolerance"] <= each.tolerance for row in rows):
+            stated = f", only with a tolerance of {rows[0]['tolerance']:g} {each.unit}" if rows else ""
+            found.append(f"constraints: the proof does not have {each}{stated}")
+    return found
+
+
+def _few(reasons: list[str]) -> tuple[str, ...]:
+    rest = len(reasons) - SHOWN
+    return (*reasons[:SHOWN], *([f"and {rest} more"] if rest > 0 else []))
+
+
+def _other_curve(proof: Proof, curve: Curve) -> list[str]:
+    knots, control = curve.bezier()
+    mine = proof.curve
+    if mine.names != tuple(curve.joint_names):
+        return [f"curve.joint_names: those of your motion are {', '.join(curve.joint_names)}"]
+    if mine.control.shape != control.shape or mine.knots.shape != knots.shape:
+        return ["curve.control: your motion has other pieces"]
+    off = np.abs(mine.control - control).max(axis=(1, 2))
+    k = int(off.argmax())
+    if not off[k] <= SAME:
+        return [f"curve.control[{k}]: differs by {off[k]:.3g} from your motion"]
+    other = np.flatnonzero(mine.knots != knots)
+    if len(other):
+        k = int(other[0])
+        return [f"curve.knots[{k}]: is {mine.knots[k]:.17g}; that of your motion is {knots[k]:.17g}"]
+    return []
+
+
+def _differences(document: dict[str, Any], proof: Proof, checker: CollisionChecker) -> list[str]:
+    """Where the proof's joints and bodies are not the checker's, and which of the checker's pairs it does not prove."""
+    found: list[str] = []
+    names = checker.group.joint_names
+    if proof.curve.names != names:
+        return [f"curve.joint_names: those of your arm are {', '.join(names)}"]
+    joints = joints_of(checker.group)
+    if len(joints) != len(proof.joints):
+        return [f"joints: the proof has {len(proof.joints)}, your robot {len(joints)} that move"]
+    for k, (stated, mine) in enumerate(zip(document["joints"], joints, strict=True)):
+        found += [f"joints[{k}].{key}: differs from your {mine['name']}" for key in _unlike(stated, mine, JOINT)]
+    rows = {row["name"]: (i, row) for i, row in enumerate(document["bodies"])}
+    index: list[int] = []
+    for mine in bodies_of(checker):
+        i, stated = rows.get(mine["name"], (-1, {}))
+        index.append(i)
+        if i < 0:
+            found.append(f"bodies: your {mine['name']} is missing")
+            continue
+        found += [f"bodies[{i}].{key}: differs from your {mine['name']}" for key in _unlike(stated, mine, BODY)]
+    links = {body.name for body in checker.bodies if body.link is not None and body.link == body.owner}
+    unknown = [body.name for body in proof.bodies if body.kind == "link" and body.name not in links]
+    found += [f"bodies: your robot has no {name}" for name in unknown]
+    if found:
+        return found
+    proven = {frozenset(proof.members(k)) for k in range(len(proof.pairs))}
+    for (i, j), margin in zip(checker.pairs, checker.margins.tolist(), strict=True):
+        a, b = index[i], index[j]
+        pair = f"{proof.bodies[a].name} and {proof.bodies[b].name}"
+        if frozenset((a, b)) not in proven:
+            found.append(f"pairs: your checker requires {pair}, which the proof does not have")
+        elif not (have := proof.margin_between(a, b)) >= margin:
+            found.append(f"settings.margin: {pair} have a margin of {have} m; your checker requires {margin} m")
+    return found
+
+
+JOINT = ("type", "parent", "leader", "axis", "placement", "multiplier", "offset")
+BODY = ("owner", "kind", "geometry", "level", "joint", "placement", "shape")
+
+
+def _unlike(stated: dict[str, Any], mine: dict[str, Any], keys: Iterable[str]) -> list[str]:
+    return [key for key in keys if not _alike(stated.get(key), mine[key])]
+
+
+def _alike(a: Any, b: Any) -> bool:
+    if isinstance(b, dict):
+        return isinstance(a, dict) and all(_alike(a.get(key), b[key]) for key in b)
+    if isinstance(b, (str, bool)) or b is None:
+        return bool(a == b)
+    one, other = np.asarray(a, dtype=float), np.asarray(b, dtype=float)  # null becomes NaN: no end of a side
+    return one.shape == other.shape and bool(((np.abs(one - other) <= SAME) | (np.isnan(one) & np.isnan(other))).all())

@@ -1,0 +1,246 @@
+"""Certification of a motion in a changed scene: only pairs of bodies that changed are proven again.
+
+The evidence of a certificate is kept for each pair. It remains a proof of a pair if both bodies are the same (geometry,
+and placement on its link or in the scene), the kinematics of the robot are the same, and the margin is not larger. All
+other pairs of the new checker, those of moved and added obstacles, are proven as in :func:`pinproof.certify`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision.certificates.certificate import Certificate, checked_hash, mesh_files, notes_of
+from pinproof.collision.certificates.certify import KnownPairs, certify, prove_rest
+from pinproof.collision.checking.checker import CollisionChecker
+from pinproof.collision.geometry.bodies import Body
+from pinproof.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+EVIDENCE_PAIR, EVIDENCE_DISTANCE = 2, 3
+"""Columns of :attr:`pinproof.Certificate.evidence`."""
+
+
+def setup_differences(before: CollisionChecker, after: CollisionChecker) -> list[str]:
+    """List, in sentences, what differs between two checkers except for their scenes."""
+    one, other = before.group, after.group
+    found = []
+    if one.robot.urdf.kinematics != other.robot.urdf.kinematics:
+        found.append(f"the robot: {one.robot.name!r} and {other.robot.name!r} have different kinematics")
+    if one.joint_names != other.joint_names or dict(one.ends) != dict(other.ends):
+        found.append(f"the arm: {_ends(before)} and {_ends(after)}")
+    held = [name for name, value in other.held.items() if one.held.get(name) != value]
+    if held or len(one.held) != len(other.held):
+        found.append(f"the positions of held joints: {', '.join(held) or 'other joints are held'}")
+    tools = [{each.name: each for each in checker.attached} for checker in (before, after)]
+    unlike = sorted(tools[0].keys() ^ tools[1].keys())
+    mine, theirs = ([body for body in each.bodies if body.link is not None] for each in (before, after))
+    changed = sorted({a.owner for a, b in zip(mine, theirs, strict=False) if not _same(a, b)})
+    if unlike or len(mine) != len(theirs) or changed:
+        names = ", ".join(dict.fromkeys((*unlike, *changed))) or "other bodies"
+        found.append(f"the attached objects or the geometry of the links: {names}")
+    if before.margin != after.margin:
+        found.append(f"the margin: {before.margin * 1e3:.9g} mm and {after.margin * 1e3:.9g} mm")
+    return found
+
+
+class SetupChange:
+    """The pairs of a checker that are those of another checker in a different scene, and the pairs that are not.
+
+    Parameters
+    ----------
+    before
+        The checker for which motions were proven.
+    after
+        The checker for which they are to be proven.
+
+    Raises
+    ------
+    InputError
+        If the robot, its attached objects, its held joints or the margin differ, or an array of ``after`` was modified
+        in place.
+    """
+
+    def __init__(self, before: CollisionChecker, after: CollisionChecker) -> None:
+        if differences := setup_differences(before, after):
+            raise InputError(
+                f"a proof cannot be reused for another setup; different are {'; '.join(differences)}. Certify the "
+                "motion for the new checker instead"
+            )
+        after.refuse_changes()
+        self.before, self.after = before, after
+        kept = _kept_pairs(before, after)
+        self.kept_before = np.array([k for k, _ in kept], dtype=np.int64)
+        self.kept_after = np.array([k for _, k in kept], dtype=np.int64)
+        self.rest = after.without_pairs(self.kept_after.tolist())
+        self._rest_pairs = np.setdiff1d(np.arange(len(after.pairs)), self.kept_after)
+        files = mesh_files(after)
+        self._setup, self._notes = checked_hash(after, files), notes_of(after, files)
+        self._moved = np.array([after.bodies[after.pairs[k][1]].link is None for k in self.kept_after], dtype=bool)
+        self._required = after.margins[self.kept_after] + max(after.rounding - before.rounding, 0.0)
+
+    @property
+    def changed(self) -> int:
+        """The number of moving pairs that must be proven again."""
+        return len(self.rest.pairs) - len(self.rest.still_pairs)
+
+    def known(self, proof: StoredProof) -> KnownPairs | None:
+        """Return what a proof for :attr:`before` shows about :attr:`after`; None if not all kept pairs are proven."""
+        lowest = proof.lowest[self.kept_before]
+        obstacles = proof.obstacle_tolerance
+        spare = lowest - self._required - obstacles * self._moved
+        if not (spare > 0.0).all():  # also for NaN: not proven on the whole curve
+            return None
+        # The allowance for rounding grows with the extent of the scene.
+        more = max(self.after.rounding - self.before.rounding, 0.0)
+        return KnownPairs(
+            rest=self.rest,
+            proven=float((lowest - obstacles * self._moved).min(initial=np.inf)) - more,
+            joint_tube=max(proof.joint_tube - more, 0.0) if more else proof.joint_tube,
+            obstacle_tube=max(proof.obstacle_tube - more, 0.0),
+            curve=proof.certificate.curve,
+            setup=self._setup,
+            notes=self._notes,
+            evidence_with=lambda rest: self._merged(proof.leaves, rest),
+        )
+
+    def _merged(self, leaves: Array, rest: Array) -> Array:
+        """The evidence of all pairs: of those that are kept, and of the rest; the pairs are renumbered."""
+        renumbered = np.full(len(self.before.pairs), -1)
+        renumbered[self.kept_before] = self.kept_after
+        kept = leaves.copy()
+        kept[:, EVIDENCE_PAIR] = renumbered[kept[:, EVIDENCE_PAIR].astype(int)]
+        rest = rest.copy()
+        rest[:, EVIDENCE_PAIR] = self._rest_pairs[rest[:, EVIDENCE_PAIR].astype(int)]
+        return np.concatenate([kept[kept[:, EVIDENCE_PAIR] >= 0], rest])
+
+
+class StoredProof:
+    """A FREE certificate with its evidence sorted by pairs, for use in other scenes.
+
+    Parameters
+    ----------
+    certificate
+        A FREE certificate of ``certify(..., record=True)``.
+
+    Raises
+    ------
+    InputError
+        If it is not FREE, has no evidence, or allows pairs to touch at the start (``parting``).
+    """
+
+    def __init__(self, certificate: Certificate) -> None:
+        if not certificate.free or certificate.tube is None:
+            raise InputError(f"only a FREE certificate can be reused; this one is {certificate.status.name}")
+        if certificate.evidence is None or certificate.subject is None:
+            raise InputError("this certificate has no evidence; create it with certify(..., record=True) to reuse it")
+        if certificate.partings:
+            raise InputError("a certificate with pairs that may touch at the start cannot be reused")
+        self.certificate = certificate
+        self.curve, self.checker = certificate.subject
+        self.joint_tolerance: Array = certificate.tube.joints
+        self.obstacle_tolerance = certificate.tube.obstacles
+        self.joint_tube, self.obstacle_tube = certificate.tube.largest_joints, certificate.tube.largest_obstacles
+        self.leaves, self.lowest = _by_pair(certificate.evidence, len(self.checker.pairs), *self.curve.domain)
+
+    def certify(
+        self,
+        change: SetupChange,
+        *,
+        tolerance: float | None = None,
+        max_intervals: int = 200_000,
+        record: bool = False,
+    ) -> Certificate:
+        """Return the certificate of the same curve for ``change.after``; arguments as :func:`pinproof.certify`.
+
+        Raises
+        ------
+        InputError
+            If the proof is not for ``change.before``.
+        """
+        if change.before is not self.checker:
+            raise InputError("the change begins at another checker than that of the proof")
+        known, old = change.known(self), self.certificate
+        if known is None:
+            return certify(
+                self.curve,
+                change.after,
+                tolerance=tolerance,
+                max_intervals=max_intervals,
+                joint_tolerance=self.joint_tolerance,
+                obstacle_tolerance=self.obstacle_tolerance,
+                constraints=[each.constraint for each in old.constraints],
+                record=record,
+            )
+        fresh = prove_rest(
+            self.curve,
+            change.after,
+            known,
+            tolerance=tolerance,
+            max_intervals=max_intervals,
+            joints=self.joint_tolerance,
+            obstacles=self.obstacle_tolerance,
+            record=record,
+        )
+        if not old.constraints:
+            return fresh
+        # Constraints of the tcp do not depend on the scene.
+        message = "; ".join((fresh.message, *map(str, old.constraints))) if fresh.free else fresh.message
+        return replace(fresh, message=message, constraints=old.constraints)
+
+
+def _ends(checker: CollisionChecker) -> str:
+    return ", ".join(f"{base} to {tcp}" for base, tcp in checker.group.ends.values())
+
+
+def _same(a: Body, b: Body) -> bool:
+    return a is b or (a.name == b.name and a.content() == b.content())
+
+
+def _kept_pairs(before: CollisionChecker, after: CollisionChecker) -> list[tuple[int, int]]:
+    """The pairs of both checkers, as indices in each, that a joint moves and that have not changed."""
+    index = {body.name: i for i, body in enumerate(before.bodies)}
+    same: dict[int, int] = {}  # bodies of `after` and `before`
+    for j, body in enumerate(after.bodies):
+        i = index.get(body.name)
+        if i is not None and _same(before.bodies[i], body):
+            same[j] = i
+    numbers = {pair: k for k, pair in enumerate(before.pairs)}
+    still = set(after.still_pairs.tolist())  # checked once for each checker and not for each motion
+    kept = []
+    for k, (i, j) in enumerate(after.pairs):
+        old = numbers.get((same.get(i, -1), same.get(j, -1)))
+        if old is not None and k not in still and before.margins[old] >= after.margins[k]:
+            kept.append((old, k))
+    return kept
+
+
+def _by_pair(evidence: Array, pairs: int, first: float, last: float) -> tuple[Array, Array]:
+    """Sort evidence by pairs and time, without intervals that were bisected.
+
+    Returns
+    -------
+    The rows, and (P,) the smallest proven distance (m) of each pair; NaN if its intervals do not cover the curve.
+    """
+    rows = evidence[np.lexsort([-evidence[:, 1], evidence[:, 0], evidence[:, EVIDENCE_PAIR]])]
+    same_pair = rows[:-1, EVIDENCE_PAIR] == rows[1:, EVIDENCE_PAIR]
+    bisected = np.zeros(len(rows), dtype=bool)
+    bisected[:-1] = same_pair & (rows[1:, 1] <= rows[:-1, 1])
+    rows = rows[~bisected]
+    lowest = np.full(pairs, np.nan)
+    if not len(rows):
+        return rows, lowest
+    starts = np.flatnonzero(np.diff(rows[:, EVIDENCE_PAIR], prepend=-1.0))
+    ends = np.append(starts[1:], len(rows)) - 1
+    owner = rows[starts, EVIDENCE_PAIR].astype(int)
+    gaps = np.zeros(len(rows), dtype=int)
+    gaps[1:] = rows[1:, 0] > rows[:-1, 1]
+    gaps[starts] = 0
+    covered = (np.add.reduceat(gaps, starts) == 0) & (rows[starts, 0] <= first) & (rows[ends, 1] >= last)
+    distances = np.minimum.reduceat(rows[:, EVIDENCE_DISTANCE], starts)
+    lowest[owner[covered]] = distances[covered]
+    return rows, lowest

@@ -1,0 +1,362 @@
+"""The parts of a checker: its bodies, checked pairs and margins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof._core import Geometry, World
+from pinproof.collision.checking.links import DECOMPOSED, EXACT
+from pinproof.collision.checking.packed import pack_geometry, pack_world
+from pinproof.collision.checking.pairs import ALLOWED_BY_CALLER, ExcludedPair, FinerPair, PairRules, Pairs, choose_pairs
+from pinproof.collision.geometry.bodies import Body, shape_bodies
+from pinproof.collision.geometry.shapes import Mesh, Obstacle
+from pinproof.collision.scenes.scene import Scene
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm, JointGroup
+from pinproof.units import FAR, MOST_REACH, warn_of_millimetres
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class Margins:
+    """Margins of pairs of owners of bodies (links, attached objects, obstacles).
+
+    Parameters
+    ----------
+    common
+        Margin (m) of all pairs without an individual one.
+    single
+        Margins (m) of single pairs of owners, in either order.
+
+    Raises
+    ------
+    InputError
+        If one is negative or not finite, or a pair is not two names.
+    """
+
+    def __init__(self, common: float, single: Mapping[tuple[str, str], float]) -> None:
+        self.common = checked_margin("margin", common)
+        self.single: dict[frozenset[str], float] = {}
+        for pair, margin in single.items():
+            names = frozenset(pair) if isinstance(pair, tuple) else frozenset()
+            if len(names) != 2 or len(pair) != 2:
+                raise InputError(f"margins has the key {pair!r}; it must be two names")
+            self.single[names] = checked_margin(f"margins[{pair!r}]", margin)
+
+    def of(self, owners: Iterable[tuple[str, str]], count: int, names: Sequence[str]) -> Array:
+        """Return (P,) the margins of ``count`` pairs; ``owners`` is read only if there are margins of single pairs.
+
+        Raises
+        ------
+        UnknownNameError
+            If a single margin is for a name that is not among ``names``.
+        """
+        for pair in self.single:
+            for name in sorted(pair):
+                if name not in names:
+                    raise UnknownNameError("body", name, names, "margins")
+        if not self.single:
+            return np.full(count, self.common)
+        return np.array([self.single.get(frozenset(pair), self.common) for pair in owners], dtype=float)
+
+    def under(self, common: float) -> Margins:
+        """Return the same margins of single pairs with another common margin."""
+        other = Margins(common, {})
+        other.single = dict(self.single)
+        return other
+
+    def padded(self, by: float) -> Margins:
+        """Return all margins increased by this (m)."""
+        more = checked_margin("by", by)
+        other = Margins(self.common + more, {})
+        other.single = {pair: margin + more for pair, margin in self.single.items()}
+        return other
+
+    def without(self, names: set[str]) -> Margins:
+        """Return the margins without those of pairs with one of these names."""
+        other = Margins(self.common, {})
+        other.single = {pair: margin for pair, margin in self.single.items() if not names & pair}
+        return other
+
+    def __repr__(self) -> str:
+        single = sorted((*sorted(pair), margin) for pair, margin in self.single.items())
+        return f"Margins({self.common!r}, {single!r})"
+
+
+def checked_margin(name: str, margin: float) -> float:
+    """Return a margin as a number.
+
+    Raises
+    ------
+    InputError
+        If it is negative, not finite, or not a number.
+    """
+    try:
+        value = float(margin)
+    except (TypeError, ValueError):
+        value = math.nan
+    if not math.isfinite(value) or value < 0:
+        raise InputError(f"{name} = {margin}; it must be a distance in metres, 0 or more")
+    return value
+
+
+Pair = frozenset[str]
+Levels = Mapping[Pair, int]
+
+
+def finer_levels(touching: Callable[[Levels], Collection[Pair]], levels: Levels) -> dict[Pair, int]:
+    """Return levels of detail at which only those pairs of owners touch whose exact meshes touch.
+
+    Each pair gets the coarsest level on which it does not touch, because convex bodies are checked in compiled code. A
+    pair that touches on every level keeps its level: the contact is real, and finer bodies would only cost time.
+
+    Parameters
+    ----------
+    touching
+        Returns the pairs of owners in contact, for which finer bodies exist, at given levels.
+    levels
+        The present levels of pairs, where not 0.
+    """
+    found = dict(levels)
+    open_pairs = set(touching(levels))
+    for level in (DECOMPOSED, EXACT):
+        if raised := {pair for pair in open_pairs if found.get(pair, 0) < level}:
+            found.update(dict.fromkeys(raised, level))
+            open_pairs &= set(touching(found))
+    for pair in open_pairs:
+        found.pop(pair)
+        if pair in levels:
+            found[pair] = levels[pair]
+    return found
+
+
+ROUNDING = 1e-9
+"""Allowance (m) for floating-point error in placements and supports, for each metre of extent of the scene (observed:
+3e-9 m at 100 m). It is subtracted from every distance before it is compared with a margin."""
+
+Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
+"""Cache of obstacle bodies, by identity of the obstacle (of which it keeps a reference) and its link."""
+
+
+def only_arm(group: JointGroup) -> Arm:
+    """Return the arm of a joint group with one arm.
+
+    Raises
+    ------
+    InputError
+        If it has several.
+    """
+    if isinstance(group, Arm):
+        return group
+    if len(group.ends) > 1:
+        raise InputError(
+            f"this requires one arm; the checker is for the arms {', '.join(group.ends)}. Create a checker of "
+            "group.arms[name]"
+        )
+    return next(iter(group.arms.values()))
+
+
+class CheckedBodies:
+    """The bodies, pairs and margins of a checker: the part of it that the workspaces of its threads read."""
+
+    _group: JointGroup
+    _geometry_model: Any = None
+    bodies: tuple[Body, ...]
+    """Links, attached objects and obstacles."""
+    pairs: tuple[tuple[int, int], ...]
+    """The checked pairs, as indices of :attr:`bodies`."""
+    margins: Array
+    """(P,) the margin (m) of each pair."""
+    world: World
+    """The bodies, pairs and margins in the compiled core."""
+    convex: npt.NDArray[np.bool_]
+    """(P,) whether both bodies of the pair have a support function, so that coal is not needed."""
+    rounding: float
+    """The allowance (m) for floating-point error, which is subtracted from every distance."""
+    excluded: tuple[ExcludedPair, ...]
+    """The pairs of owners that are not checked, with the reasons."""
+    finer: tuple[FinerPair, ...]
+    """The pairs of owners that are checked with finer bodies."""
+    still_pairs: Indices
+    """The pairs that no joint moves relative to each other."""
+
+    @property
+    def group(self) -> JointGroup:
+        """The joints of q: an arm, or several; :meth:`with_held` returns a checker with other values of the others."""
+        return self._group
+
+    @property
+    def arm(self) -> Arm:
+        """The arm.
+
+        Raises
+        ------
+        InputError
+            If the checker is for a joint group with several arms, which is :attr:`group`.
+        """
+        return only_arm(self._group)
+
+    @property
+    def geometry_model(self) -> Any:
+        """A copy of Pinocchio's geometry model of all bodies and checked pairs, for other libraries."""
+        return self.coal_geometry().clone()
+
+    def coal_geometry(self) -> Any:
+        """The geometry model itself, which must not be changed; created on first access."""
+        if self._geometry_model is None:
+            self._geometry_model = geometry_model(self.group.model, self.bodies, self.pairs)
+        return self._geometry_model
+
+
+def geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Any:
+    """Return Pinocchio's geometry model of the bodies on the joints of ``model``, with the checked pairs."""
+    geometry = pin.GeometryModel()
+    for body in bodies:
+        if body.link is None:
+            frame, joint, placement = 0, 0, body.link_from_body
+        else:
+            frame = model.getFrameId(body.link, pin.FrameType.BODY)
+            joint = model.frames[frame].parentJoint
+            placement = model.frames[frame].placement * body.link_from_body
+        geometry.addGeometryObject(pin.GeometryObject(body.name, joint, frame, placement, body.geometry))
+    for i, j in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(i, j))
+    return geometry
+
+
+class Assembly(NamedTuple):
+    """The bodies of a checker and its pairs."""
+
+    bodies: tuple[Body, ...]
+    """Links, attached objects, obstacles."""
+    pairs: Pairs
+    """The checked and excluded pairs."""
+    rounding: float
+    """The allowance (m) for floating-point error."""
+    geometry: Geometry
+    """The bodies and joints in the compiled core."""
+    world: World
+    """The pairs in the compiled core, without margins."""
+    known: Known
+    """The cached bodies of the obstacles, for derived checkers."""
+
+
+def assemble(
+    arm: JointGroup,
+    links: Sequence[Body],
+    scene: Scene,
+    attached: Sequence[Obstacle],
+    rules: PairRules,
+    *,
+    levels: Mapping[frozenset[str], int],
+    allowed: Sequence[tuple[str, str]],
+    known: Known,
+) -> Assembly:
+    """Assemble the links of an arm, its attached objects and a scene.
+
+    Raises
+    ------
+    InputError, MeshError, UnknownNameError
+        As :class:`pinproof.CollisionChecker` does.
+    """
+    if named := [obstacle.name for obstacle in scene.obstacles if obstacle.arm is not None]:
+        raise InputError(f"the obstacles {', '.join(named)} of the scene name an arm; only attached objects have one")
+    made: Known = {}
+    added: list[Body] = []
+    for link, obstacle in (*((arm.tcp_of(o.arm), o) for o in attached), *((None, o) for o in scene.obstacles)):
+        before = known.get((id(obstacle), link))
+        if before is None or before[0] is not obstacle:
+            before = obstacle, tuple(shape_bodies(obstacle.name, link, obstacle.shape, obstacle.pose))
+        made[id(obstacle), link] = before
+        added.extend(before[1])
+    bodies = (*links, *added)
+    _check_names(bodies, arm.robot.urdf.links)
+    pairs = choose_pairs(bodies, arm, scene, rules, levels=levels, allowed=allowed)
+    rounding = ROUNDING * max((1.0, *(body.extent for body in bodies)))
+    geometry = pack_geometry(arm, bodies, rounding)
+    return Assembly(bodies, pairs, rounding, geometry, pack_world(geometry, pairs.checked), made)
+
+
+LARGEST_MESH = 30.0
+"""Metres. A larger mesh, with no side below a metre, is assumed to be in millimetres."""
+
+LARGEST_SMALL_PART = 3.0
+"""Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
+
+
+def warn_of_units(arm: JointGroup, bodies: Sequence[Body], scene: Scene) -> None:
+    """Warn of links, attached objects and obstacles that are implausibly large, as meshes in millimetres are."""
+    shapes = {obstacle.name: obstacle.shape for obstacle in scene.obstacles}
+    warned: set[str] = set()
+    far = FAR * arm.robot.size
+    for body in bodies:
+        sides = (body.box[1] - body.box[0]).tolist()
+        if body.owner in warned or max(sides) <= min(LARGEST_MESH, far):
+            continue
+        name, most = f"size of obstacle {body.owner!r}", MOST_REACH
+        if isinstance(shapes.get(body.owner), Mesh):
+            name, most = f"{name} (a mesh in millimetres needs scale: 0.001)", LARGEST_MESH
+        elif body.link is not None:
+            name = f"size of {body.owner!r} (a mesh in millimetres needs the scale 0.001)"
+            sides, most = [max(sides)], max(far, LARGEST_SMALL_PART)
+        warned.add(body.owner)
+        warn_of_millimetres(name, sides, most=most, stacklevel=3)
+
+
+def leave_out(assembly: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:
+    """Return the same bodies with more pairs of owners excluded, faster than :func:`assemble`.
+
+    None if a name is unknown or a wildcard: then :func:`assemble` is needed.
+    """
+    order = {owner: i for i, owner in enumerate(dict.fromkeys(body.owner for body in assembly.bodies))}
+    if any(name not in order for pair in allowed for name in pair) or any(len(set(pair)) != 2 for pair in allowed):
+        return None
+    moving = {body.owner for body in assembly.bodies if body.link is not None}
+    named = {frozenset(pair) for pair in allowed if moving & set(pair)}
+    owners = [body.owner for body in assembly.bodies]
+    kept = [k for k, (i, j) in enumerate(assembly.pairs.checked) if frozenset((owners[i], owners[j])) not in named]
+    excluded = [pair for pair in assembly.pairs.excluded if frozenset(pair.owners) not in named]
+    for pair in named:
+        first, second = sorted(pair, key=lambda owner: (owner not in moving, order[owner]))
+        excluded.append(ExcludedPair((first, second), ALLOWED_BY_CALLER))
+    excluded.sort(key=lambda pair: (pair.owners[1] not in moving, *(order[owner] for owner in pair.owners)))
+    finer = [pair for pair in assembly.pairs.finer if frozenset(pair.owners) not in named]
+    fewer = keep_pairs(assembly, np.array(kept, dtype=int))
+    return fewer._replace(pairs=Pairs(fewer.pairs.checked, excluded, finer))
+
+
+def keep_pairs(assembly: Assembly, kept: Indices) -> Assembly:
+    """Return the same bodies with only the pairs of these indices, in increasing order."""
+    checked = [assembly.pairs.checked[k] for k in kept.tolist()]
+    pairs = assembly.pairs._replace(checked=checked)
+    return assembly._replace(pairs=pairs, world=pack_world(assembly.geometry, checked))
+
+
+def add_obstacle_bodies(
+    arm: JointGroup, assembly: Assembly, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]
+) -> Assembly:
+    """Return the assembly with more bodies of obstacles, appended to the others, and more checked pairs."""
+    every = (*assembly.bodies, *bodies)
+    checked = sorted({*assembly.pairs.checked, *pairs})
+    geometry = pack_geometry(arm, every, assembly.rounding)
+    return assembly._replace(
+        bodies=every,
+        pairs=assembly.pairs._replace(checked=checked),
+        geometry=geometry,
+        world=pack_world(geometry, checked),
+    )
+
+
+def _check_names(bodies: Sequence[Body], links: Sequence[str]) -> None:
+    seen: set[str] = set()
+    for body in bodies:
+        if body.name in seen or (body.owner != body.link and body.name in links):
+            raise InputError(f"two bodies have the name {body.name!r}; rename the obstacle or attached object")
+        seen.add(body.name)

@@ -1,0 +1,154 @@
+"""Audits a motion by means that are independent of the proof: dense samples, exact meshes, coal alone.
+
+An audit proves nothing; its purpose is to detect a wrong proof. It uses the bodies and pairs of a checker. Placements
+and contacts are computed by Pinocchio and coal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof.collision.checking.checker import CollisionChecker, require_curve
+from pinproof.collision.checking.movers import Mover, with_movers
+from pinproof.common.display import html_block, html_list
+from pinproof.errors import InputError
+from pinproof.motion import Curve, Trajectory
+
+Array = npt.NDArray[np.float64]
+
+STEP = 0.002
+"""Rad or m: no joint moves farther than this between two samples."""
+
+INSIDE_EVERY = 250
+"""Number of samples between two tests whether a body is inside another. To get inside, the surfaces must cross, which
+the other samples detect, so the test at the first sample is the important one."""
+
+MEASURE_EVERY = 10
+"""Number of samples between two distance queries, which take longer than contact queries."""
+
+
+@dataclass(frozen=True, eq=False)
+class AuditResult:
+    """The result of an audit by dense sampling.
+
+    Parameters
+    ----------
+    samples
+        Number of checked configurations.
+    contacts
+        For each pair of owners in contact, the parameter of the curve of the first such sample, in that order.
+    distance
+        The smallest distance (m) at every :data:`MEASURE_EVERY`-th sample; inf if there is no pair, NaN if not
+        measured.
+    geometry
+        Number of bodies as triangles, as hulls and as simple shapes, and number of pairs.
+    message
+        The result as a sentence.
+    """
+
+    samples: int
+    contacts: tuple[tuple[float, tuple[str, str]], ...]
+    distance: float
+    geometry: str
+    message: str
+
+    def _repr_html_(self) -> str:
+        found = (f"{' and '.join(bodies)} from the parameter {at:.6g}" for at, bodies in self.contacts)
+        return html_block(self.message, html_list((f"{self.samples:,} samples; {self.geometry}", *found)))
+
+    @property
+    def clean(self) -> bool:
+        """Whether no sample is in contact."""
+        return not self.contacts
+
+
+def audit(
+    curve: Curve,
+    checker: CollisionChecker,
+    *,
+    step: float = STEP,
+    measure: bool = True,
+    movers: Sequence[Mover | Trajectory] = (),
+) -> AuditResult:
+    """Search for contacts at samples so dense that no joint moves more than ``step`` between them.
+
+    Parameters
+    ----------
+    curve
+        Any curve of the arm's joints.
+    checker
+        Defines the bodies and pairs; with ``link_meshes="mesh"`` the audit is more exact than the proof. Its margin is
+        ignored: a contact is a distance of 0.
+    step
+        Largest motion of a joint (rad or m) between samples.
+    measure
+        Whether distances are measured, which takes most of the time.
+    movers
+        As for :func:`pinproof.certify`; no mover moves more than ``step`` between samples either.
+
+    Raises
+    ------
+    InputError
+        If the curve's joints are not the arm's, or the step is not positive.
+    """
+    require_curve(curve, checker)
+    if not step > 0:
+        raise InputError(f"step = {step}; it must be positive (rad or m)")
+    if movers:
+        curve, checker, _ = with_movers(curve, checker, movers)
+    arm, model, geometry = checker.group, checker.group.model, checker.coal_geometry()
+    data, bodies = model.createData(), geometry.createData()
+    # Pinocchio's broad phase is five times as fast, but does not report which pairs touch. It is not used with a
+    # half-space, whose box is infinite.
+    bounded = all(np.isfinite(body.box).all() for body in checker.bodies)
+    far_apart = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, bodies) if bounded else None
+    request = coal.CollisionRequest()
+    for k in range(len(checker.pairs)):
+        bodies.collisionRequests[k] = request
+    found: dict[tuple[str, str], float] = {}
+    times, distance = _dense(curve, step), np.inf if measure else np.nan
+    for number, (t, at) in enumerate(zip(times, curve(times), strict=True)):
+        q = arm.model_configuration(at)
+        look_inside = number % INSIDE_EVERY == 0
+        if far_apart is None or look_inside or pin.computeCollisions(model, data, far_apart, q, True):
+            pin.computeCollisions(model, data, geometry, bodies, q, False)
+            inside = checker.placed(at) if look_inside else None
+            for k, (i, j) in enumerate(checker.pairs):
+                touching = bodies.collisionResults[k].isCollision()
+                if touching or (inside is not None and inside.one_inside_other(k)):
+                    found.setdefault((checker.bodies[i].owner, checker.bodies[j].owner), float(t))
+        if measure and number % MEASURE_EVERY == 0 and checker.pairs:
+            nearest = pin.computeDistances(model, data, geometry, bodies, q)
+            distance = min(distance, float(bodies.distanceResults[nearest].min_distance))
+    contacts = tuple((t, pair) for pair, t in sorted(found.items(), key=lambda item: item[1]))
+    touching = "; ".join(f"{a} touches {b} at {t:.4g}" for t, (a, b) in contacts)
+    what = _geometry(checker)
+    free = f"no contact; the smallest distance is {distance * 1e3:.1f} mm" if measure else "no contact"
+    message = f"{len(times)} samples, checked with {what}: {touching or free}"
+    return AuditResult(len(times), contacts, distance, what, message)
+
+
+def _geometry(checker: CollisionChecker) -> str:
+    kinds = {"triangle meshes": coal.BVHModelBase, "hulls": coal.ConvexBase}
+    counts = {name: sum(isinstance(b.geometry, kind) for b in checker.bodies) for name, kind in kinds.items()}
+    counts["simple shapes"] = len(checker.bodies) - sum(counts.values())
+    parts = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    return f"{parts or 'no bodies'} ({len(checker.pairs)} pairs)"
+
+
+def _dense(curve: Curve, step: float) -> Array:
+    """Return parameters between which no joint moves more than ``step``, by the control points of each piece."""
+    knots, control = curve.bezier()
+    parts = []
+    for start, end, points in zip(knots[:-1], knots[1:], control, strict=True):
+        # The derivative of a piece is bounded by degree times the largest step between its control points.
+        degree = len(points) - 1
+        fastest = degree * float(np.abs(np.diff(points, axis=0)).max(initial=0.0))
+        parts.append(np.linspace(start, end, max(2, int(np.ceil(fastest / step)) + 1)))
+    return np.unique(np.concatenate(parts))

@@ -1,0 +1,661 @@
+"""Checks configurations for collisions between the arm, its attached objects and a scene."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import CONTACT, NOT_FINITE
+from pinproof.collision.checking.assembly import (
+    Assembly,
+    CheckedBodies,
+    Known,
+    Levels,
+    Margins,
+    add_obstacle_bodies,
+    assemble,
+    checked_margin,
+    finer_levels,
+    keep_pairs,
+    leave_out,
+    warn_of_units,
+)
+from pinproof.collision.checking.coal_checks import Distance
+from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, meshes_of
+from pinproof.collision.checking.packed import pack_geometry, pack_world
+from pinproof.collision.checking.pairs import Overlaps, PairRules, Pairs, overlap_levels, unexplained_pairs
+from pinproof.collision.checking.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
+from pinproof.collision.geometry.bodies import Body
+from pinproof.collision.geometry.shapes import Obstacle
+from pinproof.collision.scenes.scene import Scene
+from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.validation import require_type
+from pinproof.errors import InputError
+from pinproof.model import JointGroup
+from pinproof.motion.curve import Curve
+from pinproof.spatial import finite
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Two bodies whose distance is the margin or less.
+
+    Parameters
+    ----------
+    bodies
+        The owners: links, attached objects, obstacles.
+    distance
+        Signed distance in metres; below 0 it is the penetration depth as computed by coal.
+    points
+        (2, 3) the nearest (or deepest) point of each body, in the robot's root frame.
+    normal
+        (3,) unit vector in the root frame along which the second body would be moved away from the first.
+    """
+
+    bodies: tuple[str, str]
+    distance: float
+    points: Array
+    normal: Array
+
+    @property
+    def depth(self) -> float:
+        """Penetration depth (m); 0 if the bodies do not penetrate."""
+        return max(-self.distance, 0.0)
+
+    def __str__(self) -> str:
+        one, other = self.bodies
+        millimetres = f"{abs(self.distance) * 1e3:.1f} mm"
+        if self.distance < 0:
+            return f"{one} penetrates {other} by {millimetres}"
+        return f"{one} is near {other} ({millimetres} apart)"
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """All contacts at one configuration, sorted by distance."""
+
+    contacts: tuple[Contact, ...]
+
+    @property
+    def free(self) -> bool:
+        """Whether there is no contact."""
+        return not self.contacts
+
+    def __str__(self) -> str:
+        return "; ".join(str(contact) for contact in self.contacts) or "free"
+
+    def __repr__(self) -> str:
+        return outline(f"CheckResult({self._headline})", map(str, self.contacts), total=len(self.contacts))
+
+    def _repr_html_(self) -> str:
+        rows = [(*each.bodies, each.distance * 1e3) for each in self.contacts]
+        return html_block(self._headline, html_table(("body", "body", "distance [mm]"), rows) if rows else "")
+
+    @property
+    def _headline(self) -> str:
+        count = len(self.contacts)
+        return "free" if self.free else f"{count} contact{'' if count == 1 else 's'}"
+
+
+CHECKERS_KEPT = 16
+"""Number of checkers with finer bodies, larger margins or fewer pairs that a checker keeps."""
+
+CHUNK = 64
+"""Number of configurations that a thread processes at a time."""
+
+
+class CollisionChecker(CheckedBodies):
+    """Checks configurations of an arm against itself and a scene.
+
+    ``q`` contains the arm's own joints only; joints outside the arm keep the values that the arm holds. Two bodies are
+    in contact if their distance is not proven to be larger than the margin, so floating-point error never produces a
+    false "free". Results do not depend on earlier queries. A checker can be used from several threads; each thread has
+    its own workspace.
+
+    :meth:`with_scene`, :meth:`with_attached`, :meth:`with_held`, :meth:`allowing` and :meth:`with_margin` return
+    checkers for other stages of a task, which share the bodies with this one.
+
+    Parameters
+    ----------
+    arm
+        The arm, or a joint group with several arms.
+    scene
+        The obstacles.
+    margin
+        Distance (m) that is required between any two checked bodies.
+    margins
+        Margins of single pairs of names (links, attached objects, obstacles), which replace ``margin``.
+    link_meshes
+        How link meshes are represented. ``"hull"``: by their convex hulls, which contain the mesh. ``"mesh"``: by their
+        triangles, solid if the mesh is watertight; otherwise by the hull. ``"surface"``: by their triangles; a mesh
+        that is not watertight is then a surface, and a body entirely inside it is not detected. ``"decomposed"``: by
+        several convex hulls that together contain the mesh. One value for all links, or a mapping of link names to
+        values, in which ``"*"`` stands for all other links. Pairs of links that an SRDF disables without a reason are
+        checked with several hulls each where one hull would be too coarse.
+    attached
+        Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``. For a joint group with
+        several arms, ``Obstacle(..., arm=name)`` states the arm.
+    allowed
+        Pairs of names (links, attached objects, obstacles) that may touch.
+    trust_disabled
+        Exclude every pair that the SRDF or the scene's allowed-collision matrix disables. Otherwise these pairs are
+        checked, unless they touch in nearly all sampled configurations or no joint of the arm moves them relative to
+        each other.
+    housing
+        Length (m) of a joint housing, such as that of a spherical wrist. Two links that are separated only by links
+        without geometry are excluded if they touch in nearly all sampled configurations and the distances between the
+        revolute joints between them add up to no more than this length. Default: 5 % of the robot's size (the largest
+        sum of joint offsets from the root to a link).
+
+    Raises
+    ------
+    MeshError
+        If a collision mesh is missing or has no hull.
+    UnknownNameError
+        If an allowed contact or a margin names an unknown body.
+    InputError
+        If a margin is negative or not finite, or two bodies share a name.
+    """
+
+    _still: FixedPairs | None
+    _kept: dict[Hashable, CollisionChecker]
+
+    def __init__(
+        self,
+        arm: JointGroup,
+        scene: Scene | None = None,
+        *,
+        margin: float = 0.0,
+        margins: Mapping[tuple[str, str], float] | None = None,
+        link_meshes: LinkMeshes | Mapping[str, LinkMeshes] = "hull",
+        attached: Sequence[Obstacle] = (),
+        allowed: Iterable[Sequence[str]] = (),
+        trust_disabled: bool = False,
+        housing: float | None = None,
+    ) -> None:
+        require_type("arm", arm, JointGroup)
+        urdf = arm.robot.urdf
+        self._group = arm
+        self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
+        unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
+        length = None if housing is None else checked_margin("housing", housing)
+        self._rules = PairRules(Overlaps(arm.robot, self._link_bodies), length, trust_disabled)
+        self._levels: Levels = {
+            **dict.fromkeys(unexplained, DECOMPOSED),
+            **overlap_levels(self._link_bodies.of({}), arm, self._rules),
+        }
+        self._margins, self._moved = Margins(margin, margins or {}), 0.0
+        self._known: Known = {}  # obstacle bodies by identity of the obstacle
+        scene = Scene() if scene is None else scene
+        require_type("scene", scene, Scene)
+        self._assemble(scene, tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
+        warn_of_units(arm, self.bodies, self.scene)
+        self._refuse_overlapping_robots()
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.bodies)} bodies, {len(self.pairs)} checked pairs, {len(self.excluded)} excluded pairs"
+        attached = "".join(f", {body.name} attached" for body in self.attached)
+        margin = f"margin {self.margin * 1e3:g} mm"
+        return outline(f"CollisionChecker({self.group.robot.name!r}, {counts}, {margin}{attached})")
+
+    def _repr_html_(self) -> str:
+        counts = Counter(owner for k in range(len(self.pairs)) for owner in self._owners(k))
+        table = html_table(("body", "checked pairs"), list(counts.items()))
+        excluded = html_table(("excluded pair", "reason"), [(" and ".join(p.owners), p.reason) for p in self.excluded])
+        return html_block(repr(self), table, excluded)
+
+    # -- queries ----------------------------------------------------------------------------------------------------
+
+    def is_free(self, q: npt.ArrayLike) -> bool:
+        """Whether every checked pair is proven farther apart than its margin at q (n,). Ignores joint limits."""
+        try:
+            left = self._threads.judge(q)
+        except (AttributeError, TypeError, ValueError):  # the first query of a thread, or not (n,) contiguous doubles
+            return self.is_free_unchecked(self.group.configuration(q))
+        if left == CONTACT:
+            return False
+        return not self.still.touching if left == 0 else self.is_free_unchecked(self.group.configuration(q))
+
+    def is_free_unchecked(self, q: Array) -> bool:
+        """:meth:`is_free` without validation of q (n,), for inner loops."""
+        space = self.workspace
+        left = space.judge(q)
+        if left == 0:
+            return not self.still.touching
+        if left == NOT_FINITE:
+            self.group.configuration(q)  # raises
+        if left < 0:
+            return False
+        return not self.still.touching and not space.any_left_touches()
+
+    def is_free_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> npt.NDArray[np.bool_]:
+        """Return (N,) :meth:`is_free` for each row of Q (N, n); the result does not depend on ``threads``."""
+        many = finite("Q", Q, (None, self.group.dof))
+        if self.still.touching:
+            return np.zeros(len(many), dtype=bool)
+        left = self._batch(lambda part: self.workspace.judge_many(part), many, threads)
+        free = left == 0
+        for i in np.flatnonzero(left > 0):
+            free[i] = self.is_free_unchecked(many[i])
+        return np.asarray(free)
+
+    def check(self, q: npt.ArrayLike) -> CheckResult:
+        """Return all contacts at q (n,), sorted by distance, with names, distances, points and normals."""
+        space = self.workspace
+        touching = (*self.still.touching, *space.touching(self.group.configuration(q)))
+        found = [self.contact(k, measured) for k, measured in touching]
+        return CheckResult(tuple(sorted(found, key=lambda contact: contact.distance)))
+
+    def clearance(self, q: npt.ArrayLike) -> float:
+        """Return the smallest signed distance (m) over all checked pairs at q (n,); inf if no pair is checked.
+
+        For separated bodies it is a lower bound up to :attr:`rounding`, within 1e-9 m of the distance. For penetrating
+        bodies it is minus the penetration depth as computed by coal.
+        """
+        space = self.workspace
+        near = space.nearest(self.group.configuration(q))
+        judged = (space.measure(k).distance for k in (*near.contacts, *near.left_to_coal))
+        return min((near.lower, self.still.lower, *judged))
+
+    def clearance_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> Array:
+        """Return (N,) :meth:`clearance` for each row of Q (N, n); the result does not depend on ``threads``."""
+        many = finite("Q", Q, (None, self.group.dof))
+        lower = self._batch(lambda part: self.workspace.clearances(part), many, threads)
+        out = np.minimum(lower, self.still.lower)
+        for i in np.flatnonzero(np.isnan(lower)):
+            out[i] = self.clearance(many[i])
+        return np.asarray(out)
+
+    # -- checkers for other stages of a task --------------------------------------------------------------------------
+
+    def with_margin(
+        self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
+    ) -> CollisionChecker:
+        """Return a checker of the same bodies and pairs with other margins (m)."""
+        common = self.margin if margin is None else checked_margin("margin", margin)
+
+        def with_margin() -> CollisionChecker:
+            other = copy(self)
+            other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
+            return other
+
+        return with_margin() if margins is not None else self._made_once(("margin", common), with_margin)
+
+    def padded(self, by: float) -> CollisionChecker:
+        """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
+        by = checked_margin("by", by)
+
+        def padded() -> CollisionChecker:
+            other = copy(self)
+            other._set_margins(self._margins.padded(by))
+            return other
+
+        return self._made_once(("padded", by), padded)
+
+    def moved_obstacles(self, by: float) -> CollisionChecker:
+        """Return a checker that allows obstacles to be displaced by up to ``by`` metres, by larger margins."""
+        other = copy(self)
+        other._moved = self._moved + checked_margin("by", by)
+        other._set_margins(self._margins)
+        return other
+
+    def with_scene(self, scene: Scene) -> CollisionChecker:
+        """Return a checker of the same arm and attached objects in another scene.
+
+        Margins of single pairs are dropped if their obstacle is removed.
+        """
+        require_type("scene", scene, Scene)
+        return self._derived(scene, self.attached, self._allowed)
+
+    def with_attached(self, *objects: Obstacle) -> CollisionChecker:
+        """Return a checker with more objects that move with the tcp; an object replaces an attached one of its name.
+
+        When an object is grasped, also remove its obstacle from the scene.
+        """
+        new = {thing.name for thing in objects}
+        kept = (thing for thing in self.attached if thing.name not in new)
+        return self._derived(self.scene, (*kept, *objects), self._allowed)
+
+    def with_held(self, held: Mapping[str, float]) -> CollisionChecker:
+        """Return a checker with other values (rad or m) of joints outside the arm, such as the robot's fingers."""
+        group = self.group.with_held(held)
+        if group is self.group:
+            return self
+        other = copy(self)
+        other._group = group
+        other._assemble(self.scene, self.attached, self._allowed)
+        return other
+
+    def on_group(
+        self,
+        group: JointGroup,
+        scene: Scene,
+        attached: Sequence[Obstacle],
+        allowed: Sequence[tuple[str, str]] = (),
+    ) -> CollisionChecker:
+        """Return a checker with the same links on another joint group, in another scene, with more allowed contacts.
+
+        For groups of the same robot, or of the robot with movers (:func:`pinproof.collision.with_movers`).
+        """
+        other = copy(self)
+        other._group = group
+        # Joints that move in addition may need finer bodies of their links.
+        more = overlap_levels(self._link_bodies.of({}), group, self._rules)
+        other._levels = {**more, **self._levels}
+        other._assemble(scene, tuple(attached), (*self._allowed, *allowed))
+        return other
+
+    def allowing(self, *pairs: Sequence[str]) -> CollisionChecker:
+        """Return a checker that allows more pairs of names to touch: a gripper and its object, a part and its support.
+
+        Certificates list these pairs as excluded, so allow a contact only for the stage that needs it. For a part that
+        is lifted off its support, ``certify(..., parting=)`` is stricter: it proves that the two separate.
+        """
+        more = tuple((str(a), str(b)) for a, b in pairs)
+        made = leave_out(self._assembly, more)
+        if made is None:
+            return self._derived(self.scene, self.attached, (*self._allowed, *more))
+        other = copy(self)
+        other._take(made, self.scene, self.attached, (*self._allowed, *more))
+        return other
+
+    def without_pairs(self, pairs: Iterable[int]) -> CollisionChecker:
+        """Return a checker without the pairs of bodies that have these indices in :attr:`pairs`.
+
+        For proofs that handle the omitted pairs by other means: ``excluded`` does not list them, and checkers that
+        are derived from this one by a new scene, attached object or allowed contact check them again.
+        """
+        dropped = frozenset(pairs)
+
+        def without() -> CollisionChecker:
+            kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
+            other = copy(self)
+            other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
+            return other
+
+        return self._made_once(dropped, without)
+
+    def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
+        """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
+
+        The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
+        """
+        other = copy(self)
+        made = add_obstacle_bodies(self.group, self._assembly, bodies, list(pairs))
+        other._take(made, self.scene, self.attached, self._allowed)
+        return other
+
+    def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
+        """Return a checker with finer geometry for pairs whose bodies touch at q (n,) although their meshes do not.
+
+        A link whose hull is in contact is represented by several hulls or, where these also touch, by its exact mesh.
+        Derived checkers keep this. :attr:`finer` and certificates list these pairs. Returns this checker if there is
+        no contact at q, or only contacts of the exact meshes.
+        """
+        at = self.group.configuration(q)
+
+        def touching(levels: Levels) -> set[frozenset[str]]:
+            judge = self if levels == self._levels else self._on(levels)
+            owners = (frozenset(judge._owners(k)) for k in judge._in_contact(at))
+            return {pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))}
+
+        levels = finer_levels(touching, self._levels)
+        return self if levels == self._levels else self._on(levels)
+
+    def exact_at(self, q: npt.ArrayLike) -> CollisionChecker:
+        """Return a checker in which links that touch at q (n,) are represented by their exact meshes."""
+        owners = (frozenset(self._owners(k)) for k in self._in_contact(self.group.configuration(q)))
+        pairs = [pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))]
+        return self._on({**self._levels, **dict.fromkeys(pairs, EXACT)}) if pairs else self
+
+    def _on(self, levels: Levels) -> CollisionChecker:
+        """Return the checker with other levels of detail."""
+
+        def finer() -> CollisionChecker:
+            other = copy(self)
+            other._levels = levels
+            other._assemble(self.scene, self.attached, self._allowed)
+            return other
+
+        return self._made_once(("levels", frozenset(levels.items())), finer)
+
+    def _made_once(self, key: Hashable, make: Callable[[], CollisionChecker]) -> CollisionChecker:
+        """Return a checker that is made from this one at its first use; those that were made last are kept."""
+        other = self._kept.get(key)
+        if other is None:
+            other = make()
+            kept = list(self._kept.items())[1 - CHECKERS_KEPT :]  # replaced as a whole: threads share this checker
+            self._kept = {**dict(kept), key: other}
+        return other
+
+    def _derived(
+        self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
+    ) -> CollisionChecker:
+        other = copy(self)
+        gone = {*self.scene.names, *(o.name for o in self.attached)} - {*scene.names, *(o.name for o in attached)}
+        allowed = tuple(pair for pair in allowed if not gone & set(pair))
+        other._margins = self._margins.without(gone)
+        other._assemble(scene, attached, allowed)
+        return other
+
+    # -- properties ------------------------------------------------------------------------------------------
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that is checked; :meth:`with_scene` makes a checker of another one."""
+        return self._scene
+
+    @property
+    def attached(self) -> tuple[Obstacle, ...]:
+        """The objects that move with the tcp; :meth:`with_attached` makes a checker with more of them."""
+        return self._attached
+
+    @property
+    def margin(self) -> float:
+        """The common margin (m); :meth:`with_margin` makes a checker with another one."""
+        return self._margins.common
+
+    @property
+    def obstacles_and_links(self) -> tuple[str, ...]:
+        """The owners of all bodies: links with geometry, attached objects, obstacles."""
+        return tuple(dict.fromkeys(body.owner for body in self.bodies))
+
+    def pairs_of_owners(self, one: str, other: str) -> list[int]:
+        """Return the indices of the checked pairs of the bodies of two owners."""
+        first, second = ({i for i, body in enumerate(self.bodies) if body.owner == name} for name in (one, other))
+        both = first | second
+        return [
+            k
+            for k, (i, j) in enumerate(self.pairs)
+            if i in both and j in both and ((i in first and j in second) or (i in second and j in first))
+        ]
+
+    @property
+    def hollow(self) -> tuple[str, ...]:
+        """Exact meshes that are not watertight: being wholly inside one of them is not seen as contact."""
+        return tuple(b.name for b in self.bodies if b.solid is not None and not b.solid.watertight)
+
+    @property
+    def still(self) -> FixedPairs:
+        """The result for pairs that no joint moves relative to each other; computed on first access."""
+        if self._still is None:
+            space = PlacedBodies(self, self.world.of_still_pairs())
+            self._still = check_fixed_pairs(space, np.zeros(self.group.dof))
+        return self._still
+
+    def fingerprint(self) -> str:
+        """Return a hash of all inputs of a verdict: kinematics, held joints, geometry, placements, pairs, margins."""
+        digest = hashlib.sha256()
+        group = self.group
+        words = (group.robot.urdf.kinematics, dict(group.ends), group.joint_names, dict(group.held))
+        digest.update(repr((words, self._rules[1:], self._link_bodies, self.excluded, self.finer)).encode())
+        digest.update(self.margins.tobytes() + repr(self.margin).encode())
+        for body in self.bodies:
+            digest.update(body.content())
+        return digest.hexdigest()
+
+    def refuse_changes(self) -> None:
+        """Raise an exception if the geometry of a body was modified in place.
+
+        Raises
+        ------
+        InputError
+            If the geometry of an exact mesh differs from that when the checker was created.
+        """
+        found = [f"the geometry of {body.name}" for body in self._exact if not body.unchanged]
+        if found:
+            raise InputError(f"the checker was modified in place ({', '.join(found)}); create a new checker")
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not name.startswith("_"):
+            raise AttributeError(
+                f"{name} of a checker is read-only; with_scene(), with_attached(), with_margin(), with_held() and "
+                "allowing() return other checkers"
+            )
+        object.__setattr__(self, name, value)
+
+    def placed(self, q: Array) -> PlacedBodies:
+        """Place every body at q (n,) in the workspace of this thread, without validation of q."""
+        space = self.workspace
+        space.move(q)
+        return space
+
+    def contact(self, k: int, measured: Distance) -> Contact:
+        """Return the contact of pair k."""
+        return Contact(self._owners(k), measured.distance, measured.points, measured.normal)
+
+    def _owners(self, k: int) -> tuple[str, str]:
+        i, j = self.pairs[k]
+        return self.bodies[i].owner, self.bodies[j].owner
+
+    def _in_contact(self, q: Array) -> list[int]:
+        """Return the pairs in contact at q (n,)."""
+        space = self.workspace
+        still = [k for k, _ in self.still.touching]
+        return [*still, *space.contacts(q)]
+
+    def _refuse_overlapping_robots(self) -> None:
+        """Raise an exception if robots of a cell overlap with links that no joint moves, such as their bases."""
+        robot = self.group.robot
+        if not robot.parts:
+            return
+        for k, measured in self.still.touching:
+            i, j = self.pairs[k]
+            one, other = self.bodies[i], self.bodies[j]
+            if one.link is None or other.link is None or robot.part_of(one.link) == robot.part_of(other.link):
+                continue
+            raise InputError(
+                f"the robots of the cell overlap: {self.contact(k, measured)}. Place them farther apart, or pass "
+                f"allowed=[{self._owners(k)}] if these links may touch"
+            )
+
+    # -- assembly -----------------------------------------------------------------------------------------------
+
+    def _assemble(self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]) -> None:
+        """Assemble bodies and pairs from links, scene, attached objects, allowed contacts and margins."""
+        made = assemble(
+            self.group, self._link_bodies.of(self._levels), scene, attached, self._rules,
+            levels=self._levels, allowed=allowed, known=self._known,
+        )  # fmt: skip
+        self._take(made, scene, attached, allowed)
+
+    def _take(
+        self, made: Assembly, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
+    ) -> None:
+        self._scene, self._attached, self._allowed = scene, attached, allowed
+        still, convex = made.world.still, made.world.convex
+        for array in (still, convex):
+            array.setflags(write=False)
+        self.__dict__.update(
+            bodies=made.bodies,
+            pairs=tuple(made.pairs.checked),
+            rounding=made.rounding,
+            excluded=tuple(made.pairs.excluded),
+            finer=tuple(made.pairs.finer),
+            world=made.world,
+            still_pairs=still,
+            convex=convex,
+        )
+        self._geometry = made.geometry
+        self._known, self._geometry_model = made.known, None
+        self._exact = tuple(body for body in made.bodies if body.is_exact)
+        self._set_margins(self._margins)
+
+    @property
+    def _assembly(self) -> Assembly:
+        pairs = Pairs(list(self.pairs), list(self.excluded), list(self.finer))
+        return Assembly(self.bodies, pairs, self.rounding, self._geometry, self.world, self._known)
+
+    def _set_margins(self, margins: Margins) -> None:
+        """Set the margins of all pairs, increased where obstacles may be displaced."""
+        self._margins = margins
+        owners = map(self._owners, range(len(self.pairs)))
+        each = margins.of(owners, len(self.pairs), self.obstacles_and_links if margins.single else ())
+        if self._moved:
+            each += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
+        each.setflags(write=False)
+        self.__dict__.update(margins=each, world=self.world.with_margins(each))
+        self._forget()
+
+    def _forget(self) -> None:
+        """Drop what is computed on first access."""
+        self._still = None
+        self._kept = {}
+        self._threads = threading.local()
+
+    @property
+    def workspace(self) -> PlacedBodies:
+        """The workspace of this thread."""
+        try:
+            return self._threads.space
+        except AttributeError:
+            space = PlacedBodies(self, self.world)
+            self._threads.space, self._threads.judge = space, space.core_judge
+            return space
+
+    def _batch(self, judge: Callable[[Array], npt.NDArray[Any]], many: Array, threads: int) -> npt.NDArray[Any]:
+        """Return (N,) the results of ``judge`` for parts of the configurations ``many`` (N, n)."""
+        if threads < 1:
+            raise InputError(f"threads = {threads}; it must be 1 or more")
+        if threads == 1:
+            return judge(many)
+        with ThreadPoolExecutor(threads) as pool:
+            parts = [many[i : i + CHUNK] for i in range(0, len(many), CHUNK)] or [many]
+            return np.concatenate(list(pool.map(judge, parts)))
+
+    def __copy__(self) -> CollisionChecker:
+        """Copy including the cached obstacle bodies, which a pickle omits."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        left_out = ("_threads", "_known", "_geometry", "world", "_still", "_kept")
+        return {name: value for name, value in self.__dict__.items() if name not in left_out}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._known = {}
+        self._forget()
+        self._geometry = pack_geometry(self.group, self.bodies, self.rounding)
+        self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)
+
+
+def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") -> None:
+    """Raise InputError unless the curve has the joints of the checker's group, in their order."""
+    require_type("checker", checker, CollisionChecker)
+    if not callable(getattr(curve, "bezier", None)):
+        raise InputError(f"the {name} must be a curve, such as a JointPath or a Trajectory, not {curve!r:.80}")
+    if tuple(curve.joint_names) != checker.group.joint_names:
+        raise InputError(f"the {name} has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")

@@ -1,0 +1,361 @@
+"""Where parallel lines enter a body: the visible surface of convex bodies and triangle meshes along a direction.
+
+This is the geometry of contact patches: two bodies that approach each other along a direction touch where the distance
+between their facing surfaces along that direction is smallest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision.checking.coal_checks import MeasureConvex
+from pinproof.collision.geometry.bodies import Body, Support, shape_body, triangles_of
+from pinproof.collision.geometry.hulls import Solid
+from pinproof.collision.geometry.occupancy import OccupancyGrid
+from pinproof.collision.geometry.shapes import HeightMap, Mesh, Obstacle, PointCloud, Sphere
+from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
+from pinproof.errors import InputError
+from pinproof.spatial import SE3
+
+Array = npt.NDArray[np.float64]
+
+CONE_SIDES = 128
+"""Sides of the inscribed pyramid by which the surface of a cone is intersected; it is within 0.03 % of the radius."""
+
+OUTER_SIDES = 16
+"""Sides of the circumscribed prism that bounds a disc; at most 2 % of the radius beyond it."""
+
+CHUNK = 2_000_000
+"""Pairs of a line and a triangle that are intersected at a time, which takes about 100 MB."""
+
+TOUCH = 1e-5
+"""Metres: bodies that are this near touch."""
+
+MOST_ADVANCES = 2000
+"""Steps of a conservative advancement: enough to slide 20 mm past a surface at the distance of a touch."""
+
+POINT_RADIUS = 1e-6
+"""Metres: the radius of the ball by which coal measures how far a point is from a body."""
+
+PARALLEL = 1e-12
+"""Sine of an angle: a line that meets a plane at less is parallel to it."""
+
+
+class SurfacePoints(NamedTuple):
+    """Where lines enter a body: ``depth`` (G,) along the direction (m), inf on a miss; unit outward normals (G, 3)."""
+
+    depth: Array
+    normals: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LineSurface:
+    """The surface of a body as lines meet it, in the body's own frame.
+
+    Parameters
+    ----------
+    body
+        The body.
+    triangles
+        (F, 3, 3) its surface if it is a mesh; None for a convex body with a support function.
+    surface
+        A body that is the surface alone, where ``body`` is larger: the hull that stands for a mesh.
+    """
+
+    body: Body
+    triangles: Array | None = None
+    surface: Body | None = None
+
+    @classmethod
+    def of_body(cls, body: Body) -> LineSurface:
+        """The surface of a body that is convex or an exact mesh.
+
+        Raises
+        ------
+        InputError
+            For a body without an end.
+        """
+        if body.support is not None:
+            return cls(body)
+        corners = getattr(body.solid, "corners", None)
+        if corners is None:
+            raise InputError(f"{body.name!r} has no bounded surface that could be gripped or could grip")
+        return cls(body, np.asarray(corners))
+
+    @classmethod
+    def of_obstacle(cls, thing: Obstacle) -> LineSurface:
+        """The surface of an obstacle; of a mesh always its triangles, which its hull may not touch."""
+        shape = thing.shape
+        if isinstance(shape, Mesh):
+            mesh = triangles_of(shape)
+            if shape.hull is None:  # the rule of collision checks, but one body in place of convex pieces
+                shape = replace(shape, hull=not Solid(mesh.vertices, mesh.triangles).watertight)
+            body = shape_body(thing.name, thing.name, None, shape, thing.pose)
+            bare = replace(shape, hull=False, hollow=True)
+            surface = shape_body(thing.name, thing.name, None, bare, thing.pose) if shape.hull else None
+            return cls(body, np.asarray(mesh.vertices[mesh.triangles]), surface)
+        body = shape_body(thing.name, thing.name, None, shape, thing.pose)
+        if isinstance(shape, PointCloud | OccupancyGrid | HeightMap):
+            vertices, triangles = ground_surface(shape) if isinstance(shape, HeightMap) else cell_faces(shape)
+            return cls(body, np.asarray(vertices[triangles]))
+        return cls.of_body(body)
+
+    def reach(self, direction: Array) -> float:
+        """The largest ``direction . x`` over the body."""
+        if self.triangles is not None:
+            return float((self.triangles.reshape(-1, 3) @ direction).max())
+        return float(_support(self.body).reach(direction))
+
+    def enter(self, origins: Array, direction: Array, after: Array | float = -np.inf) -> SurfacePoints:
+        """Where lines from origins (G, 3) along a unit direction (3,) meet the surface first.
+
+        Parameters
+        ----------
+        after
+            (G,) depths: of a mesh, only what lies at this depth or beyond counts. A convex body is entered once; it is
+            missed if the line has left it before.
+        """
+        start = np.broadcast_to(np.asarray(after, dtype=float), (len(origins),))
+        if self.triangles is not None:
+            return _enter_triangles(self.triangles, origins, direction, start)
+        depth, out, normals = self._span(origins, direction)
+        return SurfacePoints(np.where((depth <= out) & (out > start), depth, np.inf), normals)
+
+    @cached_property
+    def _span(self) -> Span:
+        return _convex_span(_support(self.body))
+
+
+def _support(body: Body) -> Support:
+    if body.support is None:
+        raise InputError(f"{body.name!r} is not convex")
+    return body.support
+
+
+def body_distance(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3) -> float:
+    """The distance (m) of two surfaces; below 0 where the bodies overlap, as deep as coal knows.
+
+    A convex body that stands for a mesh (its hull) is measured as the hull, so the distance is never too large.
+    """
+    measured = MeasureConvex()(one.body, at.homogeneous, other.body, other_at.homogeneous).attained
+    if measured > 0 and (_inside(one, at, other, other_at) or _inside(other, other_at, one, at)):
+        return -measured
+    return measured
+
+
+def travel_to_touch(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, motion: Array) -> float:
+    """The share of a straight ``motion`` (3,) after which a body comes within :data:`TOUCH` of another surface.
+
+    At most 1, where it does not before the end; NaN where it is that near at the start, or after too many steps. By
+    conservative advancement (Mirtich, 1996): a body that moves less than its distance cannot touch.
+    """
+    length = float(np.linalg.norm(motion))
+    measure, target, share = MeasureConvex(), other.surface or other.body, 0.0
+    for step in range(MOST_ADVANCES):
+        moved = SE3(at.rotation, at.translation + share * motion)
+        apart = measure(one.surface or one.body, moved.homogeneous, target, other_at.homogeneous).attained
+        if apart <= TOUCH:
+            return share if step else np.nan
+        share += apart / max(length, np.finfo(float).tiny)
+        if share >= 1.0:
+            return 1.0
+    return np.nan
+
+
+def point_distance(surface: LineSurface, point: Array) -> float:
+    """The distance (m) of a point (3,) in the body's frame to its surface, from outside or from inside.
+
+    From inside it is the least along some directions, among them the axes of the body: exact for boxes and cylinders,
+    else an upper bound. (Coal's depth of a point in a cylinder is that to its side, however near its end is.)
+    """
+    ball = LineSurface.of_obstacle(Obstacle("point", Sphere(radius=POINT_RADIUS)))
+    apart = body_distance(ball, SE3(np.eye(3), point), surface, SE3.Identity()) + POINT_RADIUS
+    if apart > POINT_RADIUS:
+        return apart
+    many = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, 27).T
+    directions = _unit(many[many.any(axis=1)])
+    if surface.triangles is not None:
+        return min(float(surface.enter(point[None], each, 0.0).depth[0]) for each in directions)
+    return min(abs(float(surface.enter(point[None], each).depth[0])) for each in directions)
+
+
+def _inside(outer: LineSurface, at: SE3, inner: LineSurface, inner_at: SE3) -> bool:
+    solid = outer.body.solid
+    if solid is None:
+        return False
+    relative = at.actInv(inner_at)
+    return bool(solid.contains(inner.body.witnesses @ relative.rotation.T + relative.translation))
+
+
+def outer_points(surface: LineSurface) -> Array:
+    """(V, 3) points in the body's frame whose convex hull holds all of it."""
+    if surface.body.support is None or surface.triangles is not None:
+        return np.asarray((surface.triangles if surface.triangles is not None else np.empty((0, 3))).reshape(-1, 3))
+    support = surface.body.support
+    angles = np.arange(OUTER_SIDES) * 2 * np.pi / OUTER_SIDES
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(OUTER_SIDES)], axis=1) / np.cos(np.pi / OUTER_SIDES)
+    points = support.points
+    if support.disc_radii.any():
+        points = (points[:, None] + support.disc_radii[:, None, None] * ring).reshape(-1, 3)
+    grown = support.semi_axes + support.radius
+    if grown.any():
+        corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
+        points = (points[:, None] + corners * grown).reshape(-1, 3)
+    return np.asarray(points)
+
+
+# -- convex bodies ----------------------------------------------------------------------------------------------------
+
+
+Span = Callable[[Array, Array], tuple[Array, Array, Array]]
+"""For origins (G, 3) and a direction (3,): where lines enter and leave a convex body (G,), and the outward normals
+(G, 3) where they enter."""
+
+
+def _convex_span(support: Support) -> Span:
+    points, discs = support.points, support.disc_radii
+    if support.semi_axes.any():
+        if len(points) == 1 and support.radius == 0 and not discs.any():
+            return partial(_ellipsoid, points[0], support.semi_axes)
+    elif discs.any():
+        if len(points) == 2 and support.radius == 0 and discs[0] == discs[1]:
+            return partial(_cylinder, points, float(discs[0]))
+        if support.radius == 0:
+            angles = np.arange(CONE_SIDES) * 2 * np.pi / CONE_SIDES
+            ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(CONE_SIDES)], axis=1)
+            rim = np.unique((points[:, None] + discs[:, None, None] * ring).reshape(-1, 3), axis=0)
+            return partial(_planes, *_facets(rim))
+    elif support.radius > 0:
+        parts: list[Span] = [partial(_ellipsoid, point, np.full(3, support.radius)) for point in points]
+        if len(points) == 2 and not np.ptp(points[:, :2], axis=0).any():
+            parts.append(partial(_cylinder, points, support.radius))
+        if len(points) <= 2:
+            return partial(_union, parts)
+    else:
+        return partial(_planes, *_facets(points))
+    raise InputError("a body of this kind has no surface that lines could be intersected with")
+
+
+def _facets(points: Array) -> tuple[Array, Array]:
+    """The planes ``normals . x <= offsets`` of the hull of points (V, 3), each once."""
+    from scipy.spatial import ConvexHull
+
+    planes = np.unique(np.round(ConvexHull(points).equations, 12), axis=0)
+    return planes[:, :3], -planes[:, 3]
+
+
+def _planes(normals: Array, offsets: Array, origins: Array, direction: Array) -> tuple[Array, Array, Array]:
+    """Clipping of lines by half-spaces (Cyrus and Beck, 1978)."""
+    slope = normals @ direction
+    depths = offsets - origins @ normals.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = depths / slope
+    front, back = slope < -PARALLEL, slope > PARALLEL
+    entering = np.where(front, at, -np.inf)
+    first = entering.argmax(axis=1)
+    depth = entering[np.arange(len(origins)), first]
+    out = np.where(back, at, np.inf).min(axis=1)
+    missed = (np.where(front | back, np.inf, depths) < 0).any(axis=1)
+    return np.where(missed, np.inf, depth), np.where(missed, -np.inf, out), normals[first]
+
+
+def _ellipsoid(centre: Array, semi_axes: Array, origins: Array, direction: Array) -> tuple[Array, Array, Array]:
+    o, d = (origins - centre) / semi_axes, direction / semi_axes
+    a, b, c = d @ d, o @ d, (o**2).sum(axis=1) - 1.0
+    inside = b**2 - a * c
+    root = np.sqrt(np.maximum(inside, 0.0))
+    depth = np.where(inside >= 0, (-b - root) / a, np.inf)
+    out = np.where(inside >= 0, (-b + root) / a, -np.inf)
+    with np.errstate(invalid="ignore"):
+        normals = (o + depth[:, None] * d) / semi_axes
+    return depth, out, _unit(normals)
+
+
+def _cylinder(ends: Array, radius: float, origins: Array, direction: Array) -> tuple[Array, Array, Array]:
+    """A cylinder about z between two ends (2, 3)."""
+    o, d = origins[:, :2] - ends[0, :2], direction[:2]
+    a, b, c = d @ d, o @ d, (o**2).sum(axis=1) - radius**2
+    if a > PARALLEL**2:
+        inside = b**2 - a * c
+        root = np.sqrt(np.maximum(inside, 0.0))
+        side_in = np.where(inside >= 0, (-b - root) / a, np.inf)
+        side_out = np.where(inside >= 0, (-b + root) / a, -np.inf)
+    else:
+        side_in, side_out = np.where(c <= 0, -np.inf, np.inf), np.where(c <= 0, np.inf, -np.inf)
+    caps = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+    levels = np.array([-ends[:, 2].min(), ends[:, 2].max()])
+    cap_in, cap_out, cap_normals = _planes(caps, levels, origins, direction)
+    depth, out = np.maximum(side_in, cap_in), np.minimum(side_out, cap_out)
+    depth = np.where(depth <= out, depth, np.inf)
+    with np.errstate(invalid="ignore"):
+        radial = np.concatenate([o + side_in[:, None] * d, np.zeros((len(o), 1))], axis=1)
+    normals = np.where((cap_in > side_in)[:, None], cap_normals, _unit(radial))
+    return depth, out, normals
+
+
+def _union(parts: Sequence[Span], origins: Array, direction: Array) -> tuple[Array, Array, Array]:
+    """The first entry and the last exit of bodies whose union is convex."""
+    found = [part(origins, direction) for part in parts]
+    depths = np.array([each[0] for each in found])
+    first, rows = depths.argmin(axis=0), np.arange(depths.shape[1])
+    normals = np.array([each[2] for each in found])[first, rows]
+    return depths[first, rows], np.max(np.stack([each[1] for each in found]), axis=0), normals
+
+
+def _unit(vectors: Array) -> Array:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.nan_to_num(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+# -- triangles --------------------------------------------------------------------------------------------------------
+
+
+def _enter_triangles(corners: Array, origins: Array, direction: Array, start: Array) -> SurfacePoints:
+    """The first triangle (F, 3, 3) of each line at or beyond its start; either side of a triangle counts."""
+    across = _frame(direction)
+    flat, height = corners @ across.T, corners @ direction
+    lines, along = origins @ across.T, origins @ direction
+    low, high = lines.min(axis=0), lines.max(axis=0)
+    near = ((flat.max(axis=1) >= low) & (flat.min(axis=1) <= high)).all(axis=1)
+    normals = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    near &= np.abs(normals @ direction) > PARALLEL
+    flat, height, normals = flat[near], height[near], normals[near]
+    depth, found = np.full(len(origins), np.inf), np.zeros((len(origins), 3))
+    step = max(1, CHUNK // max(len(lines), 1))
+    for k in range(0, len(flat), step):
+        hit, which = _chunk(flat[k : k + step], height[k : k + step], lines, along, start)
+        closer = hit < depth
+        depth[closer] = hit[closer]
+        facing = normals[k : k + step][which[closer]]
+        found[closer] = np.where((facing @ direction > 0)[:, None], -facing, facing)
+    return SurfacePoints(depth, found)
+
+
+def _chunk(flat: Array, height: Array, lines: Array, along: Array, start: Array) -> tuple[Array, npt.NDArray[np.int64]]:
+    """The first of some triangles on each line: by barycentric coordinates in the plane across the lines."""
+    a, b, c = flat[:, 0], flat[:, 1], flat[:, 2]
+    e, f = b - a, c - a
+    area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
+    x = lines[:, None] - a
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = (x[..., 0] * f[:, 1] - x[..., 1] * f[:, 0]) / area
+        v = (e[:, 0] * x[..., 1] - e[:, 1] * x[..., 0]) / area
+        z = height[:, 0] + u * (height[:, 1] - height[:, 0]) + v * (height[:, 2] - height[:, 0]) - along[:, None]
+        on = (u >= 0) & (v >= 0) & (u + v <= 1) & (z >= start[:, None])
+    z = np.where(on, z, np.inf)
+    which = z.argmin(axis=1)
+    return z[np.arange(len(z)), which], which
+
+
+def _frame(direction: Array) -> Array:
+    """(2, 3) two unit vectors across a direction."""
+    least = np.eye(3)[np.abs(direction).argmin()]
+    first = np.cross(direction, least)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(direction, first)])

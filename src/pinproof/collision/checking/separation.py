@@ -1,0 +1,328 @@
+"""Bodies that leave what they touch: the directions along which they leave it, and the facets of meshes.
+
+That a body never approaches an obstacle along one direction is proven in ``src/core/certificate/departure.h``. For an
+exact mesh, the facets close to the body at the start are grouped by the directions along which the body leaves them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import Departure, DepartureProof, Workspace
+from pinproof._core import Shape as CoreShape
+from pinproof.collision.checking.checker import CollisionChecker
+from pinproof.collision.checking.coal_checks import MeasureConvex
+from pinproof.collision.geometry.bodies import Body
+from pinproof.collision.geometry.hulls import Solid, bvh
+from pinproof.spatial import matrix
+
+if TYPE_CHECKING:
+    from pinproof.collision.checking.checker import CollisionChecker
+
+Array = npt.NDArray[np.float64]
+
+
+class MovingBody:
+    """A moving body of the robot: its placement at a configuration, and its support function.
+
+    Parameters
+    ----------
+    checker
+        The checker.
+    body
+        The index of a body that moves with a link.
+    """
+
+    def __init__(self, checker: CollisionChecker, body: int) -> None:
+        self._world, self._index = checker.world, body
+        self._space = Workspace(checker.world)
+        self.rounding = checker.rounding
+        self.shape = BodySupport.of(checker.bodies[body])
+        self.move(np.zeros(checker.group.dof))
+
+    def move(self, q: Array) -> None:
+        """Place it at q (n,)."""
+        self._space.place(np.ascontiguousarray(q))
+        self.at = self._space.root_from_body(self._index)
+
+    def departure(self, normal: Array, level: float) -> Departure:
+        """Its motion along ``normal`` (3,), away from something with the extent ``level`` (m) along it."""
+        return Departure(self._world, self._index, self.shape.hull, normal, level)
+
+    def reach(self, directions: Array) -> Array:
+        """Return (d,) the largest ``direction . y`` over its points y, for directions (d, 3) in the root frame."""
+        return self.shape.reach(self.at, directions)
+
+
+class BodySupport(NamedTuple):
+    """The support function of the convex hull of a body; of a half-space only along its own normal."""
+
+    points: Array | None
+    """(V, 3) the corners of an exact mesh; None for a body with a support function."""
+    body: Body
+
+    @classmethod
+    def of(cls, body: Body) -> BodySupport:
+        """Return the support of a body of any kind."""
+        exact = body.support is None and not isinstance(body.geometry, coal.Halfspace)
+        return cls(np.array(body.geometry.vertices()) if exact else None, body)
+
+    @property
+    def hull(self) -> CoreShape:
+        """The hull as a convex shape of the compiled core."""
+        if self.points is None:
+            return self.body.core_shape
+        discs, semi_axes = np.zeros(len(self.points)), np.zeros(3)
+        return CoreShape.convex(np.ascontiguousarray(self.points), discs, 0.0, semi_axes, self.body.box)
+
+    def reach(self, at: Array, directions: Array) -> Array:
+        """Return (d,) the largest ``direction . x`` over the body at ``at`` (4, 4), for directions (d, 3)."""
+        origin = directions @ at[:3, 3]
+        if isinstance(self.body.geometry, coal.Halfspace):
+            return np.asarray(origin)
+        local = directions @ at[:3, :3]
+        if self.points is None and self.body.support is not None:
+            return np.asarray(origin + self.body.support.reach(local))
+        return np.asarray(origin + (local @ np.asarray(self.points).T).max(axis=1))
+
+
+Indices = npt.NDArray[np.int64]
+Follow = Callable[[Departure], DepartureProof]
+
+FAILURES = 24
+"""Number of failed directions after which no more are tried for one pair."""
+
+MEASURED = 1000
+"""Maximum number of facets whose penetration direction is measured, the deepest first: 10 us each."""
+
+NORMALS = 200
+"""Maximum number of different facet normals that are tried."""
+
+SAME_DIRECTION = 1e-9
+"""Directions that differ by less are equal."""
+
+
+UNIT = 1e-6
+"""Tolerance of the length of a measured normal."""
+
+ONE_TRIANGLE = np.array([[0, 1, 2]])
+
+
+class FacetGroup(NamedTuple):
+    """Facets from which a body separates along one direction."""
+
+    facets: Indices
+    """Their indices in the mesh."""
+    departure: Departure
+    proof: DepartureProof
+    gap: float
+    """Gap (m) at the start along the direction; negative if they overlap."""
+
+
+def facets_of(body: Body) -> tuple[Array, Indices]:
+    """Return the vertices (V, 3), in its own frame, and the triangles (F, 3) of an exact mesh."""
+    geometry = body.geometry
+    triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
+    return np.array(geometry.vertices()), np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64)
+
+
+def facet_body(body: Body, name: str, vertices: Array, triangles: Indices) -> Body:
+    """Return an obstacle of some triangles of an exact mesh: a surface of the same owner."""
+    used, index = np.unique(triangles, return_inverse=True)
+    points, faces = vertices[used], index.reshape(-1, 3)
+    return Body(
+        name,
+        body.owner,
+        body.link,
+        bvh(points, faces),
+        body.link_from_body,
+        np.array([points.min(axis=0), points.max(axis=0)]),
+        None,
+        Solid(points, faces, hollow=True),
+    )
+
+
+def leave_facets(
+    moving: MovingBody,
+    body: Body,
+    corners: Array,
+    directions: Array,
+    *,
+    reach: float,
+    deepest: float,
+    follow: Follow,
+) -> tuple[list[FacetGroup], float]:
+    """Return groups of facets from which a body at its start separates, or which it does not approach at first.
+
+    Facets in no group need the ordinary proof. Directions along which the body separates come first; a group whose
+    proof has ``until`` at infinity has no such direction. Also returns the gap (m) at the facet with the deepest
+    penetration, along the best direction for that facet.
+
+    Parameters
+    ----------
+    moving, body
+        The body that separates.
+    corners
+        (F, 3, 3) the triangles in the root frame.
+    directions
+        (d, 3) directions to try besides the normals of the facets; of equally good ones, the first is taken.
+    reach
+        Metres. Facets proven farther from the body than this are in no group.
+    deepest
+        Metres. Facets that the body penetrates by more than this in every direction are in no group.
+    follow
+        Follows the curve along a direction.
+    """
+    near = np.flatnonzero(_near(moving, corners, directions, reach))
+    if not len(near):
+        return [], np.inf
+    facets = corners[near]
+    normals = _commonest(_normals(facets))
+    tried = distinct(np.concatenate([directions, normals, -normals]))
+    tops, gaps = _gaps(moving, facets, tried)
+    if body.support is not None:
+        unclear = np.flatnonzero(gaps.max(axis=0) < -moving.rounding)
+        deep_first = unclear[np.argsort(gaps.max(axis=0)[unclear], kind="stable")][:MEASURED]
+        more = _measured(moving, body, facets[deep_first])
+        if len(more):
+            tried = distinct(np.concatenate([tried, more]))
+            tops, gaps = _gaps(moving, facets, tried)
+    best = gaps.max(axis=0)
+    due = best >= -deepest
+    if not due.any():
+        return [], float(best.min())
+    depth = max(-float(best[due].min()), 0.0)  # the penetration never exceeds that at the start
+    serves = (gaps >= -depth - moving.rounding) & due
+    found: list[FacetGroup] = []
+    failed: dict[int, tuple[Departure, DepartureProof]] = {}
+    while due.any() and len(failed) < FAILURES:
+        counts = (serves & due).sum(axis=1)
+        counts[list(failed)] = 0
+        chosen = int(counts.argmax())
+        if counts[chosen] == 0:
+            break
+        group = serves[chosen] & due
+        departure = moving.departure(tried[chosen], float(tops[chosen, group].max()))
+        proof = follow(departure)
+        if proof.until == np.inf:
+            failed[chosen] = departure, proof
+            continue
+        found.append(FacetGroup(near[group], departure, proof, float(gaps[chosen, group].min())))
+        due &= ~group
+    for chosen, (_, proof) in sorted(failed.items(), key=lambda each: -each[1][1].end):
+        group = serves[chosen] & due
+        if group.any():
+            departure = moving.departure(tried[chosen], float(tops[chosen, group].max()))
+            found.append(FacetGroup(near[group], departure, proof, float(gaps[chosen, group].min())))
+            due &= ~group
+    return _extended(found, corners), float(best.min())
+
+
+def _extended(groups: list[FacetGroup], corners: Array) -> list[FacetGroup]:
+    """Extend each group by all facets of the mesh with no larger extent along its direction.
+
+    The same proof holds for them, and a verdict does not depend on how finely a plane is cut into facets.
+    """
+    grouped = np.zeros(len(corners), dtype=bool)
+    for group in groups:
+        grouped[group.facets] = True
+    out = []
+    for group in groups:
+        tops = (corners @ group.departure.normal).max(axis=1)
+        more = np.flatnonzero((tops <= group.departure.level) & ~grouped)
+        grouped[more] = True
+        out.append(group._replace(facets=np.sort(np.concatenate([group.facets, more]))))
+    return out
+
+
+def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: float) -> Array:
+    """(k, 3) unit vectors from a body of the robot at q (n,) to the facets of an exact mesh within ``reach`` (m) of it.
+
+    For each facet, against the direction along which the two are farthest apart, or overlap least. None for a mesh that
+    is farther away, and for an obstacle that has no facets.
+    """
+    a, b = checker.pairs[pair]
+    body, at = checker.bodies[b], matrix(checker.bodies[b].link_from_body)
+    if body.support is not None or body.link is not None or isinstance(body.geometry, coal.Halfspace):
+        return np.empty((0, 3))
+    moving = MovingBody(checker, a)
+    moving.move(q)
+    vertices, triangles = facets_of(body)
+    corners = (vertices @ at[:3, :3].T + at[:3, 3])[triangles]
+    own = at[:3, :3].T
+    directions = np.array([[0.0, 0.0, 1.0], *own, *-own])
+    near = corners[_near(moving, corners, directions, reach)]
+    normals = _commonest(_normals(near)) if len(near) else np.empty((0, 3))
+    tried = distinct(np.concatenate([directions, normals, -normals]))
+    _, gaps = _gaps(moving, near, tried)
+    return np.asarray(-tried[gaps.argmax(axis=0)])
+
+
+def _near(moving: MovingBody, corners: Array, directions: Array, reach: float) -> npt.NDArray[np.bool_]:
+    """(F,) the triangles that no direction tried shows farther than ``reach`` from the body."""
+    own = moving.at[:3, :3].T
+    _, gaps = _gaps(moving, corners, np.concatenate([directions, own, -own]))
+    near = gaps.max(axis=0) <= reach
+    left = np.flatnonzero(near)
+    normals = _normals(corners[left])
+    levels = np.einsum("fj,fj->f", normals, corners[left, 0])
+    above = -moving.reach(-normals) - levels
+    below = -moving.reach(normals) + levels
+    near[left] = np.maximum(above, below) <= reach
+    return np.asarray(near)
+
+
+def _gaps(moving: MovingBody, corners: Array, directions: Array) -> tuple[Array, Array]:
+    """Return (d, F) the extents of triangles along directions, and the gaps to the body."""
+    tops = np.max(np.stack([directions @ corners[:, corner].T for corner in range(3)]), axis=0)
+    return tops, -moving.reach(-directions)[:, None] - tops
+
+
+def _normals(corners: Array) -> Array:
+    """Return (F, 3) the unit normals of triangles; z for a triangle without an area."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(across, axis=1)
+    flat = length == 0.0
+    return np.where(flat[:, None], np.array([0.0, 0.0, 1.0]), across / np.where(flat, 1.0, length)[:, None])
+
+
+def _commonest(normals: Array) -> Array:
+    """Return the :data:`NORMALS` most frequent directions."""
+    different, counts = np.unique(np.round(normals / SAME_DIRECTION), axis=0, return_counts=True)
+    if len(different) <= NORMALS:
+        return normals
+    kept = different[np.argsort(-counts, kind="stable")[:NORMALS]]
+    return np.asarray(kept / np.linalg.norm(kept, axis=1)[:, None])
+
+
+def distinct(directions: Array) -> Array:
+    """Return the directions without repetitions, in order of first occurrence."""
+    first: dict[tuple[float, ...], int] = {}
+    for i, key in enumerate(np.round(directions / SAME_DIRECTION).tolist()):
+        first.setdefault(tuple(key), i)
+    return np.asarray(directions[list(first.values())])
+
+
+def _measured(moving: MovingBody, body: Body, facets: Array) -> Array:
+    """Return (m, 3) the directions from facets to a close or penetrating convex body, computed by coal."""
+    measure, still = MeasureConvex(), np.eye(4)
+    found = []
+    for facet in facets:
+        found.append(-measure.of(body.geometry, moving.at, bvh(facet, ONE_TRIANGLE), still).normal)
+    return unit_vectors(np.array(found).reshape(-1, 3))
+
+
+def unit_vectors(directions: Array) -> Array:
+    """The rows (d, 3) that are unit vectors: where bodies overlap, coal's normals may be zero, denormal or not finite.
+
+    Along a vector without a length, every gap is 0 and nothing ever approaches: a proof of nothing.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        lengths = np.sqrt((directions * directions).sum(axis=1))
+    kept = np.abs(lengths - 1.0) < UNIT
+    return np.asarray(directions[kept] / lengths[kept, None])

@@ -1,0 +1,508 @@
+"""Bodies: links, attached objects and obstacles as coal shapes, with bounding boxes and support functions.
+
+A convex body has a support function, from which certificates prove distances independently of the convergence of GJK.
+An exact mesh has points that show whether it lies inside another body (coal's meshes are hollow).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof._core import Shape as CoreShape
+from pinproof.collision.geometry.convex_pieces import SAMPLES, convex_pieces
+from pinproof.collision.geometry.hulls import Inside, Solid, bvh, convex_hull, hull_of_any
+from pinproof.collision.geometry.occupancy import OccupancyGrid
+from pinproof.collision.geometry.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    HeightMap,
+    Mesh,
+    PointCloud,
+    Shape,
+    Sphere,
+)
+from pinproof.collision.geometry.surfaces import Cells, Ground, cell_faces, cells_of, ground_surface, merged_boxes
+from pinproof.description.meshes import TriangleMesh, read_mesh
+from pinproof.errors import InputError, MeshError
+from pinproof.spatial import frozen, matrix
+
+Array = npt.NDArray[np.float64]
+
+MESHES_KEPT = 128
+"""Number of mesh files whose hull or solid is cached."""
+
+MOST_PIECES = 64
+"""Maximum number of convex pieces of a mesh. For a bin of 29 pieces, checks of a UR5 take 1.1 times and certificates
+1.4 times as long as for the hull of the bin; for its triangles 6 and 10 times, and such proofs cannot be saved."""
+
+MOST_EXCESS = 1e-3
+"""Maximum distance (m) that convex pieces may extend beyond a mesh, less than the usual margin of a robot cell; if they
+would extend farther, the triangles are used."""
+
+DEEP = 0.5 * MOST_EXCESS
+"""Depth (m) below its hull up to which a surface counts as part of the hull; a mesh without deeper points is convex."""
+
+CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
+"""Corners of a box with half sides of 1."""
+
+
+class FileStamp(NamedTuple):
+    """Absolute path, modification time and size of a file."""
+
+    path: str
+    changed: int
+    size: int
+
+    @classmethod
+    def of(cls, path: str | Path) -> FileStamp | None:
+        """Return the stamp of a file at present; None if there is no file."""
+        path = os.fspath(path)  # a certificate reads some thirty stamps: pathlib would take a quarter of its time
+        if not os.path.isabs(path):  # noqa: PTH117
+            path = os.path.join(os.getcwd(), path)  # noqa: PTH109, PTH118
+        try:
+            status = os.stat(path)  # noqa: PTH116
+        except OSError:
+            return None
+        return cls(path, status.st_mtime_ns, status.st_size)
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """The support function of a convex body: the largest extent in a direction.
+
+    The body is the hull of ``points`` (V, 3), each with a flat disc of ``disc_radii`` (V,) about z, grown by a ball of
+    ``radius`` and by an ellipsoid of ``semi_axes`` (3,) along x, y, z (Minkowski sums; metres). It represents spheres
+    (one point), capsules (two), ellipsoids (one), cylinders (two discs), cones (a disc and a point), boxes and hulls
+    exactly.
+    """
+
+    points: Array
+    radius: float = 0.0
+    disc_radii: Array = None  # type: ignore[assignment]  # zeros
+    semi_axes: Array = None  # type: ignore[assignment]  # zeros
+
+    def __post_init__(self) -> None:
+        if self.disc_radii is None:
+            object.__setattr__(self, "disc_radii", np.zeros(len(self.points)))
+        if self.semi_axes is None:
+            object.__setattr__(self, "semi_axes", np.zeros(3))
+        for array in (self.points, self.disc_radii, self.semi_axes):
+            array.setflags(write=False)
+
+    def reach(self, directions: Array) -> Array:
+        """(...) the largest ``direction . x`` over the body, for directions (..., 3) of any length in its own frame.
+
+        max_v (p_v . d + disc_v hypot(d_x, d_y)) + radius |d| + |semi_axes * d|: supports of Minkowski sums add up (R.
+        T. Rockafellar, 1970, "Convex analysis", corollary 16.4.1), that of a hull of unions is their maximum.
+        """
+        flat = np.sqrt((directions[..., :2] ** 2).sum(axis=-1))
+        reach = (directions @ self.points.T + flat[..., None] * self.disc_radii).max(axis=-1)
+        length = np.sqrt((directions**2).sum(axis=-1))
+        return np.asarray(reach + self.radius * length + np.sqrt(((self.semi_axes * directions) ** 2).sum(axis=-1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body that is checked for collision.
+
+    Parameters
+    ----------
+    name
+        Unique among the bodies: the geometry of a link (``forearm_link_0``), an attached object or an obstacle.
+    owner
+        The link, attached object or obstacle to which it belongs; messages use this name.
+    link
+        The robot link it moves with; None for an obstacle.
+    geometry
+        The coal shape, in the body's own frame.
+    link_from_body
+        Pose on its link; root_from_body for an obstacle.
+    box
+        (2, 3) lower and upper corner of the box around it, in its own frame.
+    support
+        Its support function; None for an exact mesh.
+    solid
+        The enclosed volume of an exact mesh, for which coal does not detect a body entirely inside. None if convex.
+    remark
+        A simplification that the user may not expect, for the notes of certificates.
+    source
+        The collision geometry, obstacle or attached object that is represented by several bodies, of which this is one.
+    level
+        Level of detail: 0 is the requested one; a finer body replaces those of its source in some pairs.
+    file
+        The mesh file from which it was read, with its modification time and size.
+    """
+
+    name: str
+    owner: str
+    link: str | None
+    geometry: Any
+    link_from_body: pin.SE3
+    box: Array
+    support: Support | None
+    solid: Inside | None = None
+    remark: str = ""
+    source: str = ""
+    level: int = 0
+    file: FileStamp | None = None
+    _read: int = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "link_from_body", frozen(self.link_from_body))
+        object.__setattr__(self, "_read", self._checksum())
+        self.box.setflags(write=False)
+
+    @cached_property
+    def core_shape(self) -> CoreShape:
+        """The shape as the compiled core uses it."""
+        if self.support is not None:
+            s = self.support
+            points, discs, semi_axes = (np.ascontiguousarray(x, float) for x in (s.points, s.disc_radii, s.semi_axes))
+            return CoreShape.convex(points, discs, s.radius, semi_axes, self.box)
+        return (CoreShape.half_space if isinstance(self.geometry, coal.Halfspace) else CoreShape.exact)(self.box)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "core_shape"}
+
+    @property
+    def witnesses(self) -> Array:
+        """(K, 3) one point of each connected part, to test if it is inside another body; empty for a half-space."""
+        if self.solid is not None:
+            return self.solid.witnesses
+        return np.empty((0, 3)) if self.support is None else self.support.points[:1]
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether coal reads the triangles of a mesh."""
+        return isinstance(self.geometry, coal.BVHModelBase)
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether the coal geometry, which cannot be made read-only, is still that with which the body was created."""
+        return bool(self._read == self._checksum())
+
+    def _checksum(self) -> int:
+        """A checksum of what coal reads of an exact mesh; other bodies are proven apart by their support alone."""
+        if not self.is_exact:
+            return 0
+        return zlib.crc32(self.geometry.vertices().tobytes())
+
+    def content(self) -> bytes:
+        """Return all data on which verdicts depend, for a hash; name and colour are not included."""
+        parts = [repr((type(self.geometry).__name__, self.owner, self.link, self.level)).encode(), self.box.tobytes()]
+        parts.append(matrix(self.link_from_body).tobytes())
+        if self.support is not None:
+            s = self.support
+            parts += [s.points.tobytes(), repr(s.radius).encode(), s.disc_radii.tobytes(), s.semi_axes.tobytes()]
+        if self.solid is not None:
+            parts.append(self.solid.content())
+        return b"|".join(parts)
+
+    @cached_property
+    def extent(self) -> float:
+        """Largest coordinate (m) of its box, if finite, plus the distance of its origin from its link or the root."""
+        sides = [abs(x) for corner in self.box.tolist() for x in corner if math.isfinite(x)]
+        return max(sides, default=0.0) + math.dist((0, 0, 0), self.link_from_body.translation)
+
+
+def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> list[Body]:
+    """Return the bodies of an obstacle or attached object: several for a mesh that is covered by convex pieces.
+
+    Raises
+    ------
+    MeshError, InputError
+        As :func:`shape_body` does.
+    """
+    if isinstance(shape, PointCloud | OccupancyGrid):
+        return _cell_bodies(name, link, shape, link_from_body)
+    if not isinstance(shape, Mesh) or shape.hull is not None:
+        return [shape_body(name, name, link, shape, link_from_body)]
+    file = None if shape.path is None else FileStamp.of(shape.path)
+    made, remark = _own_shape(shape)
+    if len(made) == 1:
+        return [Body(name, name, link, made[0][0], link_from_body.copy(), *made[0][1:], remark, file=file)]
+    return [
+        Body(f"{name}_part_{i}", name, link, part[0], link_from_body.copy(), *part[1:], remark, source=name, file=file)
+        for i, part in enumerate(made)
+    ]
+
+
+def _cell_bodies(
+    name: str, link: str | None, cloud: PointCloud | OccupancyGrid, link_from_cloud: pin.SE3
+) -> list[Body]:
+    """Return the boxes that together are the occupied cells of a point cloud or grid."""
+    low, high = merged_boxes(cloud)
+    middles, halves = (low + high) / 2, (high - low) / 2
+    remark, rotation = _remark(cloud, None), np.array(link_from_cloud.rotation)
+    places = middles @ rotation.T + link_from_cloud.translation
+    corners, boxes_around = CORNERS * halves[:, None], np.stack([-halves, halves], axis=1)
+    return [
+        Body(
+            name if len(low) == 1 else f"{name}_part_{i}",
+            name,
+            link,
+            coal.Box(*(2 * half)),
+            pin.SE3(rotation, place),
+            box,
+            Support(points),
+            remark=remark,
+            source=name,
+        )
+        for i, (half, place, box, points) in enumerate(zip(halves, places, boxes_around, corners, strict=True))
+    ]
+
+
+def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:
+    """Return a body of any shape.
+
+    Raises
+    ------
+    MeshError
+        If a mesh is unreadable, or cannot be represented as requested.
+    InputError
+        If points have no hull, a half-space is attached to a link, or the shape is unknown.
+    """
+    file = FileStamp.of(shape.path) if isinstance(shape, Mesh) and shape.path is not None else None
+    geometry, box, support, solid = _made(shape, owner, link)
+    return Body(name, owner, link, geometry, link_from_body, box, support, solid, _remark(shape, solid), file=file)
+
+
+def _remark(shape: Shape, solid: Inside | None) -> str:
+    if isinstance(shape, Mesh) and shape.hull:
+        return "the convex hull of the mesh is used"
+    if isinstance(shape, PointCloud):
+        lost = f"; {shape.dropped} points that are not finite are dropped" if shape.dropped else ""
+        return f"point cloud in cells of {shape.resolution:g} m; unobserved space is treated as free{lost}"
+    if isinstance(shape, OccupancyGrid):
+        return shape.remark
+    return (
+        ""
+        if solid is None or solid.watertight
+        else "not watertight, so only its surface is checked: a body that is entirely inside is not detected"
+    )
+
+
+def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3, remark: str = "") -> Body:
+    """Return a body of a link: a convex hull that contains ``points`` (V, 3), which may be flat."""
+    geometry = hull_of_any(points)
+    corners = np.array(geometry.points(), dtype=float)
+    box = np.array([corners.min(axis=0), corners.max(axis=0)])
+    return Body(name, link, link, geometry, link_from_body, box, Support(corners), remark=remark)
+
+
+Made = tuple[Any, Array, Support | None, Inside | None]
+"""Coal shape, box (2, 3), support function, enclosed volume."""
+
+
+def _made(shape: Shape, owner: str, link: str | None) -> Made:
+    """Return geometry, box, support and enclosed volume of a shape; an unknown kind is refused."""
+    if isinstance(shape, HalfSpace) and link is not None:
+        raise InputError(f"{owner!r} is a HalfSpace, which is unbounded and cannot move with {link!r}; attach a Box")
+    if isinstance(shape, ConvexHull):
+        return _hull(np.asarray(shape.points), f"the hull {owner!r}")
+    make = GEOMETRIES.get(type(shape))
+    if make is None:
+        known = ", ".join(kind.__name__ for kind in (ConvexHull, *GEOMETRIES))
+        raise InputError(f"{owner!r} has the unknown shape {type(shape).__name__}; known are {known}")
+    return make(shape)
+
+
+def _box(shape: Box) -> Made:
+    half = np.array([shape.x, shape.y, shape.z]) / 2
+    return coal.Box(shape.x, shape.y, shape.z), np.array([-half, half]), Support(CORNERS * half), None
+
+
+def _sphere(shape: Sphere) -> Made:
+    half = np.full(3, shape.radius)
+    support = Support(np.zeros((1, 3)), shape.radius)
+    return coal.Sphere(shape.radius), np.array([-half, half]), support, None
+
+
+def _ellipsoid(shape: Ellipsoid) -> Made:
+    half = np.array([shape.rx, shape.ry, shape.rz])
+    support = Support(np.zeros((1, 3)), semi_axes=half)
+    return coal.Ellipsoid(shape.rx, shape.ry, shape.rz), np.array([-half, half]), support, None
+
+
+def _cylinder(shape: Cylinder) -> Made:
+    ends, half = _ends(shape)
+    support = Support(ends, disc_radii=np.full(2, shape.radius))
+    return coal.Cylinder(shape.radius, shape.length), np.array([-half, half]), support, None
+
+
+def _cone(shape: Cone) -> Made:
+    ends, half = _ends(shape)
+    support = Support(ends, disc_radii=np.array([shape.radius, 0.0]))
+    return coal.Cone(shape.radius, shape.length), np.array([-half, half]), support, None
+
+
+def _capsule(shape: Capsule) -> Made:
+    ends, half = _ends(shape)
+    half[2] += shape.radius
+    return coal.Capsule(shape.radius, shape.length), np.array([-half, half]), Support(ends, shape.radius), None
+
+
+def _ends(shape: Cylinder | Cone | Capsule) -> tuple[Array, Array]:
+    """Return the two ends (2, 3) of the axis, and half the sides (3,) of the box around the part between them."""
+    ends = np.array([[0, 0, -shape.length / 2], [0, 0, shape.length / 2]])
+    return ends, np.array([shape.radius, shape.radius, shape.length / 2])
+
+
+def _half_space(_: HalfSpace) -> Made:
+    box = np.array([[-np.inf] * 3, [np.inf, np.inf, 0.0]])
+    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), box, None, None
+
+
+def _cells(shape: PointCloud | OccupancyGrid) -> Made:
+    return *_surface(*cell_faces(shape)), Cells(*cells_of(shape))
+
+
+def _height_map(shape: HeightMap) -> Made:
+    return *_surface(*ground_surface(shape)), Ground(shape)
+
+
+def _mesh(shape: Mesh) -> Made:
+    if shape.path is None:
+        return _made_of_mesh(shape)
+    path = Path(shape.path).absolute()  # a relative path depends on the working directory
+    try:
+        status = path.stat()
+    except OSError:
+        return _made_of_mesh(shape)  # raises with the reason
+    return _made_of_file(path, shape.scale, shape.hull, shape.hollow, (status.st_mtime_ns, status.st_size))
+
+
+def _own_shape(shape: Mesh) -> tuple[tuple[Made, ...], str]:
+    """Return the bodies of a mesh that is represented as a solid, and a remark on simplifications."""
+    if shape.path is None:
+        return _made_of_own_shape(shape, None)
+    path = Path(shape.path).absolute()
+    try:
+        status = path.stat()
+    except OSError:
+        triangles_of(shape)  # raises, naming the file
+        raise
+    return _made_of_own_shape(replace(shape, path=path), (status.st_mtime_ns, status.st_size))
+
+
+@lru_cache(maxsize=MESHES_KEPT)
+def _made_of_own_shape(shape: Mesh, _changed: tuple[int, int] | None) -> tuple[tuple[Made, ...], str]:
+    mesh = triangles_of(shape)
+    what = "the mesh" if shape.path is None else Path(shape.path).name
+    solid = Solid(mesh.vertices, mesh.triangles)
+    if not solid.watertight:
+        remark = f"{what} is not watertight, so it is replaced by its convex hull, which fills its openings"
+        return (_made_of_mesh(replace(shape, hull=True)),), remark
+    cover = convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
+    if cover is None or cover.excess > MOST_EXCESS:
+        remark = (
+            f"{what} is represented by its exact triangles, because {MOST_PIECES} convex pieces do not fit it within "
+            f"{MOST_EXCESS * 1e3:g} mm; checks take longer, and proofs cannot be saved"
+        )
+        return (_made_of_mesh(replace(shape, hull=False)),), remark
+    if len(cover.points) == 1:
+        return (_made_of_mesh(replace(shape, hull=True)),), ""
+    pieces = []
+    for points in cover.points:
+        geometry = hull_of_any(points)
+        corners = np.array(geometry.points(), dtype=float)
+        pieces.append((geometry, _box_around(corners), Support(corners), None))
+    return tuple(pieces), (
+        f"{what} is covered by {len(pieces)} convex pieces, which extend at most {cover.excess * 1e3:.1f} mm beyond it "
+        f"(at {SAMPLES} points)"
+    )
+
+
+@lru_cache(maxsize=MESHES_KEPT)
+def _made_of_file(path: Any, scale: Any, hull: bool | None, hollow: bool, _changed: tuple[int, int]) -> Made:
+    return _made_of_mesh(Mesh(path, scale, hull=hull, hollow=hollow))
+
+
+def _made_of_mesh(shape: Mesh) -> Made:
+    mesh = triangles_of(shape)
+    what = "a mesh of arrays" if shape.path is None else shape.path
+    if shape.hull:
+        try:
+            return _hull(mesh.vertices, "the mesh")
+        except InputError as error:
+            raise MeshError(what, f"{error}; use its triangles (hull=False), or give it thickness") from error
+    if shape.hull is None:
+        raise InputError("a Mesh without hull= may be several bodies; use shape_bodies")
+    solid = Solid(mesh.vertices, mesh.triangles, shape.hollow)
+    if not solid.watertight and not shape.hollow:
+        raise MeshError(
+            what,
+            "is not watertight, so it has no inside: use its hull (hull=True), close it, or use only its surface "
+            "(hull=False, hollow=True), inside which no body is detected",
+        )
+    return *_surface(mesh.vertices, mesh.triangles), solid
+
+
+def _surface(vertices: Array, triangles: npt.NDArray[np.int64]) -> tuple[Any, Array, None]:
+    """Coal shape, box and no support."""
+    return bvh(vertices, triangles), _box_around(vertices), None
+
+
+def triangles_of(shape: Mesh) -> TriangleMesh:
+    """The triangles of a mesh, in metres.
+
+    Raises
+    ------
+    MeshError
+        If its file is missing or unreadable.
+    """
+    if shape.path is None:
+        return TriangleMesh(np.array(shape.vertices), np.array(shape.triangles))
+    return read_mesh(shape.path, shape.scale)  # type: ignore[arg-type]  # made three numbers by Mesh
+
+
+def _hull(points: Array, what: str) -> Made:
+    geometry = convex_hull(points, what)
+    return geometry, _box_around(points), Support(np.array(geometry.points(), dtype=float)), None
+
+
+def _box_around(points: Array) -> Array:
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def boxes(bodies: Sequence[Body]) -> tuple[Array, Array]:
+    """Return centres (B, 3) and half sides (B, 3) of the bodies' boxes, each in its body's frame.
+
+    Not finite for an unbounded body.
+    """
+    stacked = np.array([body.box for body in bodies]).reshape(-1, 2, 3)
+    with np.errstate(invalid="ignore"):
+        return stacked.mean(axis=1), (stacked[:, 1] - stacked[:, 0]) / 2
+
+
+GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
+    Box: _box,
+    Sphere: _sphere,
+    Cylinder: _cylinder,
+    Capsule: _capsule,
+    Cone: _cone,
+    Ellipsoid: _ellipsoid,
+    HalfSpace: _half_space,
+    Mesh: _mesh,
+    PointCloud: _cells,
+    OccupancyGrid: _cells,
+    HeightMap: _height_map,
+}
+"""The registration of each shape: the function that returns its geometry, box, support and enclosed volume."""

@@ -1,0 +1,464 @@
+"""Triangles, edges and convex cells cut in two by a plane.
+
+A plane is ``[normal, offset]`` (4,): the points x with ``normal . x + offset = 0``. Points within ``snap`` metres of it
+lie in it.
+
+Watertight meshes as a few convex pieces that together hold all of them and reach hardly beyond them.
+
+Space is cut into convex cells C by planes through the faces at the mesh's reflex edges: the inner walls of a bin, the
+shoulder of a bracket. The solid S is covered, cell by cell, by the hull of the surface triangles cut to C and of the
+corners of C next to which C is filled by S.
+
+Proof. Let K be the closure of the common interior of S and C, and x an extreme point of K (K lies in the hull of these;
+Rockafellar, 1970, "Convex analysis", corollary 18.5.1). If surface comes arbitrarily near to x within C, a triangle cut
+to C holds x. If not, C is filled by S next to x, so x is extreme in C too, and such a corner is taken. Planes are
+:data:`SNAP` thick, so a gap of that width may remain uncovered inside S between two pieces; every triangle of the
+surface is covered. So what touches S touches the cover, unless it is thinner than that gap and wholly inside S.
+
+Cutting through faces gives the exact pieces of a body with flat faces (B. Chazelle, 1984, "Convex partitions of
+polyhedra", section 3: each reflex edge is removed by one cut). :mod:`pinproof.collision.geometry.decomposition` cuts
+across the axes only and serves the links of robots, which are round.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from itertools import combinations
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision.geometry.hulls import Solid, bvh, inside
+
+Array = npt.NDArray[np.float64]
+
+
+def _heights(points: Array, plane: Array, snap: float) -> Array:
+    heights = points @ plane[:3] + plane[3]
+    return np.where(np.abs(heights) <= snap, 0.0, heights)
+
+
+def split_triangles(corners: Array, plane: Array, snap: float) -> tuple[Array, Array]:
+    """The triangles below and above a plane, cut where they cross it; those in it go to the side of their material."""
+    h = _heights(corners, plane, snap)
+    below, above = (h <= 0).all(axis=1), (h >= 0).all(axis=1)
+    inside_plane = below & above
+    if inside_plane.any():
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        up = normals @ plane[:3] > 0  # outward normal up: the material is below
+        below, above = below & ~(inside_plane & ~up), above & ~(inside_plane & up)
+    lower, upper = [corners[below & (~above | inside_plane)]], [corners[above & (~below | inside_plane)]]
+    crossing = ~((h <= 0).all(axis=1) | (h >= 0).all(axis=1))
+    torn, h = corners[crossing], h[crossing]
+    if len(torn):
+        # Turn each so that its first corner is alone on its side; a corner in the plane counts to the other two.
+        s = np.sign(h)
+        alone = np.argmax(
+            [
+                (s[:, i] * s[:, j] <= 0) & (s[:, i] * s[:, k] <= 0) & (s[:, i] != 0)
+                for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+            ],
+            axis=0,
+        )
+        rows, order = np.arange(len(torn))[:, None], (alone[:, None] + np.arange(3)) % 3
+        (a, b, c), (ha, hb, hc) = np.moveaxis(torn[rows, order], 1, 0), h[rows, order].T
+        p, q = a + (ha / (ha - hb))[:, None] * (b - a), a + (ha / (ha - hc))[:, None] * (c - a)
+        tip = np.stack([a, p, q], axis=1)
+        rest = np.concatenate([np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)])
+        twice = np.tile(ha < 0, 2)
+        lower += [tip[ha < 0], rest[~twice]]
+        upper += [tip[ha > 0], rest[twice]]
+    return _with_area(np.concatenate(lower)), _with_area(np.concatenate(upper))
+
+
+def _with_area(corners: Array) -> Array:
+    """Those with three different corners: a corner in the plane of a cut gives triangles without."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return corners[(a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)]
+
+
+def split_edges(edges: Array, planes: Array, plane: Array, snap: float) -> list[tuple[Array, Array]]:
+    """The edges below and above a plane, cut where they cross it; those in it are resolved."""
+    h = _heights(edges, plane, snap)
+    halves = []
+    for sign in (-1.0, 1.0):
+        g = h * sign
+        some = (g > 0).any(axis=1)
+        kept, g = edges[some].copy(), g[some]
+        for end, other in ((0, 1), (1, 0)):
+            out = g[:, end] < 0
+            share = (g[out, other] / (g[out, other] - g[out, end]))[:, None]
+            kept[out, end] = kept[out, other] + share * (kept[out, end] - kept[out, other])
+        halves.append((kept, planes[some]))
+    return halves
+
+
+def split_cell(faces: list[Array], plane: Array, snap: float) -> tuple[list[Array], list[Array]]:
+    """The faces of a convex cell below and above a plane; the cut itself is a face of both."""
+    halves: tuple[list[Array], list[Array]] = ([], [])
+    cap: list[Array] = []
+    for polygon in faces:
+        h = _heights(polygon, plane, snap)
+        cap += list(polygon[h == 0])
+        parts: tuple[list[Array], list[Array]] = ([], [])
+        for i in range(len(polygon)):
+            a, b, ha, hb = polygon[i - 1], polygon[i], h[i - 1], h[i]
+            if ha * hb < 0:
+                crossing = a + ha / (ha - hb) * (b - a)
+                cap.append(crossing)
+                parts[0].append(crossing)
+                parts[1].append(crossing)
+            if hb <= 0:
+                parts[0].append(b)
+            if hb >= 0:
+                parts[1].append(b)
+        for half, part, there in zip(halves, parts, ((h < 0).any(), (h > 0).any()), strict=True):
+            if there and len(part) > 2:
+                half.append(np.array(part))
+    if len(cap) > 2 and all(halves):
+        for half in halves:
+            half.append(_around(np.unique(cap, axis=0), plane[:3]))
+    return halves
+
+
+def _around(points: Array, normal: Array) -> Array:
+    """The corners (N, 3) of a convex polygon in their order around it."""
+    off = points - points.mean(axis=0)
+    one = off[np.linalg.norm(off, axis=1).argmax()]
+    other = np.cross(normal, one)
+    return points[np.argsort(np.arctan2(off @ other, off @ one))]
+
+
+SNAP = 2e-7
+"""Share of the mesh's diagonal within which a point lies in a plane: files such as STL hold single precision."""
+
+NUDGE = 1e-6
+"""Share of the mesh's diagonal by which a corner is moved into its cell to see whether the cell is filled there."""
+
+REFLEX = 1e-3
+"""An edge is reflex where the sine of the angle between its faces is larger than this (0.06 degrees)."""
+
+PLANES_TRIED = 8
+"""Planes through faces that are tried for each cut: those with the longest reflex edges."""
+
+AT = (
+    np.array([(1, 1, 1), (18, 1, 1), (1, 18, 1), (1, 1, 18), (9, 9, 2), (9, 2, 9), (2, 9, 9)])
+    / np.array([3, 20, 20, 20, 20, 20, 20])[:, None]
+)
+"""(7, 3) Where the samples of a triangle lie, as shares of its corners."""
+
+Samples = tuple[Array, Array]
+"""Points (N, 3) of a surface and the outward unit normals (N, 3) there."""
+
+PRODUCTS = 2**20
+"""Products of a sample and a plane that are computed at once: 8 MB."""
+
+SAMPLES = 4000
+"""Points on the surface of the cover at which its excess is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexPieces:
+    """A cover of a mesh.
+
+    Parameters
+    ----------
+    points
+        The points (V_i, 3) of each piece.
+    excess
+        Metres: how far the cover reaches beyond the mesh, at the worst of about :data:`SAMPLES` points of its surface.
+    """
+
+    points: tuple[Array, ...]
+    excess: float
+
+
+def convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPieces | None:
+    """Cover a watertight mesh by at most ``most`` convex pieces.
+
+    Bodies that overlap are covered one by one, because their common surface has no edges to cut at. None for a mesh
+    with more faces at reflex edges than 1.5 times ``most``: a bowl, for example, would need many more pieces.
+
+    Parameters
+    ----------
+    solid
+        The mesh.
+    most
+        Pieces at most.
+    tolerance
+        Metres. A cell is not cut any more where no more space than this is between the surface and the hull.
+    """
+    corners = solid.corners
+    size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
+    cells = []
+    for part in solid.solids if len(solid.solids) <= most else (corners,):
+        space = _Space(partial(inside, corners=part), SNAP * size, NUDGE * size, size)
+        cells.append(_Cell(space, part, _box(part), *_reflex_edges(part, SNAP * size)))
+    # The space of a hull takes seconds for a mesh of 100,000 triangles, so the planes are counted first.
+    if sum(len(cell.reflex_planes()) for cell in cells) > 1.5 * most and (
+        sum(len(each.reflex_planes()) for each in cells if each.hull.has_space(*each.samples, tolerance)) > 1.5 * most
+    ):
+        return None
+    hulls = _joined(_cells(cells, most, tolerance), tolerance)
+    return ConvexPieces(tuple(hull.points for hull in hulls), _excess(hulls, corners, solid.contains))
+
+
+@dataclass(frozen=True, eq=False)
+class _Space:
+    contains: Callable[[Array], bool]
+    snap: float
+    nudge: float
+    size: float
+
+
+class _Hull:
+    """A convex hull: the points on it (V, 3), its faces as planes (E, 4) and triangles, its volume; 0 if flat."""
+
+    def __init__(self, points: Array) -> None:
+        from scipy.spatial import ConvexHull, QhullError
+
+        self.points, self.planes, self.volume = points, np.empty((0, 4)), 0.0
+        self.triangles = np.empty((0, 3, 3))
+        if len(points) > 3:
+            with suppress(QhullError):
+                hull = ConvexHull(points)
+                self.points, self.planes, self.volume = points[hull.vertices], hull.equations, float(hull.volume)
+                self.triangles = points[hull.simplices]
+
+    def space(self, points: Array, normals: Array) -> Array:
+        """How far (m) it is from points (N, 3) in it along unit normals (N, 3) to its surface."""
+        space = np.zeros(len(points))
+        for rows in self._blocks(points):
+            space[rows] = self._block_space(points[rows], normals[rows])
+        return space
+
+    def has_space(self, points: Array, normals: Array, tolerance: float) -> bool:
+        """Whether it is farther than ``tolerance`` (m) from any of the points to its surface; stops at the first."""
+        return any((self._block_space(points[r], normals[r]) > tolerance).any() for r in self._blocks(points))
+
+    def _blocks(self, points: Array) -> list[slice]:
+        """Rows of points by blocks: a CAD mesh has 500,000 samples and 3,000 planes, and their product is 12 GB."""
+        if len(self.planes) == 0:
+            return []
+        rows = max(1, PRODUCTS // len(self.planes))
+        return [slice(i, i + rows) for i in range(0, len(points), rows)]
+
+    def _block_space(self, points: Array, normals: Array) -> Array:
+        height = np.maximum(-(points @ self.planes[:, :3].T + self.planes[:, 3]), 0.0)
+        slope = normals @ self.planes[:, :3].T
+        return np.asarray(np.where(slope > 1e-9, height / np.maximum(slope, 1e-9), np.inf).min(axis=1))
+
+
+def _cells(given: Sequence[_Cell], most: int, tolerance: float) -> list[tuple[_Hull, Samples]]:
+    """The hulls of the cells, each with samples of the surface in it, the worst cell cut first."""
+    number = len(given)
+    queue = [(-cell.cost, k, cell) for k, cell in enumerate(given)]
+    heapq.heapify(queue)
+    done: list[_Cell] = []
+    while queue:
+        cell = heapq.heappop(queue)[2]
+        if cell.deepest <= tolerance:
+            done.append(cell)
+            continue
+        if len(queue) + len(done) + 1 >= most:
+            done += [cell, *(other for _, _, other in queue)]
+            break
+        for half in cell.best_cut():
+            if not half.empty:
+                number += 1
+                heapq.heappush(queue, (-half.cost, number, half))
+    return [(cell.hull, cell.samples) for cell in done]
+
+
+def _joined(cells: list[tuple[_Hull, Samples]], tolerance: float) -> list[_Hull]:
+    """Fewer pieces: two are joined where their common hull leaves no more space above the surface than is tolerated."""
+    alive = dict(enumerate(cells))
+    number = len(cells)
+    tried: set[tuple[int, int]] = set()
+    while True:
+        best: tuple[float, int, int, _Hull] | None = None
+        for i, j in combinations(alive, 2):
+            if (i, j) in tried:
+                continue
+            (one, samples_one), (other, samples_other) = alive[i], alive[j]
+            hull = _Hull(np.concatenate([one.points, other.points]))
+            more = hull.volume - one.volume - other.volume
+            area = max(float(np.prod(np.ptp(hull.points, axis=0))) ** (2 / 3), 1e-12)
+            deep = max(float(hull.space(*samples).max(initial=0.0)) for samples in (samples_one, samples_other))
+            # Two flat pieces apart may have no surface between them, so the volume has to agree as well.
+            if deep > tolerance or more > tolerance * area:
+                tried.add((i, j))
+            elif best is None or more < best[0]:
+                best = more, i, j, hull
+        if best is None:
+            return [hull for hull, _ in alive.values()]
+        _, i, j, hull = best
+        (points, normals), (more_points, more_normals) = alive.pop(i)[1], alive.pop(j)[1]
+        number += 1
+        alive[number] = hull, (np.concatenate([points, more_points]), np.concatenate([normals, more_normals]))
+
+
+@dataclass(eq=False)
+class _Cell:
+    """A convex cell, the triangles (F, 3, 3) cut to it, and the reflex edges (E, 2, 3) in it."""
+
+    space: _Space = field(repr=False)
+    corners: Array
+    faces: list[Array]
+    edges: Array
+    planes: Array
+    """(E, 2, 4) those of the faces at the reflex edges."""
+
+    @cached_property
+    def filled(self) -> Array:
+        """The corners of the cell next to which it is filled."""
+        corners = np.unique(np.concatenate([np.empty((0, 3)), *self.faces]), axis=0)
+        inward = corners.mean(axis=0) - corners
+        lengths = np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-300)
+        nudged = corners + inward / lengths * np.minimum(self.space.nudge, lengths / 2)
+        kept = [corner for corner, near in zip(corners, nudged, strict=True) if self.space.contains(near[None])]
+        return np.array(kept).reshape(-1, 3)
+
+    @property
+    def empty(self) -> bool:
+        return len(self.corners) == 0 and len(self.filled) == 0
+
+    @cached_property
+    def hull(self) -> _Hull:
+        return _Hull(np.unique(np.concatenate([self.corners.reshape(-1, 3), self.filled]), axis=0))
+
+    @cached_property
+    def samples(self) -> Samples:
+        """Points of the surface, seven a triangle, and the outward normals there."""
+        across = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+        twice = np.linalg.norm(across, axis=1)
+        some = twice > 0
+        points = np.einsum("ks,fsx->kfx", AT, self.corners[some])
+        normals = across[some] / twice[some, None]
+        return points.reshape(-1, 3), np.tile(normals, (len(AT), 1))
+
+    @cached_property
+    def _space(self) -> Array:
+        return self.hull.space(*self.samples)
+
+    @cached_property
+    def deepest(self) -> float:
+        """The largest space (m) between surface and hull."""
+        return float(self._space.max(initial=0.0))
+
+    @cached_property
+    def cost(self) -> float:
+        """The space between surface and hull, summed over the surface: m^3."""
+        areas = np.linalg.norm(
+            np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]), axis=1
+        )
+        areas = np.tile(areas[areas > 0] / 2, len(AT)) / len(AT)
+        return float(areas @ np.minimum(self._space, self.space.size))
+
+    def best_cut(self) -> tuple[_Cell, _Cell]:
+        """The two halves that the cut leaves that leaves least cost."""
+        best: tuple[float, tuple[_Cell, _Cell]] | None = None
+        for plane in self.reflex_planes()[:PLANES_TRIED] or self._middles():
+            halves = self._cut(plane)
+            if any(half.hull.volume >= self.hull.volume * (1 - 1e-9) for half in halves):
+                continue  # nothing is cut off
+            cost = sum(half.cost for half in halves)
+            if best is None or cost < best[0]:
+                best = cost, halves
+        return best[1] if best is not None else self._cut(self._middles()[0])
+
+    def reflex_planes(self) -> list[Array]:
+        """The planes of the faces at reflex edges, those with the longest first."""
+        if len(self.edges) == 0:
+            return []
+        lengths = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1)
+        planes, weights = self.planes.reshape(-1, 4), np.repeat(lengths, 2)
+        scale = np.array([1e3, 1e3, 1e3, 1e5])
+        _, first, group = np.unique(np.round(planes * scale), axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(-np.bincount(group.ravel(), weights), kind="stable")
+        return [planes[first[k]] for k in order]
+
+    def _middles(self) -> list[Array]:
+        """Planes across the axes through the middle of what is there."""
+        low, high = self.hull.points.min(axis=0), self.hull.points.max(axis=0)
+        made = []
+        for axis in np.argsort(low - high):
+            normal = np.zeros(3)
+            normal[axis] = 1.0
+            made.append(np.append(normal, -(low[axis] + high[axis]) / 2))
+        return made
+
+    def _cut(self, plane: Array) -> tuple[_Cell, _Cell]:
+        """The cells on both sides of a plane, the one against its normal first."""
+        snap = self.space.snap
+        lower, upper = split_triangles(self.corners, plane, snap)
+        faces = split_cell(self.faces, plane, snap)
+        edges = split_edges(self.edges, self.planes, plane, snap)
+        return _Cell(self.space, lower, faces[0], *edges[0]), _Cell(self.space, upper, faces[1], *edges[1])
+
+
+def _box(corners: Array) -> list[Array]:
+    """The faces of the box around triangles, as polygons."""
+    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
+    faces = []
+    for axis in range(3):
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        for end in (low, high):
+            square = np.empty((4, 3))
+            square[:, axis] = end[axis]
+            square[:, a], square[:, b] = (low[a], high[a], high[a], low[a]), (low[b], low[b], high[b], high[b])
+            faces.append(square)
+    return faces
+
+
+def _reflex_edges(corners: Array, snap: float) -> tuple[Array, Array]:
+    """The edges (E, 2, 3) at which the surface is not convex, and the planes (E, 2, 4) of their faces."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice = np.linalg.norm(across, axis=1)
+    corners, normals = corners[twice > 0], across[twice > 0] / twice[twice > 0, None]
+    planes = np.column_stack([normals, -np.einsum("fi,fi->f", normals, corners[:, 0])])
+    places, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    # Half-edge 3 f + k starts at corner k of triangle f; its twin runs the other way in the neighbouring triangle.
+    start = index.reshape(-1, 3)
+    end = np.roll(start, -1, axis=1)
+    key, twin = (start * len(places) + end).ravel(), (end * len(places) + start).ravel()
+    keys, last = np.unique(key[::-1], return_index=True)
+    half = len(key) - 1 - last  # where triangles overlap, the last of them counts
+    place = np.minimum(np.searchsorted(keys, twin[half]), len(keys) - 1)
+    half, back = np.compress((keys[place] == twin[half]) & (key[half] < twin[half]), [half, half[place]], axis=1)
+    order = np.argsort(half)
+    (f, k), (g, m) = np.divmod(half[order], 3), np.divmod(back[order], 3)
+    ends = np.stack([corners[f, k], corners[f, (k + 1) % 3]], axis=1)
+    along = ends[:, 1] - ends[:, 0]
+    sine = np.einsum("ei,ei->e", normals[g], np.cross(normals[f], along)) / np.linalg.norm(along, axis=1)
+    height = np.einsum("ei,ei->e", planes[f, :3], corners[g, (m + 2) % 3]) + planes[f, 3]
+    reflex = (sine > REFLEX) & (height > snap)
+    return ends[reflex], np.stack([planes[f], planes[g]], axis=1)[reflex]
+
+
+def _excess(hulls: list[_Hull], corners: Array, contains: Callable[[Array], bool]) -> float:
+    """How far (m) the hulls reach beyond the mesh, at points spread evenly over their surfaces."""
+    triangles = np.concatenate([np.empty((0, 3, 3)), *(hull.triangles for hull in hulls)])
+    if len(triangles) == 0:
+        return 0.0
+    areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(triangles), SAMPLES, p=areas / areas.sum())
+    shares = rng.dirichlet(np.ones(3), SAMPLES)
+    points = np.concatenate([np.einsum("nk,nkd->nd", shares, triangles[chosen]), triangles.mean(axis=1)])
+    surface = bvh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    point, here = coal.Sphere(1e-9), coal.Transform3s.Identity()
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    distances = np.zeros(len(points))
+    for i, at in enumerate(points):
+        result.clear()
+        distances[i] = coal.distance(point, coal.Transform3s(np.eye(3), at), surface, here, request, result)
+    for i in np.argsort(-distances).tolist():
+        if distances[i] <= 1e-6 or not contains(points[i][None]):
+            return max(float(distances[i]), 0.0)
+    return 0.0

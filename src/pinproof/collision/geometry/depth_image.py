@@ -1,0 +1,324 @@
+"""Depth images and point clouds: cameras, checks of units and sizes, and the bodies that an image looks through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import Shape
+from pinproof.collision.geometry.sensor_files import read_image, read_points
+from pinproof.common.validation import named_arguments, require_integer, require_positive
+from pinproof.errors import InputError
+from pinproof.spatial import SE3, finite, matrix, rigid
+from pinproof.units import MOST_REACH
+
+Array = npt.NDArray[np.float64]
+
+DEPTH_UNCERTAINTY = 0.005
+"""Default largest error (m) of a measured depth: about that of common depth cameras at a distance of 1 m."""
+
+LEAST_DEPTH = 0.01
+"""Metres. A median depth below this is too near for any depth camera: the image is in other units."""
+
+LARGEST_WHOLE = 10.0
+"""Metres. An image of whole numbers whose median exceeds this is in millimetres."""
+
+SATURATED = 2**16 - 1
+"""The largest number of 16 bits, which is no measurement."""
+
+SAMPLES = 10_000
+"""Number of pixels of which the unit of an image is judged."""
+
+OFF_CENTER = 0.2
+"""Share of the image by which the principal point of a camera may be off the center of its image; that of an image of
+half the size is off by 0.25."""
+
+
+@named_arguments
+@dataclass(frozen=True)
+class Intrinsics:
+    """A pinhole camera: a point (x, y, z) of its frame is at the pixel (fx x / z + cx, fy y / z + cy).
+
+    Parameters
+    ----------
+    fx, fy
+        Focal lengths (pixels).
+    cx, cy
+        The principal point (pixels): column and row. The center of the first pixel is (0, 0).
+    width, height
+        The size of the image (pixels).
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            require_integer(f"Intrinsics.{name}", getattr(self, name), 1)
+        for name in ("fx", "fy"):
+            require_positive(f"Intrinsics.{name}", getattr(self, name))
+        finite("Intrinsics.cx and cy", (self.cx, self.cy), (2,))
+        for name, size in (("cx", self.width), ("cy", self.height)):
+            if not abs(getattr(self, name) - (size - 1) / 2) <= OFF_CENTER * size:
+                raise InputError(
+                    f"Intrinsics.{name} = {getattr(self, name):g} is far off the center of an image of {self.width} x "
+                    f"{self.height} pixels; the intrinsics are those of another size of image"
+                )
+
+    @classmethod
+    def from_matrix(cls, K: npt.ArrayLike, width: int, height: int) -> Intrinsics:
+        """Return the camera of a matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].
+
+        Raises
+        ------
+        InputError
+            If the matrix has another form, or is for another size of image.
+        """
+        k = finite("intrinsics", K, (3, 3))
+        if np.any(k[[0, 1, 2, 2], [1, 0, 0, 1]]) or k[2, 2] != 1.0:
+            raise InputError(f"intrinsics = {k.tolist()}; they must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        return cls(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), width, height)
+
+    def scaled(self, factor: float) -> Intrinsics:
+        """Return the camera of the same view in an image whose sides are ``factor`` times as long."""
+        require_positive("factor", factor)
+        cx, cy = ((c + 0.5) * factor - 0.5 for c in (self.cx, self.cy))
+        size = (round(self.width * factor), round(self.height * factor))
+        return Intrinsics(self.fx * factor, self.fy * factor, cx, cy, *size)
+
+
+class Piece(NamedTuple):
+    """A convex piece of a body: its shape in the compiled core, and the pose of the root in its frame (4, 4)."""
+
+    shape: Shape
+    shape_from_root: Array
+
+
+class RemovedBody(NamedTuple):
+    """A body that was removed from a view."""
+
+    name: str
+    pieces: tuple[Piece, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """A checked depth image with its camera; :meth:`read` makes one.
+
+    Parameters
+    ----------
+    depth
+        (height, width) measured depth (m) along the optical axis; 0 without a measurement.
+    nearest, farthest
+        (height, width) metres: every surface in a pixel is at ``nearest`` or farther, and one was measured at
+        ``farthest`` or nearer; 0 where nothing is known, or nothing was measured.
+    uncertainty
+        (height, width) or one number: the largest error (m) of a depth.
+    intrinsics
+        The camera.
+    root_from_camera
+        Its pose.
+    removed
+        The bodies that :func:`pinproof.collision.remove_body` removed.
+    record
+        What was done, in sentences.
+    beside
+        (K, 3) measured points (m) outside the image, in the frame of the grid; only of point clouds.
+    """
+
+    depth: Array
+    nearest: Array
+    farthest: Array
+    uncertainty: Array
+    intrinsics: Intrinsics
+    root_from_camera: SE3
+    removed: tuple[RemovedBody, ...] = ()
+    record: tuple[str, ...] = ()
+    beside: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @classmethod
+    def read(
+        cls,
+        image: npt.ArrayLike | str | Path,
+        intrinsics: Intrinsics | npt.ArrayLike,
+        camera_pose: SE3 | npt.ArrayLike,
+        *,
+        depth_scale: float | None = None,
+        depth_uncertainty: float | npt.ArrayLike = DEPTH_UNCERTAINTY,
+    ) -> DepthView:
+        """Check and convert an image; arguments and errors are those of :meth:`pinproof.OccupancyGrid.from_depth`."""
+        pose = rigid("camera_pose", camera_pose)
+        raw = _pixels(image)
+        height, width = raw.shape
+        camera = intrinsics if isinstance(intrinsics, Intrinsics) else Intrinsics.from_matrix(intrinsics, width, height)
+        if (camera.width, camera.height) != (width, height):
+            raise InputError(
+                f"the image has {width} x {height} pixels, the intrinsics are for {camera.width} x {camera.height}; "
+                "Intrinsics.scaled() converts them if the whole view was scaled"
+            )
+        depth = _metres(raw, depth_scale)
+        try:
+            error = np.array(depth_uncertainty, dtype=float)
+        except (TypeError, ValueError) as wrong:
+            raise InputError(f"depth_uncertainty is not a number or an array of numbers: {wrong}") from wrong
+        if error.shape not in ((), raw.shape) or not (error >= 0).all():
+            raise InputError(
+                f"depth_uncertainty must be 0 or more, one number or one for each pixel {raw.shape}; its shape is "
+                f"{error.shape}"
+            )
+        measured = depth > 0
+        nearest = np.where(measured, np.maximum(depth - error, 0.0), 0.0)
+        return cls(depth, nearest, np.where(measured, depth + error, 0.0), error, camera, pose)
+
+    @classmethod
+    def from_points(
+        cls,
+        points: npt.ArrayLike | str | Path,
+        intrinsics: Intrinsics,
+        camera_pose: SE3 | npt.ArrayLike,
+        *,
+        cloud_pose: SE3 | npt.ArrayLike | None = None,
+        depth_uncertainty: float = DEPTH_UNCERTAINTY,
+    ) -> DepthView:
+        """Return the view of a point cloud, of which each pixel shows the nearest point.
+
+        Arguments and errors are those of :meth:`pinproof.OccupancyGrid.from_points`.
+        """
+        if not isinstance(intrinsics, Intrinsics):
+            raise InputError(f"intrinsics must be Intrinsics, not {type(intrinsics).__name__}: a cloud has no size")
+        require_positive("depth_uncertainty", depth_uncertainty, zero=True)
+        root_from_camera = rigid("camera_pose", camera_pose)
+        cloud, record = _measured_points(points)
+        if cloud_pose is not None:
+            cloud = _moved(rigid("cloud_pose", cloud_pose), cloud)
+        seen = _moved(root_from_camera.inverse(), cloud)
+        front = np.maximum(seen[:, 2], LEAST_DEPTH)
+        column = np.rint(intrinsics.fx * seen[:, 0] / front + intrinsics.cx)
+        row = np.rint(intrinsics.fy * seen[:, 1] / front + intrinsics.cy)
+        shown = (seen[:, 2] >= LEAST_DEPTH) & (column >= 0) & (column < intrinsics.width)
+        shown &= (row >= 0) & (row < intrinsics.height)
+        if not shown.any():
+            raise InputError(f"none of the {len(cloud)} points is in the view of the camera; check camera_pose")
+        pixels = (row[shown] * intrinsics.width + column[shown]).astype(np.int64)
+        nearest = np.full(intrinsics.height * intrinsics.width, np.inf)
+        farthest = np.zeros_like(nearest)
+        np.minimum.at(nearest, pixels, seen[shown, 2])
+        np.maximum.at(farthest, pixels, seen[shown, 2])
+        shape, error = (intrinsics.height, intrinsics.width), float(depth_uncertainty)
+        depth = np.where(np.isfinite(nearest), nearest, 0.0).reshape(shape)
+        farthest = np.where(farthest > 0, farthest + error, 0.0).reshape(shape)
+        bound = np.maximum(depth - error, 0.0)
+        return cls(depth, bound, farthest, np.array(error), intrinsics, root_from_camera, (), (record,), cloud[~shown])
+
+    @property
+    def stated_uncertainty(self) -> str:
+        """The uncertainty as text."""
+        low, high = float(self.uncertainty.min()) * 1e3, float(self.uncertainty.max()) * 1e3
+        return f"{high:g} mm" if low == high else f"{low:g} to {high:g} mm"
+
+    def refuse_covered(self, voxel: float) -> None:
+        """Refuse an image in which no surface is farther than its uncertainty and a cell: nothing can be free."""
+        if float(self.nearest.max()) <= voxel:
+            raise InputError(
+                f"every measured surface is within {float(self.depth.max()):.3g} m of the camera: it is covered or "
+                "inside an obstacle"
+            )
+
+
+def _pixels(image: Any) -> npt.NDArray[Any]:
+    """Return the numbers (height, width) of an array or file."""
+    what = "the depth image"
+    if isinstance(image, (str, Path)):
+        what, image = f"the depth image {image}", read_image(image)
+    if isinstance(image, np.ma.MaskedArray):
+        image = image.filled(0)  # masked pixels have no measurement
+    try:
+        pixels = np.asarray(image)
+    except ValueError as error:
+        raise InputError(f"{what} is not an array: {error}") from error
+    if pixels.ndim == 3 and pixels.shape[2] == 1:
+        pixels = pixels[:, :, 0]
+    if pixels.ndim != 2 or pixels.size == 0 or pixels.dtype.kind not in "iuf":
+        raise InputError(
+            f"{what} must be numbers of the shape (height, width); it is {pixels.dtype} of the shape {pixels.shape}"
+        )
+    return pixels
+
+
+def _measured_points(points: npt.ArrayLike | str | Path) -> tuple[Array, str]:
+    """Return the finite points (N, 3) of an array or file, and a sentence on their number."""
+    what = f"the point cloud {points}" if isinstance(points, (str, Path)) else "the point cloud"
+    try:
+        stated = np.array(read_points(points) if isinstance(points, (str, Path)) else points, dtype=float)
+        if isinstance(points, np.ma.MaskedArray):
+            stated[np.ma.getmaskarray(points)] = np.nan  # masked points are no measurements
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{what} must be numbers of the shape (N, 3): {error}") from error
+    if stated.size and (stated.ndim != 2 or stated.shape[1] != 3):
+        raise InputError(f"{what} must have the shape (N, 3); it has {stated.shape}")
+    if not stated.size:
+        raise InputError(f"{what} is empty")
+    cloud = stated[np.isfinite(stated).all(axis=1)]
+    if not len(cloud):
+        raise InputError(f"none of the points of {what} is finite")
+    median = float(np.median(np.linalg.norm(cloud, axis=1)))
+    if median > MOST_REACH:
+        raise InputError(f"the points of {what} are {median:g} m away (median), which looks like millimetres")
+    dropped = f"; {len(stated) - len(cloud)} others are not finite" if len(stated) > len(cloud) else ""
+    return cloud, f"its pixels show the nearest points of a cloud of {len(cloud)}{dropped}"
+
+
+def _moved(to_from: SE3, points: Array) -> Array:
+    """Return points (N, 3) in another frame."""
+    transform = matrix(to_from)
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
+def _metres(raw: npt.NDArray[Any], depth_scale: float | None) -> Array:
+    """Return the depths in metres, 0 where there is no measurement; refuse another unit."""
+    whole = raw.dtype.kind in "iu"
+    # Cameras of 16 bits mark pixels without a measurement, or beyond their range, by the largest number.
+    largest = np.iinfo(raw.dtype).max if whole else SATURATED
+    raw = raw.astype(float)  # products of half floats would be rounded by millimetres
+    measured = np.isfinite(raw) & (raw != 0) & (raw != SATURATED) & (raw != largest)
+    values = raw[measured]
+    if len(values) and values.min() < 0:
+        raise InputError(f"the depth image holds {int((values < 0).sum())} negative depths")
+    if not len(values):
+        raise InputError(
+            f"the depth image holds no measurement: all of its {raw.size} pixels are 0, not finite or saturated"
+        )
+    values = values[:: max(1, len(values) // SAMPLES)]
+    median = float(np.median(values))
+    if depth_scale is None:
+        if whole:
+            raise InputError(
+                f"the depth image holds integers ({raw.dtype}, median {median:g}), whose unit must be stated: "
+                "depth_scale=0.001 for millimetres"
+            )
+        depth_scale = 1.0
+    require_positive("depth_scale", depth_scale)
+    median *= depth_scale
+    whole = whole or bool((values == np.floor(values)).all())
+    if median > (LARGEST_WHOLE if whole else MOST_REACH):
+        raise InputError(
+            f"the depth image has a median depth of {median:g} m, which looks like millimetres: use "
+            f"depth_scale={depth_scale * 1e-3:g}"
+        )
+    if median < LEAST_DEPTH:
+        raise InputError(
+            f"the depth image has a median depth of {median:g} m, which is too near for a depth camera: use "
+            f"depth_scale={depth_scale * 1e3:g} if it is in metres already"
+        )
+    depth = np.where(measured, raw, 0) * float(depth_scale)
+    return np.where(depth <= MOST_REACH, depth, 0.0)

@@ -1,0 +1,239 @@
+"""Balls and boxes inside bodies: if two of them share a point, so do the bodies.
+
+Bodies in contact can be proven to be in contact over a set of configurations by such shapes, as bounding volumes prove
+that bodies are apart. The radii are lower bounds: the distance to the planes of a convex body, or to the triangles of a
+watertight mesh.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision.geometry.bodies import MOST_EXCESS, Body, Support
+from pinproof.collision.geometry.hulls import Solid, winding_number
+
+Array = npt.NDArray[np.float64]
+
+MOST_BALLS = 24
+"""Largest number of balls in a body."""
+
+MOST_CORNERS = 96
+"""Largest number of corners of a body."""
+
+GRID = 9
+"""Number of candidates for centres along each side of the box around a body."""
+
+SHARE = 0.25
+"""Balls with a smaller share of the radius of the largest one are omitted."""
+
+APART = 0.6
+"""Distance between centres of balls, at least, as a share of the radius of the larger one."""
+
+DIRECTIONS = 200
+"""Number of directions whose extreme points are the corners of a polytope inside a round body."""
+
+ROUNDING = 1e-9
+"""Metres by which radii are reduced."""
+
+HUGE = 1e3
+"""Metres: half sides of the box that represents a half-space."""
+
+
+class InnerShapes(NamedTuple):
+    """Shapes inside a body, in its frame: balls, and a box with rounded edges if there is one.
+
+    Parameters
+    ----------
+    balls
+        (k, 4) centres and radii.
+    corners
+        (m, 3) points of the surface, spread over the corners of the body. They are balls without a radius.
+    box_centre, box_half, box_radius
+        The box: its centre (3,), its half sides (3,) along the axes of the body, and the radius of the ball that is
+        added to it; ``box_half`` is None if the body has no box.
+    """
+
+    balls: Array
+    corners: Array
+    box_centre: Array
+    box_half: Array | None
+    box_radius: float
+
+
+_KEPT: dict[bytes, InnerShapes] = {}
+
+
+def inner_shapes(body: Body) -> InnerShapes:
+    """Shapes inside a body; no shape if its volume is only known approximately, as for the hull of a link's mesh."""
+    none = InnerShapes(np.empty((0, 4)), np.empty((0, 3)), np.zeros(3), None, 0.0)
+    if isinstance(body.geometry, coal.Halfspace):
+        return none._replace(box_centre=np.array([0.0, 0.0, -HUGE]), box_half=np.full(3, HUGE))
+    if body.support is not None and body.link is not None and body.file is not None:
+        return none
+    key = body.content()
+    if key not in _KEPT:
+        if len(_KEPT) >= KEPT:
+            _KEPT.clear()
+        _KEPT[key] = _inner_shapes(body, none)
+    return _KEPT[key]
+
+
+KEPT = 256
+"""Number of bodies whose shapes are kept."""
+
+
+def _inner_shapes(body: Body, none: InnerShapes) -> InnerShapes:
+    # the pieces of a mesh may extend beyond it
+    less = ROUNDING + (MOST_EXCESS if body.file is not None and body.support is not None else 0.0)
+    if isinstance(body.geometry, coal.Box) and body.support is not None:
+        low, high = body.box
+        return none._replace(
+            balls=_spread(*_in_polytope(_Planes.of(body.support), body.box), less),
+            corners=body.support.points if body.file is None else none.corners,
+            box_centre=(low + high) / 2,
+            box_half=np.maximum((high - low) / 2 - less, 0.0),
+        )
+    if body.support is not None:
+        balls = _spread(*_in_polytope(_Planes.of(body.support), body.box), less)
+        return none._replace(
+            balls=balls, corners=_far_apart(extremes(body.support) if body.file is None else none.corners)
+        )
+    if isinstance(body.solid, Solid) and body.solid.watertight:
+        balls = _spread(*_in_mesh(body.solid.corners, body.box), less)
+        return none._replace(balls=balls, corners=_far_apart(np.unique(body.solid.corners.reshape(-1, 3), axis=0)))
+    return none
+
+
+class _Planes(NamedTuple):
+    """The planes ``normals . x <= offsets`` of a polytope, to which a ball of ``radius`` is added.
+
+    A point or a segment has no planes: ``core`` (1 or 2, 3) are its ends.
+    """
+
+    normals: Array
+    offsets: Array
+    radius: float
+    core: Array
+
+    @classmethod
+    def of(cls, support: Support) -> _Planes:
+        """The polytope of the extreme points of a convex body."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        points = support.points
+        if support.disc_radii.any() or support.semi_axes.any():
+            points = extremes(support)
+        empty = np.empty((0, 3)), np.empty(0)
+        if len(points) <= 2:
+            return cls(*empty, support.radius, points)
+        try:
+            hull = ConvexHull(points)
+        except QhullError:  # flat
+            return cls(*empty, support.radius, points[:1])
+        return cls(hull.equations[:, :3], -hull.equations[:, 3], support.radius, np.empty((0, 3)))
+
+
+def extremes(support: Support, *, with_ball: bool = False) -> Array:
+    """(m, 3) points of a convex body, with or without its ball: the farthest ones in some directions.
+
+    With the ball, those of a body that has no curved surface are all its points.
+    """
+    if with_ball and not (support.radius or support.disc_radii.any() or support.semi_axes.any()):
+        return support.points
+    k = np.arange(DIRECTIONS) + 0.5
+    z, angle = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
+    across = np.sqrt(1 - z**2)
+    directions = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+    flat = np.hypot(directions[:, 0], directions[:, 1])[:, None]
+    reach = directions @ support.points.T + flat * support.disc_radii
+    best = reach.argmax(axis=1)
+    points = support.points[best].copy()
+    points[:, :2] += support.disc_radii[best, None] * directions[:, :2] / flat
+    stretched = support.semi_axes**2 * directions
+    length = np.sqrt((stretched * directions).sum(axis=1, keepdims=True))
+    points += np.divide(stretched, length, out=np.zeros_like(stretched), where=length > 0)
+    return np.asarray(points + support.radius * directions if with_ball else points)
+
+
+def _candidates(box: Array) -> Array:
+    """(m, 3) points of a grid in a box (2, 3)."""
+    shares = (np.arange(GRID) + 0.5) / GRID
+    grid = np.stack(np.meshgrid(shares, shares, shares, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.asarray(np.concatenate([[box.mean(axis=0)], box[0] + grid * (box[1] - box[0])]))
+
+
+def _in_polytope(planes: _Planes, box: Array) -> tuple[Array, Array]:
+    """Centres (m, 3) and radii (m,) of balls in a polytope with a ball added."""
+    if len(planes.core):
+        share = np.linspace(0.0, 1.0, 2 * GRID)[:, None]
+        centres = planes.core[:1] + share * (planes.core[-1:] - planes.core[:1])
+        return centres, np.full(len(centres), planes.radius)
+    centres = _candidates(box)
+    depth = (planes.offsets - centres @ planes.normals.T).min(axis=1)
+    return centres[depth > 0], depth[depth > 0] + planes.radius
+
+
+def _in_mesh(corners: Array, box: Array) -> tuple[Array, Array]:
+    """Centres (m, 3) and radii (m,) of balls in a watertight mesh of triangles (F, 3, 3).
+
+    A point behind the planes of all triangles is inside, since every triangle adds to its winding number; its smallest
+    distance from the planes is the radius. Other meshes are not star-shaped, and their distances are to the triangles.
+    """
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    kept = length > 0
+    normals = normals[kept] / length[kept, None]
+    offsets = np.einsum("ij,ij->i", normals, corners[kept, 0])
+    centres = _candidates(box)
+    depth = (offsets - centres @ normals.T).min(axis=1)
+    if (depth > 0).sum() > len(centres) // CONVEX:
+        return centres[depth > 0], depth[depth > 0]
+    inside = centres[[winding_number(centre, corners) > 0.5 for centre in centres]]
+    radii = np.array([_distance(centre, corners) for centre in inside])
+    return inside, radii
+
+
+CONVEX = 5
+"""A mesh is treated as convex if more than this fraction of the box around it is behind all of its triangles."""
+
+
+def _distance(point: Array, corners: Array) -> float:
+    """The distance of a point (3,) from triangles (F, 3, 3)."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    away = point - corners
+    squares = np.maximum(np.einsum("ijk,ijk->ij", edges, edges), np.finfo(float).tiny)
+    along = np.clip(np.einsum("ijk,ijk->ij", away, edges) / squares, 0.0, 1.0)
+    to_edges = np.linalg.norm(away - along[..., None] * edges, axis=2).min()
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    sides = np.einsum("ijk,ijk->ij", np.cross(normals[:, None], edges), away)
+    above = (sides >= 0).all(axis=1) & (np.linalg.norm(normals, axis=1) > 0)
+    heights = np.abs(np.einsum("ij,ij->i", normals, away[:, 0])[above]) / np.linalg.norm(normals[above], axis=1)
+    return float(min(to_edges, heights.min(initial=np.inf)))
+
+
+def _far_apart(points: Array) -> Array:
+    """(m, 3) some of the points (k, 3), each as far as possible from those before it."""
+    if len(points) <= MOST_CORNERS:
+        return points
+    chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
+    away = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < MOST_CORNERS:
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return points[chosen]
+
+
+def _spread(centres: Array, radii: Array, less: float) -> Array:
+    """(k, 4) the largest of the balls, with their centres apart."""
+    radii = radii - less
+    chosen: list[Array] = []
+    for i in np.argsort(-radii, kind="stable"):
+        if radii[i] <= 0 or len(chosen) == MOST_BALLS or (chosen and radii[i] < SHARE * chosen[0][3]):
+            break
+        if all(np.linalg.norm(centres[i] - other[:3]) > APART * other[3] for other in chosen):
+            chosen.append(np.array([*centres[i], radii[i]]))
+    return np.array(chosen).reshape(-1, 4)

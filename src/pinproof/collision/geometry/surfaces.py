@@ -1,0 +1,257 @@
+"""Height maps and point clouds as closed triangle surfaces, and the volumes that they enclose.
+
+Coal's height fields have no distance queries and no queries against meshes. Coal's octrees are not usable either: two
+of them are always in contact, queries against an ellipsoid are not supported, they cannot be pickled, and points
+beyond their sixteen levels are dropped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import permutations
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision.geometry.occupancy import OccupancyGrid
+from pinproof.collision.geometry.shapes import GRID_CELLS, HeightMap, PointCloud
+
+Array = npt.NDArray[np.float64]
+
+
+def ground_surface(ground: HeightMap) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Return the closed surface of a height map: vertices (V, 3), triangles (F, 3) counter-clockwise from outside."""
+    rows, columns = ground.heights.shape
+    x, y = np.meshgrid(
+        np.linspace(-ground.x / 2, ground.x / 2, columns), np.linspace(-ground.y / 2, ground.y / 2, rows)
+    )
+    top = np.stack([x, y, ground.heights], axis=-1).reshape(-1, 3)
+    under = np.stack([x, y, np.full_like(x, ground.bottom)], axis=-1).reshape(-1, 3)
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    ridge = _ridge_ac(ground.heights).ravel()[:, None]
+    first = np.where(ridge, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
+    second = np.where(ridge, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
+    upper = np.concatenate([first, second])
+    rim = np.concatenate(
+        [index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]]
+    )  # along the edge, counter-clockwise
+    onward, down = np.roll(rim, -1), len(top)
+    walls = np.concatenate([np.stack([rim + down, onward + down, onward], 1), np.stack([rim + down, onward, rim], 1)])
+    return np.concatenate([top, under]), np.concatenate([upper, upper[:, ::-1] + down, walls])
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The volume enclosed by a height map."""
+
+    ground: HeightMap
+
+    @property
+    def watertight(self) -> bool:
+        """A height map is always solid."""
+        return True
+
+    @property
+    def witnesses(self) -> Array:
+        """(1, 3) one corner: the surface is connected."""
+        return np.array([[-self.ground.x / 2, -self.ground.y / 2, self.ground.bottom]])
+
+    def contains(self, points: Array) -> bool:
+        """Whether any of the points (N, 3) lies between bottom and surface."""
+        ground = self.ground
+        sides = np.array([ground.x, ground.y])
+        under = points[(np.abs(points[:, :2]) <= sides / 2).all(axis=1) & (points[:, 2] >= ground.bottom)]
+        if len(under) == 0:
+            return False
+        rows, columns = ground.heights.shape
+        grid = (under[:, :2] / sides + 0.5) * [columns - 1, rows - 1]
+        cell = np.minimum(grid.astype(np.int64), [columns - 2, rows - 2])
+        (s, t), (i, j) = (grid - cell).T, cell.T
+        h = ground.heights
+        a, b, c, d = h[j, i], h[j, i + 1], h[j + 1, i + 1], h[j + 1, i]
+        along_ac = a + np.where(s > t, (b - a) * s + (c - b) * t, (c - d) * s + (d - a) * t)
+        along_bd = np.where(s + t < 1, a + (b - a) * s + (d - a) * t, c + (d - c) * (1 - s) + (b - c) * (1 - t))
+        height = np.where(_ridge_ac(h)[j, i], along_ac, along_bd)
+        return bool((under[:, 2] <= height).any())
+
+    def content(self) -> bytes:
+        """Return its defining numbers, for a hash."""
+        ground = self.ground
+        return repr((ground.heights.shape, ground.x, ground.y, ground.bottom)).encode() + ground.heights.tobytes()
+
+
+def _ridge_ac(heights: Array) -> npt.NDArray[np.bool_]:
+    """(ny - 1, nx - 1) whether the diagonal from the low-x, low-y corner of a cell is the higher one at its middle."""
+    return np.asarray(heights[:-1, :-1] + heights[1:, 1:] >= heights[:-1, 1:] + heights[1:, :-1])
+
+
+Indices = npt.NDArray[np.int64]
+
+
+CellShape = PointCloud | OccupancyGrid
+
+
+def cells_of(shape: CellShape) -> tuple[Indices, float]:
+    """Return the occupied cells (K, 3) of a point cloud or grid, and their side (m)."""
+    if isinstance(shape, PointCloud):
+        return shape.cells, shape.resolution
+    return np.argwhere(shape.occupied) + np.array(shape.low), shape.voxel
+
+
+def _bare_cells(shape: CellShape, axis: int, side: int) -> Indices:
+    """Return the occupied cells (K, 3) whose neighbour on one side (0: below, 1: above) along an axis is empty."""
+    if isinstance(shape, PointCloud):
+        cells = shape.cells
+        step = np.eye(3, dtype=np.int64)[axis] * (2 * side - 1)
+        return cells[~np.isin(_keys(cells + step), _keys(cells))]
+    beside = np.moveaxis(np.zeros_like(shape.occupied), axis, 0)
+    occupied = np.moveaxis(shape.occupied, axis, 0)
+    if side:
+        beside[:-1] = occupied[1:]
+    else:
+        beside[1:] = occupied[:-1]
+    return np.argwhere(np.moveaxis(occupied & ~beside, 0, axis)) + np.array(shape.low)
+
+
+def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
+    """Return the faces between full and empty cells: vertices (V, 3), triangles (F, 3) counter-clockwise from outside.
+
+    Faces in a row are joined, so that a wall consists of a few long strips.
+    """
+    side_length = shape.resolution if isinstance(shape, PointCloud) else shape.voxel
+    quads: list[Array] = []
+    for axis in range(3):
+        along, across = (axis + 1) % 3, (axis + 2) % 3
+        for side in (0, 1):
+            bare = _bare_cells(shape, axis, side)
+            if not len(bare):  # a grid without an occupied cell
+                continue
+            bare = bare[np.lexsort((bare[:, along], bare[:, across], bare[:, axis]))]
+            gap = np.diff(bare, axis=0)
+            first = np.concatenate([[True], (gap[:, along] != 1) | (gap[:, axis] != 0) | (gap[:, across] != 0)])
+            start, last = bare[first], bare[np.concatenate([first[1:], [True]])]
+            quad = np.repeat(start[:, None, :], 4, axis=1)
+            quad[:, :, axis] += side
+            quad[:, 1:3, along] = last[:, None, along] + 1
+            quad[:, 2:, across] += 1
+            quads.append(quad if side else quad[:, ::-1])
+    corners = np.concatenate([np.empty((0, 4, 3)), *quads])
+    four = np.arange(4 * len(corners)).reshape(-1, 4)
+    triangles = np.concatenate([four[:, :3], four[:, [0, 2, 3]]])
+    return corners.reshape(-1, 3) * side_length, triangles
+
+
+def merged_cells(cells: Indices) -> tuple[Indices, Indices]:
+    """Join cells to boxes that cover the same volume: lower corners (N, 3) and upper corners (N, 3), in cells.
+
+    Cells are joined to rows, rows to plates and plates to blocks, with the order of the axes that gives the fewest
+    boxes. A plane of cells becomes one box; the boxes of a noisy surface contain few cells each.
+    """
+    orders = (_joined(cells, cells + 1, order) for order in permutations(range(3)))
+    return min(orders, key=lambda boxes: len(boxes[0]))
+
+
+def merged_boxes(shape: CellShape) -> tuple[Array, Array]:
+    """Return lower and upper corners (N, 3), in metres, of the boxes that together are the occupied cells."""
+    if isinstance(shape, PointCloud):
+        low, high = merged_cells(shape.cells)
+        return np.asarray(low * shape.resolution), np.asarray(high * shape.resolution)
+    # The rows of a grid are found without a list of its cells.
+    rows = (_rows(shape.occupied, axis) for axis in range(3))
+    orders = (
+        _joined(*found, tuple(order)) for axis, found in enumerate(rows) for order in permutations({0, 1, 2} - {axis})
+    )
+    low, high = min(orders, key=lambda boxes: len(boxes[0]))
+    return np.asarray((low + shape.low) * shape.voxel), np.asarray((high + shape.low) * shape.voxel)
+
+
+def _rows(occupied: npt.NDArray[np.bool_], axis: int) -> tuple[Indices, Indices]:
+    """Return the rows of occupied cells along an axis: lower corners (N, 3) and upper corners (N, 3)."""
+    along = np.moveaxis(occupied, axis, 2)
+    padded = np.zeros((*along.shape[:2], along.shape[2] + 2), dtype=np.int8)
+    padded[:, :, 1:-1] = along
+    change = np.diff(padded, axis=2)
+    others = [other for other in range(3) if other != axis]
+    first, end = np.argwhere(change == 1), np.argwhere(change == -1)
+    low = np.empty_like(first)
+    low[:, [*others, axis]] = first
+    high = low + 1
+    high[:, axis] = end[:, 2]
+    return low, high
+
+
+def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indices, Indices]:
+    for axis in order if len(low) else ():
+        others = [other for other in range(3) if other != axis]
+        sides = [column for other in others for column in (high[:, other], low[:, other])]
+        rank = np.lexsort([low[:, axis], *sides])
+        low, high = low[rank], high[rank]
+        same = (low[1:, others] == low[:-1, others]).all(axis=1) & (high[1:, others] == high[:-1, others]).all(axis=1)
+        same &= low[1:, axis] == high[:-1, axis]
+        low, high = low[np.append(True, ~same)], high[np.append(~same, True)]
+    return low, high
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """What lies in occupied cells.
+
+    Parameters
+    ----------
+    cells
+        (K, 3) as :attr:`PointCloud.cells <pinproof.PointCloud.cells>` has them.
+    resolution
+        The side (m) of a cell.
+    witnesses
+        (W, 3) the middle of one cell of each part that hangs together by faces.
+    """
+
+    cells: Indices
+    resolution: float
+    witnesses: Array = field(init=False)
+    _keys: Indices = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        keys = _keys(self.cells)
+        object.__setattr__(self, "_keys", np.sort(keys))
+        first = _first_of_each_part(self.cells, keys)
+        object.__setattr__(self, "witnesses", (self.cells[first] + 0.5) * self.resolution)
+
+    @property
+    def watertight(self) -> bool:
+        """Cells are solid."""
+        return True
+
+    def contains(self, points: Array) -> bool:
+        """Whether any of the points (N, 3) lies in an occupied cell."""
+        cells = np.floor(points / self.resolution)
+        cells = cells[(np.abs(cells) < GRID_CELLS).all(axis=1)].astype(np.int64)
+        return bool(np.isin(_keys(cells), self._keys).any())
+
+    def content(self) -> bytes:
+        """Return its defining numbers, for a hash."""
+        return self.cells.tobytes() + np.float64(self.resolution).tobytes()
+
+
+def _keys(cells: Indices) -> Indices:
+    """One number for each cell."""
+    shifted = cells + GRID_CELLS
+    return np.asarray((shifted[:, 0] * 2 * GRID_CELLS + shifted[:, 1]) * 2 * GRID_CELLS + shifted[:, 2])
+
+
+def _first_of_each_part(cells: Indices, keys: Indices) -> Indices:
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    order = np.argsort(keys)
+    joined = []
+    for axis in range(3):
+        beside = _keys(cells + np.eye(3, dtype=np.int64)[axis])
+        place = np.minimum(np.searchsorted(keys[order], beside), len(keys) - 1)
+        there = keys[order][place] == beside
+        joined.append(np.stack([np.flatnonzero(there), order[place[there]]]))
+    rows, columns = np.concatenate(joined, axis=1)
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(cells), len(cells)))
+    labels = connected_components(graph, directed=False)[1]
+    return np.asarray(np.unique(labels, return_index=True)[1])

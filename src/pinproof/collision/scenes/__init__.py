@@ -1,0 +1,1 @@
+"""Scenes of obstacles, and the files that they are read from."""

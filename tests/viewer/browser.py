@@ -50,8 +50,10 @@ LITTLE_TO_DRAW = """{
     return context.call(this, kind, {...wishes, antialias: false});
   };
 }"""
-"""A page draws at most twelve frames a second, and no smooth edges, because here the processor draws: 60 frames take most of
-its time, and smooth edges take twice the time per frame."""
+"""A page draws at most twelve frames a second, without smooth edges, because here the processor draws.
+
+60 frames a second take most of its time, and smooth edges twice the time per frame.
+"""
 
 
 def find_browser() -> str | None:

@@ -161,6 +161,9 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=20_000, metavar="N", help="poses to screen in each cell")
     parser.add_argument("--campaign", type=int, default=1_500, metavar="N", help="picks of the campaigns")
     parser.add_argument("--overhead", type=int, default=20_000, metavar="N", help="picks of a campaign without judging")
+    parser.add_argument(
+        "--files", nargs="*", default=list(SHIPPED), metavar="FILE", help="files of which durations are measured"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/picks.*")
     parser.add_argument("--durations", action="store_true", help="measure durations only, into the table of the docs")
@@ -169,7 +172,7 @@ def main() -> None:
     if options.render:
         table = PicksTable.load(FOLDER / "picks.json")
     elif options.durations:
-        table = replace(PicksTable.load(FOLDER / "picks.json"), durations=tuple(map(duration_row, SHIPPED)))
+        table = replace(PicksTable.load(FOLDER / "picks.json"), durations=tuple(map(duration_row, options.files)))
     else:
         cells = {"cells": options.cells} if options.cells else {}
         table = picks_benchmark(
@@ -178,6 +181,7 @@ def main() -> None:
             poses=options.poses,
             campaign=options.campaign,
             overhead=options.overhead,
+            durations=options.files,
             seed=options.seed,
             on_progress=lambda text: print(text, file=sys.stderr),
         )

@@ -178,7 +178,7 @@ def picks_benchmark(
     poses: int = 20_000,
     campaign: int = 1_500,
     overhead: int = 20_000,
-    durations: bool = True,
+    durations: Sequence[str] = tuple(SHIPPED),
     seed: int = 0,
     on_progress: Callable[[str], object] = lambda _: None,
 ) -> PicksTable:
@@ -186,11 +186,14 @@ def picks_benchmark(
 
     ``picks`` and ``poses`` are judged and screened in each cell; ``campaign`` is the number of picks of the campaigns,
     and ``overhead`` that of the campaign without judging, which run in the first cell. 0 skips a part. ``durations``:
-    whether the durations of the picks of the package are measured.
+    files of :data:`SHIPPED` whose durations are measured.
     """
     counts = {"picks": picks, "poses": poses, "campaign": campaign, "overhead": overhead}
     if min(counts.values()) < 0:
         raise InputError(f"picks, poses, campaign and overhead must be at least 0, not {counts}")
+    for file in durations:
+        if file not in SHIPPED:
+            raise UnknownNameError("file of picks", file, list(SHIPPED))
     selected = [pick_cell(name) for name in cells]
     origin = provenance(seed)  # first, since the load must be that of other processes
     verdicts: list[VerdictRow] = []
@@ -212,7 +215,7 @@ def picks_benchmark(
         on_progress(f"{selected[0].name}: campaign of {overhead:,} picks without judging")
         idle.append(overhead_row(selected[0], overhead, seed))
     lengths = []
-    for file in SHIPPED if durations else ():
+    for file in durations:
         on_progress(f"{file}: durations")
         lengths.append(duration_row(file))
     return PicksTable(counts, origin, tuple(verdicts), tuple(screening), tuple(campaigns), tuple(idle), tuple(lengths))

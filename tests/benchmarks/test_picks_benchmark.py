@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def table() -> PicksTable:
-    return picks_benchmark(["generic_6dof"], picks=4, poses=200, campaign=0, overhead=20, durations=False)
+    return picks_benchmark(["generic_6dof"], picks=4, poses=200, campaign=0, overhead=20, durations=())
 
 
 @pytest.mark.slow
@@ -73,16 +73,18 @@ def test_the_same_seed_gives_the_same_picks_above_the_table(name: str) -> None:
         assert (a.place is not None) == name.endswith("carried")
 
 
-@pytest.mark.parametrize("how", [{"picks": -1}, {"poses": -1}, {"cells": ["moon"]}])
+@pytest.mark.parametrize("how", [{"picks": -1}, {"poses": -1}, {"cells": ["moon"]}, {"durations": ["moon"]}])
 def test_invalid_settings_are_refused(how: dict) -> None:
     with pytest.raises(InputError):
-        picks_benchmark(**{"cells": [], **how})
+        picks_benchmark(**{"cells": [], "durations": (), **how})
 
 
 @pytest.mark.slow
 def test_the_script_prints_the_table() -> None:
     command = [sys.executable, str(ROOT / "scripts" / "benchmark_picks.py"), "generic_6dof", "--picks", "2"]
-    command += ["--poses", "0", "--campaign", "0", "--overhead", "0"]
+    command += ["--poses", "0", "--campaign", "0", "--overhead", "0", "--files", "generic_6dof/picks"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "| generic_6dof | all | 2 |" in done.stdout
+    durations = next(line for line in done.stdout.splitlines() if line.startswith("| generic_6dof/picks |"))
+    assert durations.endswith("| 0 of 2 |")  # motions in contact

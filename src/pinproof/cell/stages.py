@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pinproof.common.files import os_errors
-from pinproof.errors import CampaignError
+from pinproof.errors import CampaignError, InputError
 from pinproof.picks.batch.journal import (
     JOURNAL,
     ROWS,
@@ -20,7 +20,7 @@ from pinproof.picks.batch.journal import (
     row_checker,
     to_line,
 )
-from pinproof.picks.batch.workers import IN_FLIGHT, Outcome, Workers, do_chunks
+from pinproof.picks.batch.workers import IN_FLIGHT, LocalWorkers, Outcome, Workers, do_chunks
 
 Row = dict[str, Any]
 Progress = Callable[[str, int, int], object]
@@ -29,7 +29,7 @@ Progress = Callable[[str, int, int], object]
 
 @dataclass(eq=False)
 class StageRunner:
-    """Runs the stages of one search.
+    """Runs the stages of one search. As a context, it ends its local processes, which serve all stages.
 
     Parameters
     ----------
@@ -51,6 +51,20 @@ class StageRunner:
     progress: Progress | None = None
     rows: dict[str, dict[int, Any]] = field(default_factory=dict)
     """The rows of each stage that are known so far, by index."""
+    _local: LocalWorkers | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        if self.workers is not None:
+            if self.executor is not None:
+                raise InputError("workers is the number of local processes and cannot be combined with an executor")
+            self._local = LocalWorkers(self.workers)
+
+    def __enter__(self) -> StageRunner:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._local is not None:
+            self._local.close(wait_for_them=kind is None)
 
     def run(self, stage: str, task: Callable[[int, Any], list[Any]], items: Sequence[Any], chunk: int) -> list[Any]:
         """The rows ``task(start, part)`` of all items, in order.
@@ -93,7 +107,8 @@ class StageRunner:
         ranges: Sequence[tuple[int, int]],
         chunk: int,
     ) -> Iterator[Outcome]:
-        if self.executor is None and self.workers is None:
+        executor = self.executor or self._local
+        if executor is None:
             for start, stop in ranges:
                 for at in range(start, stop, chunk):
                     end = min(at + chunk, stop)
@@ -103,8 +118,7 @@ class StageRunner:
             task,
             lambda start, stop: items[start:stop],
             ranges,
-            executor=self.executor,
-            workers=self.workers,
+            executor=executor,
             in_flight=self.in_flight,
             chunk=chunk,
         )

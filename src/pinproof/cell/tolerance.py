@@ -261,8 +261,8 @@ def tolerance_study(
     require_integer("samples", samples, 0)
     require_integer("rng", rng, 0)
     task = _ToleranceTask(setup, position, rotation, distribution, samples, largest, part_radius, rng)
-    runner = StageRunner({}, executor, workers, in_flight, None, progress)
-    rows = runner.run("tolerance", task, report.verdicts, 4)
+    with StageRunner({}, executor, workers, in_flight, None, progress) as runner:
+        rows = runner.run("tolerance", task, report.verdicts, 4)
     picks = tuple(PickTolerance(**row) for row in rows)
     notes = _not_covered(report, part_radius)
     return ToleranceStudy(position, float(rotation), distribution, samples, largest, picks, notes)

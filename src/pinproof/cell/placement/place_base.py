@@ -166,11 +166,11 @@ def place_base(
         rng,
     )
     kept = None if folder is None else Path(folder)
-    search.runner = StageRunner(search.identity(), executor, workers, in_flight, kept, progress)
-    try:
-        return search.run()
-    except KeyboardInterrupt:
-        raise PlacementInterrupted(search.result(interrupted=True)) from None
+    with StageRunner(search.identity(), executor, workers, in_flight, kept, progress) as search.runner:
+        try:
+            return search.run()
+        except KeyboardInterrupt:
+            raise PlacementInterrupted(search.result(interrupted=True)) from None
 
 
 def _valid_picks(picks: Picks | Sequence[Pick]) -> Picks:

@@ -8,9 +8,8 @@ bound, and the order is improved again until the certified time no longer decrea
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from concurrent.futures import Executor
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -22,10 +21,8 @@ from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
 from pinproof.cell.sequencing.sequence_run import SequenceBudget, SequenceRun
 from pinproof.cell.stages import Progress, StageRunner
-from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.picks import Pick, PickSetup
-from pinproof.picks.batch.workers import LocalExecutor
 
 Array = npt.NDArray[np.float64]
 End = Literal["home", "free"] | npt.ArrayLike
@@ -106,7 +103,7 @@ def sequence(
     setup = replace(setup, budget=replace(setup.budget, motion=budget.motion))
     dwell = _dwell("grip_dwell", grip_dwell), _dwell("release_dwell", release_dwell)
     ends = _configuration(setup, start, "start"), _configuration(setup, end, "end")
-    with _runner(executor, workers, progress) as runner:
+    with StageRunner({}, executor, workers, progress=progress) as runner:
         run = SequenceRun(setup, given, stated, ends, dwell, budget, runner, fixed_order)
         try:
             run.prepare()
@@ -114,22 +111,6 @@ def sequence(
         except KeyboardInterrupt:
             raise SequenceInterrupted(run.result(interrupted=True)) from None
     return run.result()
-
-
-@contextmanager
-def _runner(executor: Executor | None, workers: int | None, progress: Progress | None) -> Iterator[StageRunner]:
-    """What the work is done with; local processes are kept until all stages are done."""
-    if workers is None:
-        yield StageRunner({}, executor, progress=progress)
-        return
-    require_integer("workers", workers, 1)
-    if executor is not None:
-        raise InputError("workers is the number of local processes and cannot be combined with an executor")
-    local = LocalExecutor(workers)
-    try:
-        yield StageRunner({}, local, in_flight=2 * workers, progress=progress)
-    finally:
-        local.shutdown(wait=False, cancel_futures=True)
 
 
 class JudgedPicks(NamedTuple):

@@ -259,6 +259,7 @@ class TrackedExecutor:
     def __init__(self, make: Callable[[], Executor], *, width: int, callers_own: bool = False) -> None:
         self._make, self._width, self._callers_own = make, width, callers_own
         self._executor: Executor | None = None
+        self._task = ""  # the key of the task that the executor has received or is about to
         self._ready = False
         self._group = self._failed_starts = 0
         self._suspects: list[list[Chunk]] = []
@@ -268,10 +269,12 @@ class TrackedExecutor:
 
     def submit_chunks(self, queue: ChunkQueue, sent: TaskPackage) -> None:
         """Submit as many chunks as ``width`` allows."""
-        if self._executor is None:
+        if self._executor is None or self._task != sent.key:
             if not self._suspects and not queue.left:
                 return
-            self._executor, self._ready = self._make(), False
+            self._executor = self._executor or self._make()
+            self._task, self._ready = sent.key, False
+            self._workers_with_task.clear()
             self._submit(self._executor, None, sent, packed=True)
         if not self._ready:
             return
@@ -387,6 +390,19 @@ class TrackedExecutor:
             executor.shutdown(wait=wait_for_it)
 
 
+class LocalWorkers:
+    """Local processes that are kept until :meth:`close` for any number of calls of :func:`do_chunks`."""
+
+    def __init__(self, count: int) -> None:
+        require_integer("workers", count, 1)
+        self.executors = [TrackedExecutor(LocalExecutor, width=1) for _ in range(count)]
+
+    def close(self, *, wait_for_them: bool) -> None:
+        """End the processes."""
+        for tracked in self.executors:
+            tracked.close(wait_for_it=wait_for_them)
+
+
 def _error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
@@ -412,7 +428,7 @@ def do_chunks(
     part: Callable[[int, int], Any],
     ranges: Iterable[tuple[int, int]],
     *,
-    executor: Workers | None = None,
+    executor: Workers | LocalWorkers | None = None,
     workers: int | None = None,
     in_flight: int = IN_FLIGHT,
     chunk: int | None = None,
@@ -428,7 +444,8 @@ def do_chunks(
     ranges
         The ranges (start, stop) of the picks.
     executor
-        The executor, or a function that creates it; the default is ``workers`` local processes.
+        The executor, a function that creates it, or local processes to keep; the default is ``workers`` local
+        processes, which end with the call.
     workers
         The number of local processes, if no executor is given; the default is one per core.
     in_flight
@@ -449,18 +466,20 @@ def do_chunks(
     require_integer("in_flight", in_flight, 1)
     if chunk is not None:
         require_integer("chunk", chunk, 1)
-    if executor is None:
-        count = usable_cores() if workers is None else workers
-        require_integer("workers", count, 1)
-        executors = [TrackedExecutor(LocalExecutor, width=1) for _ in range(count)]
-    elif workers is not None:
+    if executor is not None and workers is not None:
         raise InputError("workers is the number of local processes and cannot be combined with an executor")
+    kept = isinstance(executor, LocalWorkers)
+    if executor is None:
+        executor = LocalWorkers(usable_cores() if workers is None else workers)
+    slots = in_flight
+    if isinstance(executor, LocalWorkers):
+        executors, slots = executor.executors, len(executor.executors)
     elif isinstance(executor, Executor):
         executors = [TrackedExecutor(lambda: executor, width=in_flight, callers_own=True)]
     else:
         executors = [TrackedExecutor(executor, width=in_flight)]
     sent = _packed(task, part)
-    queue = ChunkQueue(ranges, in_flight if executor is not None else len(executors), chunk)
+    queue = ChunkQueue(ranges, slots, chunk)
     finished, crash_filter = False, _CrashFilter()
     try:
         while True:
@@ -479,8 +498,9 @@ def do_chunks(
                             queue.learn(outcome.stop - outcome.start, outcome.seconds)
                         yield from crash_filter.passed_on(outcome)
     finally:
-        for tracked in executors:
-            tracked.close(wait_for_it=finished)
+        if not (kept and finished):
+            for tracked in executors:
+                tracked.close(wait_for_it=finished)
 
 
 class _CrashFilter:

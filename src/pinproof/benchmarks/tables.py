@@ -15,6 +15,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
+
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, InputError
 
@@ -203,6 +205,14 @@ def provenance_text(table: BenchmarkTable, **more_versions: str | None) -> str:
 def wrapped(*sentences: str) -> list[str]:
     """Return the lines of one paragraph."""
     return textwrap.wrap(" ".join(sentences), WIDTH)
+
+
+def quantiles(
+    values: Iterable[float | None], text: Callable[[float], str], shares: Sequence[float] = (0.5,), none: str = ""
+) -> str:
+    """Return quantiles, by default the median, of the values that are not None; ``none`` without such values."""
+    known = [value for value in values if value is not None]
+    return " / ".join(text(each) for each in np.quantile(known, shares).tolist()) if known else none
 
 
 def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, text_columns: int = 1) -> list[str]:

@@ -26,7 +26,7 @@ from pinproof.benchmarks.ik_methods import (
 )
 from pinproof.benchmarks.ik_peers import PEERS
 from pinproof.benchmarks.ik_table import IkRow, IkTable
-from pinproof.benchmarks.tables import NotApplicableError, leave_out, peer_versions, provenance
+from pinproof.benchmarks.tables import leave_out, peer_versions, provenance
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
 from pinproof.spatial import rigid, twist_size
@@ -163,18 +163,15 @@ def check_answers(arm: Arm, targets: Array, answers: Array, task: str, tolerance
 # -- measurement -------------------------------------------------------------------------------------------------------
 
 
-def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets) -> IkRow | None:
-    """Return the row of a method, or None if the part does not apply to it.
+def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets) -> IkRow:
+    """Return the row of a method in a part to which it applies.
 
     All calls on random targets start at ``targets.start``; along the trajectory each starts at the last answer.
     """
     poses = targets.poses[: method.max_targets]
-    warm_up = method.prepare(arm, part)
-    if warm_up is None:
-        return None
-    for _ in _solve_each(warm_up, poses[:WARM_UP], targets.start, part):
+    for _ in _solve_each(method.prepare(arm, part), poses[:WARM_UP], targets.start, part):
         pass
-    prepared = method.prepare(arm, part) or warm_up  # prepared again: methods may keep the state of the last call
+    prepared = method.prepare(arm, part)  # again, because a method may keep the state of the last call
     timed = list(_solve_each(prepared, poses, targets.start, part))
     times = np.array([nanoseconds for nanoseconds, _ in timed]) / NANOSECONDS_PER_MS
     answers = _stacked([answer for _, answer in timed], arm.dof)
@@ -310,13 +307,9 @@ def ik_benchmark(
         targets = {"random": random_targets(arm, points, seed), "trajectory": smooth_targets(arm, points, seed)}
         for method in selected:
             report(f"{name}: {method.label}")
-            before = len(rows)
             with leave_out(left_out[name], method.key, own=method.compared_with is None):
-                for part in PARTS:
-                    row = measure(arm, name, method, part, targets[part.problem])
-                    rows += [] if row is None else [row]
-                if len(rows) == before:
-                    raise NotApplicableError("applies to no part of this table")
+                for part in filter(method.applies, PARTS):
+                    rows.append(measure(arm, name, method, part, targets[part.problem]))
     settings = {
         "robots": list(robots),
         "points": points,

@@ -54,16 +54,10 @@ the velocity limit. A redundant arm may use other joints for the same poses, whi
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Reachable targets.
+    """Reachable targets (N, 4, 4), base_from_target, and what generated them.
 
-    Parameters
-    ----------
-    poses
-        (N, 4, 4) base_from_target.
-    q
-        (N, n) configurations inside the limits that generated them, unknown to the methods.
-    start
-        (n,) where a method starts: the middle of the ranges, or the beginning of the trajectory.
+    ``q`` (N, n) are the configurations inside the limits that generated the targets, unknown to the methods, and
+    ``start`` (n,) is where methods start: the middle of the ranges, or the beginning of the trajectory.
     """
 
     poses: Array
@@ -116,15 +110,14 @@ class CheckedAnswers:
         (N,) whether the method reports an answer.
     correct
         (N,) whether all answers that it reports are inside the limits and within the tolerance.
-    position_error, rotation_error
-        (N,) of the worst answer, in m and rad; infinite if it is not finite, 0 without an answer and for what the task
-        leaves free.
+    errors
+        (N, 2) position and rotation error of the worst answer, in m and rad; infinite if it is not finite, 0 without an
+        answer and for what the task leaves free.
     """
 
     answered: Flags
     correct: Flags
-    position_error: Array
-    rotation_error: Array
+    errors: Array
 
     @property
     def success(self) -> float:
@@ -156,8 +149,7 @@ def check_answers(arm: Arm, targets: Array, answers: Array, task: str, tolerance
             errors[row, column, 1] = 0.0
         correct[row, column] = inside[row, column] and bool((errors[row, column] <= tolerance).all())
     answered = np.asarray(reported.any(axis=1))
-    worst = errors.max(axis=1, initial=0.0)
-    return CheckedAnswers(answered, np.asarray(answered & correct.all(axis=1)), worst[:, 0], worst[:, 1])
+    return CheckedAnswers(answered, np.asarray(answered & correct.all(axis=1)), errors.max(axis=1, initial=0.0))
 
 
 # -- measurement -------------------------------------------------------------------------------------------------------
@@ -183,6 +175,9 @@ def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets
         batch_ms = nanoseconds / NANOSECONDS_PER_MS / len(poses)
         checked.append(check_answers(arm, poses, batch_answers, part.task, method.tolerance))
     textbook_ms, textbook_success = method.textbook or (None, None)
+    errors = np.concatenate([each.errors[each.answered] for each in checked])
+    both = single.correct[1:] & single.correct[:-1]  # two consecutive answers are correct
+    steps = np.abs(np.diff(answers[:, 0], axis=0)).max(axis=1)[both] if part.problem == "trajectory" else np.empty(0)
     return IkRow(
         robot=robot,
         method=method.key,
@@ -196,12 +191,10 @@ def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets
         p999_ms=float(np.quantile(times, 0.999, method="higher")),
         batch_ms=batch_ms,
         success=min(each.success for each in checked),
-        position_error=_largest([each.position_error[each.answered] for each in checked]),
-        rotation_error=_largest([each.rotation_error[each.answered] for each in checked])
-        if part.task == "pose"
-        else None,
+        position_error=_largest(errors[:, 0]),
+        rotation_error=_largest(errors[:, 1]) if part.task == "pose" else None,
         false_positives=sum(each.false_positives for each in checked),
-        largest_step=_largest_step(answers, single) if part.problem == "trajectory" else None,
+        largest_step=_largest(steps),
         tolerance=method.tolerance,
         textbook_ms=textbook_ms,
         textbook_success=textbook_success,
@@ -241,14 +234,8 @@ def _stacked(answers: list[Array], dof: int) -> Array:
     return stacked
 
 
-def _largest(arrays: list[Array]) -> float | None:
-    values = np.concatenate(arrays)
+def _largest(values: Array) -> float | None:
     return float(values.max()) if len(values) else None
-
-
-def _largest_step(answers: Array, checked: CheckedAnswers) -> float | None:
-    both = checked.correct[1:] & checked.correct[:-1]
-    return _largest([np.abs(np.diff(answers[:, 0], axis=0)).max(axis=1)[both]])
 
 
 # -- runs --------------------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ original meshes, and for limits on a grid of times.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -124,23 +125,10 @@ def motion_benchmark(
     seed: int = 0,
     on_progress: Callable[[str], None] | None = None,
 ) -> MotionTable:
-    """Run the motion benchmark.
+    """Run the motion benchmark on MotionBenchMaker problems.
 
-    Parameters
-    ----------
-    mbm, robot, sets, problems
-        The MotionBenchMaker problems, as for :func:`~pinproof.benchmarks.plan_benchmark`.
-    seed
-        Seed of the IK, the planner and the optimisation.
-    on_progress
-        Called with a description of the current step.
-
-    Raises
-    ------
-    FileError
-        If problems cannot be read.
-    UnknownNameError
-        If there is no set of a name.
+    ``mbm``, ``robot``, ``sets``, ``problems``, ``on_progress`` and the errors are those of
+    :func:`~pinproof.benchmarks.plan_benchmark`; ``seed`` is that of the planner and the optimisation.
     """
     origin, found = provenance(seed), {each.full_set: each for each in find_sets(mbm, robot)}
     rows: list[MotionRow] = []
@@ -166,25 +154,20 @@ def motion_benchmark(
 
 
 def _variants(arm: Arm) -> dict[str, tuple[RateConstraint, ...]]:
-    """The loads of a run, and their constraints; only one without a load if the robot states no torque limits."""
-    none: dict[str, tuple[RateConstraint, ...]] = {"": ()}
+    """The loads of a run and their constraints; without torque limits of the robot only one without a load.
+
+    The torques are those of the catalogue's arm with identified inertias, if it has the same joints and kinematics.
+    """
+    identified = arm
+    with suppress(UnknownNameError):
+        other, q = load_robot(IDENTIFIED).arm(tcp=arm.tcp), arm.limits.sampling_range()[0]
+        if other.joint_names == arm.joint_names:
+            difference = matrix(other.forward_kinematics(q)) - matrix(arm.forward_kinematics(q))
+            identified = other if np.abs(difference).max() <= SAME_POSE else arm
     try:
-        return {**none, LOAD: (TorqueLimits(_identified(arm), Payload(LOAD_MASS), limits=arm.limits.torque),)}
+        return {"": (), LOAD: (TorqueLimits(identified, Payload(LOAD_MASS), limits=arm.limits.torque),)}
     except InputError:
-        return none
-
-
-def _identified(arm: Arm) -> Arm:
-    """The arm with identified inertias, if the catalogue has one with the same joints and kinematics."""
-    try:
-        other = load_robot(IDENTIFIED).arm(tcp=arm.tcp)
-    except UnknownNameError:
-        return arm
-    if other.joint_names != arm.joint_names:
-        return arm
-    q = arm.limits.sampling_range()[0]
-    same = np.abs(matrix(other.forward_kinematics(q)) - matrix(arm.forward_kinematics(q))).max() <= SAME_POSE
-    return other if same else arm
+        return {"": ()}
 
 
 def _solve(

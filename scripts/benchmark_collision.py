@@ -47,7 +47,7 @@ def collision_markdown(table: CollisionTable) -> str:
         f"{PROOF_REPEATS} times), and the fastest run counts, which reduces the influence of other processes. Single "
         "calls are from Python including all overhead."
     )
-    lines = [*wrapped(text), "", *wrapped(provenance_text(table, coal=table.settings["coal"])), ""]
+    lines = [*wrapped(text), "", *wrapped(provenance_text(table)), ""]
     if table.checks:
         lines += ["## Checks", "", *_checks(table.checks), ""]
     if table.growth:

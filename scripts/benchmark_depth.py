@@ -21,7 +21,6 @@ import numpy as np
 import pinproof as pp
 from pinproof.benchmarks.tables import (
     BenchmarkTable,
-    installed_version,
     markdown_table,
     provenance,
     provenance_text,
@@ -145,7 +144,7 @@ def page(table: DepthTable) -> str:
         [row.step, row.result, *(f"{t:.2f}" for t in (row.first, median(row.times), min(row.times), max(row.times)))]
         for row in table.times
     ]
-    origin = wrapped(provenance_text(table, coal=table.settings["coal"]))
+    origin = wrapped(provenance_text(table))
     columns = ("step", "result", "first", "median", "least", "largest")
     lines = ["# Benchmark of depth images", "", *origin, "", *wrapped(text), ""]
     return "\n".join([*lines, *markdown_table(columns, cells, text_columns=2)]) + "\n"
@@ -162,7 +161,7 @@ def main() -> None:
         table = DepthTable.load(FOLDER / "depth.json")
     else:
         origin = provenance(options.seed)
-        table = DepthTable({"coal": installed_version("coal")}, origin, measure(options.seed))
+        table = DepthTable({}, origin, measure(options.seed))
     text = page(table)
     if options.docs or options.render:
         table.write(FOLDER, "depth", text)

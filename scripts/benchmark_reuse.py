@@ -28,7 +28,6 @@ from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.benchmarks.tables import (
     BenchmarkTable,
     bullet_section,
-    installed_version,
     provenance,
     provenance_text,
     row_table,
@@ -191,7 +190,7 @@ def check_verdicts(name: str, proofs: list[StoredProof], changes: int, seed: int
 
 def page(table: ReuseTable) -> str:
     """Return the page as Markdown."""
-    lines = ["# Benchmark of reuse", "", *wrapped(provenance_text(table, coal=table.settings["coal"])), ""]
+    lines = ["# Benchmark of reuse", "", *wrapped(provenance_text(table)), ""]
     if table.times:
         lines += ["## Times", "", *_times(table), ""]
     if table.verdicts:
@@ -272,7 +271,7 @@ def main() -> None:
             if options.changes:
                 verdicts.append(check_verdicts(each.name, proofs, -(-options.changes // len(sets)), options.seed))
             report(f"{each.name}: {times[-1].motions} motions, {verdicts[-1:]}")
-        settings = {"problems": options.problems, "changes": options.changes, "coal": installed_version("coal")}
+        settings = {"problems": options.problems, "changes": options.changes}
         table = ReuseTable(settings, origin, tuple(times), tuple(verdicts))
     finish(table, "reuse", page(table), options)
     sys.exit(1 if table.wrong else 0)

@@ -39,7 +39,6 @@ from pinproof.benchmarks.plan_problems import PlanProblem, end_faults
 from pinproof.benchmarks.tables import (
     BenchmarkTable,
     bullet_section,
-    installed_version,
     markdown_table,
     provenance,
     provenance_text,
@@ -198,7 +197,7 @@ def page(table: SeveralArmsTable) -> str:
     lines = [
         "# Benchmark of several arms",
         "",
-        *wrapped(provenance_text(table, coal=table.settings["coal"])),
+        *wrapped(provenance_text(table)),
         *wrapped(_other_runs(table)),
         "",
     ]
@@ -391,7 +390,7 @@ def main() -> None:
             earlier = before.settings.get("measured", {})
             measured |= {part: earlier.get(part, before.provenance["commit"]) for part in kept}
             rows |= {part: getattr(before, part) for part in kept}
-        settings = {"coal": installed_version("coal"), "measured": measured}
+        settings = {"measured": measured}
         table = SeveralArmsTable(settings, origin, **{part: tuple(found) for part, found in rows.items()})
     finish(table, "several_arms", page(table), options)
     sys.exit(1 if table.wrong else 0)

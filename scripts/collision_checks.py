@@ -16,7 +16,7 @@ from collision_edges import LARGEST, NEAR, EdgeRow, edge_rows, random_configurat
 
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
 from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems, own_reach
-from pinproof.benchmarks.tables import BenchmarkTable, installed_version, provenance
+from pinproof.benchmarks.tables import BenchmarkTable, provenance
 from pinproof.collision import Box, CertificateStatus, CollisionChecker, Obstacle, Scene, certify
 from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.errors import InputError
@@ -199,7 +199,6 @@ def collision_benchmark(
         "configurations": configurations,
         "boxes": list(box_counts),
         "edges": edges,
-        "coal": installed_version("coal"),
     }
     verdicts = edge_rows(edges, seed, on_progress)
     return CollisionTable(settings, origin, tuple(checks), tuple(growth), tuple(proofs), tuple(verdicts))

@@ -26,7 +26,7 @@ from pinproof.benchmarks.ik_methods import (
 )
 from pinproof.benchmarks.ik_peers import PEERS
 from pinproof.benchmarks.ik_table import IkRow, IkTable
-from pinproof.benchmarks.tables import leave_out, peer_versions, provenance
+from pinproof.benchmarks.tables import installed_versions, leave_out, provenance
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
 from pinproof.spatial import rigid, twist_size
@@ -306,7 +306,7 @@ def ik_benchmark(
         "restarts": RESTARTS,
         "tolerance": TOLERANCE,
         "trajectory_period_s": PERIOD,
-        "peer_versions": peer_versions(method.distribution for method in selected),
+        "peer_versions": installed_versions(method.distribution for method in selected),
     }
     return IkTable(settings, origin, tuple(_with_ratio(row, rows) for row in rows), left_out)
 

@@ -24,7 +24,7 @@ from pinproof.benchmarks.plan_problems import (
     select_sets,
 )
 from pinproof.benchmarks.plan_table import PlanRow, PlanTable, ProblemRow
-from pinproof.benchmarks.tables import leave_out, peer_versions, provenance
+from pinproof.benchmarks.tables import installed_versions, leave_out, provenance
 from pinproof.collision import CollisionChecker
 from pinproof.collision.checking.audit import STEP, audit
 from pinproof.errors import InputError
@@ -160,7 +160,7 @@ def plan_benchmark(
         "audit_step": STEP,
         "time_limit_s": TIME_LIMIT,
         "remarks": sorted(run.remarks),
-        "peer_versions": peer_versions(method.distribution for method in methods),
+        "peer_versions": installed_versions(method.distribution for method in methods),
     }
     return PlanTable(settings, origin, tuple(run.problems), tuple(run.rows), run.left_out)
 

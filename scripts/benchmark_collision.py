@@ -8,20 +8,29 @@ python scripts/benchmark_collision.py --only-edges 10000     only random edges
 python scripts/benchmark_collision.py --mbm FOLDER --edges 10000 --docs    rewrites docs/benchmarks/collision.*
 python scripts/benchmark_collision.py --render               rewrites the page and the plot from collision.json
 
-Exit code 1 if a verdict on an edge is wrong.
+The checks take about two minutes, 10,000 edges some more. Exit code 1 if a verdict on an edge is wrong.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from benchmark_page import FOLDER, page_parser, report
-from collision_checks import BLOCK, PROOF_REPEATS, REPEATS, CheckRow, CollisionTable, collision_benchmark
+from benchmark_page import page_parser, report, run
+from collision_checks import BLOCK, PROOF_REPEATS, REPEATS, ROBOTS, CheckRow, CollisionTable, collision_benchmark
 from collision_edges import AUDIT_STEP, SAMPLES, TOLERANCE, EdgeRow, edge_table, total_row
 
-from pinproof.benchmarks.tables import bullet_section, new_figure, provenance_text, row_table, wrapped
+from pinproof.benchmarks.tables import (
+    bullet_section,
+    log_panel,
+    new_figure,
+    provenance_text,
+    row_table,
+    save_figure,
+    wrapped,
+)
 
 CURVES = (
     ("is_free", "pinproof, is_free", "C0"),
@@ -35,8 +44,7 @@ def write_collision_table(table: CollisionTable, folder: str | Path) -> list[Pat
     """Write ``collision.json``, ``collision.md`` and, if checks among boxes were measured, ``collision.png``."""
     written = table.write(folder, "collision", "# Collision check benchmark\n\n" + collision_markdown(table))
     if table.growth:
-        written.append(Path(folder) / "collision.png")
-        write_growth_plot(table, written[-1])
+        written.append(save_figure(_growth_plot(table), Path(folder) / "collision.png"))
     return written
 
 
@@ -47,7 +55,7 @@ def collision_markdown(table: CollisionTable) -> str:
         f"{PROOF_REPEATS} times), and the fastest run counts, which reduces the influence of other processes. Single "
         "calls are from Python including all overhead."
     )
-    lines = [*wrapped(text), "", *wrapped(provenance_text(table, coal=table.settings["coal"])), ""]
+    lines = [*wrapped(text), "", *wrapped(provenance_text(table)), ""]
     if table.checks:
         lines += ["## Checks", "", *_checks(table.checks), ""]
     if table.growth:
@@ -157,8 +165,8 @@ def _speed_up(row: CheckRow) -> str:
     return " / ".join(ratios)
 
 
-def write_growth_plot(table: CollisionTable, path: str | Path) -> None:
-    """Write the time of a check against the number of boxes as PNG."""
+def _growth_plot(table: CollisionTable) -> Any:
+    """The time of a check against the number of boxes."""
     figure, ((panel,),) = new_figure(1, 1, width=7.2, height=4.6)
     counts = [int(row.scene.partition(": ")[2].replace(",", "")) for row in table.growth]
     for name, label, colour in CURVES:
@@ -170,42 +178,28 @@ def write_growth_plot(table: CollisionTable, path: str | Path) -> None:
     if first is not None:
         panel.plot(counts, [first * count / counts[0] for count in counts], ":", color="grey", label="proportional")
         panel.set_ylim(first / 3, None)
-    panel.set_xscale("log")
+    title = f"{table.growth[0].robot}: time of a check against the number of boxes"
+    log_panel(panel, title, "boxes around the arm", "mean time of a single check, us", percent=False)
     panel.set_yscale("log")
     panel.set_xticks(counts, [f"{count:,}" for count in counts])
-    panel.set_xlabel("boxes around the arm")
-    panel.set_ylabel("mean time of a single check, us")
-    panel.set_title(f"{table.growth[0].robot}: time of a check against the number of boxes", fontsize=10)
-    panel.grid(alpha=0.3)
     panel.legend(fontsize=8, loc="upper left")
-    figure.savefig(path, dpi=110, format="png")
+    return figure
 
 
-def main() -> None:
-    """Run the command line."""
+def measure(options: argparse.Namespace) -> CollisionTable:
+    """Return the parts of the table that the options select."""
+    common = {"seed": options.seed, "on_progress": report}
+    if options.only_edges:
+        return collision_benchmark((), box_counts=(), edges=options.only_edges, **common)
+    given = {"mbm": options.mbm, "problems": options.problems, "edges": options.edges}
+    return collision_benchmark(options.robots or ROBOTS, **given, **common)
+
+
+if __name__ == "__main__":
     parser = page_parser(__doc__, "collision")
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help="arms in our scenes")
     parser.add_argument("--mbm", type=Path, metavar="FOLDER", help="MotionBenchMaker problems")
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
     parser.add_argument("--edges", type=int, default=0, metavar="N", help="number of random edges to certify and check")
     parser.add_argument("--only-edges", type=int, metavar="N", help="certify and check random edges only")
-    options = parser.parse_args()
-    common = {"seed": options.seed, "on_progress": report}
-    if options.render:
-        table = CollisionTable.load(FOLDER / "collision.json")
-    elif options.only_edges:
-        table = collision_benchmark((), box_counts=(), edges=options.only_edges, **common)
-    else:
-        robots = {"robots": options.robots} if options.robots else {}
-        table = collision_benchmark(**robots, mbm=options.mbm, problems=options.problems, edges=options.edges, **common)
-    if options.docs or options.render:
-        write_collision_table(table, FOLDER)
-    else:
-        print(collision_markdown(table))
-    for error in table.wrong:
-        report(f"wrong verdict: {error}")
-    sys.exit(1 if table.wrong else 0)
-
-
-if __name__ == "__main__":
-    main()
+    run(parser, "collision", CollisionTable, measure, collision_markdown, write_collision_table)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Benchmark of occupancy grids of depth images: making and fusing them, and certificates among them.
 
-python scripts/benchmark_depth.py             prints the page
+python scripts/benchmark_depth.py             prints the page; 5 s
 python scripts/benchmark_depth.py --docs      rewrites docs/benchmarks/depth.*
 python scripts/benchmark_depth.py --render    rewrites the page from depth.json
 """
@@ -9,27 +9,17 @@ python scripts/benchmark_depth.py --render    rewrites the page from depth.json
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from statistics import median
-from time import process_time
 from typing import Any, ClassVar
 
 import numpy as np
+from benchmark_page import page_parser, run, seconds
 
 import pinproof as pp
-from pinproof.benchmarks.tables import (
-    BenchmarkTable,
-    installed_version,
-    markdown_table,
-    provenance,
-    provenance_text,
-    wrapped,
-)
+from pinproof.benchmarks.tables import BenchmarkTable, provenance, provenance_text, row_table, wrapped
 from pinproof.collision import Intrinsics
-
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 
 REPEATS = 10
 """Runs of each measurement, of which the median counts."""
@@ -62,7 +52,7 @@ class DepthTable(BenchmarkTable):
     times: tuple[TimeRow, ...]
 
     topic: ClassVar[str] = "depth images"
-    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {"times": TimeRow}
+    row_types: ClassVar[dict[str, type]] = {"times": TimeRow}
 
 
 def depth_image(root_from_camera: np.ndarray, boxes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -85,15 +75,12 @@ def downwards(eye: tuple[float, float, float], tilt: float) -> np.ndarray:
 
 def measured(step: str, call: Callable[[], Any], text: Callable[[Any], str]) -> tuple[TimeRow, Any]:
     """Return the times of a call and its result."""
-    times = []
-    for _ in range(REPEATS + 1):
-        begin = process_time()
-        made = call()
-        times.append(1e3 * (process_time() - begin))
-    return TimeRow(step, text(made), times[0], tuple(times[1:])), made
+    first, *times = (1e3 * seconds(call) for _ in range(REPEATS + 1))
+    made = call()
+    return TimeRow(step, text(made), first, tuple(times)), made
 
 
-def measure(seed: int) -> tuple[TimeRow, ...]:
+def time_rows(seed: int) -> tuple[TimeRow, ...]:
     """Measure all steps for random boxes on a table, seen by two cameras."""
     rng = np.random.default_rng(seed)
     center, half = rng.uniform((0.35, -0.45, 0.0), (1.25, 0.45, 0.0), (PARTS, 3)), rng.uniform(0.01, 0.05, (PARTS, 3))
@@ -141,33 +128,22 @@ def page(table: DepthTable) -> str:
         "point cloud of their centers. The motion turns the first joint by 0.4 rad above the boxes. Processor times "
         f"in ms of a first run and of {REPEATS} more; among these, `certify` proves the same motion again."
     )
-    cells = [
-        [row.step, row.result, *(f"{t:.2f}" for t in (row.first, median(row.times), min(row.times), max(row.times)))]
-        for row in table.times
-    ]
-    origin = wrapped(provenance_text(table, coal=table.settings["coal"]))
-    columns = ("step", "result", "first", "median", "least", "largest")
-    lines = ["# Benchmark of depth images", "", *origin, "", *wrapped(text), ""]
-    return "\n".join([*lines, *markdown_table(columns, cells, text_columns=2)]) + "\n"
+    columns = {
+        "step": "{.step}",
+        "result": "{.result}",
+        "first": "{.first:.2f}",
+        "median": lambda row: f"{median(row.times):.2f}",
+        "least": lambda row: f"{min(row.times):.2f}",
+        "largest": lambda row: f"{max(row.times):.2f}",
+    }
+    lines = ["# Benchmark of depth images", "", *wrapped(provenance_text(table)), "", *wrapped(text), ""]
+    return "\n".join([*lines, *row_table(columns, table.times, text_columns=2)]) + "\n"
 
 
-def main() -> None:
-    """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/depth.*")
-    parser.add_argument("--render", action="store_true", help="rewrite the page from depth.json")
-    options = parser.parse_args()
-    if options.render:
-        table = DepthTable.load(FOLDER / "depth.json")
-    else:
-        origin = provenance(options.seed)
-        table = DepthTable({"coal": installed_version("coal")}, origin, measure(options.seed))
-    text = page(table)
-    if options.docs or options.render:
-        table.write(FOLDER, "depth", text)
-    print(text)
+def measure(options: argparse.Namespace) -> DepthTable:
+    """Return the table."""
+    return DepthTable({}, provenance(options.seed), time_rows(options.seed))
 
 
 if __name__ == "__main__":
-    main()
+    run(page_parser(__doc__, "depth"), "depth", DepthTable, measure, page)

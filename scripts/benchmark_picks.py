@@ -12,13 +12,14 @@ python scripts/benchmark_picks.py --render               rewrites the page from 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from benchmark_page import FOLDER, page_parser, report, run
 from picks_measurements import (
-    REPEATS,
+    CELLS,
+    RUNS,
     SHIPPED,
     STEADY_FROM,
     STEADY_TO,
@@ -32,8 +33,6 @@ from picks_measurements import (
 )
 
 from pinproof.benchmarks.tables import markdown_table, provenance_text, wrapped
-
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 
 
 def write_picks_table(table: PicksTable, folder: str | Path) -> list[Path]:
@@ -102,7 +101,7 @@ def _screening(rows: Sequence[ScreenRow]) -> list[str]:
         "Poses per second. Screening decides for each pose whether it is reachable inside the limits and free of "
         "collisions at the grasp, and states the reason if not. The poses are those of picks as above, and those of "
         "random configurations in any orientation, which take the most time because all of them are reachable. The "
-        f"fastest of {REPEATS} runs counts. Reach only: without collision checks; with clearance: also measures the "
+        f"fastest of {RUNS[0]} runs counts. Reach only: without collision checks; with clearance: also measures the "
         "clearance of free poses; as picks: with Pick objects instead of an array of poses."
     )
     cells = [
@@ -153,9 +152,18 @@ def _campaigns(rows: Sequence[CampaignRow], overhead: Sequence[CampaignRow]) -> 
     return lines[:-1]
 
 
-def main() -> None:
-    """Run the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def measure(options: argparse.Namespace) -> PicksTable:
+    """Return the parts of the table that the options select."""
+    if options.durations:
+        return replace(PicksTable.load(FOLDER / "picks.json"), durations=tuple(map(duration_row, options.files)))
+    counts = {name: getattr(options, name) for name in ("picks", "poses", "campaign", "overhead")}
+    return picks_benchmark(
+        options.cells or CELLS, **counts, durations=options.files, seed=options.seed, on_progress=report
+    )
+
+
+if __name__ == "__main__":
+    parser = page_parser(__doc__, "picks")
     parser.add_argument("cells", nargs="*", metavar="CELL", help="ur5, panda, generic_6dof, 'ur5, carried'")
     parser.add_argument("--picks", type=int, default=200, metavar="N", help="picks to judge in each cell")
     parser.add_argument("--poses", type=int, default=20_000, metavar="N", help="poses to screen in each cell")
@@ -164,32 +172,5 @@ def main() -> None:
     parser.add_argument(
         "--files", nargs="*", default=list(SHIPPED), metavar="FILE", help="files of which durations are measured"
     )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/picks.*")
     parser.add_argument("--durations", action="store_true", help="measure durations only, into the table of the docs")
-    parser.add_argument("--render", action="store_true", help="rewrite the page from picks.json")
-    options = parser.parse_args()
-    if options.render:
-        table = PicksTable.load(FOLDER / "picks.json")
-    elif options.durations:
-        table = replace(PicksTable.load(FOLDER / "picks.json"), durations=tuple(map(duration_row, options.files)))
-    else:
-        cells = {"cells": options.cells} if options.cells else {}
-        table = picks_benchmark(
-            **cells,
-            picks=options.picks,
-            poses=options.poses,
-            campaign=options.campaign,
-            overhead=options.overhead,
-            durations=options.files,
-            seed=options.seed,
-            on_progress=lambda text: print(text, file=sys.stderr),
-        )
-    if options.docs or options.render:
-        write_picks_table(table, FOLDER)
-    else:
-        print(picks_markdown(table))
-
-
-if __name__ == "__main__":
-    main()
+    run(parser, "picks", PicksTable, measure, picks_markdown, write_picks_table)

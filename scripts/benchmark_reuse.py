@@ -6,21 +6,19 @@ python scripts/benchmark_reuse.py --mbm FOLDER --changes 100000      also checks
 python scripts/benchmark_reuse.py --mbm FOLDER --changes 100000 --docs     rewrites docs/benchmarks/reuse.*
 python scripts/benchmark_reuse.py --render                           rewrites the page from reuse.json
 
-Exit code 1 if a verdict is wrong.
+The times take a minute, 100,000 changes some minutes more. Exit code 1 if a verdict is wrong.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import argparse
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
-from time import process_time
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from benchmark_page import FOLDER, finish, page_parser, report
+from benchmark_page import fastest, page_parser, report, run
 
 import pinproof as pp
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
@@ -28,9 +26,9 @@ from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.benchmarks.tables import (
     BenchmarkTable,
     bullet_section,
-    installed_version,
     provenance,
     provenance_text,
+    quantiles,
     row_table,
     wrapped,
 )
@@ -87,7 +85,7 @@ class ReuseTable(BenchmarkTable):
     verdicts: tuple[VerdictRow, ...]
 
     topic: ClassVar[str] = "reuse"
-    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {"times": TimeRow, "verdicts": VerdictRow}
+    row_types: ClassVar[dict[str, type]] = {"times": TimeRow, "verdicts": VerdictRow}
 
     @property
     def wrong(self) -> list[str]:
@@ -130,35 +128,25 @@ def random_change(proof: StoredProof, kind: str, rng: np.random.Generator) -> pp
     return scene.add(pp.Obstacle("added", shape, place))
 
 
-def _fastest(call: Callable[[], Any]) -> float:
-    """The time (ms) of the fastest of some calls."""
-    best = np.inf
-    for _ in range(REPEATS):
-        begin = process_time()
-        call()
-        best = min(best, process_time() - begin)
-    return 1e3 * best
-
-
 def measure_times(name: str, proofs: list[StoredProof], seed: int) -> TimeRow:
     """Measure certificates with and without reuse after random changes."""
     rng = np.random.default_rng(seed)
     again: dict[str, list[float]] = {kind: [] for kind in KINDS}
-    scratch, change_times = [], []
+    scratch, changes = [], []
     for proof in proofs:
         for k in range(TIMED_CHANGES):
             kind = KINDS[k % len(KINDS)]
             scene = random_change(proof, kind, rng)
-
-            def prepared(scene: pp.Scene = scene, proof: StoredProof = proof) -> SetupChange:
-                return SetupChange(proof.checker, proof.checker.with_scene(scene))
-
-            change_times.append(_fastest(prepared))
-            change = prepared()
-            again[kind].append(_fastest(lambda p=proof, c=change: p.certify(c)))  # type: ignore[misc]
-            scratch.append(_fastest(lambda p=proof, c=change: pp.certify(p.curve, c.after)))  # type: ignore[misc]
+            change = SetupChange(proof.checker, proof.checker.with_scene(scene))
+            measured = (
+                (changes, lambda p=proof, s=scene: SetupChange(p.checker, p.checker.with_scene(s))),
+                (again[kind], lambda p=proof, c=change: p.certify(c)),
+                (scratch, lambda p=proof, c=change: pp.certify(p.curve, c.after)),
+            )
+            for times, call in measured:
+                times.append(1e3 * fastest(call, REPEATS))
     pairs = float(np.mean([len(proof.checker.pairs) for proof in proofs]))
-    return TimeRow(name, len(proofs), pairs, again, scratch, change_times)
+    return TimeRow(name, len(proofs), pairs, again, scratch, changes)
 
 
 def check_verdicts(name: str, proofs: list[StoredProof], changes: int, seed: int) -> VerdictRow:
@@ -191,7 +179,7 @@ def check_verdicts(name: str, proofs: list[StoredProof], changes: int, seed: int
 
 def page(table: ReuseTable) -> str:
     """Return the page as Markdown."""
-    lines = ["# Benchmark of reuse", "", *wrapped(provenance_text(table, coal=table.settings["coal"])), ""]
+    lines = ["# Benchmark of reuse", "", *wrapped(provenance_text(table)), ""]
     if table.times:
         lines += ["## Times", "", *_times(table), ""]
     if table.verdicts:
@@ -200,8 +188,8 @@ def page(table: ReuseTable) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _spread(values: Sequence[float]) -> str:
-    return f"{median(values):.3f} / {np.percentile(values, 95):.3f} / {max(values):.3f}" if values else ""
+def _spread(values: list[float]) -> str:
+    return quantiles(values, "{:.3f}".format, (0.5, 0.95, 1.0))
 
 
 def _times(table: ReuseTable) -> list[str]:
@@ -252,31 +240,25 @@ def _verdicts(table: ReuseTable) -> list[str]:
     return [*wrapped(text), "", *row_table(columns, table.verdicts)]
 
 
-def main() -> None:
-    """Run the command line."""
+def measure(options: argparse.Namespace) -> ReuseTable:
+    """Return the table of all sets."""
+    if options.mbm is None:
+        raise SystemExit("--mbm is required")
+    origin, times, verdicts = provenance(options.seed), [], []
+    sets = find_sets(options.mbm)
+    for each in sets:
+        proofs = stored_motions(read_problems(each, options.problems), options.seed)
+        times.append(measure_times(each.name, proofs, options.seed))
+        if options.changes:
+            verdicts.append(check_verdicts(each.name, proofs, -(-options.changes // len(sets)), options.seed))
+        report(f"{each.name}: {times[-1].motions} motions, {verdicts[-1:]}")
+    settings = {"problems": options.problems, "changes": options.changes}
+    return ReuseTable(settings, origin, tuple(times), tuple(verdicts))
+
+
+if __name__ == "__main__":
     parser = page_parser(__doc__, "reuse")
     parser.add_argument("--mbm", type=Path, metavar="FOLDER", help="MotionBenchMaker problems of the Panda")
     parser.add_argument("--problems", type=int, default=20, metavar="N", help="problems per set")
     parser.add_argument("--changes", type=int, default=0, metavar="N", help="number of random changes to check")
-    options = parser.parse_args()
-    if options.render:
-        table = ReuseTable.load(FOLDER / "reuse.json")
-    else:
-        if options.mbm is None:
-            parser.error("--mbm is required")
-        origin, times, verdicts = provenance(options.seed), [], []
-        sets = find_sets(options.mbm)
-        for each in sets:
-            proofs = stored_motions(read_problems(each, options.problems), options.seed)
-            times.append(measure_times(each.name, proofs, options.seed))
-            if options.changes:
-                verdicts.append(check_verdicts(each.name, proofs, -(-options.changes // len(sets)), options.seed))
-            report(f"{each.name}: {times[-1].motions} motions, {verdicts[-1:]}")
-        settings = {"problems": options.problems, "changes": options.changes, "coal": installed_version("coal")}
-        table = ReuseTable(settings, origin, tuple(times), tuple(verdicts))
-    finish(table, "reuse", page(table), options)
-    sys.exit(1 if table.wrong else 0)
-
-
-if __name__ == "__main__":
-    main()
+    run(parser, "reuse", ReuseTable, measure, page)

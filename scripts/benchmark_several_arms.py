@@ -11,26 +11,25 @@ python scripts/benchmark_several_arms.py --mbm FOLDER --edges 10000 --mover-edge
                                                                  with --keep, parts that are not measured are kept
 python scripts/benchmark_several_arms.py --render                rewrites the page from several_arms.json
 
-Exit code 1 if a motion is in collision or a verdict on an edge is wrong.
+10,000 edges take some minutes, most of them for the independent check; the other parts take about a minute each. Exit
+code 1 if a motion is in collision or a verdict on an edge is wrong.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from time import process_time, process_time_ns
+from time import process_time_ns
 from typing import Any, ClassVar
 
 import numpy as np
-from belt_picks import SPEEDS, STEP, BeltRow, belt_rows
-from benchmark_page import FOLDER, finish, page_parser, report
+from arm_picks import BELT_STEP, BIN_STEP, SPEEDS, BeltRow, SharedBinRow, belt_rows, measure_shared_bin
+from benchmark_page import FOLDER, fastest, page_parser, report, run
 from collision_edges import EdgeRow, check_edges, edge_table
 from mover_edges import FASTEST, SAMPLE_STEP, mover_edge_rows
-from shared_bin import AUDIT_STEP as BIN_AUDIT_STEP
-from shared_bin import SharedBinRow, measure_shared_bin
 
 import pinproof as pp
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
@@ -39,10 +38,10 @@ from pinproof.benchmarks.plan_problems import PlanProblem, end_faults
 from pinproof.benchmarks.tables import (
     BenchmarkTable,
     bullet_section,
-    installed_version,
     markdown_table,
     provenance,
     provenance_text,
+    quantiles,
     row_table,
     wrapped,
 )
@@ -86,7 +85,7 @@ class SeveralArmsTable(BenchmarkTable):
     belts: tuple[BeltRow, ...] = ()
 
     topic: ClassVar[str] = "several arms"
-    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {
+    row_types: ClassVar[dict[str, type]] = {
         "motions": MotionOfTwoRow,
         "edges": EdgeRow,
         "mover_edges": EdgeRow,
@@ -124,7 +123,7 @@ def measure_problem(problem: PlanProblem, seed: int) -> MotionOfTwoRow:
         watch.lap("certify")
         best = {step: min(ms, best.get(step, np.inf)) for step, ms in watch.ms.items()}
     edges = [pp.JointPath(np.array(ends), group.joint_names) for ends in zip(path.q[:-1], path.q[1:], strict=True)]
-    times = [min(_edge_ms(edge, checker) for _ in range(REPEATS)) for edge in edges]
+    times = [1e3 * fastest(lambda edge=edge: _prove(edge, checker), REPEATS) for edge in edges]
     meshes = pp.CollisionChecker(group, problem.scene, trust_disabled=True, link_meshes="surface")
     found = audit(trajectory, meshes, step=MOTION_AUDIT_STEP, measure=False)
     return MotionOfTwoRow(
@@ -143,11 +142,9 @@ def measure_problem(problem: PlanProblem, seed: int) -> MotionOfTwoRow:
     )
 
 
-def _edge_ms(edge: pp.JointPath, checker: pp.CollisionChecker) -> float:
-    begin = process_time()
+def _prove(edge: pp.JointPath, checker: pp.CollisionChecker) -> None:
     if not is_proven_free(edge, checker):
         raise RuntimeError("an edge of a certified path is not proven free")
-    return 1e3 * (process_time() - begin)
 
 
 SHARES = {
@@ -198,7 +195,7 @@ def page(table: SeveralArmsTable) -> str:
     lines = [
         "# Benchmark of several arms",
         "",
-        *wrapped(provenance_text(table, coal=table.settings["coal"])),
+        *wrapped(provenance_text(table)),
         *wrapped(_other_runs(table)),
         "",
     ]
@@ -218,25 +215,26 @@ def _motions(table: SeveralArmsTable) -> list[str]:
         "start and goal. The audit checks every motion on exact meshes at samples between which no joint moves more "
         f"than {MOTION_AUDIT_STEP:g} rad, by Pinocchio and coal alone."
     )
-    notes = sorted({note for row in table.motions for note in row.notes})
     names = list(dict.fromkeys(row.problem.rpartition("/")[0] for row in table.motions))
-    columns = ("set", "ends free", "certified", *STEPS, "edge", "clearance, mm", "unsafe in the audit")
     cells = []
     for name in [*names, ""]:
         rows = [row for row in table.motions if row.problem.startswith(name)]
         posed = [row for row in rows if not row.ends]
         done = [row for row in posed if row.status == "FREE"]
+        steps = {step: _spread([row.ms[step] for row in done], 1) for step in STEPS}
+        edge = quantiles((row.edge_ms for row in done), "{:.2f}".format)
+        longest = quantiles((row.longest_edge_ms for row in done), "{:.2f}".format, (1.0,))
         clearances = [1e3 * row.clearance for row in done if row.clearance is not None]
         cells.append(
-            [
-                name.removeprefix("mbm/") or "all",
-                f"{len(posed)} of {len(rows)}",
-                f"{len(done)} of {len(posed)}",
-                *(_spread([row.ms[step] for row in done], 1) for step in STEPS),
-                _spread([row.edge_ms for row in done], 2, largest=[row.longest_edge_ms for row in done]),
-                _spread(clearances, 1, smallest=True),
-                f"{sum(bool(row.audit) for row in done)} of {len(done)}",
-            ]
+            {
+                "set": name.removeprefix("mbm/") or "all",
+                "ends free": f"{len(posed)} of {len(rows)}",
+                "certified": f"{len(done)} of {len(posed)}",
+                **steps,
+                "edge": f"{edge} / {longest}" if done else "",
+                "clearance, mm": quantiles(clearances, "{:.1f}".format, (0.5, 0.0)),
+                "unsafe in the audit": f"{sum(bool(row.audit) for row in done)} of {len(done)}",
+            }
         )
     total = [sum(row.ms.values()) for row in table.motions if row.status == "FREE"]
     samples = sum(row.samples for row in table.motions)
@@ -246,24 +244,21 @@ def _motions(table: SeveralArmsTable) -> list[str]:
         "certificate of an edge and 1.211 s for that of a plan of two arms with 12 joints together."
     )
     other = [f"{row.problem}: {row.status or row.ends}" for row in table.motions if row.status != "FREE"]
-    failed = bullet_section("Not certified", other)
     return [
         *wrapped(text),
         "",
-        *markdown_table(columns, cells),
+        *markdown_table(tuple(cells[0]), [tuple(each.values()) for each in cells]),
         "",
         *wrapped(summary),
         "",
-        *failed,
-        *bullet_section("Notes", notes),
+        *bullet_section("Not certified", other),
+        *bullet_section("Notes", sorted({note for row in table.motions for note in row.notes})),
     ]
 
 
-def _spread(values: list[float], digits: int, *, smallest: bool = False, largest: list[float] | None = None) -> str:
-    if not values:
-        return ""
-    other = min(values) if smallest else max(largest or values)
-    return f"{median(values):.{digits}f} / {other:.{digits}f}"
+def _spread(values: list[float], digits: int) -> str:
+    """Median and largest value."""
+    return quantiles(values, f"{{:.{digits}f}}".format, (0.5, 1.0))
 
 
 def _edges(table: SeveralArmsTable) -> list[str]:
@@ -306,7 +301,7 @@ def _cells(table: SeveralArmsTable) -> list[str]:
         "and so are the pairs of bodies of the two arms in each interval of the common clock without a grip or a "
         "release. One arm is the shorter time in which one of them executes all picks, with the other at home. The "
         "audit checks all bodies of both arms on exact meshes, among the parts that are in the scene at each time, at "
-        f"common times between which no joint moves more than {BIN_AUDIT_STEP:g} rad. The last column is the processor "
+        f"common times between which no joint moves more than {BIN_STEP:g} rad. The last column is the processor "
         "time of everything but the audit, the sequences of one arm included."
     )
     columns = {
@@ -331,7 +326,7 @@ def _belts(table: SeveralArmsTable) -> list[str]:
         "The parts of a conveyor are taken one after the other and put onto a tray; each pick starts where and when "
         "the one before ended. A part that comes too early for the arm passes, and is an obstacle. The tool meets each "
         "part, follows it while the gripper closes, and lifts it. The audit checks every motion on exact meshes at "
-        f"samples between which nothing moves more than {STEP:g} rad or m, with all parts on the belt moving. The "
+        f"samples between which nothing moves more than {BELT_STEP:g} rad or m, with all parts on the belt moving. The "
         "deviation is the largest proven bound of the distance of the tcp from its place on the moving part while the "
         "gripper closes."
     )
@@ -359,8 +354,31 @@ SECTIONS = {
 """The sections of the page, which can be measured in separate runs: title, name in a sentence, and what writes it."""
 
 
-def main() -> None:
-    """Run the command line."""
+def measure(options: argparse.Namespace) -> SeveralArmsTable:
+    """Measure the parts of the page that the options select."""
+    origin, motions = provenance(options.seed), []
+    for each in [] if options.mbm is None else find_sets(options.mbm, options.robot):
+        for problem in read_problems(each, options.problems, as_stated=True):
+            report(problem.name)
+            motions.append(measure_problem(problem, options.seed))
+    rows = {
+        "motions": motions,
+        "edges": measure_edges(options.edges, options.seed, report) if options.edges else [],
+        "mover_edges": mover_edge_rows(options.mover_edges, options.seed, report) if options.mover_edges else [],
+        "cells": [measure_shared_bin(options.seed, report)] if options.shared_bin else [],
+        "belts": belt_rows(SPEEDS, options.seed, report) if options.belt else [],
+    }
+    measured = {part: origin["commit"] for part, found in rows.items() if found}
+    if options.keep:
+        before = SeveralArmsTable.load(FOLDER / "several_arms.json")
+        kept = [part for part in rows if not rows[part] and getattr(before, part)]
+        earlier = before.settings.get("measured", {})
+        measured |= {part: earlier.get(part, before.provenance["commit"]) for part in kept}
+        rows |= {part: getattr(before, part) for part in kept}
+    return SeveralArmsTable({"measured": measured}, origin, **{part: tuple(found) for part, found in rows.items()})
+
+
+if __name__ == "__main__":
     parser = page_parser(__doc__, "several_arms")
     parser.add_argument("--mbm", type=Path, metavar="FOLDER", help="MotionBenchMaker problems of several arms")
     parser.add_argument("--robot", help="the robot of these problems, if the files do not name one")
@@ -370,32 +388,4 @@ def main() -> None:
     parser.add_argument("--shared-bin", action="store_true", help="the picks of two arms over one bin")
     parser.add_argument("--keep", action="store_true", help="keep the parts of the page that are not measured")
     parser.add_argument("--belt", action="store_true", help="picks from a conveyor")
-    options = parser.parse_args()
-    if options.render:
-        table = SeveralArmsTable.load(FOLDER / "several_arms.json")
-    else:
-        origin, motions = provenance(options.seed), []
-        for each in [] if options.mbm is None else find_sets(options.mbm, options.robot):
-            for problem in read_problems(each, options.problems, as_stated=True):
-                report(problem.name)
-                motions.append(measure_problem(problem, options.seed))
-        edges = measure_edges(options.edges, options.seed, report) if options.edges else []
-        mover_edges = mover_edge_rows(options.mover_edges, options.seed, report) if options.mover_edges else []
-        cells = [measure_shared_bin(options.seed, report)] if options.shared_bin else []
-        belts = belt_rows(SPEEDS, options.seed, report) if options.belt else []
-        rows = {"motions": motions, "edges": edges, "mover_edges": mover_edges, "cells": cells, "belts": belts}
-        measured = {part: origin["commit"] for part, found in rows.items() if found}
-        if options.keep:
-            before = SeveralArmsTable.load(FOLDER / "several_arms.json")
-            kept = [part for part in rows if not rows[part] and getattr(before, part)]
-            earlier = before.settings.get("measured", {})
-            measured |= {part: earlier.get(part, before.provenance["commit"]) for part in kept}
-            rows |= {part: getattr(before, part) for part in kept}
-        settings = {"coal": installed_version("coal"), "measured": measured}
-        table = SeveralArmsTable(settings, origin, **{part: tuple(found) for part, found in rows.items()})
-    finish(table, "several_arms", page(table), options)
-    sys.exit(1 if table.wrong else 0)
-
-
-if __name__ == "__main__":
-    main()
+    run(parser, "several_arms", SeveralArmsTable, measure, page)

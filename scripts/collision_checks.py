@@ -12,11 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from benchmark_page import fastest, seconds
 from collision_edges import LARGEST, NEAR, EdgeRow, edge_rows, random_configurations, random_orientation
 
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
 from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems, own_reach
-from pinproof.benchmarks.tables import BenchmarkTable, installed_version, provenance
+from pinproof.benchmarks.tables import BenchmarkTable, provenance
 from pinproof.collision import Box, CertificateStatus, CollisionChecker, Obstacle, Scene, certify
 from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.errors import InputError
@@ -199,7 +200,6 @@ def collision_benchmark(
         "configurations": configurations,
         "boxes": list(box_counts),
         "edges": edges,
-        "coal": installed_version("coal"),
     }
     verdicts = edge_rows(edges, seed, on_progress)
     return CollisionTable(settings, origin, tuple(checks), tuple(growth), tuple(proofs), tuple(verdicts))
@@ -260,7 +260,7 @@ def measure_proofs(name: str, problems: Iterable[PlanProblem], seed: int) -> Pro
         path = shortcut(plan.path, checker, rng=seed)
         certificates.append(certify(path, checker))
         waypoints.append(len(path.q))
-        times.append(1e3 * min(_seconds(partial(certify, path, checker)) for _ in range(PROOF_REPEATS)))
+        times.append(1e3 * fastest(partial(certify, path, checker), PROOF_REPEATS, perf_counter))
     if not times:
         return None
     verdicts = [certificate.status for certificate in certificates]
@@ -291,9 +291,9 @@ def _mean_us(call: Callable[[Any], object], items: Sequence[Any]) -> float:
         if perf_counter() - begin > TIME_LIMIT:
             break
         block = items[start : start + BLOCK]
-        times = [_seconds(lambda block=block: [call(item) for item in block])]
-        while len(times) < REPEATS and sum(times) < TIME_LIMIT / 10:
-            times.append(_seconds(lambda block=block: [call(item) for item in block]))
+        times: list[float] = []
+        while not times or (len(times) < REPEATS and sum(times) < TIME_LIMIT / 10):
+            times.append(seconds(lambda block=block: [call(item) for item in block], perf_counter))
         total, done = total + min(times), done + len(block)
     return 1e6 * total / done
 
@@ -303,10 +303,4 @@ def _batch_us(checker: CollisionChecker, q: Array, threads: int) -> float:
     q = np.tile(q, (-(-BATCH // len(q)), 1))
     call = partial(checker.is_free_batch, q, threads=threads)
     call()
-    return 1e6 * min(_seconds(call) for _ in range(REPEATS)) / len(q)
-
-
-def _seconds(call: Callable[[], object]) -> float:
-    begin = perf_counter()
-    call()
-    return perf_counter() - begin
+    return 1e6 * fastest(call, REPEATS, perf_counter) / len(q)

@@ -104,11 +104,16 @@ class EdgeRow:
     wrong: tuple[str, ...]
 
 
+def distributed(edges: int, robots: Sequence[str]) -> dict[str, int]:
+    """Return the number of edges of each robot that has some, as equal as possible."""
+    each, rest = divmod(edges, len(robots))
+    counts = {robot: each + (i < rest) for i, robot in enumerate(robots)}
+    return {robot: count for robot, count in counts.items() if count}
+
+
 def edge_rows(edges: int, seed: int, on_progress: Callable[[str], None]) -> list[EdgeRow]:
     """Check this number of edges, distributed over :data:`ROBOTS`."""
-    each, rest = divmod(edges, len(ROBOTS))
-    counts = [each + (i < rest) for i in range(len(ROBOTS))]
-    return [check_edges(robot, count, seed, on_progress) for robot, count in zip(ROBOTS, counts, strict=True) if count]
+    return [check_edges(robot, count, seed, on_progress) for robot, count in distributed(edges, ROBOTS).items()]
 
 
 def check_edges(
@@ -231,21 +236,27 @@ def check_verdict(
 
     ``checker`` is the one of the certificate; ``mesh_checker`` has the same arm and scene, and exact meshes.
     """
-    if certificate.status is CertificateStatus.COLLIDING:
-        contact = certificate.first_contact
-        if contact is None:
-            return 0, "COLLIDING without a contact"
-        distance = _smallest_distance(checker, contact.q[None])
-        if contact.distance > checker.margin or distance > checker.margin + DISTANCE_ERROR:
-            return 1, f"COLLIDING, but the distance at the contact is {distance:.6g} m (margin {checker.margin:g} m)"
-        return 1, ""
     if certificate.status is CertificateStatus.UNDECIDED:
         return 0, ""
+    contact = certificate.first_contact
+    if certificate.status is CertificateStatus.COLLIDING:
+        no_contact = contact is None or contact.distance > checker.margin
+        distance = np.inf if no_contact else _smallest_distance(checker, contact.q[None])
+        return 1, contradiction(certificate, checker.margin, distance)
     distance = _smallest_distance(checker, path(np.linspace(*path.domain, samples)))
-    if distance < max(checker.margin, certificate.clearance) - DISTANCE_ERROR:
-        return samples, f"FREE with a proven clearance of {certificate.clearance:.6g} m, but {distance:.6g} m measured"
+    if error := contradiction(certificate, checker.margin, distance):
+        return samples, error
     result = audit(path, mesh_checker, step=step, measure=False)
     return samples + result.samples, "" if result.clean else f"FREE, but on exact meshes {result.message}"
+
+
+def contradiction(certificate: Certificate, margin: float, distance: float) -> str:
+    """Return how a distance (m), at the contact or the smallest along the edge, contradicts a verdict; empty if not."""
+    if certificate.status is CertificateStatus.COLLIDING and distance > margin + DISTANCE_ERROR:
+        return f"COLLIDING, but the distance at the contact is {distance:.6g} m (margin {margin:g} m)"
+    if certificate.free and distance < max(margin, certificate.clearance) - DISTANCE_ERROR:
+        return f"FREE with a proven clearance of {certificate.clearance:.6g} m, but {distance:.6g} m measured"
+    return ""
 
 
 def _smallest_distance(checker: CollisionChecker, configurations: Array) -> float:

@@ -6,13 +6,13 @@ python scripts/core_stub.py --check    exit code 1 if the stub is not up to date
 
 from __future__ import annotations
 
-import argparse
 import re
 import subprocess
 import sys
 from collections import defaultdict
 from pathlib import Path
 
+from generated_files import main
 from nanobind.stubgen import StubGen
 
 from pinproof import _core
@@ -62,18 +62,11 @@ def _line(line: str) -> str:
     return f"{head}{arrow}{result}"
 
 
-def main() -> int:
-    """Write or check the stub."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true")
-    check = parser.parse_args().check
+def formatted_stub() -> str:
+    """The stub as ruff formats it."""
     command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(STUB), "-"]
-    text = subprocess.run(command, input=stub_text(), capture_output=True, text=True, check=True).stdout
-    if check:
-        return int(STUB.read_text(encoding="utf-8") != text)
-    STUB.write_text(text, encoding="utf-8")
-    return 0
+    return subprocess.run(command, input=stub_text(), capture_output=True, text=True, check=True).stdout
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(__doc__, lambda: {STUB: formatted_stub()})

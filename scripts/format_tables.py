@@ -6,18 +6,16 @@ python scripts/format_tables.py --check    exit code 1 if a page is not up to da
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from generated_files import main, with_tables
 
 from pinproof.formats import FORMATS, file_schema
 from pinproof.picks.input.picks_keys import COLUMNS
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "formats"
-BEGIN, END = "<!-- begin: {} (written by scripts/format_tables.py) -->", "<!-- end: {} -->"
 NUMBERS = "index.md#numbers"
 ROOT = "File"
 SAME_AS = {"defaults": "pick", "object": "obstacle"}
@@ -137,41 +135,11 @@ def link(name: str, title: str) -> str:
     return f"[{title}]({'' if page == name else f'{page}.md'}#{title})"
 
 
-def blocks(name: str) -> Iterator[tuple[str, str]]:
-    """The generated blocks of a page."""
-    yield "keys", keys_text(name)
-    if name == "picks":
-        yield "columns", columns_text()
-
-
-def page(name: str, text: str) -> str:
+def page(name: str) -> str:
     """The text of a page with new tables."""
-    for block, table in blocks(name):
-        begin, end = BEGIN.format(block), END.format(block)
-        before, _, rest = text.partition(begin)
-        _, found, after = rest.partition(end)
-        if not found:
-            raise SystemExit(f"docs/formats/{name}.md: the lines {begin!r} and {end!r} are missing")
-        text = f"{before}{begin}\n{table}\n{end}{after}"
-    return text
-
-
-def main() -> int:
-    """Write or check the pages."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true")
-    check = parser.parse_args().check
-    old = []
-    for name in FORMATS:
-        file = FOLDER / f"{name}.md"
-        before = file.read_text(encoding="utf-8")
-        after = page(name, before)
-        if before != after:
-            old.append(name)
-            if not check:
-                file.write_text(after, encoding="utf-8")
-    return int(check and bool(old))
+    tables = {"keys": keys_text(name), **({"columns": columns_text()} if name == "picks" else {})}
+    return with_tables((FOLDER / f"{name}.md").read_text(encoding="utf-8"), "format_tables", tables)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(__doc__, lambda: {FOLDER / f"{name}.md": page(name) for name in FORMATS})

@@ -83,7 +83,7 @@ def success_rates(
                 prepared = method.prepare(arm, Part("random", "pose", True))
             except (NotApplicableError, PinproofError):
                 continue
-            if prepared is None or prepared.solve_batch is None:
+            if prepared.solve_batch is None:
                 continue
             prepared.solve_batch(targets.poses[:WARM_UP], targets.start)
             runs = [timed_batch(prepared.solve_batch, targets.poses, targets.start) for _ in range(REPEATS)]

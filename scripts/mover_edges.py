@@ -13,12 +13,13 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 from collision_edges import (
-    DISTANCE_ERROR,
     MARGINS,
     TOLERANCE,
     EdgeCase,
     EdgeRow,
+    contradiction,
     count_verdicts,
+    distributed,
     random_edge,
     random_scene,
 )
@@ -41,8 +42,7 @@ SAMPLE_STEP = 0.02
 
 def mover_edge_rows(edges: int, seed: int, on_progress: Callable[[str], None]) -> list[EdgeRow]:
     """Check this number of edges, distributed over :data:`ROBOTS`."""
-    each, rest = divmod(edges, len(ROBOTS))
-    return [check_robot(name, each + (i < rest), seed, on_progress) for i, name in enumerate(ROBOTS)]
+    return [check_robot(name, count, seed, on_progress) for name, count in distributed(edges, ROBOTS).items()]
 
 
 def check_robot(robot: str, edges: int, seed: int, on_progress: Callable[[str], None]) -> EdgeRow:
@@ -130,20 +130,12 @@ def check_verdict(
     trajectory: pp.Trajectory, movers: Sequence[pp.Mover], certificate: pp.Certificate, oracle: Oracle
 ) -> tuple[int, str]:
     """Return the number of instants checked, and how they contradict the verdict (empty if they do not)."""
-    if certificate.status is pp.CertificateStatus.COLLIDING:
-        contact = certificate.first_contact
-        if contact is None:
-            return 0, "COLLIDING without a contact"
-        distance = oracle.distance(trajectory(contact.time), moved_at(movers, contact.time))
-        if distance > oracle.margin + DISTANCE_ERROR:
-            return 1, f"COLLIDING, but {distance:.6g} m apart at {contact.time:.6g} s (margin {oracle.margin:g} m)"
-        return 1, ""
-    if certificate.status is not pp.CertificateStatus.FREE:
+    if certificate.status is pp.CertificateStatus.UNDECIDED:
         return 0, ""
-    travel = float(np.abs(np.diff(trajectory.q, axis=0)).max(axis=1).sum()) + FASTEST * trajectory.duration
-    times = np.linspace(0.0, trajectory.duration, max(3, int(travel / SAMPLE_STEP)))
-    nearest = min(oracle.distance(trajectory(t), moved_at(movers, t)) for t in times.tolist())
-    if nearest < max(oracle.margin, certificate.clearance) - DISTANCE_ERROR:
-        proven = certificate.clearance
-        return len(times), f"FREE with a proven clearance of {proven:.6g} m, but {nearest:.6g} m measured"
-    return len(times), ""
+    if certificate.status is pp.CertificateStatus.COLLIDING:
+        times = [] if certificate.first_contact is None else [certificate.first_contact.time]
+    else:
+        travel = float(np.abs(np.diff(trajectory.q, axis=0)).max(axis=1).sum()) + FASTEST * trajectory.duration
+        times = np.linspace(0.0, trajectory.duration, max(3, int(travel / SAMPLE_STEP))).tolist()
+    nearest = min((oracle.distance(trajectory(t), moved_at(movers, t)) for t in times), default=np.inf)
+    return len(times), contradiction(certificate, oracle.margin, nearest)

@@ -6,9 +6,10 @@ python scripts/palletising_cell.py --check    exit code 1 if the files are not u
 
 from __future__ import annotations
 
-import argparse
-import sys
+from itertools import product
 from pathlib import Path
+
+from generated_files import main
 
 FOLDER = Path(__file__).resolve().parents[1] / "robots" / "ur10"
 
@@ -76,57 +77,33 @@ def centre(stack: str, layer: int, row: int, column: int) -> str:
     return f"[{', '.join(f'{value:.3f}' for value in at)}]"
 
 
-def files() -> dict[str, str]:
+def files() -> dict[Path, str]:
     """The content of the two files."""
     decks = [
         f"  - {{name: {name}_deck, box: [{', '.join(map(str, DECK))}], xyz: [{x}, {y}, {TOP - DECK[2] / 2}], "
         "rgba: [0.55, 0.45, 0.33, 1]}"
         for name, (x, y) in STACKS.items()
     ]
-    boxes, spots = [], {"a": [], "b": []}
-    for kind in "ab":
-        for layer in reversed(range(LAYERS)):
-            for row in range(ROWS):
-                for column in range(COLUMNS):
-                    name = f"{kind}{len(spots[kind]) + 1:03}"
-                    at = centre(f"supply_{kind}", layer, row, column)
-                    spots[kind].append(name)
-                    boxes.append(
-                        f"  - {{name: {name}, box: [{', '.join(map(str, BOX))}], xyz: {at}, rgba: {COLOURS[kind]}}}"
-                    )
-    rows, taken = [], {"a": 0, "b": 0}
-    for pallet in ("pallet_1", "pallet_2"):
-        for layer in range(LAYERS):
-            for row in range(ROWS):
-                for column in range(COLUMNS):
-                    kind = "ab"[len(rows) % 2]
-                    name = spots[kind][taken[kind]]
-                    taken[kind] += 1
-                    at = centre(pallet, layer, row, column)
-                    rows.append(
-                        f"  - {{name: {name}, frame: {name}, xyz: [0, 0, {BOX[2] / 2}], object: {name}, "
-                        f"place: {{object_pose: {{xyz: {at}}}, approach: 0.06, retreat: 0.06}}}}"
-                    )
+    sides = f"[{', '.join(map(str, BOX))}]"
+    supply = {kind: f"supply_{kind}" for kind in "ab"}
+    from_above = list(product(reversed(range(LAYERS)), range(ROWS), range(COLUMNS)))
+    boxes = [
+        f"  - {{name: {kind}{number:03}, box: {sides}, xyz: {centre(supply[kind], *spot)}, rgba: {COLOURS[kind]}}}"
+        for kind in "ab"
+        for number, spot in enumerate(from_above, 1)
+    ]
+    rows = []
+    for pallet, *spot in product(("pallet_1", "pallet_2"), range(LAYERS), range(ROWS), range(COLUMNS)):
+        name = f"{'ab'[len(rows) % 2]}{len(rows) // 2 + 1:03}"  # alternately from both supplies
+        rows.append(
+            f"  - {{name: {name}, frame: {name}, xyz: [0, 0, {BOX[2] / 2}], object: {name}, "
+            f"place: {{object_pose: {{xyz: {centre(pallet, *spot)}}}, approach: 0.06, retreat: 0.06}}}}"
+        )
     return {
-        "pallet_scene.yaml": SCENE.format(decks="\n".join(decks), boxes="\n".join(boxes)),
-        "pallet_picks.yaml": PICKS.format(picks="\n".join(rows)),
+        FOLDER / "pallet_scene.yaml": SCENE.format(decks="\n".join(decks), boxes="\n".join(boxes)),
+        FOLDER / "pallet_picks.yaml": PICKS.format(picks="\n".join(rows)),
     }
 
 
-def main() -> int:
-    """Write or compare the files."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true", help="compare only")
-    check = parser.parse_args().check
-    for name, text in files().items():
-        path = FOLDER / name
-        if check and path.read_text(encoding="utf-8") != text:
-            print(f"{path} is not up to date; run python scripts/palletising_cell.py", file=sys.stderr)
-            return 1
-        if not check:
-            path.write_text(text, encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main(__doc__, files)

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from benchmark_page import fastest
 
 from pinproof.benchmarks.tables import BenchmarkTable, provenance
 from pinproof.collision import CollisionChecker, Cylinder, Obstacle, Scene, audit
@@ -67,8 +68,8 @@ AUDIT_STEP = 0.002
 WARM_UP_PICKS = 4
 """Picks that are judged before the measurement, which loads compiled code."""
 
-REPEATS = 3
-"""Runs of each screening; the fastest counts."""
+RUNS = 3, perf_counter
+"""Number of runs of each screening, of which the fastest counts, and their clock."""
 
 CHUNK = 4096
 """Poses per call, as in screen_picks."""
@@ -370,21 +371,12 @@ def screen_rows(cell: PickCell, count: int, seed: int) -> Iterator[ScreenRow]:
             poses=kind,
             count=count,
             free=screen().counts[ScreenStatus.FREE] / count,
-            rate=count / _fastest(screen),
-            with_clearance=count / _fastest(lambda screen=screen: screen(clearance=True)),
-            reach_only=count / _fastest(reach),
-            as_picks=count / _fastest(screen_pick_objects) if kind == "picks" else None,
-            two_threads=count / _fastest(lambda screen=screen: screen(threads=2)),
+            rate=count / fastest(screen, *RUNS),
+            with_clearance=count / fastest(lambda screen=screen: screen(clearance=True), *RUNS),
+            reach_only=count / fastest(reach, *RUNS),
+            as_picks=count / fastest(screen_pick_objects, *RUNS) if kind == "picks" else None,
+            two_threads=count / fastest(lambda screen=screen: screen(threads=2), *RUNS),
         )
-
-
-def _fastest(call: Callable[[], Any]) -> float:
-    seconds = []
-    for _ in range(REPEATS):
-        begin = perf_counter()
-        call()
-        seconds.append(perf_counter() - begin)
-    return min(seconds)
 
 
 class _NoContacts:

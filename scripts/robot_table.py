@@ -1,16 +1,16 @@
 """Generate the tables of docs/robots.md: the catalogue, and each URDF of example-robot-data with its verdict.
 
-python scripts/robot_table.py            writes the tables to docs/robots.md
+python scripts/robot_table.py            writes the tables to docs/robots.md; 20 s
 python scripts/robot_table.py --check    exit code 1 if the tables in docs/robots.md are not up to date
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
+
+from generated_files import main, with_tables
 
 import pinproof as pp
 from pinproof.description import catalogue_names, find_robot, robots_folder
@@ -18,7 +18,6 @@ from pinproof.description.packages import example_robot_data
 from pinproof.model import kinematic_class
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "robots.md"
-BEGIN, END = "<!-- begin: {} (written by scripts/robot_table.py) -->", "<!-- end: {} -->"
 
 
 def catalogue_table() -> str:
@@ -61,14 +60,7 @@ def urdf_table() -> str:
 
 def page(text: str) -> str:
     """The text of the page with new tables."""
-    for name, table in (("catalogue", catalogue_table()), ("urdfs", urdf_table())):
-        begin, end = BEGIN.format(name), END.format(name)
-        before, _, rest = text.partition(begin)
-        _, found, after = rest.partition(end)
-        if not found:
-            raise SystemExit(f"{PAGE}: the lines {begin!r} and {end!r} are missing")
-        text = f"{before}{begin}\n{table}\n{end}{after}"
-    return text
+    return with_tables(text, "robot_table", {"catalogue": catalogue_table(), "urdfs": urdf_table()})
 
 
 def _remarks(robot: pp.Robot) -> list[str]:
@@ -101,18 +93,5 @@ def _file(urdf: Path) -> str:
     return str(urdf.relative_to(_shared()))
 
 
-def main() -> int:
-    """Write or check the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true")
-    arguments = parser.parse_args()
-    before = PAGE.read_text(encoding="utf-8")
-    after = page(before)
-    if arguments.check:
-        return int(before != after)
-    PAGE.write_text(after, encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main(__doc__, lambda: {PAGE: page(PAGE.read_text(encoding="utf-8"))})

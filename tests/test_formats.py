@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import copy
-import importlib.util
 import json
 import os
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import format_tables
 import jsonschema
 import numpy as np
 import pytest
@@ -568,20 +567,10 @@ def test_every_column_of_a_table_of_picks_is_read(folder: Path) -> None:
         assert pick.place.pose_of == ("object" if "place.xyz" in left_out else "tip")
 
 
-@pytest.fixture(scope="module")
-def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("format_tables", ROOT / "scripts" / "format_tables.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.parametrize("name", FORMATS)
-def test_the_page_of_a_format_is_up_to_date(name: str, script: ModuleType) -> None:
+def test_the_page_of_a_format_is_up_to_date(name: str) -> None:
     text = (PAGES / f"{name}.md").read_text(encoding="utf-8")
-    assert script.page(name, text) == text, "run scripts/format_tables.py"
+    assert format_tables.page(name) == text, "run scripts/format_tables.py"
 
 
 SECTION = re.compile(r"^### (\S+)\n\n(.*?)(?=^### |^<!-- end)", re.MULTILINE | re.DOTALL)

@@ -80,7 +80,7 @@ def test_links_lead_somewhere() -> None:
 def test_the_picture_is_drawn_by_its_script(tmp_path: Path) -> None:
     """In a separate process, so that only it loads matplotlib."""
     target = tmp_path / "bisection.png"
-    program = "import runpy, sys, pathlib; runpy.run_path(sys.argv[1])['draw'](pathlib.Path(sys.argv[2]))"
-    script = ROOT / "scripts" / "draw_bisection.py"
+    program = "import runpy, sys, pathlib; runpy.run_path(sys.argv[1])['bisection'](pathlib.Path(sys.argv[2]))"
+    script = ROOT / "scripts" / "pictures.py"
     subprocess.run([sys.executable, "-c", program, str(script), str(target)], check=True)
     assert target.stat().st_size > 10_000

@@ -1,16 +1,12 @@
-"""A small data set in both layouts of MotionBenchMaker, and access to the scripts of the repository."""
+"""A small data set in both layouts of MotionBenchMaker."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import yaml
-
-# The collision and picks benchmarks are scripts; worker processes of campaigns inherit this path.
-sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
 
 ARM = [f"panda_joint{k}" for k in range(1, 8)]
 FINGERS = ["panda_finger_joint1", "panda_finger_joint2"]

@@ -26,7 +26,7 @@ def test_the_configuration_that_generated_a_target_is_correct(arm: pp.Arm) -> No
     found = checked(arm, true_answers(arm))
     assert found.success == 1.0
     assert found.false_positives == 0
-    assert found.position_error.max() < 1e-12
+    assert found.errors[:, 0].max() < 1e-12
 
 
 def test_an_answer_one_full_rotation_outside_the_limits_is_a_false_positive(arm: pp.Arm) -> None:
@@ -42,7 +42,7 @@ def test_the_error_of_an_answer_is_measured(arm: pp.Arm) -> None:
     answers[:, 0, 5] += 2e-6  # the last joint rotates the TCP by the same angle
     answers = np.clip(answers, arm.limits.lower, arm.limits.upper)
     found = checked(arm, answers)
-    np.testing.assert_allclose(found.rotation_error, 2e-6, rtol=1e-3)
+    np.testing.assert_allclose(found.errors[:, 1], 2e-6, rtol=1e-3)
     assert found.success == 0.0
     assert checked(arm, answers, tolerance=1e-5).success == 1.0
 
@@ -51,8 +51,8 @@ def test_the_position_task_ignores_the_rotation_only(arm: pp.Arm) -> None:
     answers = true_answers(arm)
     answers[:, 0, 5] *= 0.5
     found = checked(arm, answers, "position")
-    assert found.correct.tolist() == (found.position_error <= 1e-6).tolist()
-    assert found.rotation_error.max() == 0.0
+    assert found.correct.tolist() == (found.errors[:, 0] <= 1e-6).tolist()
+    assert found.errors[:, 1].max() == 0.0
 
 
 def test_no_answer_is_a_failure_and_not_a_false_positive(arm: pp.Arm) -> None:
@@ -68,7 +68,7 @@ def test_an_answer_with_some_nan_is_wrong(arm: pp.Arm) -> None:
     answers[2, 0, 3] = np.nan
     found = checked(arm, answers)
     assert found.false_positives == 1
-    assert np.isinf(found.position_error[2])
+    assert np.isinf(found.errors[2, 0])
 
 
 def test_all_branches_must_be_correct(arm: pp.Arm) -> None:

@@ -43,16 +43,15 @@ def test_the_geometry_is_recognised() -> None:
     ur5, puma = (screw_axes(pp.load_robot(name).arm()) for name in ("ur5", "puma560"))
     assert ur5.parallel(1, 2, 3)
     assert not ur5.parallel(0, 1)
-    assert ur5.intersection(3, 4, 5) is None
-    wrist = puma.intersection(3, 4, 5)
-    assert wrist is not None
-    moved = puma.with_point((3, 4, 5), wrist)
+    assert ur5.intersecting(3, 4, 5) is None
+    moved = puma.intersecting(3, 4, 5)
+    assert moved is not None
     np.testing.assert_allclose(moved.offsets[4:6], 0.0, atol=1e-6)
     np.testing.assert_allclose(moved.offsets.sum(axis=0), puma.offsets.sum(axis=0), atol=1e-12)
 
 
 def test_parallel_axes_do_not_intersect() -> None:
-    assert screw_axes(pp.load_robot("ur5").arm()).intersection(1, 2) is None
+    assert screw_axes(pp.load_robot("ur5").arm()).intersecting(1, 2) is None
 
 
 def test_mimic_joints_are_refused() -> None:

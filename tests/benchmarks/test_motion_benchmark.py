@@ -20,7 +20,8 @@ def test_motions_are_certified_checked_and_shown(mbm: Path) -> None:
     table = motion_benchmark(mbm, problems=1)
     assert {row.variant for row in table.rows} == {"", "3 kg"}
     free = next(row for row in table.rows if not row.variant)
-    assert free.safe
+    assert free.certified
+    assert free.faults == ()
     assert free.goals > 1
     assert free.lower_bound <= free.duration <= free.before
     assert free.excess <= 1e-9

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-import runpy
 from dataclasses import replace
 from itertools import pairwise, permutations
 from pathlib import Path
 
 import numpy as np
+import palletising_cell
 import pytest
 
 import pinproof as pp
@@ -373,9 +373,8 @@ def test_files_have_every_pick_in_order(stacked: SequenceResult, tmp_path: Path)
 
 
 def test_the_files_of_the_palletising_cell_are_up_to_date() -> None:
-    done = runpy.run_path(str(ROOT / "scripts" / "palletising_cell.py"))
-    for name, text in done["files"]().items():
-        assert (ROOT / "robots" / "ur10" / name).read_text(encoding="utf-8") == text
+    for path, text in palletising_cell.files().items():
+        assert path.read_text(encoding="utf-8") == text
     picks = pp.read_picks(ROOT / "robots" / "ur10" / "pallet_picks.yaml")
     assert len(picks) == 200
     assert not picks.problems

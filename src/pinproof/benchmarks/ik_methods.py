@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -86,6 +86,16 @@ class PreparedMethod:
     reset: Callable[[Array], None] | None = None
 
 
+def any_part(_: Part) -> bool:
+    """Return True: for methods that apply to every part of the table."""
+    return True
+
+
+def poses_only(part: Part) -> bool:
+    """Return whether a part requires full poses."""
+    return part.task == "pose"
+
+
 @dataclass(frozen=True)
 class IkMethod:
     """A method of the table.
@@ -95,8 +105,10 @@ class IkMethod:
     key, label
         Its name on the command line, and in the table.
     prepare
-        Returns the method prepared for an arm, or None if the part of the table does not apply to it. Raises
-        NotApplicableError, ImportError, or an error of the library if the method cannot be used with the arm.
+        Returns the method prepared for an arm and a part of the table. Raises NotApplicableError, ImportError, or an
+        error of the library if the method cannot be used with the arm.
+    applies
+        Whether the method has rows in a part of the table.
     tolerance
         Largest accepted error of an answer, in m and rad.
     textbook
@@ -111,7 +123,8 @@ class IkMethod:
 
     key: str
     label: str
-    prepare: Callable[[Arm, Part], PreparedMethod | None]
+    prepare: Callable[[Arm, Part], PreparedMethod]
+    applies: Callable[[Part], bool] = any_part
     tolerance: float = TOLERANCE
     textbook: tuple[float, float] | None = None
     compared_with: str | None = None
@@ -153,10 +166,8 @@ def _iterative(solver: Callable[..., IterativeIk], arm: Arm, part: Part) -> Prep
     )
 
 
-def _closed_form(solver: Callable[[], AnalyticIk], arm: Arm, part: Part) -> PreparedMethod | None:
+def _closed_form(solver: Callable[[], AnalyticIk], arm: Arm, part: Part) -> PreparedMethod:
     """All branches for up to six joints; for seven joints and along the trajectory, the branch nearest to q0."""
-    if part.task != "pose":
-        return None
     ik = solver()
     ik.solve_all(arm, arm.forward_kinematics(arm.home))  # raises if the arm has no closed form
     if arm.dof > 6 or part.problem == "trajectory":
@@ -169,13 +180,11 @@ def _closed_form(solver: Callable[[], AnalyticIk], arm: Arm, part: Part) -> Prep
     )
 
 
-def _tracking(arm: Arm, part: Part) -> PreparedMethod | None:
+def _tracking(arm: Arm, part: Part) -> PreparedMethod:
     """One sample per call, and the whole sequence in one call; samples that were not reached are not answers.
 
     A redundant arm keeps its joints centred; without this goal it drifts to its limits and misses later samples.
     """
-    if part.problem != "trajectory":
-        return None
     goal: GoalName | None = "centre" if arm.dof > 6 else None
     trackers: list[Tracker] = []
 
@@ -203,17 +212,23 @@ TEXTBOOK = {
 """The textbook's figures by method: position only, one seed, 10,000 points."""
 
 
-def _own_methods() -> Iterator[IkMethod]:
-    for key, solver in IK_METHODS.items():
-        tolerance = FABRIK_TOLERANCE if solver is Fabrik else TOLERANCE
-        if issubclass(solver, IterativeIk):
-            yield IkMethod(key, solver.__name__, partial(_iterative, solver), tolerance, TEXTBOOK.get(key))
-        else:
-            yield IkMethod(key, solver.__name__, partial(_closed_form, solver), tolerance, TEXTBOOK.get(key))
-    polished = partial(Fabrik, polish=True, position_tolerance=TOLERANCE, orientation_tolerance=TOLERANCE)
-    yield IkMethod("fabrik_polished", "Fabrik, polished", partial(_iterative, polished))
-    yield IkMethod("tracking", "Tracker", _tracking)
+def _own_method(key: str, solver: Any) -> IkMethod:
+    iterative = issubclass(solver, IterativeIk)
+    return IkMethod(
+        key,
+        solver.__name__,
+        partial(_iterative if iterative else _closed_form, solver),
+        any_part if iterative else poses_only,
+        FABRIK_TOLERANCE if solver is Fabrik else TOLERANCE,
+        TEXTBOOK.get(key),
+    )
 
 
-OWN_METHODS: tuple[IkMethod, ...] = tuple(_own_methods())
+_POLISHED = partial(Fabrik, polish=True, position_tolerance=TOLERANCE, orientation_tolerance=TOLERANCE)
+
+OWN_METHODS: tuple[IkMethod, ...] = (
+    *(_own_method(key, solver) for key, solver in IK_METHODS.items()),
+    IkMethod("fabrik_polished", "Fabrik, polished", partial(_iterative, _POLISHED)),
+    IkMethod("tracking", "Tracker", _tracking, lambda part: part.problem == "trajectory"),
+)
 """The methods of this package: those of :data:`pinproof.ik.methods.IK_METHODS`, and two variants of use."""

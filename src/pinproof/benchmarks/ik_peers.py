@@ -9,7 +9,7 @@ possible, which is not timed.
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,20 @@ from xml.etree.ElementTree import fromstring, tostring
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, IkMethod, Part, PreparedMethod
+from pinproof.benchmarks.ik_methods import (
+    RESTARTS,
+    TOLERANCE,
+    IkMethod,
+    Part,
+    PreparedMethod,
+    any_part,
+    poses_only,
+)
 from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.conversion import dh_to_urdf, urdf_to_dh
 from pinproof.description.dh import row_transform
 from pinproof.description.dh_urdf import TCP as TIP
+from pinproof.ik.analytic.geometry import lines_of
 from pinproof.model import Arm
 from pinproof.model.robot import load_robot_from_text
 
@@ -49,10 +58,8 @@ class ScrewAxes:
 
     Parameters
     ----------
-    directions
-        (n, 3) unit vectors of the joint axes.
-    points
-        (n, 3) a point on each axis, m.
+    directions, points
+        (n, 3) unit vectors of the axes, and a point on each axis, m.
     base_from_tcp
         (4, 4) at q = 0.
     """
@@ -66,45 +73,44 @@ class ScrewAxes:
         """(n + 1, 3) from the base to the first point, from each point to the next, and from the last to the TCP, m."""
         return np.diff(np.vstack([np.zeros(3), self.points, self.base_from_tcp[:3, 3]]), axis=0)
 
+    def aligned(self, target: Array) -> Array:
+        """Return a target (4, 4) of a TCP with the axes of the base at q = 0, which closed forms require."""
+        back = np.eye(4)
+        back[:3, :3] = self.base_from_tcp[:3, :3].T
+        return target @ back
+
     def parallel(self, *joints: int) -> bool:
         """Return whether the axes of these joints (counted from 0) are parallel."""
         pairs = combinations(self.directions[list(joints)], 2)
         return all(bool(np.linalg.norm(np.cross(a, b)) < SAME_AXIS) for a, b in pairs)
 
-    def intersection(self, *joints: int) -> Array | None:
-        """Return the point (3,) where the axes of these joints intersect; None if there is no such point, or many."""
+    def intersecting(self, *joints: int) -> ScrewAxes | None:
+        """Return the same axes with the intersection of these joints as their points; None if they do not intersect."""
         p, w = self.points[list(joints)], self.directions[list(joints)]
         across = np.eye(3) - w[:, :, None] * w[:, None, :]
         point, _, rank, _ = np.linalg.lstsq(across.reshape(-1, 3), np.einsum("kij,kj->ki", across, p).ravel())
         apart = np.linalg.norm(np.einsum("kij,kj->ki", across, point - p), axis=1)
-        return np.asarray(point) if rank == 3 and apart.max() < SAME_AXIS else None
-
-    def with_point(self, joints: tuple[int, ...], point: Array) -> ScrewAxes:
-        """Return the same axes with the points of these joints replaced by their intersection."""
+        if rank < 3 or apart.max() >= SAME_AXIS:
+            return None
         points = self.points.copy()
         points[list(joints)] = point
-        return ScrewAxes(self.directions, points, self.base_from_tcp)
+        return replace(self, points=points)
 
 
 def screw_axes(arm: Arm) -> ScrewAxes:
-    """Return the joint axes of a chain without mimic joints.
-
-    The columns of the Jacobian at q = 0 with respect to the base origin are the screws (v, w) of the joints: the
-    direction is w (v for a prismatic joint), and the point of the axis nearest to the origin is w x v.
+    """Return the joint axes of six revolute joints without mimic joints.
 
     Raises
     ------
     NotApplicableError
-        If the chain has mimic joints.
+        If the arm has other joints.
     """
     if arm.followers:
         raise NotApplicableError("other libraries cannot read mimic joints on the chain")
-    zero = np.zeros(arm.dof)
-    screws = arm.jacobian(zero, reference="WORLD").T
-    revolute = np.asarray(arm.angular, dtype=bool)[:, None]
-    directions = np.where(revolute, screws[:, 3:], screws[:, :3])
-    points = np.where(revolute, np.cross(screws[:, 3:], screws[:, :3]), 0.0)
-    return ScrewAxes(directions, points, np.array(arm.forward_kinematics(zero).homogeneous))
+    if arm.dof != 6 or not np.all(arm.angular):
+        raise NotApplicableError("its closed forms apply to six revolute joints")
+    lines, base_from_tcp = lines_of(arm)
+    return ScrewAxes(np.array([x.direction for x in lines]), np.array([x.point for x in lines]), base_from_tcp)
 
 
 def chain_urdf(arm: Arm) -> str:
@@ -118,13 +124,11 @@ def chain_urdf(arm: Arm) -> str:
 # -- the libraries -----------------------------------------------------------------------------------------------------
 
 
-def _eaik(arm: Arm, part: Part) -> PreparedMethod | None:
+def _eaik(arm: Arm, _: Part) -> PreparedMethod:
     """EAIK (Ostermeier, Külz, Althoff 2024): closed forms in C++."""
     from eaik.IK_HP import HPRobot
 
-    if part.task != "pose" or part.problem != "random":
-        return None
-    axes = _six_revolute_axes(arm)
+    axes = screw_axes(arm)
     robot = HPRobot(axes.directions, axes.offsets)
     if not robot.hasKnownDecomposition():
         raise NotApplicableError("EAIK has no closed form for this arm")
@@ -136,22 +140,19 @@ def _eaik(arm: Arm, part: Part) -> PreparedMethod | None:
     return PreparedMethod(
         solve=solve,
         read=lambda found: _inside(arm, np.reshape(found[0], (-1, arm.dof))[~np.ravel(found[1])]),
-        convert_target=lambda pose: pose @ _aligned_tool(axes),
+        convert_target=axes.aligned,
     )
 
 
-def _ik_geo(arm: Arm, part: Part) -> PreparedMethod | None:
+def _ik_geo(arm: Arm, _: Part) -> PreparedMethod:
     """IK-Geo (Elias, Wen 2022): subproblems, in Rust."""
     from ik_geo import Robot
 
-    if part.task != "pose" or part.problem != "random":
-        return None
-    axes = _six_revolute_axes(arm)
-    kind, axes = _geometry(axes)
+    kind, axes = _geometry(screw_axes(arm))
     robot = getattr(Robot, kind)(axes.directions, axes.offsets)
 
     def target(pose: Array) -> tuple[Array, Array]:
-        turned = pose @ _aligned_tool(axes)
+        turned = axes.aligned(pose)
         return np.ascontiguousarray(turned[:3, :3].T), turned[:3, 3].copy()  # it reads arrays in column order
 
     return PreparedMethod(
@@ -161,29 +162,25 @@ def _ik_geo(arm: Arm, part: Part) -> PreparedMethod | None:
     )
 
 
-def _ssik(arm: Arm, part: Part) -> PreparedMethod | None:
+def _ssik(arm: Arm, _: Part) -> PreparedMethod:
     """Ssik (8.x): closed forms, and the elimination of Raghavan and Roth for general arms."""
     from ssik import Manipulator
 
-    if part.task != "pose" or part.problem != "random":
-        return None
-    axes = _six_revolute_axes(arm)
+    axes = screw_axes(arm)
     limits = np.stack([arm.limits.lower, arm.limits.upper], axis=1)
     robot = Manipulator.from_axes(axes.directions, axes.offsets, limits=limits)
-    robot.solve(axes.base_from_tcp @ _aligned_tool(axes))  # the first call derives symbolic terms, for up to minutes
+    robot.solve(axes.aligned(axes.base_from_tcp))  # the first call derives symbolic terms, for up to minutes
     return PreparedMethod(
         solve=lambda pose, _: robot.solve(pose, enumerate_windings=False),
         read=lambda found: _inside(arm, np.reshape([one.q for one in found], (-1, 6))),
-        convert_target=lambda pose: pose @ _aligned_tool(axes),
+        convert_target=axes.aligned,
     )
 
 
-def _trac_ik(arm: Arm, part: Part) -> PreparedMethod | None:
+def _trac_ik(arm: Arm, _: Part) -> PreparedMethod:
     """TRAC-IK (Beeson, Ames 2015), by pytracik: Newton with restarts and SQP in two threads, with a time limit."""
     from trac_ik import TracIK
 
-    if part.task != "pose" or not part.restarts:
-        return None
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "chain.urdf"
         file.write_text(chain_urdf(arm), encoding="utf-8")
@@ -221,15 +218,13 @@ def _toolbox(arm: Arm, part: Part) -> PreparedMethod:
     )
 
 
-def _pink(arm: Arm, part: Part) -> PreparedMethod | None:
+def _pink(arm: Arm, part: Part) -> PreparedMethod:
     """Pink (Caron and others): differential IK by quadratic programs, here iterated to convergence."""
     from pink import Configuration, solve_ik
     from pink.limits import ConfigurationLimit
     from pink.tasks import FrameTask
     from qpsolvers import available_solvers
 
-    if part.restarts and part.problem == "random":
-        return None
     if not available_solvers:
         raise NotApplicableError("Pink found no solver for quadratic programs; install daqp")
     model = load_robot_from_text(chain_urdf(arm)).arm(TIP).model
@@ -259,13 +254,11 @@ def _pink(arm: Arm, part: Part) -> PreparedMethod | None:
     )
 
 
-def _roboplan(arm: Arm, part: Part) -> PreparedMethod | None:
+def _roboplan(arm: Arm, part: Part) -> PreparedMethod:
     """Roboplan (Castro and others): damped least squares in C++ with restarts and a time limit."""
     from roboplan.core import CartesianConfiguration, JointConfiguration, Scene, loadUrdfSceneDescriptionFromXml
     from roboplan.simple_ik import SimpleIk, SimpleIkOptions
 
-    if part.task != "pose":
-        return None
     scene, names = Scene("chain", loadUrdfSceneDescriptionFromXml(chain_urdf(arm))), list(arm.joint_names)
     options = SimpleIkOptions(
         max_iters=MAX_ITERATIONS,
@@ -288,35 +281,17 @@ def _roboplan(arm: Arm, part: Part) -> PreparedMethod | None:
     )
 
 
-def _six_revolute_axes(arm: Arm) -> ScrewAxes:
-    if arm.dof != 6 or not np.all(arm.angular):
-        raise NotApplicableError("its closed forms apply to six revolute joints")
-    return screw_axes(arm)
-
-
-def _aligned_tool(axes: ScrewAxes) -> Array:
-    """(4, 4) rotation of the targets that aligns the tool with the base axes at q = 0, as closed forms require."""
-    back = np.eye(4)
-    back[:3, :3] = axes.base_from_tcp[:3, :3].T
-    return back
-
-
 def _geometry(axes: ScrewAxes) -> tuple[str, ScrewAxes]:
     """The solver of IK-Geo for this geometry, and the axes with the points that it requires."""
-    wrist = axes.intersection(3, 4, 5)
+    wrist = axes.intersecting(3, 4, 5)
+    if wrist is not None and axes.parallel(1, 2):
+        return "spherical_two_parallel", wrist
     if wrist is not None:
-        axes = axes.with_point((3, 4, 5), wrist)
-        shoulder = axes.intersection(0, 1)
-        if axes.parallel(1, 2):
-            return "spherical_two_parallel", axes
-        if shoulder is not None:
-            return "spherical_two_intersecting", axes.with_point((0, 1), shoulder)
-        return "spherical", axes
+        shoulder = wrist.intersecting(0, 1)
+        return ("spherical", wrist) if shoulder is None else ("spherical_two_intersecting", shoulder)
     if axes.parallel(1, 2, 3):
-        end = axes.intersection(4, 5)
-        if end is not None:
-            return "three_parallel_two_intersecting", axes.with_point((4, 5), end)
-        return "three_parallel", axes
+        end = axes.intersecting(4, 5)
+        return ("three_parallel", axes) if end is None else ("three_parallel_two_intersecting", end)
     raise NotApplicableError("the arm has neither a spherical wrist nor three parallel axes, so IK-Geo would search")
 
 
@@ -326,16 +301,20 @@ def _inside(arm: Arm, branches: Array) -> Array:
     return branches[((arm.limits.lower <= branches) & (branches <= arm.limits.upper)).all(axis=1)]
 
 
+def _random_poses(part: Part) -> bool:
+    return part.task == "pose" and part.problem == "random"
+
+
 PEERS: tuple[IkMethod, ...] = tuple(
-    IkMethod(key, label, prepare, compared_with=ours, max_targets=most, distribution=label)
-    for key, label, prepare, ours, most in (
-        ("eaik", "EAIK", _eaik, "analytic", None),
-        ("ik_geo", "ik-geo", _ik_geo, "analytic", None),
-        ("ssik", "ssik", _ssik, "analytic", 500),
-        ("trac_ik", "pytracik", _trac_ik, "clik", None),
-        ("toolbox", "roboticstoolbox-python", _toolbox, "clik", None),
-        ("roboplan", "roboplan", _roboplan, "clik", 1_000),
-        ("pink", "pin-pink", _pink, "clik", 500),
+    IkMethod(key, label, prepare, applies, compared_with=ours, max_targets=most, distribution=label)
+    for key, label, prepare, applies, ours, most in (
+        ("eaik", "EAIK", _eaik, _random_poses, "analytic", None),
+        ("ik_geo", "ik-geo", _ik_geo, _random_poses, "analytic", None),
+        ("ssik", "ssik", _ssik, _random_poses, "analytic", 500),
+        ("trac_ik", "pytracik", _trac_ik, lambda part: part.task == "pose" and part.restarts, "clik", None),
+        ("toolbox", "roboticstoolbox-python", _toolbox, any_part, "clik", None),
+        ("roboplan", "roboplan", _roboplan, poses_only, "clik", 1_000),
+        ("pink", "pin-pink", _pink, lambda part: part.problem == "trajectory" or not part.restarts, "clik", 500),
     )
 )
 """The other libraries."""

@@ -26,7 +26,7 @@ from pinproof.benchmarks.ik_methods import (
 )
 from pinproof.benchmarks.ik_peers import PEERS
 from pinproof.benchmarks.ik_table import IkRow, IkTable
-from pinproof.benchmarks.tables import NotApplicableError, leave_out, peer_versions, provenance
+from pinproof.benchmarks.tables import installed_versions, leave_out, provenance
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
 from pinproof.spatial import rigid, twist_size
@@ -54,16 +54,10 @@ the velocity limit. A redundant arm may use other joints for the same poses, whi
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Reachable targets.
+    """Reachable targets (N, 4, 4), base_from_target, and what generated them.
 
-    Parameters
-    ----------
-    poses
-        (N, 4, 4) base_from_target.
-    q
-        (N, n) configurations inside the limits that generated them, unknown to the methods.
-    start
-        (n,) where a method starts: the middle of the ranges, or the beginning of the trajectory.
+    ``q`` (N, n) are the configurations inside the limits that generated the targets, unknown to the methods, and
+    ``start`` (n,) is where methods start: the middle of the ranges, or the beginning of the trajectory.
     """
 
     poses: Array
@@ -116,15 +110,14 @@ class CheckedAnswers:
         (N,) whether the method reports an answer.
     correct
         (N,) whether all answers that it reports are inside the limits and within the tolerance.
-    position_error, rotation_error
-        (N,) of the worst answer, in m and rad; infinite if it is not finite, 0 without an answer and for what the task
-        leaves free.
+    errors
+        (N, 2) position and rotation error of the worst answer, in m and rad; infinite if it is not finite, 0 without an
+        answer and for what the task leaves free.
     """
 
     answered: Flags
     correct: Flags
-    position_error: Array
-    rotation_error: Array
+    errors: Array
 
     @property
     def success(self) -> float:
@@ -156,25 +149,21 @@ def check_answers(arm: Arm, targets: Array, answers: Array, task: str, tolerance
             errors[row, column, 1] = 0.0
         correct[row, column] = inside[row, column] and bool((errors[row, column] <= tolerance).all())
     answered = np.asarray(reported.any(axis=1))
-    worst = errors.max(axis=1, initial=0.0)
-    return CheckedAnswers(answered, np.asarray(answered & correct.all(axis=1)), worst[:, 0], worst[:, 1])
+    return CheckedAnswers(answered, np.asarray(answered & correct.all(axis=1)), errors.max(axis=1, initial=0.0))
 
 
 # -- measurement -------------------------------------------------------------------------------------------------------
 
 
-def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets) -> IkRow | None:
-    """Return the row of a method, or None if the part does not apply to it.
+def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets) -> IkRow:
+    """Return the row of a method in a part to which it applies.
 
     All calls on random targets start at ``targets.start``; along the trajectory each starts at the last answer.
     """
     poses = targets.poses[: method.max_targets]
-    warm_up = method.prepare(arm, part)
-    if warm_up is None:
-        return None
-    for _ in _solve_each(warm_up, poses[:WARM_UP], targets.start, part):
+    for _ in _solve_each(method.prepare(arm, part), poses[:WARM_UP], targets.start, part):
         pass
-    prepared = method.prepare(arm, part) or warm_up  # prepared again: methods may keep the state of the last call
+    prepared = method.prepare(arm, part)  # again, because a method may keep the state of the last call
     timed = list(_solve_each(prepared, poses, targets.start, part))
     times = np.array([nanoseconds for nanoseconds, _ in timed]) / NANOSECONDS_PER_MS
     answers = _stacked([answer for _, answer in timed], arm.dof)
@@ -186,6 +175,9 @@ def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets
         batch_ms = nanoseconds / NANOSECONDS_PER_MS / len(poses)
         checked.append(check_answers(arm, poses, batch_answers, part.task, method.tolerance))
     textbook_ms, textbook_success = method.textbook or (None, None)
+    errors = np.concatenate([each.errors[each.answered] for each in checked])
+    both = single.correct[1:] & single.correct[:-1]  # two consecutive answers are correct
+    steps = np.abs(np.diff(answers[:, 0], axis=0)).max(axis=1)[both] if part.problem == "trajectory" else np.empty(0)
     return IkRow(
         robot=robot,
         method=method.key,
@@ -199,12 +191,10 @@ def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets
         p999_ms=float(np.quantile(times, 0.999, method="higher")),
         batch_ms=batch_ms,
         success=min(each.success for each in checked),
-        position_error=_largest([each.position_error[each.answered] for each in checked]),
-        rotation_error=_largest([each.rotation_error[each.answered] for each in checked])
-        if part.task == "pose"
-        else None,
+        position_error=_largest(errors[:, 0]),
+        rotation_error=_largest(errors[:, 1]) if part.task == "pose" else None,
         false_positives=sum(each.false_positives for each in checked),
-        largest_step=_largest_step(answers, single) if part.problem == "trajectory" else None,
+        largest_step=_largest(steps),
         tolerance=method.tolerance,
         textbook_ms=textbook_ms,
         textbook_success=textbook_success,
@@ -244,14 +234,8 @@ def _stacked(answers: list[Array], dof: int) -> Array:
     return stacked
 
 
-def _largest(arrays: list[Array]) -> float | None:
-    values = np.concatenate(arrays)
+def _largest(values: Array) -> float | None:
     return float(values.max()) if len(values) else None
-
-
-def _largest_step(answers: Array, checked: CheckedAnswers) -> float | None:
-    both = checked.correct[1:] & checked.correct[:-1]
-    return _largest([np.abs(np.diff(answers[:, 0], axis=0)).max(axis=1)[both]])
 
 
 # -- runs --------------------------------------------------------------------------------------------------------------
@@ -310,13 +294,9 @@ def ik_benchmark(
         targets = {"random": random_targets(arm, points, seed), "trajectory": smooth_targets(arm, points, seed)}
         for method in selected:
             report(f"{name}: {method.label}")
-            before = len(rows)
             with leave_out(left_out[name], method.key, own=method.compared_with is None):
-                for part in PARTS:
-                    row = measure(arm, name, method, part, targets[part.problem])
-                    rows += [] if row is None else [row]
-                if len(rows) == before:
-                    raise NotApplicableError("applies to no part of this table")
+                for part in filter(method.applies, PARTS):
+                    rows.append(measure(arm, name, method, part, targets[part.problem]))
     settings = {
         "robots": list(robots),
         "points": points,
@@ -326,7 +306,7 @@ def ik_benchmark(
         "restarts": RESTARTS,
         "tolerance": TOLERANCE,
         "trajectory_period_s": PERIOD,
-        "peer_versions": peer_versions(method.distribution for method in selected),
+        "peer_versions": installed_versions(method.distribution for method in selected),
     }
     return IkTable(settings, origin, tuple(_with_ratio(row, rows) for row in rows), left_out)
 

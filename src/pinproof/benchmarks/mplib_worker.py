@@ -23,10 +23,9 @@ def _planner(job: dict[str, Any]) -> Any:
     from mplib.collision_detection import fcl
 
     planner = mplib.Planner(urdf=job["urdf"], srdf=job["srdf"], move_group=job["tcp"])
-    for each in job["obstacles"]:
-        shape = getattr(fcl, each["kind"])(*each["sizes"])
-        at = mplib.Pose(np.array(each["pose"]))
-        planner.planning_world.add_object(each["name"], fcl.CollisionObject(shape, at))
+    for name, kind, sizes, pose in job["obstacles"]:
+        body = fcl.CollisionObject(getattr(fcl, kind)(*sizes), mplib.Pose(np.array(pose)))
+        planner.planning_world.add_object(name, body)
     for one, other in job["allowed"]:
         planner.acm.set_entry(one, other, True)
     return planner
@@ -51,8 +50,7 @@ def _main() -> None:
     os.dup2(2, 1)
 
     def answer(content: dict[str, Any]) -> None:
-        answers.write(json.dumps(content) + "\n")
-        answers.flush()
+        print(json.dumps(content), file=answers, flush=True)
 
     try:
         import mplib

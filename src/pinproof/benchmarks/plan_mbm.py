@@ -54,20 +54,10 @@ class MbmSet:
 
 
 def find_sets(path: str | Path, robot: str | None = None) -> list[MbmSet]:
-    """Find the sets in a folder.
+    """Find the sets in a folder of sets, or a single set; FileError if there is none, or one without a robot.
 
-    Parameters
-    ----------
-    path
-        A folder of sets, or a single set.
-    robot
-        A catalogue name or a robot file. By default the URDF (and SRDF) in a folder ``robot`` beside the sets,
-        otherwise the catalogue robot that the folder or its scenes name.
-
-    Raises
-    ------
-    FileError
-        If there is no set, or a set without a robot.
+    ``robot`` is a catalogue name or a robot file. By default, it is the URDF (with its SRDF) in a folder ``robot``
+    beside the sets, otherwise the catalogue robot that the folder or its scenes name.
     """
     path = Path(path)
     if not path.is_dir():
@@ -88,22 +78,10 @@ def find_sets(path: str | Path, robot: str | None = None) -> list[MbmSet]:
 
 
 def read_problems(found: MbmSet, most: int | None = None, *, as_stated: bool = False) -> Iterator[PlanProblem]:
-    """Read the first problems of a set in the order of their numbers; by default all.
+    """Read the problems of a set in the order of their numbers, at most ``most``.
 
-    Parameters
-    ----------
-    found
-        The set.
-    most
-        The largest number of problems.
-    as_stated
-        Whether joints that are not planned, such as fingers, are held at the values of the files also beyond their
-        limits, instead of at the limits.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be read, or does not fit the robot.
+    Joints that are not planned, such as fingers, are held at the values of the files; beyond their limits only if
+    ``as_stated``, otherwise at the limits. FileError is raised if a file cannot be read or does not fit the robot.
     """
     robot = load_robot(found.robot, srdf=found.srdf)
     for number, (scene, request) in islice(found.files.items(), most):
@@ -116,11 +94,8 @@ def _problem(found: MbmSet, number: int, robot: Robot, scene: Scene, path: Path,
         state = request["start_state"]
         start = _by_name(state["joint_state"]["name"], state["joint_state"]["position"])
         goals = [_goal(path, goal) for goal in request["goal_constraints"]]
-        floating = [
-            value
-            for placed in (state.get("multi_dof_joint_state") or {}).get("transforms") or []
-            for value in (*_numbers_of(placed["translation"], "xyz"), *_numbers_of(placed["rotation"], "xyz"))
-        ]
+        placed = (state.get("multi_dof_joint_state") or {}).get("transforms") or []
+        floating = [x for each in placed for part in ("translation", "rotation") for x in _vector_part(each[part])]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise FileError(path, f"is not a moveit_msgs/MotionPlanRequest: {error}") from error
     if any(floating):
@@ -155,10 +130,9 @@ def _by_name(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:
     return {str(name): float(value) for name, value in zip(names, values, strict=True)}
 
 
-def _numbers_of(stated: Any, keys: str) -> list[float]:
-    """The first numbers of a vector or quaternion, given as a list or by key."""
-    values = [stated[key] for key in keys] if isinstance(stated, Mapping) else list(stated)[: len(keys)]
-    return [float(value) for value in values]
+def _vector_part(stated: Any) -> list[float]:
+    """x, y and z of a vector or quaternion, given as a list or by key; all are 0 for the identity."""
+    return [float(stated[key]) for key in ("xyz" if isinstance(stated, Mapping) else range(3))]
 
 
 def _group(
@@ -178,20 +152,17 @@ def _group(
     held, notes = {}, []
     for name, value in start.items():
         joint = robot.urdf.joints.get(name)
-        if joint is None or name in free.joint_names or name in free.followers:
-            continue
-        if joint.type == "fixed" or joint.mimic is not None:
+        if joint is None or joint.type == "fixed" or joint.mimic or name in (*free.joint_names, *free.followers):
             continue
         lower = -np.inf if joint.lower is None else joint.lower
         upper = np.inf if joint.upper is None else joint.upper
-        held[name] = float(np.clip(value, lower, upper))
-        if abs(held[name] - value) <= ROUNDING:
-            continue
-        if as_stated:
-            notes.append(f"{name} is held at {value:g}, as the file states, beyond its limit {held[name]:g}")
-            held[name] = float(value)
-        else:
-            notes.append(f"{name} is held at its limit {held[name]:g} instead of {value:g}")
+        inside = float(np.clip(value, lower, upper))
+        beyond = abs(inside - value) > ROUNDING
+        held[name] = value if beyond and as_stated else inside
+        if beyond and as_stated:
+            notes.append(f"{name} is held at {value:g}, as the file states, beyond its limit {inside:g}")
+        elif beyond:
+            notes.append(f"{name} is held at its limit {inside:g} instead of {value:g}")
     return free.with_held(held), tuple(notes)
 
 
@@ -216,28 +187,23 @@ def _problem_files(folder: Path) -> dict[int, tuple[Path, Path]]:
 
 def _split(folder: Path, scene: Path) -> tuple[str, str | None]:
     """The name of a set, and the catalogue robot that its folder or one of its scenes names, if any."""
-    name, _, last = folder.resolve().name.rpartition("_")
-    content = read_yaml(scene, ("world",), FileError)
-    model = str(content.get("robot_model_name", ""))
-    if name and last and last in (*catalogue_names(), model):
-        return name, _catalogue_name(last)
-    return folder.resolve().name, _catalogue_name(model)
-
-
-def _catalogue_name(model: str) -> str | None:
-    """The entry of a robot in the catalogue; a robot with two arms has an entry for each of them."""
-    return next((name for name in (model, f"{model}_left") if name in catalogue_names()), None)
+    whole = folder.resolve().name
+    name, _, last = whole.rpartition("_")
+    model = str(read_yaml(scene, ("world",), FileError).get("robot_model_name", ""))
+    in_name = bool(name and last) and last in (*catalogue_names(), model)
+    stated = last if in_name else model
+    # A robot with two arms has an entry for each of them.
+    robot = next((entry for entry in (stated, f"{stated}_left") if entry in catalogue_names()), None)
+    return name if in_name else whole, robot
 
 
 def _robot_beside(folder: Path) -> tuple[str, str | None] | None:
-    """The URDF, and the SRDF if any, in a folder ``robot`` beside a set or in it."""
+    """The URDF, and the SRDF if there is exactly one, in a folder ``robot`` in a set or beside it."""
     for place in (folder / "robot", folder.resolve().parent / "robot"):
-        urdfs = sorted(place.glob("*.urdf")) if place.is_dir() else []
+        urdfs, srdfs = sorted(place.glob("*.urdf")), sorted(place.glob("*.srdf"))
         if len(urdfs) > 1:
-            raise FileError(
-                place, f"contains several robots ({', '.join(file.name for file in urdfs)}); select one with robot"
-            )
+            names = ", ".join(file.name for file in urdfs)
+            raise FileError(place, f"contains several robots ({names}); select one with robot")
         if urdfs:
-            srdfs = sorted(place.glob("*.srdf"))
             return str(urdfs[0]), str(srdfs[0]) if len(srdfs) == 1 else None
     return None

@@ -27,20 +27,18 @@ NANOSECONDS_PER_MS = 1e6
 
 @dataclass(frozen=True, eq=False)
 class PlanAnswer:
-    """The answer of a method to a problem.
+    """The answer of a method to a problem; None for what it does not have.
 
     Parameters
     ----------
     curve
-        The motion; None if none was found.
+        The motion.
     ms
         Milliseconds of each of :data:`STEPS` that was carried out.
-    certified
-        Whether the motion has a FREE certificate; None for a method without certificates.
-    clearance
-        Proven clearance in m; None without a certificate.
+    certified, clearance
+        Whether the motion has a FREE certificate, and the proven clearance in m.
     duration
-        Seconds; None for a path without timing.
+        Seconds.
     rejected_edges
         Edges that were free at their samples but failed the proof.
     message
@@ -62,17 +60,10 @@ Solve = Callable[[int], PlanAnswer]
 
 @dataclass(frozen=True, eq=False)
 class PlanMethod:
-    """A method of the table.
+    """A method of the table: its identifier, its name in the table, and the distribution that installs it (None: ours).
 
-    Parameters
-    ----------
-    key, label
-        Its identifier, and its name in the table.
-    prepare
-        Takes a problem and the checker with convex hulls; its time does not count. Raises ImportError if the method is
-        not installed and :class:`~pinproof.benchmarks.tables.NotApplicableError` if it cannot solve such problems.
-    distribution
-        The distribution that installs it; None for ours.
+    ``prepare`` takes a problem and the checker with convex hulls; its time does not count. It raises ImportError if the
+    method is not installed, and NotApplicableError if it cannot solve such problems.
     """
 
     key: str
@@ -102,27 +93,22 @@ def _prepare(planner_name: str, problem: PlanProblem, checker: CollisionChecker)
         watch = Stopwatch()
         plan = planner.plan(checker, problem.start, problem.goals, rng=seed)
         watch.lap("plan")
+        answer = partial(PlanAnswer, ms=watch.ms, rejected_edges=plan.cut)
         if plan.path is None:
-            return PlanAnswer(None, watch.ms, certified=False, rejected_edges=plan.cut, message=plan.message)
+            return answer(None, certified=False, message=plan.message)
         used = plan.checker or checker  # with finer link shapes if start or goal collides by its hulls only
         simple = simplify(plan.path, used, rng=seed, certificate=plan.certificate)
         watch.lap("simplify")
         try:
             trajectory = time_parametrise(simple.path, problem.group.limits)
         except TimingError as error:
-            return PlanAnswer(None, watch.ms, certified=False, rejected_edges=plan.cut, message=str(error))
+            return answer(None, certified=False, message=str(error))
         watch.lap("time")
         certificate = certify(trajectory, used)
         watch.lap("certify")
-        return PlanAnswer(
-            trajectory,
-            watch.ms,
-            certified=certificate.free,
-            clearance=certificate.clearance if certificate.free else None,
-            duration=trajectory.duration,
-            rejected_edges=plan.cut,
-            message="" if certificate.free else certificate.message,
-        )
+        if not certificate.free:
+            return answer(trajectory, certified=False, duration=trajectory.duration, message=certificate.message)
+        return answer(trajectory, certified=True, clearance=certificate.clearance, duration=trajectory.duration)
 
     return solve
 

@@ -6,20 +6,30 @@ original meshes, and for limits on a grid of times.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import process_time_ns
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
 from pinproof.benchmarks.plan_methods import Stopwatch
-from pinproof.benchmarks.plan_problems import PlanProblem, ProblemName, select_sets
+from pinproof.benchmarks.plan_problems import PlanProblem, select_sets
 from pinproof.benchmarks.plan_run import motion_faults
-from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
+from pinproof.benchmarks.plan_table import CheckedRow
+from pinproof.benchmarks.tables import (
+    BenchmarkTable,
+    markdown_table,
+    provenance,
+    provenance_text,
+    quantiles,
+    wrapped,
+)
 from pinproof.collision import CollisionChecker
 from pinproof.collision.checking.audit import STEP
 from pinproof.errors import InputError, TimingError, UnknownNameError
@@ -61,8 +71,8 @@ STEPS = ("goals", "plan", "optimise")
 
 
 @dataclass(frozen=True)
-class MotionRow(ProblemName):
-    """The motion for one problem.
+class MotionRow(CheckedRow):
+    """The motion for one problem, with the CPU times of :data:`STEPS`.
 
     Parameters
     ----------
@@ -70,51 +80,28 @@ class MotionRow(ProblemName):
         The load; empty without one.
     goals
         Number of free IK solutions of the goal pose.
-    certified
-        Whether a motion was found and its certificate is FREE.
-    faults
-        What the independent check found wrong with the motion.
     excess
-        Largest relative excess over a limit on the grid, negative if none is reached; None if not solved.
-    duration, before, lower_bound
-        Duration (s) of the motion, of the planned path with time-optimal timing, and of the fastest motion to one of
-        the goals without obstacles; None if not solved.
-    ms
-        Milliseconds of CPU time of each of :data:`STEPS`.
-    message
-        Why there is no motion, or no certificate.
+        Largest relative excess over a limit on the grid, negative within the limits; None if not solved.
+    before, lower_bound
+        Duration (s) of the planned path with time-optimal timing, and of the fastest motion to one of the goals without
+        obstacles; None if not solved.
     """
 
     variant: str
     goals: int
-    certified: bool
-    faults: tuple[str, ...]
-    excess: float | None
-    duration: float | None
-    before: float | None
-    lower_bound: float | None
-    ms: dict[str, float]
-    message: str = ""
-
-    @property
-    def safe(self) -> bool:
-        """Whether there is a certified motion in which the independent check found nothing wrong."""
-        return self.certified and not self.faults
-
-    @property
-    def total(self) -> float:
-        """Milliseconds from the problem to the certified motion."""
-        return sum(self.ms.values())
+    excess: float | None = None
+    before: float | None = None
+    lower_bound: float | None = None
 
 
 @dataclass(frozen=True)
 class MotionTable(BenchmarkTable):
-    """The results of a run."""
+    """The motions of a run."""
 
     rows: tuple[MotionRow, ...]
 
     topic: ClassVar[str] = "motions"
-    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {"rows": MotionRow}
+    row_types: ClassVar[dict[str, type]] = {"rows": MotionRow}
 
     @property
     def unsafe(self) -> list[MotionRow]:
@@ -138,23 +125,10 @@ def motion_benchmark(
     seed: int = 0,
     on_progress: Callable[[str], None] | None = None,
 ) -> MotionTable:
-    """Run the motion benchmark.
+    """Run the motion benchmark on MotionBenchMaker problems.
 
-    Parameters
-    ----------
-    mbm, robot, sets, problems
-        The MotionBenchMaker problems, as for :func:`~pinproof.benchmarks.plan_benchmark`.
-    seed
-        Seed of the IK, the planner and the optimisation.
-    on_progress
-        Called with a description of the current step.
-
-    Raises
-    ------
-    FileError
-        If problems cannot be read.
-    UnknownNameError
-        If there is no set of a name.
+    ``mbm``, ``robot``, ``sets``, ``problems``, ``on_progress`` and the errors are those of
+    :func:`~pinproof.benchmarks.plan_benchmark`; ``seed`` is that of the planner and the optimisation.
     """
     origin, found = provenance(seed), {each.full_set: each for each in find_sets(mbm, robot)}
     rows: list[MotionRow] = []
@@ -180,25 +154,20 @@ def motion_benchmark(
 
 
 def _variants(arm: Arm) -> dict[str, tuple[RateConstraint, ...]]:
-    """The loads of a run, and their constraints; only one without a load if the robot states no torque limits."""
-    none: dict[str, tuple[RateConstraint, ...]] = {"": ()}
+    """The loads of a run and their constraints; without torque limits of the robot only one without a load.
+
+    The torques are those of the catalogue's arm with identified inertias, if it has the same joints and kinematics.
+    """
+    identified = arm
+    with suppress(UnknownNameError):
+        other, q = load_robot(IDENTIFIED).arm(tcp=arm.tcp), arm.limits.sampling_range()[0]
+        if other.joint_names == arm.joint_names:
+            difference = matrix(other.forward_kinematics(q)) - matrix(arm.forward_kinematics(q))
+            identified = other if np.abs(difference).max() <= SAME_POSE else arm
     try:
-        return {**none, LOAD: (TorqueLimits(_identified(arm), Payload(LOAD_MASS), limits=arm.limits.torque),)}
+        return {"": (), LOAD: (TorqueLimits(identified, Payload(LOAD_MASS), limits=arm.limits.torque),)}
     except InputError:
-        return none
-
-
-def _identified(arm: Arm) -> Arm:
-    """The arm with identified inertias, if the catalogue has one with the same joints and kinematics."""
-    try:
-        other = load_robot(IDENTIFIED).arm(tcp=arm.tcp)
-    except UnknownNameError:
-        return arm
-    if other.joint_names != arm.joint_names:
-        return arm
-    q = arm.limits.sampling_range()[0]
-    same = np.abs(matrix(other.forward_kinematics(q)) - matrix(arm.forward_kinematics(q))).max() <= SAME_POSE
-    return other if same else arm
+        return {"": ()}
 
 
 def _solve(
@@ -211,48 +180,42 @@ def _solve(
 ) -> MotionRow:
     arm, start = problem.arm, problem.start
     limits = replace(arm.limits, acceleration=np.full(arm.dof, ACCELERATION), acceleration_source="of the benchmark")
-    pose = arm.forward_kinematics(problem.goals[0])
     watch = Stopwatch(process_time_ns)
-    ms = watch.ms
-    goals = pose_goals(checker, pose, start)
+    failed = partial(MotionRow, *problem.origin, False, (), watch.ms, None, variant=variant)
+    goals = pose_goals(checker, arm.forward_kinematics(problem.goals[0]), start)
     watch.lap("goals")
     if not len(goals):
-        return _failure(problem, variant, 0, ms, "no free IK solution of the goal pose was found")
+        return failed("no free IK solution of the goal pose was found", goals=0)
     distances = np.abs(goals - start) / limits.velocity
     nearest = distances.max(axis=1) <= PROMISING * distances.max(axis=1).min()
     plan = RrtConnect().plan(checker, start, goals[nearest], rng=seed)
     if plan.path is None:
-        return _failure(problem, variant, len(goals), ms, plan.message)
+        return failed(plan.message, goals=len(goals))
     used = plan.checker or checker
     path = shortcut(plan.path, used, rng=seed)
     watch.lap("plan")
     try:
         result = optimise(path, used, limits=limits, jerk=JERK, goals=goals, rate_limits=constraints, rng=seed)
     except TimingError as error:
-        return _failure(problem, variant, len(goals), ms, str(error))
+        return failed(str(error), goals=len(goals))
     watch.lap("optimise")
     excess = limit_excess(result.trajectory, limits, JERK)
     faults = motion_faults(result.trajectory, replace(problem, goals=goals), meshes)
     if excess > LIMIT_ROUNDING:
         faults = (*faults, f"exceeds a limit by a factor of {1.0 + excess:.12g}")
-    free = result.certificate.free
     return MotionRow(
         *problem.origin,
+        certified=result.certificate.free,
+        faults=faults,
+        ms={step: round(value, 4) for step, value in watch.ms.items()},
+        duration=round(result.duration, 6),
+        message="" if result.certificate.free else result.certificate.message,
         variant=variant,
         goals=len(goals),
-        certified=free,
-        faults=faults,
         excess=excess,
-        duration=round(result.duration, 6),
         before=round(result.duration_before, 6),
         lower_bound=round(result.lower_bound, 6),
-        ms={step: round(value, 4) for step, value in ms.items()},
-        message="" if free else result.certificate.message,
     )
-
-
-def _failure(problem: PlanProblem, variant: str, goals: int, ms: dict[str, float], message: str) -> MotionRow:
-    return MotionRow(*problem.origin, variant, goals, False, (), None, None, None, None, ms, message)
 
 
 def limit_excess(trajectory: Trajectory, limits: JointLimits, jerk: float) -> float:
@@ -293,46 +256,30 @@ def motion_markdown(table: MotionTable) -> str:
     ]
     for variant in dict.fromkeys(row.variant for row in table.rows):
         rows = [row for row in table.rows if row.variant == variant]
-        sets = list(dict.fromkeys(row.set_name for row in rows))
-        groups = {"all sets": rows, **{name: [row for row in rows if row.set_name == name] for name in sets}}
+        groups = {"all sets": rows}
+        for row in rows:
+            groups.setdefault(row.set_name, []).append(row)
         title = f"With a load of {variant} and torque limits" if variant else "Without a load"
-        lines += [f"### {title}", "", *markdown_table(COLUMNS, [_figures(*each) for each in groups.items()]), ""]
+        cells = [_figures(*each) for each in groups.items()]
+        lines += [f"### {title}", "", *markdown_table(tuple(cells[0]), [tuple(each.values()) for each in cells]), ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
-COLUMNS = (
-    "problems",
-    "certified",
-    "unsafe",
-    "duration, s: median / 98 %",
-    "before, s",
-    "lower bound, s",
-    "ratio",
-    "time, ms: median / 95 %",
-    "goals",
-    "plan",
-    "optimise",
-    "largest excess",
-)
-
-
-def _figures(name: str, rows: Sequence[MotionRow]) -> list[str]:
+def _figures(name: str, rows: Sequence[MotionRow]) -> dict[str, str]:
+    """The cells of a group of problems by column."""
     solved = [row for row in rows if row.duration is not None]
-    head = [name, f"{sum(row.certified for row in rows)} of {len(rows)}", str(sum(bool(row.faults) for row in rows))]
-    if not solved:
-        return head + [""] * (len(COLUMNS) - len(head))
-
-    def median(value: Callable[[MotionRow], float | None], share: float = 0.5) -> float:
-        return float(np.quantile(np.array([value(row) for row in solved], dtype=float), share))
-
-    steps = [f"{median(lambda row, step=step: row.ms[step]):.1f}" for step in STEPS]  # type: ignore[misc]
-    return [
-        *head,
-        f"{median(lambda row: row.duration):.3f} / {median(lambda row: row.duration, 0.98):.2f}",
-        f"{median(lambda row: row.before):.3f}",
-        f"{median(lambda row: row.lower_bound):.3f}",
-        f"{median(lambda row: (row.duration or 0.0) / (row.lower_bound or 1.0)):.3f}",
-        f"{median(lambda row: row.total):.1f} / {median(lambda row: row.total, 0.95):.1f}",
-        *steps,
-        f"{median(lambda row: row.excess, 1.0):.1g}",
-    ]
+    return {
+        "problems": name,
+        "certified": f"{sum(bool(row.certified) for row in rows)} of {len(rows)}",
+        "unsafe": str(sum(bool(row.faults) for row in rows)),
+        "duration, s: median / 98 %": " / ".join(
+            quantiles((row.duration for row in solved), text, [share])
+            for text, share in (("{:.3f}".format, 0.5), ("{:.2f}".format, 0.98))
+        ),
+        "before, s": quantiles((row.before for row in solved), "{:.3f}".format),
+        "lower bound, s": quantiles((row.lower_bound for row in solved), "{:.3f}".format),
+        "ratio": quantiles(((row.duration or 0.0) / (row.lower_bound or 1.0) for row in solved), "{:.3f}".format),
+        "time, ms: median / 95 %": quantiles((row.total for row in solved), "{:.1f}".format, (0.5, 0.95)),
+        **{step: quantiles((row.ms[step] for row in solved), "{:.1f}".format) for step in STEPS},
+        "largest excess": quantiles((row.excess for row in solved), "{:.1g}".format, (1.0,)),
+    }

@@ -14,6 +14,7 @@ import subprocess
 import tempfile
 import weakref
 from collections.abc import Callable
+from dataclasses import astuple
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -83,7 +84,7 @@ def _roboplan(shorten: bool, step: float | None) -> Callable[[PlanProblem, Colli
                 watch.lap("simplify")
             if path is None:
                 return PlanAnswer(None, watch.ms, message="no path")
-            order = [list(path.joint_names).index(name) for name in names]
+            order = list(map(list(path.joint_names).index, names))
             return PlanAnswer(JointPath(np.array(path.positions)[:, order], names), watch.ms)
 
         return solve
@@ -93,14 +94,10 @@ def _roboplan(shorten: bool, step: float | None) -> Callable[[PlanProblem, Colli
 
 def _scene(problem: PlanProblem, checker: CollisionChecker) -> Any:
     """Roboplan's scene: the URDF of the robot, the obstacles, and the pairs that may be in contact."""
-    from roboplan.core import Box as PeerBox
-    from roboplan.core import Cylinder as PeerCylinder
-    from roboplan.core import Scene as PeerScene
-    from roboplan.core import Sphere as PeerSphere
-    from roboplan.core import loadUrdfSceneDescriptionFromXml
+    from roboplan import core
 
     arm, root = problem.arm, problem.arm.robot.urdf.root
-    scene = PeerScene(problem.full_set, loadUrdfSceneDescriptionFromXml(_urdf(problem)))
+    scene = core.Scene(problem.full_set, core.loadUrdfSceneDescriptionFromXml(_urdf(problem)))
     scene.importSrdf(_srdf(problem, checker))
     if len(scene.getCurrentJointPositions()) != len(scene.getJointNames()):
         raise NotApplicableError("roboplan represents joints without limits by two numbers")
@@ -109,15 +106,9 @@ def _scene(problem: PlanProblem, checker: CollisionChecker) -> Any:
         q[index] = arm.held.get(name, q[index])
     scene.setJointPositions(q)
     for obstacle in problem.scene.obstacles:
-        at, shape = np.asfortranarray(matrix(obstacle.pose)), obstacle.shape
-        if isinstance(shape, Box):
-            scene.addBoxGeometry(obstacle.name, root, PeerBox(shape.x, shape.y, shape.z), at, COLOUR)
-        elif isinstance(shape, Cylinder):
-            scene.addCylinderGeometry(obstacle.name, root, PeerCylinder(shape.radius, shape.length), at, COLOUR)
-        elif isinstance(shape, Sphere):
-            scene.addSphereGeometry(obstacle.name, root, PeerSphere(shape.radius), at, COLOUR)
-        else:
-            raise NotApplicableError(f"obstacle {obstacle.name}: {type(shape).__name__} is not supported for roboplan")
+        kind, sizes = _simple_shape(obstacle)
+        add, shape = getattr(scene, f"add{kind}Geometry"), getattr(core, kind)(*sizes)
+        add(obstacle.name, root, shape, np.asfortranarray(matrix(obstacle.pose)), COLOUR)
     # Roboplan would report cans on a shelf as collisions.
     scene.setCollisions(list(combinations(problem.scene.names, 2)), False)
     for pair in checker.excluded:
@@ -132,7 +123,7 @@ def _ompl(problem: PlanProblem, checker: CollisionChecker) -> Solve:
 
     arm, allowed = problem.arm, [pair.owners for pair in checker.excluded]
     coal = PlainCoal(CollisionChecker(arm, problem.scene, link_meshes="surface", allowed=allowed))
-    box = sampling_box(arm, np.vstack([problem.start, problem.goals]))
+    box, joints = sampling_box(arm, np.vstack([problem.start, problem.goals])), range(arm.dof)
 
     def solve(seed: int) -> PlanAnswer:
         util.setLogLevel(util.LOG_NONE)
@@ -144,12 +135,12 @@ def _ompl(problem: PlanProblem, checker: CollisionChecker) -> Solve:
         space.setBounds(bounds)
 
         def configuration(state: Any) -> Any:
-            return np.array([state[joint] for joint in range(arm.dof)])
+            return np.array([state[joint] for joint in joints])
 
         def state_at(q: Any) -> Any:
             state = space.allocState()
-            for joint, value in enumerate(q.tolist()):
-                state[joint] = value
+            for joint in joints:
+                state[joint] = float(q[joint])
             return state
 
         setup = geometric.SimpleSetup(space)
@@ -198,7 +189,9 @@ def _mplib(problem: PlanProblem, checker: CollisionChecker) -> Solve:
             "tcp": arm.tcp,
             "joints": list(arm.joint_names),
             "held": dict(arm.held),
-            "obstacles": [_plain_obstacle(each) for each in problem.scene.obstacles],
+            "obstacles": [
+                (each.name, *_simple_shape(each), matrix(each.pose).tolist()) for each in problem.scene.obstacles
+            ],
             "allowed": [pair.owners for pair in checker.excluded if set(pair.owners) & set(problem.scene.names)],
             "start": problem.start.tolist(),
             "goals": problem.goals.tolist(),
@@ -237,8 +230,7 @@ def _exchange(worker: subprocess.Popen[str], question: dict[str, Any]) -> dict[s
     """Send a line of JSON to a worker and return its answer."""
     if worker.stdin is None or worker.stdout is None:
         raise RuntimeError("the worker was started without pipes")
-    worker.stdin.write(json.dumps(question) + "\n")
-    worker.stdin.flush()
+    print(json.dumps(question), file=worker.stdin, flush=True)
     line = worker.stdout.readline()
     if not line:
         raise NotApplicableError(f"the process of mplib ended with {worker.wait()}")
@@ -253,18 +245,12 @@ def _end(worker: subprocess.Popen[str]) -> None:
     worker.communicate()
 
 
-def _plain_obstacle(obstacle: Obstacle) -> dict[str, Any]:
-    shape = obstacle.shape
-    if isinstance(shape, Box):
-        sizes = [shape.x, shape.y, shape.z]
-    elif isinstance(shape, Cylinder):
-        sizes = [shape.radius, shape.length]
-    elif isinstance(shape, Sphere):
-        sizes = [shape.radius]
-    else:
-        raise NotApplicableError(f"obstacle {obstacle.name}: {type(shape).__name__} is not supported for mplib")
-    kind = type(shape).__name__
-    return {"name": obstacle.name, "kind": kind, "sizes": sizes, "pose": matrix(obstacle.pose).tolist()}
+def _simple_shape(obstacle: Obstacle) -> tuple[str, tuple[float, ...]]:
+    """The name of a shape and its sizes, which roboplan and FCL name and order as we do."""
+    if not isinstance(obstacle.shape, Box | Cylinder | Sphere):
+        kind = type(obstacle.shape).__name__
+        raise NotApplicableError(f"obstacle {obstacle.name}: {kind} is not supported for other planners")
+    return type(obstacle.shape).__name__, astuple(obstacle.shape)
 
 
 def _distinct(q: Any) -> Any:
@@ -300,14 +286,10 @@ def _srdf(problem: PlanProblem, checker: CollisionChecker) -> str:
     arm = problem.arm
     links = set(arm.robot.urdf.links)
     pairs = [pair.owners for pair in checker.excluded if set(pair.owners) <= links]
-    return "\n".join(
-        [
-            f"<robot name={quoteattr(arm.robot.name)}>",
-            f'  <group name="{GROUP}"><chain base_link={quoteattr(arm.base)} tip_link={quoteattr(arm.tcp)}/></group>',
-            *(f'  <disable_collisions link1={quoteattr(a)} link2={quoteattr(b)} reason="User"/>' for a, b in pairs),
-            "</robot>",
-        ]
-    )
+    disabled = [f'<disable_collisions link1={quoteattr(a)} link2={quoteattr(b)} reason="User"/>' for a, b in pairs]
+    chain = f"<chain base_link={quoteattr(arm.base)} tip_link={quoteattr(arm.tcp)}/>"
+    name = quoteattr(arm.robot.name)
+    return f'<robot name={name}><group name="{GROUP}">{chain}</group>{"".join(disabled)}</robot>'
 
 
 PEERS: tuple[PlanMethod, ...] = (

@@ -9,7 +9,8 @@ collision. No planner takes part in the generation, so none has an advantage; a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -78,16 +79,9 @@ class ProblemName:
 
 @dataclass(frozen=True, eq=False)
 class PlanProblem(ProblemName):
-    """One problem.
+    """A problem of the joints of one or several arms, from ``start`` (n,) to any of the ``goals`` (g, n).
 
-    Parameters
-    ----------
-    group, scene
-        The joints that are planned, those of an arm or of several, and the obstacles.
-    start, goals
-        (n,) and (g, n) in rad or m; the motion may end at any of the goals.
-    notes
-        How the problem was adapted to the robot, in sentences.
+    ``notes`` are sentences that state how the problem was adapted to the robot.
     """
 
     group: JointGroup
@@ -98,13 +92,7 @@ class PlanProblem(ProblemName):
 
     @property
     def arm(self) -> Arm:
-        """The arm.
-
-        Raises
-        ------
-        NotApplicableError
-            If the problem is one of several arms.
-        """
+        """The arm; NotApplicableError if the problem is one of several arms."""
         if not isinstance(self.group, Arm):
             raise NotApplicableError("it plans for one arm")
         return self.group
@@ -166,39 +154,38 @@ def own_problems(robot: str, scene: str, count: int, seed: int = 0) -> Iterator[
     empty = CollisionChecker(arm, margin=MARGIN)
     reach, index = own_reach(arm), list(OWN_SCENES).index(scene)
     for number in range(1, count + 1):
-        generated = _generate(empty, scene, reach, np.random.default_rng([seed, index, number]))
-        if generated is None:
+        rng = np.random.default_rng([seed, index, number])
+        tried = (_generate(empty, OWN_SCENES[scene](rng), reach, rng) for _ in range(SCENES))
+        found = next((each for each in tried if each is not None), None)
+        if found is None:
             raise InputError(f"no start and goal for {robot!r} found in {SCENES} scenes of type {scene!r}")
-        generated_scene, start, goal = generated
-        yield PlanProblem(robot, scene, number, arm, generated_scene, start, goal[None])
+        generated, start, goal = found
+        yield PlanProblem(robot, scene, number, arm, generated, start, goal[None])
 
 
 def _generate(
-    empty: CollisionChecker, name: str, reach: float, rng: np.random.Generator
+    empty: CollisionChecker, layout: SceneLayout, reach: float, rng: Rng
 ) -> tuple[Scene, Array, Array] | None:
-    root_from_base = empty.arm.root_from_base
-    for _ in range(SCENES):
-        layout = OWN_SCENES[name](reach, rng)
-        scene = Scene(Obstacle(o.name, o.shape, root_from_base * o.pose) for o in layout.obstacles)
-        ends = _start_and_goal(empty.with_scene(scene), layout, rng)
-        if ends is not None:
-            return scene, *ends
-    return None
-
-
-def _start_and_goal(
-    checker: CollisionChecker, layout: SceneLayout, rng: np.random.Generator
-) -> tuple[Array, Array] | None:
-    start = _free_configuration(checker, layout.start, rng)
-    goal = None if start is None else _free_configuration(checker, layout.goal, rng)
+    """The scene in m with a start and a goal whose straight connection is in collision; None if none is found."""
+    obstacles = []
+    for each in layout.obstacles:
+        shape = type(each.shape)(*(reach * size for size in astuple(each.shape)))
+        obstacles.append(Obstacle(each.name, shape, empty.arm.root_from_base * _scaled(each.pose, reach)))
+    checker = empty.with_scene(Scene(obstacles))
+    start = _free_configuration(checker, layout.start, reach, rng)
+    goal = None if start is None else _free_configuration(checker, layout.goal, reach, rng)
     if start is None or goal is None:
         return None
     steps = max(2, int(np.ceil(np.abs(goal - start).max() / STRAIGHT_STEP)))
     straight = start + np.linspace(0, 1, steps)[:, None] * (goal - start)
-    return None if checker.is_free_batch(straight).all() else (start, goal)
+    return None if checker.is_free_batch(straight).all() else (checker.scene, start, goal)
 
 
-def _free_configuration(checker: CollisionChecker, sample_pose: PoseSampler, rng: np.random.Generator) -> Array | None:
+def _scaled(at: SE3, reach: float) -> SE3:
+    return SE3(at.rotation, reach * at.translation)
+
+
+def _free_configuration(checker: CollisionChecker, sample_pose: PoseSampler, reach: float, rng: Rng) -> Array | None:
     """A free configuration with the TCP at a sampled pose up to a rotation about its z axis.
 
     IK starts near home, which gives common postures; start and goal then rarely need a change of the elbow or wrist
@@ -207,118 +194,103 @@ def _free_configuration(checker: CollisionChecker, sample_pose: PoseSampler, rng
     arm, solver = checker.arm, Clik(restarts=0)
     for _ in range(POSES):
         near_home = arm.limits.clip(arm.home + rng.uniform(-AROUND_HOME, AROUND_HOME, arm.dof))
-        found = solver.solve(arm, sample_pose(rng), near_home, rng=rng, task="spin_z", accept=checker.is_free)
+        at = _scaled(sample_pose(rng), reach)
+        found = solver.solve(arm, at, near_home, rng=rng, task="spin_z", accept=checker.is_free)
         if found.ok:
             return np.asarray(found.q)
     return None
 
 
-# -- our scenes --------------------------------------------------------------------------------------------------------
+# -- our scenes, in units of the reach ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class SceneLayout:
     """The obstacles of a scene (base_from_obstacle), and samplers of start and goal poses (base_from_tcp)."""
 
-    obstacles: tuple[Obstacle, ...]
+    obstacles: list[Obstacle]
     start: PoseSampler
     goal: PoseSampler
 
 
-def table_top(r: float, rng: Rng) -> SceneLayout:
+def table_top(rng: Rng) -> SceneLayout:
     """Ten boxes and cylinders of up to 0.45 r on a table; the tool moves between them from the left to the right."""
-    obstacles = [_floor(r)]
-    for number in range(10):
+    obstacles = [_floor()]
+    for number in range(1, 11):
         radius, height = rng.uniform(0.035, 0.07), rng.uniform(0.12, 0.45)
         distance, azimuth = rng.uniform(0.4, 0.85), rng.uniform(-1.7, 1.7)
-        at = pose(_round(r, distance, azimuth, FLOOR + height / 2), (0, 0, rng.uniform(-np.pi, np.pi)))
-        round_one = rng.random() < 0.5
-        shape = Cylinder(radius * r, height * r) if round_one else Box(1.8 * radius * r, 1.4 * radius * r, height * r)
-        obstacles.append(Obstacle(f"{'can' if round_one else 'box'}_{number + 1}", shape, at))
+        at = pose(_polar(distance, azimuth, FLOOR + height / 2), (0, 0, rng.uniform(-np.pi, np.pi)))
+        if rng.random() < 0.5:
+            obstacles.append(Obstacle(f"can_{number}", Cylinder(radius, height), at))
+        else:
+            obstacles.append(Obstacle(f"box_{number}", Box(1.8 * radius, 1.4 * radius, height), at))
 
-    def tool(side: float) -> PoseSampler:
-        return lambda g: _tool(
-            r, g.uniform(0.45, 0.75), side * g.uniform(0.4, 1.4), g.uniform(0.05, 0.15), DOWN - g.uniform(0, 0.3)
-        )
+    def tool(side: float, g: Rng) -> SE3:
+        distance, azimuth = g.uniform(0.45, 0.75), side * g.uniform(0.4, 1.4)
+        return _tool(distance, azimuth, g.uniform(0.05, 0.15), DOWN - g.uniform(0, 0.3))
 
-    return SceneLayout(tuple(obstacles), tool(1.0), tool(-1.0))
+    return SceneLayout(obstacles, partial(tool, 1.0), partial(tool, -1.0))
 
 
-def shelf(r: float, rng: Rng) -> SceneLayout:
+def shelf(rng: Rng) -> SceneLayout:
     """Three levels of two compartments, each 0.36 r high; the tool moves from one compartment into another."""
     front, depth, width, level = rng.uniform(0.5, 0.55), 0.35, 1.3, 0.36
-    middle = front + depth / 2
-    tall = 3 * level
-    obstacles = [_floor(r), _box(r, "back", (0.02, width, tall), (front + depth, 0, FLOOR + tall / 2))]
-    obstacles += [
-        _box(r, f"board_{k}", (depth, width, 0.02), (middle, 0, FLOOR + k * level)) for k in (1, 2, 3)
-    ]  # the floor is the bottom of the lowest level
-    uprights = (("left", width / 2), ("middle", rng.uniform(-0.1, 0.1)), ("right", -width / 2))
-    obstacles += [_box(r, name, (depth, 0.02, tall), (middle, y, FLOOR + tall / 2)) for name, y in uprights]
-    places = rng.permutation(6)[:2]
+    middle, tall = front + depth / 2, 3 * level
+    obstacles = [_floor(), _box("back", (0.02, width, tall), (front + depth, 0, FLOOR + tall / 2))]
+    for k in (1, 2, 3):  # the floor is the bottom of the lowest level
+        obstacles.append(_box(f"board_{k}", (depth, width, 0.02), (middle, 0, FLOOR + k * level)))
+    for name, y in (("left", width / 2), ("middle", rng.uniform(-0.1, 0.1)), ("right", -width / 2)):
+        obstacles.append(_box(name, (depth, 0.02, tall), (middle, y, FLOOR + tall / 2)))
+    first, second = rng.permutation(6)[:2].tolist()
 
-    def tool(place: int) -> PoseSampler:
+    def tool(place: int, g: Rng) -> SE3:
         side, floor = (1.0 if place % 2 else -1.0), FLOOR + (place // 2) * level
-        return lambda g: pose(
-            (
-                r * (front + g.uniform(0.05, 0.15)),
-                r * side * g.uniform(0.2, 0.45),
-                r * (floor + g.uniform(0.12, 0.22)),
-            ),
-            (0, DOWN / 2 + g.uniform(-0.1, 0.3), 0),
-        )
+        at = front + g.uniform(0.05, 0.15), side * g.uniform(0.2, 0.45), floor + g.uniform(0.12, 0.22)
+        return pose(at, (0, DOWN / 2 + g.uniform(-0.1, 0.3), 0))
 
-    return SceneLayout(tuple(obstacles), tool(int(places[0])), tool(int(places[1])))
+    return SceneLayout(obstacles, partial(tool, first), partial(tool, second))
 
 
-def bins(r: float, rng: Rng) -> SceneLayout:
+def bins(rng: Rng) -> SceneLayout:
     """Two open bins, 0.5 r wide and up to 0.3 r deep; the tool moves out of one bin into the other."""
-    inside, wall = 0.5, 0.02
-    tall = rng.uniform(0.2, 0.3)
-    obstacles, centres = [_floor(r)], []
+    inside, wall, tall = 0.5, 0.02, rng.uniform(0.2, 0.3)
+    away = (inside + wall) / 2
+    obstacles, centres = [_floor()], []
     for side, name in ((1.0, "left"), (-1.0, "right")):
         distance, azimuth = rng.uniform(0.62, 0.67), side * rng.uniform(0.5, 0.8)
-        at = pose(_round(r, distance, azimuth, FLOOR + tall / 2), (0, 0, azimuth + rng.uniform(-0.2, 0.2)))
         centres.append((distance, azimuth))
-        away = (inside + wall) / 2
-        for number, (x, y) in enumerate(((away, 0), (-away, 0), (0, away), (0, -away))):
-            sides = (wall, inside, tall) if x else (inside + 2 * wall, wall, tall)
-            place = at * pose((x * r, y * r, 0))
-            obstacles.append(Obstacle(f"{name}_wall_{number + 1}", Box(*(r * side for side in sides)), place))
+        at = pose(_polar(distance, azimuth, FLOOR + tall / 2), (0, 0, azimuth + rng.uniform(-0.2, 0.2)))
+        for number, (x, y) in enumerate(((away, 0), (-away, 0), (0, away), (0, -away)), 1):
+            shape = Box(wall, inside, tall) if x else Box(inside + 2 * wall, wall, tall)
+            obstacles.append(Obstacle(f"{name}_wall_{number}", shape, at * pose((x, y, 0))))
 
-    def tool(centre: tuple[float, float]) -> PoseSampler:
-        distance, azimuth = centre
-        return lambda g: _tool(
-            r,
-            distance + g.uniform(-0.06, 0.06),
-            azimuth + g.uniform(-0.06, 0.06),
-            FLOOR + g.uniform(0.05, 0.2),
-            DOWN - g.uniform(0, 0.2),
-        )
+    def tool(centre: tuple[float, float], g: Rng) -> SE3:
+        distance, azimuth = (value + g.uniform(-0.06, 0.06) for value in centre)
+        return _tool(distance, azimuth, FLOOR + g.uniform(0.05, 0.2), DOWN - g.uniform(0, 0.2))
 
-    return SceneLayout(tuple(obstacles), tool(centres[0]), tool(centres[1]))
+    return SceneLayout(obstacles, *(partial(tool, centre) for centre in centres))
 
 
-def cage(r: float, rng: Rng) -> SceneLayout:
+def cage(rng: Rng) -> SceneLayout:
     """Seven posts, 0.43 r apart, and a roof around the arm; the tool moves from one gap between posts to another."""
     posts, radius, height = 7, 0.5, 1.25
     apart = 2 * np.pi / posts
     phase = rng.uniform(0, apart)
-    obstacles = [_floor(r), _box(r, "roof", (1.1, 1.1, 0.02), (0, 0, height))]
+    obstacles = [_floor(), _box("roof", (1.1, 1.1, 0.02), (0, 0, height))]
     for number in range(posts):
-        at = pose(_round(r, radius, phase + number * apart, (FLOOR + height) / 2))
-        obstacles.append(Obstacle(f"post_{number + 1}", Cylinder(0.02 * r, (height - FLOOR) * r), at))
+        at = pose(_polar(radius, phase + number * apart, (FLOOR + height) / 2))
+        obstacles.append(Obstacle(f"post_{number + 1}", Cylinder(0.02, height - FLOOR), at))
     gaps = [phase + (number + 0.5) * apart for number in range(posts)]
     front = sorted(((gap + np.pi) % (2 * np.pi) - np.pi for gap in gaps), key=abs)[:4]
-    first, second = rng.permutation(sorted(front))[:2]
+    first, second = rng.permutation(sorted(front))[:2].tolist()
 
-    def tool(azimuth: float) -> PoseSampler:
-        return lambda g: _tool(r, g.uniform(0.62, 0.75), azimuth, g.uniform(0.25, 0.6), DOWN / 2 + g.uniform(-0.2, 0.3))
+    def tool(azimuth: float, g: Rng) -> SE3:
+        return _tool(g.uniform(0.62, 0.75), azimuth, g.uniform(0.25, 0.6), DOWN / 2 + g.uniform(-0.2, 0.3))
 
-    return SceneLayout(tuple(obstacles), tool(float(first)), tool(float(second)))
+    return SceneLayout(obstacles, partial(tool, first), partial(tool, second))
 
 
-def narrow_slot(r: float, rng: Rng) -> SceneLayout:
+def narrow_slot(rng: Rng) -> SceneLayout:
     """A wall with a window of 0.45 r by 0.28 r; the tool moves from the side of the arm through the window."""
     near, thick, tall, half = rng.uniform(0.45, 0.5), 0.04, 1.3, 0.9
     wide, high = 0.45, 0.28
@@ -326,46 +298,46 @@ def narrow_slot(r: float, rng: Rng) -> SceneLayout:
     x = near + thick / 2
     bottom, top, left, right = z - high / 2, z + high / 2, y + wide / 2, y - wide / 2
     obstacles = [
-        _floor(r),
-        _box(r, "below", (thick, 2 * half, bottom - FLOOR), (x, 0, (bottom + FLOOR) / 2)),
-        _box(r, "above", (thick, 2 * half, tall - top), (x, 0, (tall + top) / 2)),
-        _box(r, "left", (thick, half - left, high), (x, (half + left) / 2, z)),
-        _box(r, "right", (thick, half + right, high), (x, (right - half) / 2, z)),
+        _floor(),
+        _box("below", (thick, 2 * half, bottom - FLOOR), (x, 0, (bottom + FLOOR) / 2)),
+        _box("above", (thick, 2 * half, tall - top), (x, 0, (tall + top) / 2)),
+        _box("left", (thick, half - left, high), (x, (half + left) / 2, z)),
+        _box("right", (thick, half + right, high), (x, (right - half) / 2, z)),
     ]
     side = rng.choice([-1.0, 1.0])
 
     def start(g: Rng) -> SE3:
-        return _tool(r, g.uniform(0.4, 0.6), side * g.uniform(1.3, 2.0), g.uniform(0.1, 0.5), DOWN - g.uniform(0, 0.6))
+        return _tool(g.uniform(0.4, 0.6), side * g.uniform(1.3, 2.0), g.uniform(0.1, 0.5), DOWN - g.uniform(0, 0.6))
 
     def goal(g: Rng) -> SE3:
         place = (near + thick + g.uniform(0.06, 0.18), y + g.uniform(-0.1, 0.1), z + g.uniform(-0.05, 0.05))
-        return pose([r * value for value in place], (0, DOWN / 2 + g.uniform(-0.1, 0.1), g.uniform(-0.2, 0.2)))
+        return pose(place, (0, DOWN / 2 + g.uniform(-0.1, 0.1), g.uniform(-0.2, 0.2)))
 
-    return SceneLayout(tuple(obstacles), start, goal)
+    return SceneLayout(obstacles, start, goal)
 
 
-OWN_SCENES: dict[str, Callable[[float, Rng], SceneLayout]] = {
+OWN_SCENES: dict[str, Callable[[Rng], SceneLayout]] = {
     "table_top": table_top,
     "shelf": shelf,
     "bin": bins,
     "cage": cage,
     "narrow_slot": narrow_slot,
 }
-"""Our scenes: a function by name that generates a scene for a reach in m."""
+"""Our scenes: a function by name that generates a scene in units of the reach."""
 
 
-def _floor(r: float) -> Obstacle:
-    return _box(r, "floor", (2.6, 2.6, 0.04), (0, 0, FLOOR - 0.02))
+def _floor() -> Obstacle:
+    return _box("floor", (2.6, 2.6, 0.04), (0, 0, FLOOR - 0.02))
 
 
-def _box(r: float, name: str, sides: tuple[float, float, float], at: tuple[float, float, float]) -> Obstacle:
-    return Obstacle(name, Box(*(r * side for side in sides)), pose([r * value for value in at]))
+def _box(name: str, sides: tuple[float, float, float], at: tuple[float, float, float]) -> Obstacle:
+    return Obstacle(name, Box(*sides), pose(at))
 
 
-def _round(r: float, distance: float, azimuth: float, z: float) -> tuple[float, float, float]:
-    return r * distance * float(np.cos(azimuth)), r * distance * float(np.sin(azimuth)), r * z
+def _polar(distance: float, azimuth: float, z: float) -> tuple[float, float, float]:
+    return distance * float(np.cos(azimuth)), distance * float(np.sin(azimuth)), z
 
 
-def _tool(r: float, distance: float, azimuth: float, z: float, pitch: float) -> SE3:
+def _tool(distance: float, azimuth: float, z: float, pitch: float) -> SE3:
     """base_from_tcp whose z axis has this pitch and points away from the base."""
-    return pose(_round(r, distance, azimuth, z), (0, pitch, azimuth))
+    return pose(_polar(distance, azimuth, z), (0, pitch, azimuth))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter_ns
@@ -22,7 +24,7 @@ from pinproof.benchmarks.plan_problems import (
     select_sets,
 )
 from pinproof.benchmarks.plan_table import PlanRow, PlanTable, ProblemRow
-from pinproof.benchmarks.tables import leave_out, peer_versions, provenance
+from pinproof.benchmarks.tables import installed_versions, leave_out, provenance
 from pinproof.collision import CollisionChecker
 from pinproof.collision.checking.audit import STEP, audit
 from pinproof.errors import InputError
@@ -40,8 +42,6 @@ ROUNDING = 1e-6
 CHORDS = 64
 """Chords that approximate a curved segment: for a segment that turns by a right angle, the error of its length is below
 1 in 5,000."""
-
-ProblemSource = Callable[[], Iterator[PlanProblem]]
 
 
 # -- independent check of a motion -------------------------------------------------------------------------------------
@@ -142,11 +142,15 @@ def plan_benchmark(
     if repeats < 1 or (problems is not None and problems < 1):
         raise InputError(f"problems = {problems} and repeats = {repeats} must be at least 1")
     origin, sources = provenance(seed), _sources(robots, mbm, robot, problems, seed)
-    run = _Run((*map(own_method, planners), *(PEERS if peers else ())), seed, repeats)
+    methods = (*map(own_method, planners), *(PEERS if peers else ()))
+    run = _Run(methods, seed, repeats)
     for full_set in select_sets(list(sources), tuple(sets)):
         if on_progress is not None:
             on_progress(full_set)
-        run.solve_set(full_set, sources[full_set])
+        try:
+            run.solve_set(sources[full_set]())
+        except InputError as error:  # no problem was found in this scene
+            run.left_out[full_set] = str(error)
     settings = {
         "robots": list(robots),
         "mbm": mbm is not None,
@@ -156,85 +160,69 @@ def plan_benchmark(
         "audit_step": STEP,
         "time_limit_s": TIME_LIMIT,
         "remarks": sorted(run.remarks),
-        "peer_versions": peer_versions(method.distribution for method in run.methods),
+        "peer_versions": installed_versions(method.distribution for method in methods),
     }
     return PlanTable(settings, origin, tuple(run.problems), tuple(run.rows), run.left_out)
 
 
 def _sources(
     robots: Sequence[str], mbm: str | Path | None, robot: str | None, most: int | None, seed: int
-) -> dict[str, ProblemSource]:
+) -> Mapping[str, Callable[[], Iterator[PlanProblem]]]:
     """Full names of the sets, and the sources of their problems."""
-    sources: dict[str, ProblemSource] = {}
-    for mbm_set in [] if mbm is None else find_sets(mbm, robot):
-        sources[mbm_set.full_set] = lambda mbm_set=mbm_set: read_problems(mbm_set, most)  # type: ignore[misc]
-    for name in robots:
-        for scene in OWN_SCENES:
-            sources[f"{Path(name).stem}/{scene}"] = lambda name=name, scene=scene: own_problems(  # type: ignore[misc]
-                name, scene, most or OWN_PROBLEMS, seed
-            )
-    return sources
+    found = [] if mbm is None else find_sets(mbm, robot)
+    return {each.full_set: partial(read_problems, each, most) for each in found} | {
+        f"{Path(name).stem}/{scene}": partial(own_problems, name, scene, most or OWN_PROBLEMS, seed)
+        for name in robots
+        for scene in OWN_SCENES
+    }
 
 
+@dataclass(eq=False)
 class _Run:
     """The problems and rows of a run so far."""
 
-    def __init__(self, methods: tuple[PlanMethod, ...], seed: int, repeats: int) -> None:
-        self.methods, self._seed, self._repeats = methods, seed, repeats
-        self.problems: list[ProblemRow] = []
-        self.rows: list[PlanRow] = []
-        self.left_out: dict[str, str] = {}
-        self.remarks: set[str] = set()
+    methods: tuple[PlanMethod, ...]
+    seed: int
+    repeats: int
+    problems: list[ProblemRow] = field(default_factory=list)
+    rows: list[PlanRow] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+    remarks: set[str] = field(default_factory=set)
 
-    def solve_set(self, full_set: str, source: ProblemSource) -> None:
-        """Solve every problem of a set with every method."""
+    def solve_set(self, problems: Iterable[PlanProblem]) -> None:
+        """Solve every problem of a set whose start and goals are free by the meshes with every method."""
         warm = False
-        try:
-            for problem in source():
-                begin = perf_counter_ns()
-                hull_checker = CollisionChecker(problem.group, problem.scene)
-                setup_ms = (perf_counter_ns() - begin) / NANOSECONDS_PER_MS
-                mesh_checker = CollisionChecker(problem.group, problem.scene, link_meshes="surface")
-                if self._add_problem(problem, hull_checker, mesh_checker, setup_ms):
-                    self._solve(problem, hull_checker, mesh_checker, warm_up=not warm)
-                    warm = True
-        except InputError as error:  # no problem was found in this scene
-            self.left_out[full_set] = str(error)
-
-    def _add_problem(
-        self, problem: PlanProblem, hull_checker: CollisionChecker, mesh_checker: CollisionChecker, setup_ms: float
-    ) -> bool:
-        """Add the row of a problem; return whether its start and goals are free by the meshes."""
-        self.remarks |= {f"{body.owner}: {body.remark}" for body in mesh_checker.bodies if body.remark}
-        row = ProblemRow(
-            *problem.origin,
-            robot=problem.group.robot.name,
-            hull_faults=end_faults(problem, hull_checker),
-            mesh_faults=end_faults(problem, mesh_checker),
-            notes=problem.notes,
-            setup_ms=round(setup_ms, 2),
-        )
-        self.problems.append(row)
-        return not row.mesh_faults
-
-    def _solve(
-        self, problem: PlanProblem, hull_checker: CollisionChecker, mesh_checker: CollisionChecker, *, warm_up: bool
-    ) -> None:
-        for method in self.methods:
-            if method.key in self.left_out:
+        for problem in problems:
+            begin = perf_counter_ns()
+            hulls = CollisionChecker(problem.group, problem.scene)
+            setup_ms = (perf_counter_ns() - begin) / NANOSECONDS_PER_MS
+            meshes = CollisionChecker(problem.group, problem.scene, link_meshes="surface")
+            self.remarks |= {f"{body.owner}: {body.remark}" for body in meshes.bodies if body.remark}
+            row = ProblemRow(
+                *problem.origin,
+                robot=problem.group.robot.name,
+                hull_faults=end_faults(problem, hulls),
+                mesh_faults=end_faults(problem, meshes),
+                notes=problem.notes,
+                setup_ms=round(setup_ms, 2),
+            )
+            self.problems.append(row)
+            if row.mesh_faults:
                 continue
-            own = method.distribution is None
-            with leave_out(self.left_out, method.key, own=own, where=f" on {problem.name}"):
-                solve = method.prepare(problem, hull_checker)
-                if warm_up:  # loads compiled code
-                    solve(self._seed)
-                self.rows.append(self._measure(problem, method, solve, mesh_checker))
+            for method in self.methods:
+                if method.key in self.left_out:
+                    continue
+                own = method.distribution is None
+                with leave_out(self.left_out, method.key, own=own, where=f" on {problem.name}"):
+                    solve = method.prepare(problem, hulls)
+                    if not warm:  # loads compiled code
+                        solve(self.seed)
+                    self.rows.append(self._measure(problem, method, solve, meshes))
+            warm = True
 
-    def _measure(
-        self, problem: PlanProblem, method: PlanMethod, solve: Solve, mesh_checker: CollisionChecker
-    ) -> PlanRow:
+    def _measure(self, problem: PlanProblem, method: PlanMethod, solve: Solve, meshes: CollisionChecker) -> PlanRow:
         """Run a prepared method; the fastest run counts."""
-        answers = [solve(self._seed) for _ in range(self._repeats)]
+        answers = [solve(self.seed) for _ in range(self.repeats)]
         best = min(answers, key=lambda answer: sum(answer.ms.values()))
         same = [_equal(a.curve, b.curve) for a, b in pairwise(answers)]
         return PlanRow(
@@ -243,7 +231,7 @@ class _Run:
             label=method.label,
             solved=best.curve is not None,
             certified=best.certified,
-            faults=() if best.curve is None else motion_faults(best.curve, problem, mesh_checker),
+            faults=() if best.curve is None else motion_faults(best.curve, problem, meshes),
             ms={step: round(ms, 4) for step, ms in best.ms.items()},
             length=None if best.curve is None else round(curve_length(best.curve), 6),
             duration=None if best.duration is None else round(best.duration, 6),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,9 +16,10 @@ from pinproof.benchmarks.tables import (
     BenchmarkTable,
     bullet_section,
     log_panel,
+    markdown_table,
     new_figure,
     provenance_text,
-    row_table,
+    quantiles,
     save_figure,
     wrapped,
 )
@@ -43,36 +44,27 @@ class ProblemRow(ProblemName):
 
 
 @dataclass(frozen=True)
-class PlanRow(ProblemName):
-    """The result of a method on a problem.
+class CheckedRow(ProblemName):
+    """What every benchmark of motions states of the result for a problem.
 
     Parameters
     ----------
-    method, label
-        The method.
-    solved
-        Whether it returned a motion.
-    certified, ms, duration, clearance, rejected_edges, message
-        Those of the :class:`~pinproof.benchmarks.plan_methods.PlanAnswer` of the fastest run.
+    certified
+        Whether the certificate of the motion is FREE; None for a planner without certificates.
     faults
         What the independent check found wrong with the motion.
-    length
-        Euclidean length in joint space (rad and m count alike); None if not solved.
-    repeatable
-        Whether every run with the same seed returned the same motion; None after a single run.
+    ms
+        Milliseconds of each step.
+    duration
+        Seconds; None without a timed motion.
+    message
+        Why there is no motion, or no certificate.
     """
 
-    method: str
-    label: str
-    solved: bool
     certified: bool | None
     faults: tuple[str, ...]
     ms: dict[str, float]
-    length: float | None
     duration: float | None
-    clearance: float | None
-    rejected_edges: int | None
-    repeatable: bool | None
     message: str
 
     @property
@@ -80,63 +72,28 @@ class PlanRow(ProblemName):
         """Milliseconds of all steps."""
         return sum(self.ms.values())
 
-    @property
-    def safe(self) -> bool:
-        """Whether there is a motion without faults."""
-        return self.solved and not self.faults
-
 
 @dataclass(frozen=True)
-class Spread:
-    """Median, 95th percentile and largest of some numbers."""
+class PlanRow(CheckedRow):
+    """The fastest run of a method on a problem.
 
-    median: float
-    p95: float
-    largest: float
-
-    def __str__(self) -> str:
-        return " / ".join(_milliseconds(value) for value in (self.median, self.p95, self.largest))
-
-
-def _spread(values: Sequence[float]) -> Spread | None:
-    return Spread(*np.quantile(values, (0.5, 0.95, 1.0)).tolist()) if len(values) else None
-
-
-@dataclass(frozen=True)
-class PlanFigures:
-    """The figures of a method over a group of problems whose start and goal are free.
-
-    ``ms`` maps each step and ``"total"`` to the spread of its times in ms. Length (rad, m) and duration (s) are medians
-    over the motions, and the clearance (m) is the smallest. The length ratio, for another library, is the median of our
-    lengths over the median of its lengths, on problems that both solved. None marks what a method does not have.
+    ``length`` is the Euclidean length in joint space (rad and m count alike). ``repeatable`` states whether every run
+    with the same seed returned the same motion; None after a single run. The others are those of the
+    :class:`~pinproof.benchmarks.plan_methods.PlanAnswer`.
     """
 
+    method: str
     label: str
-    problems: int
-    solved: int
-    certified: int | None
-    unsafe: int
-    ms: dict[str, Spread]
+    solved: bool
     length: float | None
-    length_ratio: float | None
-    duration: float | None
     clearance: float | None
     rejected_edges: int | None
+    repeatable: bool | None
 
 
 @dataclass(frozen=True)
 class PlanTable(BenchmarkTable):
-    """The results of one run.
-
-    Parameters
-    ----------
-    problems
-        Every problem that was read or generated.
-    rows
-        One for each method and problem with free start and goal.
-    left_out
-        Set or method to the reason why it is missing.
-    """
+    """The problems of a run, the rows of every method for those with free ends, and why sets or methods are missing."""
 
     problems: tuple[ProblemRow, ...]
     rows: tuple[PlanRow, ...]
@@ -164,43 +121,40 @@ class PlanTable(BenchmarkTable):
         """Return the sets of a collection in the order of the run."""
         return tuple(dict.fromkeys(p.set_name for p in self.problems if p.collection == collection))
 
-    def figures(self, method: str, collection: str | None = None, set_name: str | None = None) -> PlanFigures | None:
-        """Return the figures of a method over all problems, a collection, or a set; None without any row."""
+    def figures(self, method: str, collection: str | None = None, set_name: str | None = None) -> dict[str, str]:
+        """Return the cells of a method over all problems, a collection or a set by column; empty without any row."""
         group = [row for row in self.rows if collection in (None, row.collection) and set_name in (None, row.set_name)]
         rows = [row for row in group if row.method == method]
         if not rows:
-            return None
+            return {}
 
         def known(field: str) -> list[Any]:
             return [value for row in rows if (value := getattr(row, field)) is not None]
 
-        times = {step: [row.ms[step] for row in rows if row.solved and step in row.ms] for step in STEPS}
-        times["total"] = [row.total for row in rows if row.solved]
-        return PlanFigures(
-            label=rows[0].label,
-            problems=len(rows),
-            solved=sum(row.solved for row in rows),
-            certified=sum(known("certified")) if known("certified") else None,
-            unsafe=sum(bool(row.faults) for row in rows),
-            ms={step: spread for step, values in times.items() if (spread := _spread(values)) is not None},
-            length=_median(known("length")),
-            length_ratio=None if method == OURS else _length_ratio(group, method),
-            duration=_median(known("duration")),
-            clearance=min(known("clearance"), default=None),
-            rejected_edges=sum(known("rejected_edges")) if known("rejected_edges") else None,
-        )
+        times = {"total": [row.total for row in rows if row.solved]}
+        times |= {step: [row.ms[step] for row in rows if row.solved and step in row.ms] for step in STEPS}
+        clearances = [1e3 * clearance for clearance in known("clearance")]
+        return {
+            "method": rows[0].label,
+            "solved": f"{sum(row.solved for row in rows)} of {len(rows)}",
+            "certified": str(sum(known("certified"))) if known("certified") else "",
+            "unsafe": str(sum(bool(row.faults) for row in rows)),
+            **{step: quantiles(values, _milliseconds, (0.5, 0.95, 1.0)) for step, values in times.items()},
+            "length": quantiles(known("length"), "{:.2f}".format),
+            "length ratio": "" if method == OURS else _length_ratio(group, method),
+            "duration, s": quantiles(known("duration"), "{:.2f}".format),
+            "clearance, mm": quantiles(clearances, "{:.2g}".format, (0.0,)),
+            "rejected edges": str(sum(known("rejected_edges"))) if known("rejected_edges") else "",
+        }
 
 
-def _length_ratio(rows: Sequence[PlanRow], method: str) -> float | None:
+def _length_ratio(rows: Sequence[PlanRow], method: str) -> str:
+    """The median of our lengths over that of a method, on the problems that both solved."""
     ours, theirs = (
         {row.name: row.length for row in rows if row.method == key and row.length is not None} for key in (OURS, method)
     )
     both = ours.keys() & theirs.keys()
-    return float(np.median([ours[k] for k in both]) / np.median([theirs[k] for k in both])) if both else None
-
-
-def _median(values: Sequence[float]) -> float | None:
-    return float(np.median(values)) if values else None
+    return f"{np.median([ours[k] for k in both]) / np.median([theirs[k] for k in both]):.3f}" if both else ""
 
 
 # -- Markdown and plot -------------------------------------------------------------------------------------------------
@@ -250,7 +204,7 @@ def _lists(table: PlanTable) -> Iterator[tuple[str, Mapping[str, Sequence[str]]]
 
 def _introduction(table: PlanTable) -> list[str]:
     settings = table.settings
-    setup = _median([problem.setup_ms for problem in table.problems])
+    setup = quantiles((problem.setup_ms for problem in table.problems), _milliseconds)
     repeats = settings["repeats"]
     runs = "solved once" if repeats == 1 else f"solved {repeats} times, of which the fastest run counts"
     problems = (
@@ -258,7 +212,7 @@ def _introduction(table: PlanTable) -> list[str]:
         f"is {settings['time_limit_s']:g} s. Times are in ms, as median / 95th percentile / maximum over the solved "
         "problems, in one process and one thread. The first problem of each set is solved once before the measurement, "
         "so that times do not include compilation. Times do not include building the collision checker"
-        f"{'' if setup is None else f' (median {_milliseconds(setup)} ms)'}."
+        f"{f' (median {setup} ms)' if setup else ''}."
     )
     check = (
         "A motion is unsafe if the independent check finds a collision, a violated limit, or a wrong start or goal. "
@@ -311,32 +265,14 @@ def _scene(collection: str, name: str) -> list[str]:
 
 
 def _figures(table: PlanTable, collection: str, set_name: str | None = None) -> list[str]:
-    figures = (table.figures(method, collection, set_name) for method in table.methods)
-    rows = [each for each in figures if each is not None]
-    return row_table(COLUMNS, rows) if rows else ["No problem has a free start and goal."]
+    rows = [cells for method in table.methods if (cells := table.figures(method, collection, set_name))]
+    if not rows:
+        return ["No problem has a free start and goal."]
+    return markdown_table(tuple(rows[0]), [tuple(cells.values()) for cells in rows])
 
 
 def _milliseconds(value: float) -> str:
     return f"{value:.2g}" if value < 10 else f"{value:.0f}"
-
-
-def _time(step: str) -> Callable[[PlanFigures], str]:
-    return lambda figures: str(figures.ms.get(step, ""))
-
-
-COLUMNS: dict[str, str | Callable[[PlanFigures], str]] = {
-    "method": "{.label}",
-    "solved": "{0.solved} of {0.problems}",
-    "certified": "{.certified:d}",
-    "unsafe": "{.unsafe:d}",
-    **{step: _time(step) for step in ("total", *STEPS)},
-    "length": "{.length:.2f}",
-    "length ratio": "{.length_ratio:.3f}",
-    "duration, s": "{.duration:.2f}",
-    "clearance, mm": lambda figures: "" if figures.clearance is None else f"{1e3 * figures.clearance:.2g}",
-    "rejected edges": "{.rejected_edges:d}",
-}
-"""The columns: their titles, and the format of the figures of a method."""
 
 
 def _time_plot(table: PlanTable) -> Any:
@@ -352,7 +288,7 @@ def _time_plot(table: PlanTable) -> Any:
         by_method = {m: [r for r in table.rows if (r.collection, r.method) == (collection, m)] for m in table.methods}
         for style, rows in zip(STYLES, by_method.values(), strict=False):
             if rows:
-                times = np.sort([row.total for row in rows if row.safe])
+                times = np.sort([row.total for row in rows if row.solved and not row.faults])
                 share = 100 * np.arange(1, len(times) + 1) / len(rows)
                 label = f"{rows[0].label} ({sum(bool(row.faults) for row in rows)} unsafe)"
                 panel.step(times, share, style, where="post", label=label, linewidth=1.6)

@@ -15,13 +15,15 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
+
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, InputError
 
 WIDTH = 120
 """Characters per line of Markdown text."""
 
-PACKAGES = ("pinproof", "pin", "numpy")
+PACKAGES = ("pinproof", "pin", "coal", "numpy")
 """Packages whose versions are part of the provenance."""
 
 AnyTable = TypeVar("AnyTable", bound="BenchmarkTable")
@@ -50,12 +52,7 @@ def leave_out(left_out: dict[str, str], method: str, *, own: bool, where: str = 
 class BenchmarkTable:
     """The results of one benchmark run. Subclasses add tuples of rows.
 
-    Parameters
-    ----------
-    settings
-        What was run, as plain JSON values.
-    provenance
-        See :func:`provenance`.
+    ``settings`` are plain JSON values that state what was run; see :func:`provenance`.
     """
 
     settings: dict[str, Any]
@@ -73,13 +70,7 @@ class BenchmarkTable:
 
     @classmethod
     def from_dict(cls: type[AnyTable], data: Mapping[str, Any]) -> AnyTable:
-        """Return the table that :meth:`to_dict` converted.
-
-        Raises
-        ------
-        InputError
-            If a field is missing or a row has other fields than expected.
-        """
+        """Return the table that :meth:`to_dict` converted; InputError if a field is missing or unknown."""
         try:
             values = {field.name: data[field.name] for field in fields(cls)}
             for name, make in cls.row_types.items():
@@ -95,13 +86,7 @@ class BenchmarkTable:
 
     @classmethod
     def load(cls: type[AnyTable], path: str | Path) -> AnyTable:
-        """Read what :meth:`save` wrote.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be read or does not hold such a table.
-        """
+        """Read what :meth:`save` wrote; FileError if the file does not hold such a table."""
         try:
             return cls.from_dict(json.loads(Path(path).read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError, InputError) as error:
@@ -135,7 +120,7 @@ def provenance(seed: int) -> dict[str, Any]:
     is the load average of the last minute; call this before the benchmark starts.
     """
     return {
-        "versions": {"python": platform.python_version(), **{name: installed_version(name) for name in PACKAGES}},
+        "versions": {"python": platform.python_version(), **installed_versions(PACKAGES)},
         "cpu": _cpu(),
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
@@ -146,17 +131,15 @@ def provenance(seed: int) -> dict[str, Any]:
     }
 
 
-def installed_version(distribution: str) -> str | None:
-    """Return the version of an installed distribution, or None."""
-    try:
-        return version(distribution)
-    except PackageNotFoundError:
-        return None
-
-
-def peer_versions(distributions: Iterable[str | None]) -> dict[str, str | None]:
-    """Return the installed versions of the distributions of other libraries; None, for our methods, is left out."""
-    return {name: installed_version(name) for name in distributions if name is not None}
+def installed_versions(distributions: Iterable[str | None]) -> dict[str, str | None]:
+    """Return the versions of distributions, None for those that are not installed; a distribution None is left out."""
+    found: dict[str, str | None] = {}
+    for name in filter(None, distributions):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
 
 
 def _cpu() -> str:
@@ -169,30 +152,28 @@ def _cpu() -> str:
 
 
 def _commit() -> str | None:
-    # An installed package may lie inside the repository of another project.
     root = Path(__file__).resolve().parents[3]
-    if not (root / ".git").exists():
+    if not (root / ".git").exists():  # an installed package may be inside the repository of another project
         return None
 
-    def git(*arguments: str) -> str | None:
+    def git(*arguments: str) -> str:
         command = ["git", "-C", str(root), *arguments]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
-        except (OSError, subprocess.SubprocessError):
-            return None
-        return done.stdout.strip() if done.returncode == 0 else None
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
 
-    commit = git("rev-parse", "--short=12", "HEAD")
-    return f"{commit}+" if commit and git("status", "--porcelain", "--untracked-files=no") else commit
+    try:
+        changed = git("status", "--porcelain", "--untracked-files=no")
+        return git("rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
 
 
 # -- Markdown and plots ------------------------------------------------------------------------------------------------
 
 
-def provenance_text(table: BenchmarkTable, **more_versions: str | None) -> str:
+def provenance_text(table: BenchmarkTable) -> str:
     """Return one sentence with the versions of the packages and the peers, machine, seed, commit and date."""
     origin = table.provenance
-    versions = {**origin["versions"], **table.settings.get("peer_versions", {}), **more_versions}
+    versions = {**origin["versions"], **table.settings.get("peer_versions", {})}
     packages = ", ".join(f"{name} {number}" for name, number in versions.items() if number is not None)
     return (
         f"Measured with {packages} on {origin['cpu']} ({origin['cores']} cores, load average {origin['load']}); seed "
@@ -203,6 +184,14 @@ def provenance_text(table: BenchmarkTable, **more_versions: str | None) -> str:
 def wrapped(*sentences: str) -> list[str]:
     """Return the lines of one paragraph."""
     return textwrap.wrap(" ".join(sentences), WIDTH)
+
+
+def quantiles(
+    values: Iterable[float | None], text: Callable[[float], str], shares: Sequence[float] = (0.5,), none: str = ""
+) -> str:
+    """Return quantiles, by default the median, of the values that are not None; ``none`` without such values."""
+    known = [value for value in values if value is not None]
+    return " / ".join(text(each) for each in np.quantile(known, shares).tolist()) if known else none
 
 
 def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, text_columns: int = 1) -> list[str]:
@@ -224,15 +213,17 @@ def row_table(
     ``columns`` maps each title to a format of the row, such as ``"{.edges:,}"``, which is empty for None, or to a
     function of the row.
     """
-    cells = [[_formatted(c, row) if isinstance(c, str) else c(row) for c in columns.values()] for row in rows]
+
+    def cell(column: str | Callable[[Any], str], row: Any) -> str:
+        if not isinstance(column, str):
+            return column(row)
+        try:
+            return column.format(row)
+        except TypeError:  # None has no format
+            return ""
+
+    cells = [[cell(column, row) for column in columns.values()] for row in rows]
     return markdown_table(tuple(columns), cells, text_columns=text_columns)
-
-
-def _formatted(text: str, row: Any) -> str:
-    try:
-        return text.format(row)
-    except TypeError:  # None has no format
-        return ""
 
 
 def bullet_section(title: str, entries: Iterable[str]) -> list[str]:

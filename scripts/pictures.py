@@ -1,18 +1,38 @@
 #!/usr/bin/env python3
-"""Draw docs/bisection.png: for one pair of bodies, the distance and the proven lower bound on each interval."""
+"""Draw the pictures of the manual that are not made by benchmarks.
+
+python scripts/pictures.py bisection     docs/bisection.png: a pair of bodies, its distance and the proven lower bounds
+python scripts/pictures.py first_page    docs/first_page.png: the motion of the first example in docs/index.md
+
+Each takes some seconds; the second one needs Chromium.
+"""
 
 from __future__ import annotations
 
+import os
+import re
+import sys
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import pinproof as pp
 
-PICTURE = Path(__file__).parents[1] / "docs" / "bisection.png"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+SIZE = (1200, 700)
+"""Width and height of the picture of the first page in pixels."""
+
+INSTANT = 0.6
+"""Time of this picture in seconds; the tool is above the post."""
+
+COLOURS = 128
+"""Size of its palette, which keeps the file small."""
 
 
-def draw(target: Path = PICTURE) -> None:
+def bisection(target: Path) -> None:
     """Certify a motion of a UR5 whose tool passes a post, and plot the evidence of this pair."""
     import matplotlib
 
@@ -47,5 +67,25 @@ def draw(target: Path = PICTURE) -> None:
     pyplot.close(figure)
 
 
+def first_page(target: Path) -> None:
+    """Run the example, and draw the motion that it creates."""
+    from PIL import Image
+
+    (example, *_) = re.findall(r"^```python\n(.*?)^```$", (DOCS / "index.md").read_text(encoding="utf-8"), re.M | re.S)
+    names: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)  # the example writes a page
+        exec(example, names)
+        arm, scene, motion = names["arm"], names["scene"], names["trajectory"]
+        pp.write_png("still.png", arm, scene, motion, time=INSTANT, size=SIZE, certificate=names["certificate"])
+        with Image.open("still.png") as image:
+            image.convert("RGB").quantize(COLOURS).save(target, optimize=True)
+        os.chdir(DOCS)
+
+
+PICTURES = {"bisection": bisection, "first_page": first_page}
+
 if __name__ == "__main__":
-    draw()
+    if len(sys.argv) != 2 or sys.argv[1] not in PICTURES:
+        sys.exit(f"usage: python scripts/pictures.py {'|'.join(PICTURES)}")
+    PICTURES[sys.argv[1]](DOCS / f"{sys.argv[1]}.png")

@@ -124,6 +124,21 @@ def test_optimum_of_ten_jobs_is_found_by_the_search_and_not_below_the_bound() ->
         assert seed or bounds[1] > 0.95 * searched.seconds
 
 
+def test_greedy_tour_continues_with_the_nearest_option_that_the_precedence_permits() -> None:
+    problem = random_problem(8, 3, 4, 2)
+    tour, done = problem.greedy(), set[int]()
+    before, reach = problem.precedence.predecessors(), problem.start
+    for job, option in zip(tour.order, tour.options, strict=True):
+        others = [k for k in range(24) if problem.job[k] not in done and before[problem.job[k]] <= done]
+        assert problem.job[option] == job
+        assert reach[option] == min(reach[others])
+        done.add(job)
+        reach = problem.between[option]
+    assert tour.seconds == pytest.approx(problem.seconds(tour.options), abs=1e-12)
+    assert problem.nearest_neighbour().order == tour.order
+    assert problem.nearest_neighbour().seconds <= tour.seconds
+
+
 def test_contradictory_precedence_names_a_cycle() -> None:
     with pytest.raises(pp.InputError, match=r"a before b .*b before c .*c before a"):
         Precedence.stated("abcd", [("a", "b"), ("b", "c"), ("c", "a"), ("a", "d")])
@@ -353,6 +368,26 @@ def test_slower_parts_of_a_pick_are_limited_by_the_tool_speed() -> None:
     (time,) = pp.cell.cycle_time(pp.sequence(setup, [slow])).picks
     assert time.phases["approach"] >= 6.0 - 1e-6  # 60 mm
     assert time.limited_by == "approach: tool speed"
+
+
+@pytest.mark.slow
+def test_options_behind_a_post_beside_the_base_are_reached_by_a_full_rotation() -> None:
+    """A bolt at the foot of the UR5 blocks its upper arm, so that the shoulder cannot pass this angle."""
+    bolt = pp.Obstacle("bolt", pp.Cylinder(radius=0.008, length=0.04), pp.pose((0.13, 0.06, 0.015)))
+    pick = pp.Pick("pick", pp.pose((0.5, 0.1, 0.2), DOWN), approach=0.05, retreat=0.05)
+    place = PlaceTarget(pp.pose((0.45, 0.2, 0.2), DOWN), approach=0.05, retreat=0.05)
+    carried = pp.Obstacle("part", pp.Sphere(radius=0.02), pp.pose((0, 0, 0.024)))
+    picks = [pick, replace(pick, name="placed", carried=carried, place=place)]
+    behind = 0
+    for obstacles in ([], [bolt]):
+        setup = cell(pp.Picks(picks, margin=0.002), pp.Scene(obstacles))
+        jobs = judge_options(setup, picks, pp.cell.SequenceBudget(options=8)).jobs
+        assert len(jobs) == 2
+        ends = np.array([[option.entrance, option.exit] for job in jobs for option in job.options]).reshape(-1, 6)
+        assert all(pp.RrtConnect(max_nodes=2000).plan(setup.checker, setup.home, q, rng=1).ok for q in ends)
+        assert setup.checker.arm.limits.inside(ends).all()
+        behind = int((np.abs(ends[:, 0]) > np.pi).sum())
+        assert bool(behind) is bool(obstacles)
 
 
 @pytest.mark.slow

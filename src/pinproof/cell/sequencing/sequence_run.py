@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.cell.sequencing.blocking import geometric_precedence
+from pinproof.cell.sequencing.connection import connected
 from pinproof.cell.sequencing.options import Job, options_of, part_names, resolved
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult, SequenceStep
@@ -147,6 +148,8 @@ class SequenceRun:
         task = _OptionsOf(setup, fixed, frozenset(parts), self.budget.options)
         self._report("options", 0, len(ready))
         jobs = self.runner.run("options", task, ready, CHUNK)
+        start = setup.home if self.ends[0] is None else self.ends[0]
+        jobs = connected(setup, setup.checker.with_scene(fixed), start, jobs)
         self.precedence = self.stated.with_pairs(geometric_precedence(setup, jobs, fixed)).checked()
         self.required = self.precedence
         self.jobs = jobs
@@ -233,8 +236,7 @@ class SequenceRun:
         fixed = self.fixed_order is not None
         tour = problem.best_options(feasible) if fixed else problem.solve(feasible, search=self.budget.search)
         self._report("order", 1, 1)
-        problem, self.best = self._certified(problem, tour)
-        self._shorten(self.best)
+        problem, self.best = self._certified(problem, tour, fixed)
         for _ in range(self.budget.refinements):
             problem = self._with_certified_times(problem, self.best)
             same = Tour(self.best.tour.order, self.best.tour.options, problem.seconds(self.best.tour.options))
@@ -244,8 +246,7 @@ class SequenceRun:
                 tour = other if other.seconds < (1 - NEW) * tour.seconds else tour
             if tour.seconds > (1 - WORTH) * self.best.seconds:
                 break
-            problem, made = self._certified(problem, tour)
-            self._shorten(made)
+            problem, made = self._certified(problem, tour, fixed)
             if made.seconds < self.best.seconds:
                 self.best = made
 
@@ -329,8 +330,12 @@ class SequenceRun:
 
     # -- certified motions --------------------------------------------------------------------------------------------
 
-    def _certified(self, problem: TourProblem, tour: Tour) -> tuple[TourProblem, _Certified]:
-        """Certify a tour; motions that fail are excluded, and the tour is changed.
+    def certified_seconds(self, tour: Tour) -> float:
+        """Seconds of the certified motions of another tour; where motions fail, other options are used."""
+        return self._certified(self.problem(), tour, fixed=True)[1].seconds
+
+    def _certified(self, problem: TourProblem, tour: Tour, fixed: bool) -> tuple[TourProblem, _Certified]:
+        """Certify a tour; motions that fail are excluded, and the tour is changed, with a fixed order its options only.
 
         Raises
         ------
@@ -341,6 +346,7 @@ class SequenceRun:
         for _ in range(REPAIRS):
             made, failures = self._run_through(tour)
             if not failures:
+                self._shorten(made)
                 return problem, made
             for failure, previous, option in failures:
                 name = self.precedence.names[problem.job[option]] if option >= 0 else "the end"
@@ -351,7 +357,6 @@ class SequenceRun:
                 why = {int(problem.job[option]): failure for failure, _, option in failures if option >= 0}
                 last_failures = {k: why.get(k, failures[-1][0]) for k in never}
                 raise _ImpossibleError({k: f"{each.part}: {each.reason}" for k, each in last_failures.items()})
-            fixed = self.fixed_order is not None
             tour = problem.best_options(tour.order if fixed else problem.in_order(tour.order))
             if not fixed:
                 tour = problem.improved(tour)

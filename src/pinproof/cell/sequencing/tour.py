@@ -127,19 +127,22 @@ class TourProblem:
     # -- orders -------------------------------------------------------------------------------------------------------
 
     def nearest_neighbour(self) -> Tour:
-        """The greedy order: always the option with the shortest time to its entrance, then the best options for it."""
+        """The order of :meth:`greedy` with the best options for it."""
+        return self.best_options(self.greedy().order)
+
+    def greedy(self) -> Tour:
+        """The tour that always continues with the option with the shortest time to its entrance."""
         before = self.precedence.predecessors()
-        done: set[int] = set()
+        chosen: list[int] = []
         order: list[int] = []
         reach = self.start
         while len(order) < self.count:
-            allowed = [job for job in range(self.count) if job not in done and before[job] <= done]
+            allowed = [job for job in range(self.count) if job not in order and before[job] <= set(order)]
             options = np.concatenate([self.options[job] for job in allowed])
-            best = int(options[reach[options].argmin()])
-            order.append(int(self.job[best]))
-            done.add(order[-1])
-            reach = self.between[best]
-        return self.best_options(tuple(order))
+            chosen.append(int(options[reach[options].argmin()]))
+            order.append(int(self.job[chosen[-1]]))
+            reach = self.between[chosen[-1]]
+        return Tour(tuple(order), tuple(chosen), self.seconds(chosen))
 
     def in_order(self, wanted: tuple[int, ...]) -> tuple[int, ...]:
         """The order that satisfies the precedence and takes the first possible job of ``wanted`` each time."""

@@ -44,9 +44,16 @@ from pinproof.picks.input.pick import Pick, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.setup import PickSetup, check_held_joints
 from pinproof.picks.judging.task import Cell
+from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 
 Array = npt.NDArray[np.float64]
+
+SAMPLE = 24
+"""Number of picks that are judged at each of many placements, before all picks are judged at the best few."""
+
+Screened = tuple[int, Array, dict[str, Any]]
+"""The choice, the placement (4,), and its row of the screening."""
 
 MOST_ROUNDS = 4
 """Rounds of certification, each of ``certified`` placements, until one is found at which every pick is good."""
@@ -64,6 +71,9 @@ class PlacementBudget:
         Number of placements from which the evolution strategy starts.
     evaluations
         Number of placements that each of these runs screens.
+    sampled
+        Number of placements at which a sample of 24 picks is judged, to choose those that are certified. Not used for
+        24 picks or fewer; ``certified`` has the same effect there.
     certified
         Number of placements whose picks are all judged; more if a pick fails at each of them.
     proofs
@@ -73,11 +83,19 @@ class PlacementBudget:
     grid: int = 2000
     runs: int = 4
     evaluations: int = 160
+    sampled: int = 12
     certified: int = 3
     proofs: int = EMPTY_BUDGET
 
     def __post_init__(self) -> None:
-        for name, least in (("grid", 1), ("runs", 0), ("evaluations", 0), ("certified", 1), ("proofs", 0)):
+        for name, least in (
+            ("grid", 1),
+            ("runs", 0),
+            ("evaluations", 0),
+            ("sampled", 0),
+            ("certified", 1),
+            ("proofs", 0),
+        ):
             require_integer(f"PlacementBudget.{name}", getattr(self, name), least)
 
 
@@ -277,6 +295,7 @@ class _Search:
     slower_share: float = 0.0
     sensitivity: tuple[PlacementSensitivity, ...] = ()
     evaluations: int = 0
+    _verdicts: dict[tuple[float, ...], dict[int, PickVerdict]] = field(default_factory=dict)
 
     def identity(self) -> dict[str, Any]:
         """What all results depend on, as plain values."""
@@ -350,49 +369,61 @@ class _Search:
             np.array([np.nan if row["estimate"] is None else row["estimate"] for row in rows]),
         )
 
-    def _certify(self, found: list[tuple[int, Array, dict[str, Any]]], steps: Array) -> None:
+    def _certify(self, found: list[Screened], steps: Array) -> None:
         """Judge all picks at the best placements, until one is found at which every pick is good."""
-        spread = _apart(found, steps / 4, MOST_ROUNDS * self.budget.certified)
+        spread = _apart(found, steps / 4, max(MOST_ROUNDS * self.budget.certified, self.budget.sampled))
+        working = sum(row["estimate"] is not None for _, _, row in spread)
+        sampled = spread[: min(self.budget.sampled, working)]
+        if len(self.picks) > SAMPLE and len(sampled) > 1:
+            spread[: len(sampled)] = self._sorted_by_sample(sampled)
         for number in range(MOST_ROUNDS):
             chosen = spread[number * self.budget.certified : (number + 1) * self.budget.certified]
             if not chosen or (number and chosen[0][2]["estimate"] is None):
                 return  # placements at which picks already fail in the screening are judged only if there are no others
-            self._judge(number, chosen)
+            reports = self._judge(f"certify_{number + 1}", chosen, range(len(self.picks)))
+            for (choice, values, screened), report in zip(chosen, reports, strict=True):
+                alternative = self.alternatives[choice]
+                self.candidates.append(
+                    CertifiedPlacement(
+                        Placement.of(values, alternative.name),
+                        report,
+                        np.nan if screened["estimate"] is None else screened["estimate"],
+                        OBJECTIVES[self.objective].certified(report),
+                        alternative.placed,
+                    )
+                )
             self.candidates.sort(key=lambda each: (-len(each.report.good), each.score))
             if self.candidates[0].ok:
                 return
 
-    def _judge(self, number: int, chosen: list[tuple[int, Array, dict[str, Any]]]) -> None:
+    def _sorted_by_sample(self, chosen: list[Screened]) -> list[Screened]:
+        """The placements, the best first, as a random sample of the picks is judged there."""
+        sample = np.random.default_rng(self.rng).permutation(len(self.picks))[:SAMPLE]
+        reports = self._judge("sample", chosen, sorted(sample.tolist()))
+        key = [(-len(report.good), OBJECTIVES[self.objective].certified(report)) for report in reports]
+        return [chosen[k] for k in sorted(range(len(chosen)), key=lambda k: key[k])]
+
+    def _judge(self, stage: str, chosen: list[Screened], indices: Sequence[int]) -> list[PickReport]:
+        """The reports on the picks with these indices at each placement; each pick is judged once at a placement."""
         setups = tuple(self.alternatives[choice].setup(values, self) for choice, values, _ in chosen)
         picks = tuple(self.alternatives[choice].picks for choice, _, _ in chosen)
-        items = [(candidate, index) for candidate in range(len(chosen)) for index in range(len(self.picks))]
-        rows = self.runner.run(f"certify_{number + 1}", CertifyTask(setups, picks), items, 1)
-        for candidate, (choice, values, screened) in enumerate(chosen):
-            own = rows[candidate * len(self.picks) : (candidate + 1) * len(self.picks)]
-            setup = setups[candidate]
+        known = [self._verdicts.setdefault((choice, *values.tolist()), {}) for choice, values, _ in chosen]
+        items = [(k, index) for k in range(len(chosen)) for index in indices if index not in known[k]]
+        rows = self.runner.run(stage, CertifyTask(setups, picks), items, 1)
+        for (k, index), row in zip(items, rows, strict=True):
             # rows that were read from the folder have no motions, so these picks are judged again
-            verdicts = tuple(
-                row.get("keep") or setup.judge(index, picks[candidate].picks[index]) for index, row in enumerate(own)
-            )
-            alternative = self.alternatives[choice]
-            report = PickReport(
-                alternative.placed.original.robot.name,
-                verdicts,
-                picks[candidate].problems,
+            known[k][index] = row.get("keep") or setups[k].judge(index, picks[k].picks[index])
+        return [
+            PickReport(
+                self.alternatives[choice].placed.original.robot.name,
+                tuple(known[k][index] for index in indices),
+                picks[k].problems,
                 setup.checker.arm.limits.acceleration_source,
-                setup.not_covered({pick.carried is not None for pick in picks[candidate]}),
+                setup.not_covered({pick.carried is not None for pick in picks[k]}),
                 setup,
             )
-            estimate = np.nan if screened["estimate"] is None else screened["estimate"]
-            self.candidates.append(
-                CertifiedPlacement(
-                    Placement.of(values, alternative.name),
-                    report,
-                    estimate,
-                    OBJECTIVES[self.objective].certified(report),
-                    alternative.placed,
-                )
-            )
+            for k, ((choice, _, _), setup) in enumerate(zip(chosen, setups, strict=True))
+        ]
 
     def _prove_empty(self, axes: tuple[Array, Array, Array, Array]) -> None:
         """Prove that cells of the grid have no placement at which every pick is in reach."""
@@ -514,11 +545,9 @@ class _Search:
         )
 
 
-def _apart(
-    found: Sequence[tuple[int, Array, dict[str, Any]]], steps: Array, count: int
-) -> list[tuple[int, Array, dict[str, Any]]]:
+def _apart(found: Sequence[Screened], steps: Array, count: int) -> list[Screened]:
     """The first ``count`` placements of which no two of one choice are within one and a half ``steps`` (4,)."""
-    chosen: list[tuple[int, Array, dict[str, Any]]] = []
+    chosen: list[Screened] = []
     size = np.where(steps > 0, steps, 1.0)
     for each in found:
         if len(chosen) == count:

@@ -104,7 +104,7 @@ def panda_bin() -> BenchmarkCell:
 
 
 def pallets(every: int = 1) -> BenchmarkCell:
-    """The palletising cell: boxes from two supplies onto two pallets, each judged without the other boxes."""
+    """The palletising cell: boxes from two supplies in turn onto two pallets, each judged without the other boxes."""
     picks = pp.read_picks(robots_folder() / "ur10" / "pallet_picks.yaml")
     arm, scene = picks.load_arm(), pp.Scene.load(robots_folder() / "ur10" / "pallet_scene.yaml")
     alone, picks = without_parts(arm, scene, replace(picks, picks=picks.picks[::every]))
@@ -124,13 +124,13 @@ CELLS: Mapping[str, Callable[[], BenchmarkCell]] = {
     "bolts, random 2": lambda: bolts(seed=2),
     "panda bin": panda_bin,
     "pallets": pallets,
-    "pallets, every 4th": lambda: pallets(4),
+    "pallets, one supply": lambda: pallets(4),
 }
 
 SMALL = {
     "small bolts": (lambda: bolts((5, 4)), (15, 15, 4, 6)),
     "small bolts, random 1": (lambda: bolts((3, 3), seed=1), (12, 12, 3, 6)),
-    "small pallets": (lambda: pallets(20), (9, 8, 3, 12)),
+    "small pallets": (lambda: pallets(21), (9, 8, 3, 12)),
 }
 """Cells for which every placement of a grid is judged, and the numbers of cells of the grid along x, y, z and yaw."""
 
@@ -493,12 +493,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def merged(stored: CellTable, new: CellTable) -> CellTable:
-    """The stored table with the new rows in the place of those of the same cells."""
+    """The stored table with the new rows in the place of those of the same cells; other cells are left out."""
     kinds = {}
     for kind in CellTable.row_types:
         rows = {row.cell: row for table in (stored, new) for row in getattr(table, kind)}
-        order = [*CELLS, *SMALL]
-        kinds[kind] = tuple(sorted(rows.values(), key=lambda row: order.index(row.cell)))
+        kinds[kind] = tuple(rows[name] for name in (*CELLS, *SMALL) if name in rows)
     return replace(new, **kinds)
 
 

@@ -333,12 +333,7 @@ class _Search:
         total = len(self.picks)
         order = sorted(range(len(rows)), key=lambda k: (penalised(rows[k], total), k))
         found = [(items[k][0], items[k][1], rows[k]) for k in order]
-        steps = np.array(
-            [
-                (high - low) / len(axis)
-                for low, high, axis in zip(self.region.lower, self.region.upper, axes, strict=True)
-            ]
-        )
+        steps = (self.region.upper - self.region.lower) / [len(axis) for axis in axes]
         starts = [(choice, values) for choice, values, row in _apart(found, steps, self.budget.runs) if row["base"]]
         if starts and self.budget.evaluations and self.region.free_axes:
             task = RefineTask(screenings, self.region, steps, self.objective, self.budget.evaluations, self.rng)
@@ -451,10 +446,10 @@ class _Search:
         best = self.candidates[0]
         alternative = next(each for each in self.alternatives if each.name == best.placement.choice)
         found = []
-        for k in range(4):
-            low, first_low = least_failing_step(alternative.screening, best.placement.values, k, -1.0)
-            high, first_high = least_failing_step(alternative.screening, best.placement.values, k, 1.0)
-            found.append(PlacementSensitivity(AXES[k], low, high, first_low, first_high))
+        for k, axis in enumerate(AXES):
+            below, first_below = least_failing_step(alternative.screening, best.placement.values, k, -1.0)
+            above, first_above = least_failing_step(alternative.screening, best.placement.values, k, 1.0)
+            found.append(PlacementSensitivity(axis, below, above, first_below, first_above))
         self.sensitivity = tuple(found)
 
     def result(self, *, interrupted: bool = False) -> PlacementResult:
@@ -486,32 +481,25 @@ class _Search:
 
     def _failing(self) -> dict[str, str]:
         """Why each pick that works at no placement fails."""
-        grid, least = self.map, self.candidates[0] if self.candidates else None
-        if grid is None:
+        if self.map is None:
             return {}
+        judged = self.candidates[0].report.verdicts if self.candidates else [None] * len(self.picks)
         reasons = {}
-        usable = grid.base
-        for index, pick in enumerate(self.picks):
-            codes = grid.codes[usable, index]
-            verdict = None if least is None else least.report.verdicts[index]
-            if (codes == FREE).any() and (verdict is None or verdict.ok):
+        for index, (pick, verdict) in enumerate(zip(self.picks, judged, strict=True)):
+            codes = self.map.codes[self.map.base, index]
+            works = bool((codes == FREE).any())
+            if works and (verdict is None or verdict.ok):
                 continue
+            at_least_failing = "" if verdict is None else f"at the least failing placement: {verdict.reason}"
+            reach = int((codes == REACH).sum())
+            counts = {"out of reach": reach, "in contact": len(codes) - reach}
+            everywhere = ", ".join(f"{why} at {n} of {len(codes)} placements" for why, n in counts.items() if n)
             if not len(codes):
                 reasons[pick.name] = "the base or the arm at home is in contact at every placement"
-                continue
-            if (codes == FREE).any():
-                if verdict is not None:
-                    reasons[pick.name] = f"fails at the least failing placement: {verdict.reason}"
-                continue
-            reach = int((codes == REACH).sum())
-            words = f"out of reach at {reach} of {len(codes)} placements"
-            if reach < len(codes):
-                words += f", in contact at the other {len(codes) - reach}" if reach else ""
-            if reach == 0:
-                words = f"in contact at all {len(codes)} placements"
-            reasons[pick.name] = (
-                words if verdict is None else f"{words}; at the least failing placement: {verdict.reason}"
-            )
+            elif works:
+                reasons[pick.name] = f"fails {at_least_failing}"
+            else:
+                reasons[pick.name] = "; ".join(filter(None, (everywhere, at_least_failing)))
         return reasons
 
     def _message(self, failing: Mapping[str, str], interrupted: bool) -> str:

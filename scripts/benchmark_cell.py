@@ -351,108 +351,83 @@ def exhaustive(name: str) -> ExhaustiveRow:
 def markdown(table: CellTable) -> str:
     """The page."""
     note = "Times are in seconds. The load of a row is the load average of the machine when it was started."
-    lines = ["# Cell benchmark", "", *wrapped(provenance_text(table), note), ""]
-    lines += ["## Base placement", ""]
-    text = (
+    lines = ["# Cell benchmark", "", *wrapped(provenance_text(table), note), "", "## Base placement", ""]
+    lines += section(
         "Searches over x, y, z and yaw of the base. Screened: placements at which all picks are screened. Seconds: of "
         "the complete search with its proofs, including the start of the workers, on a machine with the load stated "
         "above; CPU: the processor time of all processes. Good: picks that are certified at the best placement. Best: "
         "the certified cycle time there, and how far it is below the median. For the median, placements of the grid at "
         f"which the base and all grasps are free are judged in random order until all picks are good at {FEASIBLE} of "
         "them; feasible states how many were judged. Empty: share of the region that is proven to have no placement. "
-        "Slower: share of the region in which every placement is proven to be slower than the best one."
+        "Slower: share of the region in which every placement is proven to be slower than the best one.",
+        {
+            "cell": lambda row: row.cell,
+            "picks": lambda row: row.picks,
+            "screened": lambda row: f"{row.screened:,}",
+            "workers": lambda row: row.workers,
+            "seconds": lambda row: f"{row.seconds:.0f}",
+            "CPU": lambda row: f"{row.cpu_seconds:.0f}",
+            "good": lambda row: row.good,
+            "best": lambda row: _number(row.best),
+            "median": lambda row: _number(row.median),
+            "below": lambda row: "" if None in (row.best, row.median) else f"{1 - row.best / row.median:.0%}",
+            "feasible": lambda row: f"{row.feasible} of {row.tried}" if row.tried else "",
+            "empty": lambda row: f"{row.covered:.0%}",
+            "slower": lambda row: "" if row.slower is None else f"{row.slower:.0%}",
+            "load": lambda row: _number(row.load),
+        },
+        table.placements,
     )
-    cells = [
-        [
-            row.cell,
-            str(row.picks),
-            f"{row.screened:,}",
-            str(row.workers),
-            f"{row.seconds:.0f}",
-            f"{row.cpu_seconds:.0f}",
-            str(row.good),
-            _number(row.best),
-            _number(row.median),
-            "" if row.best is None or row.median is None else f"{1 - row.best / row.median:.0%}",
-            f"{row.feasible} of {row.tried}" if row.tried else "",
-            f"{row.covered:.0%}",
-            "" if row.slower is None else f"{row.slower:.0%}",
-            _number(row.load),
-        ]
-        for row in table.placements
-    ]
-    columns = (
-        "cell",
-        "picks",
-        "screened",
-        "workers",
-        "seconds",
-        "CPU",
-        "good",
-        "best",
-        "median",
-        "below",
-        "feasible",
-        "empty",
-        "slower",
-        "load",
+    lines += section(
+        "Exhaustive grids: every placement of the grid at which the base and all grasps are free is judged with all "
+        "picks, or up to the first pick that fails. The search is that of the table above, on the same region and "
+        "without knowledge of this grid.",
+        {
+            "cell": lambda row: row.cell,
+            "picks": lambda row: row.picks,
+            "grid": lambda row: f"{row.grid:,}",
+            "judged": lambda row: row.judged,
+            "all good": lambda row: row.feasible,
+            "CPU": lambda row: f"{row.cpu_seconds:.0f}",
+            "grid best": lambda row: _number(row.grid_best),
+            "grid median": lambda row: _number(row.grid_median),
+            "search best": lambda row: _number(row.search_best),
+            "difference": lambda row: f"{row.search_best / row.grid_best - 1:+.1%}",
+            "CPU of search": lambda row: f"{row.search_cpu_seconds:.0f}",
+            "load": lambda row: _number(row.load),
+        },
+        table.exhaustive,
     )
-    if cells:
-        lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
-    if table.exhaustive:
-        text = (
-            "Exhaustive grids: every placement of the grid at which the base and all grasps are free is judged with "
-            "all picks. The search is that of the table above, on the same region and without knowledge of this grid."
-        )
-        cells = [
-            [
-                row.cell,
-                str(row.picks),
-                f"{row.grid:,}",
-                str(row.judged),
-                str(row.feasible),
-                f"{row.cpu_seconds:.0f}",
-                _number(row.grid_best),
-                _number(row.grid_median),
-                _number(row.search_best),
-                f"{row.search_best / row.grid_best - 1:+.1%}",
-                f"{row.search_cpu_seconds:.0f}",
-                _number(row.load),
-            ]
-            for row in table.exhaustive
-        ]
-        columns = (
-            "cell", "picks", "grid", "judged", "all good", "CPU", "grid best", "grid median", "search best",
-            "difference", "CPU of search", "load",
-        )  # fmt: skip
-        lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
-    if table.scale:
-        lines += [*scale_section(table.scale), ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def scale_section(rows: Sequence[ScaleRow]) -> list[str]:
-    """The table of large grids."""
-    text = (
+    lines += section(
         "Large grids: every placement of the grid is screened with all picks and stored in a folder, and the best is "
         "certified. Memory: the largest resident memory of the main process and of a worker. The search is then run "
         "again, its process is killed with SIGKILL after the stated number of placements, and the search is resumed: "
-        "the last column states whether the result and the heat map are equal to those of the first run."
+        "the last column states whether the result and the heat map are equal to those of the first run.",
+        {
+            "cell": lambda row: row.cell,
+            "picks": lambda row: row.picks,
+            "placements": lambda row: f"{row.placements:,}",
+            "workers": lambda row: row.workers,
+            "seconds": lambda row: f"{row.seconds:.0f}",
+            "CPU": lambda row: f"{row.cpu_seconds:.0f}",
+            "MB": lambda row: f"{row.memory:.0f}",
+            "MB of a worker": lambda row: f"{row.worker_memory:.0f}",
+            "MB stored": lambda row: f"{row.storage:.1f}",
+            "killed after": lambda row: f"{row.killed_after:,}",
+            "equal": lambda row: "yes" if row.equal else "NO",
+            "load": lambda row: _number(row.load),
+        },
+        table.scale,
     )
-    columns = (
-        "cell", "picks", "placements", "workers", "seconds", "CPU", "MB", "MB of a worker", "MB stored", "killed after",
-        "equal", "load",
-    )  # fmt: skip
-    cells = [
-        [
-            row.cell, str(row.picks), f"{row.placements:,}", str(row.workers), f"{row.seconds:.0f}",
-            f"{row.cpu_seconds:.0f}", f"{row.memory:.0f}", f"{row.worker_memory:.0f}", f"{row.storage:.1f}",
-            f"{row.killed_after:,}", "yes" if row.equal else "NO",
-            _number(row.load),
-        ]
-        for row in rows
-    ]  # fmt: skip
-    return [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def section(text: str, columns: Mapping[str, Callable[[Any], object]], rows: Sequence[Any]) -> list[str]:
+    """The text and the table of some rows; nothing without rows."""
+    if not rows:
+        return []
+    cells = [[str(cell(row)) for cell in columns.values()] for row in rows]
+    return [*wrapped(text), "", *markdown_table(tuple(columns), cells, text_columns=1), ""]
 
 
 def _number(value: float | None) -> str:

@@ -205,9 +205,7 @@ def pick_targets(screening: PlacementScreening, number: int) -> list[Target]:
     if pick.spin.sampled and len(members) > 1:
         angles = np.sort(pick.spin.angles)
         step = float(np.diff(angles).max())
-        around = 2.0 * np.pi - float(
-            angles[-1] - angles[0]
-        )  # the step across a full rotation, if all angles are allowed
+        around = 2.0 * np.pi - float(angles[-1] - angles[0])  # the step across a full rotation, if all are allowed
         half_step = 0.5 * (max(step, around) if around < 1.5 * step else step)
     rotation = half_step + np.sqrt(2.0) * pick.tolerance.tilt
     position = float(np.linalg.norm(pick.tolerance.position))

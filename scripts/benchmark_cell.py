@@ -17,9 +17,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, sleep
@@ -31,14 +29,15 @@ import pinproof as pp
 from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
 from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base, without_parts
 from pinproof.cell.placement.placed_robot import PlacedRobot
-from pinproof.cell.placement.placement_result import total_time
+from pinproof.cell.placement.screening import FREE
 from pinproof.description import robots_folder
 from pinproof.picks import PickBudget, PickWeights
+from pinproof.picks.judging.setup import PickSetup
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 
-QUANTILES = 7
-"""Number of feasible placements, at equal steps of the estimated cycle time, whose picks are judged for the median."""
+FEASIBLE = 15
+"""Number of feasible placements, chosen at random from the grid, whose median cycle time is stated."""
 
 FASTEST = PickWeights(clearance=0.0, limit_margin=0.0, manipulability=0.0, duration=1.0)
 JUDGING = PickBudget(remedies=0)
@@ -105,7 +104,7 @@ def panda_bin() -> BenchmarkCell:
 
 
 def pallets(every: int = 1) -> BenchmarkCell:
-    """The palletising cell: boxes from two supplies onto two pallets, each judged without the other boxes."""
+    """The palletising cell: boxes from two supplies in turn onto two pallets, each judged without the other boxes."""
     picks = pp.read_picks(robots_folder() / "ur10" / "pallet_picks.yaml")
     arm, scene = picks.load_arm(), pp.Scene.load(robots_folder() / "ur10" / "pallet_scene.yaml")
     alone, picks = without_parts(arm, scene, replace(picks, picks=picks.picks[::every]))
@@ -125,18 +124,18 @@ CELLS: Mapping[str, Callable[[], BenchmarkCell]] = {
     "bolts, random 2": lambda: bolts(seed=2),
     "panda bin": panda_bin,
     "pallets": pallets,
-    "pallets, every 4th": lambda: pallets(4),
+    "pallets, long search": lambda: replace(
+        pallets(), budget=PlacementBudget(grid=4000, runs=10, evaluations=300, sampled=60, certified=8)
+    ),
+    "pallets, one supply": lambda: pallets(4),
 }
 
 SMALL = {
-    "small bolts": lambda: bolts((5, 4)),
-    "small bolts, random 1": lambda: bolts((5, 4), seed=1),
-    "small pallets": lambda: pallets(20),
+    "small bolts": (lambda: bolts((5, 4)), (15, 15, 4, 6)),
+    "small bolts, random 1": (lambda: bolts((3, 3), seed=1), (12, 12, 3, 6)),
+    "small pallets": (lambda: pallets(21), (9, 8, 3, 12)),
 }
-"""Cells for which every placement of a grid is judged."""
-
-SMALL_GRID = (15, 15, 4, 6)
-"""Numbers of cells of that grid along x, y, z and yaw."""
+"""Cells for which every placement of a grid is judged, and the numbers of cells of the grid along x, y, z and yaw."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +154,8 @@ class PlacementRow:
     covered: float
     slower: float | None = None
     load: float | None = None
+    feasible: int = 0
+    tried: int = 0
 
 
 @dataclass(frozen=True)
@@ -229,25 +230,44 @@ def search(cell: BenchmarkCell, workers: int | None) -> tuple[PlacementResult, f
     return found, perf_counter() - start, cpu_seconds() - before
 
 
-def judged(cell: BenchmarkCell, placed: PlacedRobot, values: np.ndarray, executor: Executor | None = None) -> float:
-    """The certified cycle time (s) at a placement; NaN unless every pick is good."""
-    report = pp.validate_picks(
-        placed.arm_at(values), placed.scene, cell.picks, weights=FASTEST, budget=JUDGING, executor=executor
+def time_if_all_good(cell: BenchmarkCell, placed: PlacedRobot, values: np.ndarray) -> float:
+    """The certified cycle time (s) at a placement; NaN if a pick is not good, and the picks after it are not judged."""
+    setup = PickSetup.make(
+        placed.arm_at(values), placed.scene, cell.picks, home=None, rng=0, weights=FASTEST, budget=JUDGING
     )
-    return total_time(report) if report.ok else np.nan
+    total = 0.0
+    for index, pick in enumerate(cell.picks):
+        trajectory = setup.judge(index, pick).trajectory
+        if trajectory is None:
+            return np.nan
+        total += trajectory.duration
+    return total
+
+
+def random_times(cell: BenchmarkCell, found: PlacementResult) -> tuple[list[float], int]:
+    """The certified times (s) at random placements of the grid at which all picks are good, and how many were tried.
+
+    Tried are those at which the base and all grasps are free. None of them is left out because of an estimate.
+    """
+    if found.map is None or found.best is None:
+        return [], 0
+    free = np.flatnonzero(found.map.base & (found.map.codes == FREE).all(axis=1))
+    times: list[float] = []
+    tried = 0
+    for k in np.random.default_rng(0).permutation(free).tolist():
+        if len(times) == FEASIBLE:
+            break
+        seconds = time_if_all_good(cell, found.best.placed, found.map.placements[k])
+        times += [seconds] if np.isfinite(seconds) else []
+        tried += 1
+    return times, tried
 
 
 def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow:
     """One search, with the certified median over feasible placements of its grid."""
     load = os.getloadavg()[0]
     found, seconds, cpu = search(cell, workers)
-    times: list[float] = []
-    if found.map is not None and found.best is not None:
-        rows = np.flatnonzero(found.map.feasible)
-        rows = rows[np.argsort(found.map.seconds[rows], kind="stable")]
-        chosen = rows[((np.arange(QUANTILES) + 0.5) / QUANTILES * len(rows)).astype(int)]
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as executor:
-            times = [judged(cell, found.best.placed, found.map.placements[k], executor) for k in chosen]
+    times, tried = random_times(cell, found)
     good = len(found.least_failing.report.good) if found.least_failing is not None else 0
     return PlacementRow(
         name,
@@ -258,10 +278,12 @@ def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow
         cpu,
         good,
         None if found.best is None else found.best.cycle_time,
-        float(np.nanmedian(times)) if np.isfinite(times).any() else None,
+        float(np.median(times)) if times else None,
         found.covered,
         found.slower_share,
         load,
+        len(times),
+        tried,
     )
 
 
@@ -305,17 +327,19 @@ def lines(path: Path) -> int:
     return path.read_bytes().count(b"\n") - 1
 
 
-def exhaustive(name: str, cell: BenchmarkCell) -> ExhaustiveRow:
+def exhaustive(name: str) -> ExhaustiveRow:
     """Judge every placement of a grid at which the base and all grasps are free, and search for the best placement."""
     load, before = os.getloadavg()[0], cpu_seconds()
+    make, numbers = SMALL[name]
+    cell = make()
     placed = PlacedRobot.make(cell.arm, cell.scene, np.eye(4), cell.moves_with_base)
-    grid = np.stack(np.meshgrid(*cell.region.cells(SMALL_GRID), indexing="ij"), axis=-1).reshape(-1, 4)
+    grid = np.stack(np.meshgrid(*cell.region.cells(numbers), indexing="ij"), axis=-1).reshape(-1, 4)
     free = placed.checker(cell.picks).is_free_batch(np.hstack([grid, np.tile(cell.arm.home, (len(grid), 1))]))
     times = []
     for values in grid[free]:
         screened = pp.screen_picks(placed.arm_at(values), placed.scene, cell.picks)
         if screened.free.all():  # with every configuration enumerated, a grasp that is not free excludes the placement
-            times.append(judged(cell, placed, values))
+            times.append(time_if_all_good(cell, placed, values))
     cpu = cpu_seconds() - before
     found, _, search_cpu = search(cell, None)
     return ExhaustiveRow(
@@ -327,106 +351,83 @@ def exhaustive(name: str, cell: BenchmarkCell) -> ExhaustiveRow:
 def markdown(table: CellTable) -> str:
     """The page."""
     note = "Times are in seconds. The load of a row is the load average of the machine when it was started."
-    lines = ["# Cell benchmark", "", *wrapped(provenance_text(table), note), ""]
-    lines += ["## Base placement", ""]
-    text = (
+    lines = ["# Cell benchmark", "", *wrapped(provenance_text(table), note), "", "## Base placement", ""]
+    lines += section(
         "Searches over x, y, z and yaw of the base. Screened: placements at which all picks are screened. Seconds: of "
         "the complete search with its proofs, including the start of the workers, on a machine with the load stated "
         "above; CPU: the processor time of all processes. Good: picks that are certified at the best placement. Best: "
-        "the certified cycle time there, and how far it is below the median, which is that of "
-        f"{QUANTILES} placements of the grid at which all picks work, at equal steps of their rank, with all picks "
-        "judged. Empty: share of the region that is proven to have no placement. Slower: share of the region in which "
-        "every placement is proven to be slower than the best one."
+        "the certified cycle time there, and how far it is below the median. For the median, placements of the grid at "
+        f"which the base and all grasps are free are judged in random order until all picks are good at {FEASIBLE} of "
+        "them; feasible states how many were judged. Empty: share of the region that is proven to have no placement. "
+        "Slower: share of the region in which every placement is proven to be slower than the best one.",
+        {
+            "cell": lambda row: row.cell,
+            "picks": lambda row: row.picks,
+            "screened": lambda row: f"{row.screened:,}",
+            "workers": lambda row: row.workers,
+            "seconds": lambda row: f"{row.seconds:.0f}",
+            "CPU": lambda row: f"{row.cpu_seconds:.0f}",
+            "good": lambda row: row.good,
+            "best": lambda row: _number(row.best),
+            "median": lambda row: _number(row.median),
+            "below": lambda row: "" if None in (row.best, row.median) else f"{1 - row.best / row.median:.0%}",
+            "feasible": lambda row: f"{row.feasible} of {row.tried}" if row.tried else "",
+            "empty": lambda row: f"{row.covered:.0%}",
+            "slower": lambda row: "" if row.slower is None else f"{row.slower:.0%}",
+            "load": lambda row: _number(row.load),
+        },
+        table.placements,
     )
-    cells = [
-        [
-            row.cell,
-            str(row.picks),
-            f"{row.screened:,}",
-            str(row.workers),
-            f"{row.seconds:.0f}",
-            f"{row.cpu_seconds:.0f}",
-            str(row.good),
-            _number(row.best),
-            _number(row.median),
-            "" if row.best is None or row.median is None else f"{1 - row.best / row.median:.0%}",
-            f"{row.covered:.0%}",
-            "" if row.slower is None else f"{row.slower:.0%}",
-            _number(row.load),
-        ]
-        for row in table.placements
-    ]
-    columns = (
-        "cell",
-        "picks",
-        "screened",
-        "workers",
-        "seconds",
-        "CPU",
-        "good",
-        "best",
-        "median",
-        "below",
-        "empty",
-        "slower",
-        "load",
+    lines += section(
+        "Exhaustive grids: every placement of the grid at which the base and all grasps are free is judged with all "
+        "picks, or up to the first pick that fails. The search is that of the table above, on the same region and "
+        "without knowledge of this grid.",
+        {
+            "cell": lambda row: row.cell,
+            "picks": lambda row: row.picks,
+            "grid": lambda row: f"{row.grid:,}",
+            "judged": lambda row: row.judged,
+            "all good": lambda row: row.feasible,
+            "CPU": lambda row: f"{row.cpu_seconds:.0f}",
+            "grid best": lambda row: _number(row.grid_best),
+            "grid median": lambda row: _number(row.grid_median),
+            "search best": lambda row: _number(row.search_best),
+            "difference": lambda row: f"{row.search_best / row.grid_best - 1:+.1%}",
+            "CPU of search": lambda row: f"{row.search_cpu_seconds:.0f}",
+            "load": lambda row: _number(row.load),
+        },
+        table.exhaustive,
     )
-    if cells:
-        lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
-    if table.exhaustive:
-        text = (
-            "Exhaustive grids: every placement of the grid at which the base and all grasps are free is judged with "
-            "all picks. The search is that of the table above, on the same region and without knowledge of this grid."
-        )
-        cells = [
-            [
-                row.cell,
-                str(row.picks),
-                f"{row.grid:,}",
-                str(row.judged),
-                str(row.feasible),
-                f"{row.cpu_seconds:.0f}",
-                _number(row.grid_best),
-                _number(row.grid_median),
-                _number(row.search_best),
-                f"{row.search_best / row.grid_best - 1:+.1%}",
-                f"{row.search_cpu_seconds:.0f}",
-                _number(row.load),
-            ]
-            for row in table.exhaustive
-        ]
-        columns = (
-            "cell", "picks", "grid", "judged", "all good", "CPU", "grid best", "grid median", "search best",
-            "difference", "CPU of search", "load",
-        )  # fmt: skip
-        lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
-    if table.scale:
-        lines += [*scale_section(table.scale), ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def scale_section(rows: Sequence[ScaleRow]) -> list[str]:
-    """The table of large grids."""
-    text = (
+    lines += section(
         "Large grids: every placement of the grid is screened with all picks and stored in a folder, and the best is "
         "certified. Memory: the largest resident memory of the main process and of a worker. The search is then run "
         "again, its process is killed with SIGKILL after the stated number of placements, and the search is resumed: "
-        "the last column states whether the result and the heat map are equal to those of the first run."
+        "the last column states whether the result and the heat map are equal to those of the first run.",
+        {
+            "cell": lambda row: row.cell,
+            "picks": lambda row: row.picks,
+            "placements": lambda row: f"{row.placements:,}",
+            "workers": lambda row: row.workers,
+            "seconds": lambda row: f"{row.seconds:.0f}",
+            "CPU": lambda row: f"{row.cpu_seconds:.0f}",
+            "MB": lambda row: f"{row.memory:.0f}",
+            "MB of a worker": lambda row: f"{row.worker_memory:.0f}",
+            "MB stored": lambda row: f"{row.storage:.1f}",
+            "killed after": lambda row: f"{row.killed_after:,}",
+            "equal": lambda row: "yes" if row.equal else "NO",
+            "load": lambda row: _number(row.load),
+        },
+        table.scale,
     )
-    columns = (
-        "cell", "picks", "placements", "workers", "seconds", "CPU", "MB", "MB of a worker", "MB stored", "killed after",
-        "equal", "load",
-    )  # fmt: skip
-    cells = [
-        [
-            row.cell, str(row.picks), f"{row.placements:,}", str(row.workers), f"{row.seconds:.0f}",
-            f"{row.cpu_seconds:.0f}", f"{row.memory:.0f}", f"{row.worker_memory:.0f}", f"{row.storage:.1f}",
-            f"{row.killed_after:,}", "yes" if row.equal else "NO",
-            _number(row.load),
-        ]
-        for row in rows
-    ]  # fmt: skip
-    return [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def section(text: str, columns: Mapping[str, Callable[[Any], object]], rows: Sequence[Any]) -> list[str]:
+    """The text and the table of some rows; nothing without rows."""
+    if not rows:
+        return []
+    cells = [[str(cell(row)) for cell in columns.values()] for row in rows]
+    return [*wrapped(text), "", *markdown_table(tuple(columns), cells, text_columns=1), ""]
 
 
 def _number(value: float | None) -> str:
@@ -458,7 +459,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if stated.scale:
             table = replace(table, scale=(*table.scale, scale(name, stated.scale, stated.workers)))
         elif name in SMALL:
-            table = replace(table, exhaustive=(*table.exhaustive, exhaustive(name, SMALL[name]())))
+            table = replace(table, exhaustive=(*table.exhaustive, exhaustive(name)))
         else:
             row = measure(name, CELLS[name](), stated.workers)
             table = replace(table, placements=(*table.placements, row))
@@ -470,12 +471,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def merged(stored: CellTable, new: CellTable) -> CellTable:
-    """The stored table with the new rows in the place of those of the same cells."""
+    """The stored table with the new rows in the place of those of the same cells; other cells are left out."""
     kinds = {}
     for kind in CellTable.row_types:
         rows = {row.cell: row for table in (stored, new) for row in getattr(table, kind)}
-        order = [*CELLS, *SMALL]
-        kinds[kind] = tuple(sorted(rows.values(), key=lambda row: order.index(row.cell)))
+        kinds[kind] = tuple(rows[name] for name in (*CELLS, *SMALL) if name in rows)
     return replace(new, **kinds)
 
 

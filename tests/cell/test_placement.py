@@ -26,6 +26,7 @@ from pinproof.cell import (
 from pinproof.cell.placement.base_proofs import BaseContacts
 from pinproof.cell.placement.bounds import SlowTask
 from pinproof.cell.placement.placed_robot import PlacedRobot
+from pinproof.cell.placement.placement_result import CertifiedPlacement
 from pinproof.cell.placement.region import mounting_pose
 from pinproof.cell.placement.screening import GraspTable, PlacementScreening
 from pinproof.common.files import json_text
@@ -124,6 +125,30 @@ def test_best_placement_is_confirmed_by_the_original_robot(
         for verdict in each.report.verdicts:
             assert verdict.certificate is not None
             assert verdict.certificate.free
+
+
+@pytest.mark.slow
+def test_placement_with_the_best_judged_sample_is_certified(
+    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pinproof.cell.placement.place_base.SAMPLE", 2)
+    region = PlacementRegion(x=(-0.3, 0.1), y=(-0.3, 0.3))
+    stages: dict[str, int] = {}
+
+    def candidates(**budget: int) -> tuple[CertifiedPlacement, ...]:
+        stages.clear()
+        return place_base(
+            arm, scene, bolts, region, placement_budget=replace(SMALL, **budget), budget=QUICK,
+            progress=lambda stage, done, total: stages.update({stage: total}),
+        ).candidates  # fmt: skip
+
+    all_judged, one = candidates(sampled=0, certified=8), candidates(sampled=8, certified=1)
+    assert stages["sample"] == 8 * 2
+    assert stages["certify_1"] == 1  # the verdicts on the other two are known
+    sample = np.random.default_rng(0).permutation(3)[:2]
+    assert (len(all_judged), len(one)) == (8, 1)
+    times = [sum(each.report.verdicts[k].trajectory.duration for k in sample) for each in all_judged]
+    assert one[0].placement == all_judged[int(np.argmin(times))].placement
 
 
 def test_certified_time_is_below_the_median_of_feasible_placements(

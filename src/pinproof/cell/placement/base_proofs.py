@@ -1,16 +1,16 @@
 r"""Proofs that the base is in contact at every placement of a cell.
 
-The base, with what moves with it, and the scene are rigid. Let a placement have the position t and the yaw
+The base with the bodies that move with it, and the scene, are rigid. Let a placement have the position t and the yaw
 :math:`\psi`. A point m of the base is in the frame of the cell at :math:`t + R(\psi) m`, and a point c of the scene is
 in the frame of the base at :math:`R(-\psi) (c - t)`. For placements with positions in a box with half sides h and yaws
 within w of that of its centre, the first is in a box with half sides
 
 .. math:: h + s \, (1, 1, 0), \qquad s = 2 \sin(w / 2) \, \|m_{xy}\|
 
-around its value at the centre, and the second in one with half sides :math:`|R(-\psi)| h + s \, (1, 1, 0)`, where the
-length of :math:`c - t` along the floor, at its largest, replaces that of m. If this box lies in a body on the other
-side, grown by the radius of a ball around the point, the two bodies overlap at each of these placements. Boxes and
-balls inside the bodies are those of :mod:`pinproof.collision.geometry.inner_shapes`.
+around its value at the centre. The second is in a box with half sides :math:`|R(-\psi)| h + s \, (1, 1, 0)`, where s
+has the largest length of :math:`c - t` along the floor instead of :math:`\|m_{xy}\|`. If this box lies in a body on the
+other side, grown by the radius of a ball around the point, the two bodies overlap at each of these placements. Boxes
+and balls inside the bodies are those of :mod:`pinproof.collision.geometry.inner_shapes`.
 """
 
 from __future__ import annotations

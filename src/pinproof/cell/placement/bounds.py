@@ -9,15 +9,15 @@ motion takes longer than T. This is the proof that a pose is out of reach
 (:mod:`pinproof.cell.placement.empty_regions`), for joint limits that are narrower. The largest such T is found by
 bisection. Picks whose poses differ little share a proof with the wider tolerance.
 
-*From the grasp to the release, and on the line after the last of them*: a point that is fixed to the last link moves by
-at most the sum of :math:`\rho_j d_j(T)`, where :math:`\rho_j` is the largest distance of the point from the axis of
-joint j. The tip moves by the distance of the two poses, and on a straight line with fixed orientation every point does,
-also one on the last axis.
+*From the grasp to the release, and on the line after the release or, without one, the grasp*: a point that is fixed to
+the last link moves by at most the sum of :math:`\rho_j d_j(T)`, where :math:`\rho_j` is the largest distance of the
+point from the axis of joint j. The tip moves by the distance of the two poses. On a straight line with fixed
+orientation every point moves by that distance, also a point on the last axis.
 
-The motion of a pick with an object rests at the grasp and at the release, and may pass all other poses. That of a pick
-without one rests at the grasp, because the retreat does not continue in the direction of the approach. The sum of these
-times over all picks is a lower bound of the cycle time of motions that are planned in this way. Obstacles are not
-considered.
+The motion of a pick with an object rests at the grasp and at the release, and may pass all other poses without a stop.
+The motion of a pick without an object rests at the grasp, because the retreat does not continue in the direction of
+the approach. The sum of these times over all picks is a lower bound of the cycle time of motions that are planned in
+this way. Obstacles are not considered.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from pinproof.spatial import matrix
 Array = npt.NDArray[np.float64]
 
 BOXES = 12
-"""Boxes of joint values in a proof; ten times more raise the bound by few percent."""
+"""Largest number of boxes of joint values in a proof; ten times more raise the bound by a few percent."""
 
 LEVELS = 40
 """Number of times, up to twice the mean time of a pick, that are tried as the bound of the motion from home."""
@@ -48,19 +48,20 @@ LEVELS = 40
 FINE = 25
 """Steps between two of these times for the other motions, which need no proof."""
 
-SHARED = 1.0
-"""Picks share a proof if their targets differ by less than this part of the half diagonal of a cell,"""
+SHARED_DISTANCE = 1.0
+"""Picks share a proof if the positions of their targets differ by less than this multiple of the half diagonal of a
+cell, and their rotations by less than :data:`SHARED_ROTATION`."""
 
 SHARED_ROTATION = 0.05
-"""and by less than this angle (rad)."""
+"""rad"""
 
-HOPE = 1.5
-"""The bound of a cell is given up if the picks that are left would need more than this multiple of the mean of those
-before."""
+GIVE_UP = 1.5
+"""The bound of a cell is not computed further if it can exceed the best time only if the mean of the remaining picks is
+more than this multiple of the mean so far."""
 
-SURELY_FASTER = 1.3
-"""A cell is not examined if the time that is estimated at its centre is below the best one times this factor, because
-bounds are much lower than estimates."""
+LEAST_ESTIMATE = 1.3
+"""Cells are examined if the estimated time at their centre is at least this multiple of the best one, because bounds
+are much lower than estimates."""
 
 GRASP, RETREATED, RELEASE, LEFT = 1, 2, 4, 5
 """Stations of :class:`~pinproof.cell.placement.screening.GraspTable`."""
@@ -88,7 +89,7 @@ class SlowTask:
     def items(self, grid: PlacementMap, empty: Sequence[EmptyCell]) -> list[Item]:
         """The cells of a grid that are not proven to be empty, and may be slower than the best placement."""
         provable = np.array([is_provable(screening.placed.original) for screening in self.screenings])
-        left = provable[grid.choice] & ~grid.within(empty) & ~(grid.seconds < SURELY_FASTER * self.best)
+        left = provable[grid.choice] & ~grid.within(empty) & ~(grid.seconds < LEAST_ESTIMATE * self.best)
         return [
             (int(grid.choice[k]), grid.placements[k] - self.half, grid.placements[k] + self.half)
             for k in np.flatnonzero(left)
@@ -114,7 +115,7 @@ class _Bounds:
         targets = [
             pick_targets(screening, number) for number in range(len(picks)) if _rests_at_grasp(screening, number)
         ]
-        self._groups = _groups(targets, SHARED * float(np.linalg.norm(half[:3])))
+        self._groups = _groups(targets, SHARED_DISTANCE * float(np.linalg.norm(half[:3])))
         self._picks = len(picks)
         mean = (best - self._later) / len(picks)
         self._needed = int(np.clip(np.searchsorted(self._times, mean), 1, LEVELS))
@@ -132,7 +133,7 @@ class _Bounds:
                 middle = (low + high) // 2
             total, done = total + count * self._times[low], done + count
             mean = (total - self._later) / done
-            if total > self._best or total + HOPE * mean * (self._picks - done) < self._best:
+            if total > self._best or total + GIVE_UP * mean * (self._picks - done) < self._best:
                 break
         return float(total)
 

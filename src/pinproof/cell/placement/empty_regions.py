@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.cell.placement.base_proofs import BaseContacts
-from pinproof.cell.placement.heat_map import EmptyCell
+from pinproof.cell.placement.heat_map import EmptyCell, PlacementCell
 from pinproof.cell.placement.region import PlacementRegion
 from pinproof.cell.placement.screening import REACH, PlacementScreening
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
@@ -76,12 +76,7 @@ class EmptyTask:
         ``codes`` (N, P) are the screening results of all choices, in the order of the grid. Cells that differ only in
         yaw are one cell if the yaw has the effect of the first joint.
         """
-        half = np.array(
-            [
-                (high - low) / (2 * len(a))
-                for low, high, a in zip(self.region.lower, self.region.upper, axes, strict=True)
-            ]
-        )
+        half = (self.region.upper - self.region.lower) / [2 * len(axis) for axis in axes]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
         turns = len(axes[3])
         items: list[Item] = []
@@ -210,9 +205,7 @@ def pick_targets(screening: PlacementScreening, number: int) -> list[Target]:
     if pick.spin.sampled and len(members) > 1:
         angles = np.sort(pick.spin.angles)
         step = float(np.diff(angles).max())
-        around = 2.0 * np.pi - float(
-            angles[-1] - angles[0]
-        )  # the step across a full rotation, if all angles are allowed
+        around = 2.0 * np.pi - float(angles[-1] - angles[0])  # the step across a full rotation, if all are allowed
         half_step = 0.5 * (max(step, around) if around < 1.5 * step else step)
     rotation = half_step + np.sqrt(2.0) * pick.tolerance.tilt
     position = float(np.linalg.norm(pick.tolerance.position))
@@ -250,10 +243,8 @@ def empty_cells(
         same = reached.get((cell.choice, *_centre(cell)[:3]))
         if same is None or not (same.lower[3] <= _centre(cell)[3] <= same.upper[3]):
             cells.append(cell)
-    sides = (region.upper - region.lower)[list(region.free_axes)]
-    whole = float(np.prod(sides)) * len(choices)
-    covered = sum(float(np.prod((cell.upper - cell.lower)[list(region.free_axes)])) for cell in cells)
-    return tuple(cells), min(covered / whole, 1.0) if whole > 0 else float(bool(cells))
+    whole = PlacementCell("", region.lower, region.upper).volume * len(choices)
+    return tuple(cells), min(sum(cell.volume for cell in cells) / whole, 1.0)
 
 
 def _centre(cell: EmptyCell) -> tuple[float, ...]:

@@ -64,8 +64,7 @@ class PlacementMap:
         return len(self.placements)
 
     def __repr__(self) -> str:
-        feasible = int(np.isfinite(self.estimate).sum())
-        return f"PlacementMap({len(self):,} placements, {feasible:,} where all picks work)"
+        return f"PlacementMap({len(self):,} placements, {self.feasible.sum():,} where all picks work)"
 
     @property
     def feasible(self) -> Mask:
@@ -173,6 +172,10 @@ class PlacementCell:
         """Product of the sides that are not 0."""
         sides = self.upper - self.lower
         return float(np.prod(sides[sides > 0]))
+
+    def range_dict(self) -> dict[str, Any]:
+        """The choice and the ranges as plain values for JSON."""
+        return {"choice": self.choice, "lower": self.lower.tolist(), "upper": self.upper.tolist()}
 
     @property
     def ranges(self) -> str:

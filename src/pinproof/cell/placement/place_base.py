@@ -44,9 +44,16 @@ from pinproof.picks.input.pick import Pick, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.setup import PickSetup, check_held_joints
 from pinproof.picks.judging.task import Cell
+from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 
 Array = npt.NDArray[np.float64]
+
+SAMPLE = 24
+"""Number of picks that are judged at each of many placements, before all picks are judged at the best few."""
+
+Screened = tuple[int, Array, dict[str, Any]]
+"""The choice, the placement (4,), and its row of the screening."""
 
 MOST_ROUNDS = 4
 """Rounds of certification, each of ``certified`` placements, until one is found at which every pick is good."""
@@ -64,6 +71,9 @@ class PlacementBudget:
         Number of placements from which the evolution strategy starts.
     evaluations
         Number of placements that each of these runs screens.
+    sampled
+        Number of placements at which a sample of 24 picks is judged, to choose those that are certified. Not used for
+        24 picks or fewer; ``certified`` has the same effect there.
     certified
         Number of placements whose picks are all judged; more if a pick fails at each of them.
     proofs
@@ -73,11 +83,19 @@ class PlacementBudget:
     grid: int = 2000
     runs: int = 4
     evaluations: int = 160
+    sampled: int = 12
     certified: int = 3
     proofs: int = EMPTY_BUDGET
 
     def __post_init__(self) -> None:
-        for name, least in (("grid", 1), ("runs", 0), ("evaluations", 0), ("certified", 1), ("proofs", 0)):
+        for name, least in (
+            ("grid", 1),
+            ("runs", 0),
+            ("evaluations", 0),
+            ("sampled", 0),
+            ("certified", 1),
+            ("proofs", 0),
+        ):
             require_integer(f"PlacementBudget.{name}", getattr(self, name), least)
 
 
@@ -277,6 +295,7 @@ class _Search:
     slower_share: float = 0.0
     sensitivity: tuple[PlacementSensitivity, ...] = ()
     evaluations: int = 0
+    _verdicts: dict[tuple[float, ...], dict[int, PickVerdict]] = field(default_factory=dict)
 
     def identity(self) -> dict[str, Any]:
         """What all results depend on, as plain values."""
@@ -314,12 +333,7 @@ class _Search:
         total = len(self.picks)
         order = sorted(range(len(rows)), key=lambda k: (penalised(rows[k], total), k))
         found = [(items[k][0], items[k][1], rows[k]) for k in order]
-        steps = np.array(
-            [
-                (high - low) / len(axis)
-                for low, high, axis in zip(self.region.lower, self.region.upper, axes, strict=True)
-            ]
-        )
+        steps = (self.region.upper - self.region.lower) / [len(axis) for axis in axes]
         starts = [(choice, values) for choice, values, row in _apart(found, steps, self.budget.runs) if row["base"]]
         if starts and self.budget.evaluations and self.region.free_axes:
             task = RefineTask(screenings, self.region, steps, self.objective, self.budget.evaluations, self.rng)
@@ -350,49 +364,61 @@ class _Search:
             np.array([np.nan if row["estimate"] is None else row["estimate"] for row in rows]),
         )
 
-    def _certify(self, found: list[tuple[int, Array, dict[str, Any]]], steps: Array) -> None:
+    def _certify(self, found: list[Screened], steps: Array) -> None:
         """Judge all picks at the best placements, until one is found at which every pick is good."""
-        spread = _apart(found, steps / 4, MOST_ROUNDS * self.budget.certified)
+        spread = _apart(found, steps / 4, max(MOST_ROUNDS * self.budget.certified, self.budget.sampled))
+        working = sum(row["estimate"] is not None for _, _, row in spread)
+        sampled = spread[: min(self.budget.sampled, working)]
+        if len(self.picks) > SAMPLE and len(sampled) > 1:
+            spread[: len(sampled)] = self._sorted_by_sample(sampled)
         for number in range(MOST_ROUNDS):
             chosen = spread[number * self.budget.certified : (number + 1) * self.budget.certified]
             if not chosen or (number and chosen[0][2]["estimate"] is None):
                 return  # placements at which picks already fail in the screening are judged only if there are no others
-            self._judge(number, chosen)
+            reports = self._judge(f"certify_{number + 1}", chosen, range(len(self.picks)))
+            for (choice, values, screened), report in zip(chosen, reports, strict=True):
+                alternative = self.alternatives[choice]
+                self.candidates.append(
+                    CertifiedPlacement(
+                        Placement.of(values, alternative.name),
+                        report,
+                        np.nan if screened["estimate"] is None else screened["estimate"],
+                        OBJECTIVES[self.objective].certified(report),
+                        alternative.placed,
+                    )
+                )
             self.candidates.sort(key=lambda each: (-len(each.report.good), each.score))
             if self.candidates[0].ok:
                 return
 
-    def _judge(self, number: int, chosen: list[tuple[int, Array, dict[str, Any]]]) -> None:
+    def _sorted_by_sample(self, chosen: list[Screened]) -> list[Screened]:
+        """The placements, the best first, as a random sample of the picks is judged there."""
+        sample = np.random.default_rng(self.rng).permutation(len(self.picks))[:SAMPLE]
+        reports = self._judge("sample", chosen, sorted(sample.tolist()))
+        key = [(-len(report.good), OBJECTIVES[self.objective].certified(report)) for report in reports]
+        return [chosen[k] for k in sorted(range(len(chosen)), key=lambda k: key[k])]
+
+    def _judge(self, stage: str, chosen: list[Screened], indices: Sequence[int]) -> list[PickReport]:
+        """The reports on the picks with these indices at each placement; each pick is judged once at a placement."""
         setups = tuple(self.alternatives[choice].setup(values, self) for choice, values, _ in chosen)
         picks = tuple(self.alternatives[choice].picks for choice, _, _ in chosen)
-        items = [(candidate, index) for candidate in range(len(chosen)) for index in range(len(self.picks))]
-        rows = self.runner.run(f"certify_{number + 1}", CertifyTask(setups, picks), items, 1)
-        for candidate, (choice, values, screened) in enumerate(chosen):
-            own = rows[candidate * len(self.picks) : (candidate + 1) * len(self.picks)]
-            setup = setups[candidate]
+        known = [self._verdicts.setdefault((choice, *values.tolist()), {}) for choice, values, _ in chosen]
+        items = [(k, index) for k in range(len(chosen)) for index in indices if index not in known[k]]
+        rows = self.runner.run(stage, CertifyTask(setups, picks), items, 1)
+        for (k, index), row in zip(items, rows, strict=True):
             # rows that were read from the folder have no motions, so these picks are judged again
-            verdicts = tuple(
-                row.get("keep") or setup.judge(index, picks[candidate].picks[index]) for index, row in enumerate(own)
-            )
-            alternative = self.alternatives[choice]
-            report = PickReport(
-                alternative.placed.original.robot.name,
-                verdicts,
-                picks[candidate].problems,
+            known[k][index] = row.get("keep") or setups[k].judge(index, picks[k].picks[index])
+        return [
+            PickReport(
+                self.alternatives[choice].placed.original.robot.name,
+                tuple(known[k][index] for index in indices),
+                picks[k].problems,
                 setup.checker.arm.limits.acceleration_source,
-                setup.not_covered({pick.carried is not None for pick in picks[candidate]}),
+                setup.not_covered({pick.carried is not None for pick in picks[k]}),
                 setup,
             )
-            estimate = np.nan if screened["estimate"] is None else screened["estimate"]
-            self.candidates.append(
-                CertifiedPlacement(
-                    Placement.of(values, alternative.name),
-                    report,
-                    estimate,
-                    OBJECTIVES[self.objective].certified(report),
-                    alternative.placed,
-                )
-            )
+            for k, ((choice, _, _), setup) in enumerate(zip(chosen, setups, strict=True))
+        ]
 
     def _prove_empty(self, axes: tuple[Array, Array, Array, Array]) -> None:
         """Prove that cells of the grid have no placement at which every pick is in reach."""
@@ -420,10 +446,10 @@ class _Search:
         best = self.candidates[0]
         alternative = next(each for each in self.alternatives if each.name == best.placement.choice)
         found = []
-        for k in range(4):
-            low, first_low = least_failing_step(alternative.screening, best.placement.values, k, -1.0)
-            high, first_high = least_failing_step(alternative.screening, best.placement.values, k, 1.0)
-            found.append(PlacementSensitivity(AXES[k], low, high, first_low, first_high))
+        for k, axis in enumerate(AXES):
+            below, first_below = least_failing_step(alternative.screening, best.placement.values, k, -1.0)
+            above, first_above = least_failing_step(alternative.screening, best.placement.values, k, 1.0)
+            found.append(PlacementSensitivity(axis, below, above, first_below, first_above))
         self.sensitivity = tuple(found)
 
     def result(self, *, interrupted: bool = False) -> PlacementResult:
@@ -455,32 +481,25 @@ class _Search:
 
     def _failing(self) -> dict[str, str]:
         """Why each pick that works at no placement fails."""
-        grid, least = self.map, self.candidates[0] if self.candidates else None
-        if grid is None:
+        if self.map is None:
             return {}
+        judged = self.candidates[0].report.verdicts if self.candidates else [None] * len(self.picks)
         reasons = {}
-        usable = grid.base
-        for index, pick in enumerate(self.picks):
-            codes = grid.codes[usable, index]
-            verdict = None if least is None else least.report.verdicts[index]
-            if (codes == FREE).any() and (verdict is None or verdict.ok):
+        for index, (pick, verdict) in enumerate(zip(self.picks, judged, strict=True)):
+            codes = self.map.codes[self.map.base, index]
+            works = bool((codes == FREE).any())
+            if works and (verdict is None or verdict.ok):
                 continue
+            at_least_failing = "" if verdict is None else f"at the least failing placement: {verdict.reason}"
+            reach = int((codes == REACH).sum())
+            counts = {"out of reach": reach, "in contact": len(codes) - reach}
+            everywhere = ", ".join(f"{why} at {n} of {len(codes)} placements" for why, n in counts.items() if n)
             if not len(codes):
                 reasons[pick.name] = "the base or the arm at home is in contact at every placement"
-                continue
-            if (codes == FREE).any():
-                if verdict is not None:
-                    reasons[pick.name] = f"fails at the least failing placement: {verdict.reason}"
-                continue
-            reach = int((codes == REACH).sum())
-            words = f"out of reach at {reach} of {len(codes)} placements"
-            if reach < len(codes):
-                words += f", in contact at the other {len(codes) - reach}" if reach else ""
-            if reach == 0:
-                words = f"in contact at all {len(codes)} placements"
-            reasons[pick.name] = (
-                words if verdict is None else f"{words}; at the least failing placement: {verdict.reason}"
-            )
+            elif works:
+                reasons[pick.name] = f"fails {at_least_failing}"
+            else:
+                reasons[pick.name] = "; ".join(filter(None, (everywhere, at_least_failing)))
         return reasons
 
     def _message(self, failing: Mapping[str, str], interrupted: bool) -> str:
@@ -514,11 +533,9 @@ class _Search:
         )
 
 
-def _apart(
-    found: Sequence[tuple[int, Array, dict[str, Any]]], steps: Array, count: int
-) -> list[tuple[int, Array, dict[str, Any]]]:
+def _apart(found: Sequence[Screened], steps: Array, count: int) -> list[Screened]:
     """The first ``count`` placements of which no two of one choice are within one and a half ``steps`` (4,)."""
-    chosen: list[tuple[int, Array, dict[str, Any]]] = []
+    chosen: list[Screened] = []
     size = np.where(steps > 0, steps, 1.0)
     for each in found:
         if len(chosen) == count:

@@ -170,7 +170,7 @@ COMPARISON = report_table(
     required("picks", list_of(DIFFERENCE), "the picks"),
 )
 
-BORNE = report_table(
+PICK_TOLERANCE = report_table(
     "pick_tolerance",
     "How inaccurate the pose of the part of one pick may be.",
     required("name", TEXT, "name of the pick"),
@@ -198,5 +198,5 @@ TOLERANCE = report_table(
     required("proven_share", SHARE, "share of the picks that are certified for the whole tolerance"),
     required("sampled_share", SHARE, "share of the picks whose grasp is free at every sampled pose"),
     required("notes", list_of(ANY_TEXT), "what is not covered"),
-    required("picks", list_of(BORNE), "the picks"),
+    required("picks", list_of(PICK_TOLERANCE), "the picks"),
 )

@@ -17,10 +17,7 @@ from pinproof.cell.placement.placement_picture import heat_map_picture
 from pinproof.cell.placement.region import AXES, Placement, PlacementRegion
 from pinproof.collision import Scene
 from pinproof.common.display import html_block, html_list, html_table, markdown_table, outline
-from pinproof.common.files import (
-    json_text,
-    save_as,
-)
+from pinproof.common.files import json_text, save_as
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Picks
@@ -28,8 +25,6 @@ from pinproof.picks.report.report import PickReport
 from pinproof.spatial import SE3, rigid, xyz_rpy
 
 Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-
 
 MOST_FAILING = 20
 """Largest number of failing picks that are listed in text; JSON has all of them."""
@@ -148,13 +143,7 @@ class PlacementSensitivity:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return {
-            "axis": self.axis,
-            "below": finite_or_none(self.below),
-            "above": finite_or_none(self.above),
-            "first_below": self.first_below,
-            "first_above": self.first_above,
-        }
+        return {**vars(self), "below": finite_or_none(self.below), "above": finite_or_none(self.above)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,32 +258,19 @@ class PlacementResult:
             "failing": dict(self.failing),
             "proven_empty": {
                 "share": self.covered,
-                "cells": [
-                    {
-                        "choice": c.choice,
-                        "lower": c.lower.tolist(),
-                        "upper": c.upper.tolist(),
-                        "pick": c.pick,
-                        "contact": list(c.contact),
-                    }
-                    for c in self.empty
-                ],
+                "cells": [{**c.range_dict(), "pick": c.pick, "contact": list(c.contact)} for c in self.empty],
             },
             "proven_slower": {
                 "share": self.slower_share,
-                "cells": [
-                    {"choice": c.choice, "lower": c.lower.tolist(), "upper": c.upper.tolist(), "seconds": c.seconds}
-                    for c in self.slower
-                ],
+                "cells": [{**c.range_dict(), "seconds": c.seconds} for c in self.slower],
             },
             "map": None if self.map is None else self.map.to_dict(),
         }
 
     def to_markdown(self) -> str:
-        """The table of placements, what fails, and what is proven."""
-        head = ("choice", "x [m]", "y [m]", "z [m]", "yaw [rad]", "good", "cycle time [s]", "clearance [mm]")
+        """The tables of placements and of the sensitivity, and the picks that fail."""
         rows = [[f"{cell:.4f}" if isinstance(cell, float) else cell for cell in row] for row in self._rows()]
-        lines = [self.message, "", *markdown_table(head, rows)]
+        lines = [self.message, "", *markdown_table(_COLUMNS, rows)]
         if self.sensitivity:
             rows = [
                 [e.axis, _length(e.axis, e.below), _length(e.axis, e.above), e.first_below, e.first_above]
@@ -337,7 +313,7 @@ class PlacementResult:
         return heat_map_picture(self.map, self.region, self.empty, self.slower, judged, best=self.ok)
 
 
-_COLUMNS = ("choice", "x", "y", "z", "yaw", "good", "cycle time [s]", "clearance [mm]")
+_COLUMNS = ("choice", "x [m]", "y [m]", "z [m]", "yaw [rad]", "good", "cycle time [s]", "clearance [mm]")
 
 
 def _length(axis: str, value: float) -> str:

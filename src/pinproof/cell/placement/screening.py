@@ -49,7 +49,8 @@ ALONG = 6
 """Number of configurations that are checked on that line."""
 
 LINE_JUMP = 1.2
-"""rad or m: the ends of a straight line of the tcp whose configurations differ by more are on different IK branches."""
+"""rad or m: two configurations at the ends of a straight line of the tcp are taken to be on different IK branches if a
+joint differs by more."""
 
 ROWS = 8192
 """Number of poses that are screened at a time."""

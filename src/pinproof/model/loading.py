@@ -76,13 +76,13 @@ def load_robot(
     path = Path(source)
     if path.suffix not in ROBOT_SUFFIXES:
         raise UrdfError(path, f"is not a robot description: its name must end in one of {', '.join(ROBOT_SUFFIXES)}")
-    urdf, words = read_description(path, package_dirs=folders, xacro_args=xacro_args)
+    urdf, semantic = read_description(path, package_dirs=folders, xacro_args=xacro_args)
     if srdf is not None:
-        words = read_srdf(srdf)
+        semantic = read_srdf(srdf)
     if entry is not None:
         overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
-        words = replace(words, disabled=(*words.disabled, *overlaps))
-    return build_robot(urdf, words, entry)
+        semantic = replace(semantic, disabled=(*semantic.disabled, *overlaps))
+    return build_robot(urdf, semantic, entry)
 
 
 def _robot_of_table(

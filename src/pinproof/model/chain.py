@@ -320,20 +320,16 @@ def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
             f"group {name!r} has the chains {list(group.chains)}; select one with base and tcp (--base, --tcp)"
         )
     else:
-        base, tip = _ends_of_joints(urdf, name, _joints(urdf, group.joints, group.links))
+        carriers = [joint.name for joint in map(urdf.parent_joint, group.links) if joint is not None]
+        base, tip = _ends_of_joints(urdf, name, list(dict.fromkeys([*group.joints, *carriers])))
     return base, declared[0] if declared else tip
-
-
-def _joints(urdf: Urdf, joints: Sequence[str], links: Sequence[str]) -> list[str]:
-    carriers = [joint.name for joint in map(urdf.parent_joint, links) if joint is not None]
-    return list(dict.fromkeys([*joints, *carriers]))
 
 
 def _ends_of_joints(urdf: Urdf, name: str, joints: Sequence[str]) -> tuple[str, str]:
     """Return the parent link of the first joint and the child link of the last joint."""
     if not joints:
         raise InputError(f"group {name!r} has no chain, no joints and no moving links; name the tcp instead (--tcp)")
-    above = {joint: _joints_above(urdf, joint) for joint in joints}
+    above = {joint: [each.name for each in link_path(urdf, urdf.root, urdf.joints[joint].child)] for joint in joints}
     outermost = max(joints, key=lambda joint: len(above[joint]))
     aside = [joint for joint in joints if joint not in above[outermost]]
     if aside:
@@ -343,12 +339,3 @@ def _ends_of_joints(urdf: Urdf, name: str, joints: Sequence[str]) -> tuple[str, 
         )
     innermost = min(joints, key=lambda joint: len(above[joint]))
     return urdf.joints[innermost].parent, urdf.joints[outermost].child
-
-
-def _joints_above(urdf: Urdf, joint: str) -> list[str]:
-    """Return the joint and all joints between it and the root."""
-    path, parent = [joint], urdf.parent_joint(urdf.joints[joint].parent)
-    while parent is not None:
-        path.append(parent.name)
-        parent = urdf.parent_joint(parent.parent)
-    return path

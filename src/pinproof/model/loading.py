@@ -22,7 +22,7 @@ from pinproof.description.dh_urdf import urdf_of_table
 from pinproof.description.srdf import DisabledPair
 from pinproof.errors import FileError, InputError, UrdfError
 from pinproof.model.dh_proof import prove_urdf_equals_table
-from pinproof.model.robot import Robot, build_robot
+from pinproof.model.robot import Robot
 
 ROBOT_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf", *TABLE_SUFFIXES)
 """Suffixes of the files that describe a robot."""
@@ -79,10 +79,11 @@ def load_robot(
     urdf, semantic = read_description(path, package_dirs=folders, xacro_args=xacro_args)
     if srdf is not None:
         semantic = read_srdf(srdf)
-    if entry is not None:
-        overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
-        semantic = replace(semantic, disabled=(*semantic.disabled, *overlaps))
-    return build_robot(urdf, semantic, entry)
+    if entry is None:
+        return Robot(urdf, semantic)
+    overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
+    semantic = replace(semantic, disabled=(*semantic.disabled, *overlaps))
+    return Robot(urdf, semantic, entry.tcp, entry.home, entry.base, entry.arms)
 
 
 def _robot_of_table(
@@ -95,4 +96,4 @@ def _robot_of_table(
     prove_urdf_equals_table(table, text)
     path = None if isinstance(source, DhTable) else Path(source)
     urdf = replace(read_urdf_text(text, name=f"URDF of {table.name}"), path=path)
-    return build_robot(urdf, Srdf() if srdf is None else read_srdf(srdf))
+    return Robot(urdf, Srdf() if srdf is None else read_srdf(srdf))

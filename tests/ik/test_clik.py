@@ -277,6 +277,7 @@ def test_invalid_settings_are_refused_by_name(settings, message):
         (lambda arm: pp.Clik().solve(arm, pp.pose(), q0=[np.nan] * 6), "q0"),
         (lambda arm: pp.Clik().solve(arm, pp.pose(), rng=-1), "rng"),
         (lambda arm: pp.Clik().solve(arm, pp.pose(), rng=None), "rng"),
+        (lambda arm: [pp.Clik().solve(arm, pp.pose(), rng=seed) for seed in (1, True)], "rng"),
         (lambda arm: pp.Clik().solve_batch(arm, np.eye(4)), "targets"),
         (lambda arm: pp.Clik().solve_batch(arm, 3.0), "targets"),
         (lambda arm: pp.Clik().solve_batch(arm, [np.eye(4), np.ones((4, 4))]), r"targets\[1\]"),

@@ -98,6 +98,6 @@ def test_file_of_another_kind_is_refused(tmp_path):
         pp.load_robot(tmp_path / "robot.sdf")
 
 
-def test_package_folder_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(pp.FileError, match="pakages: is no folder"):
+def test_missing_package_folder_is_refused(tmp_path):
+    with pytest.raises(pp.FileError, match="pakages: is not a folder"):
         pp.load_robot("ur5", package_dirs=[tmp_path / "pakages"])

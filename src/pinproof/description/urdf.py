@@ -209,6 +209,11 @@ class UrdfJoint:
     mimic: Mimic | None
     effort: float | None = None
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The lower and upper limit, infinite where the file states none."""
+        return -math.inf if self.lower is None else self.lower, math.inf if self.upper is None else self.upper
+
 
 def read_joint(element: Element, links: Mapping[str, Element], source: str | Path) -> UrdfJoint:
     """Read a ``<joint>`` element; ``links`` are the links of the robot by name."""

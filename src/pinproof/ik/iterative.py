@@ -38,7 +38,7 @@ from pinproof.ik.result import (
     refused,
     sampled,
 )
-from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_goal, make_task
+from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
 from pinproof.ik.windings import difference, wraps
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, rigid, rigid_many, rigid_matrix
@@ -46,7 +46,6 @@ from pinproof.spatial import SE3, finite, rigid, rigid_many, rigid_matrix
 Array = npt.NDArray[np.float64]
 Accept = Callable[[Array], bool]
 EngineName = Literal["auto", "compiled", "pinocchio"]
-TaskLike = TaskName | IkTask | Sequence[bool]
 
 SAME_SOLUTION = 1e-3
 """Solutions whose joints all differ by less (rad or m) count as one. At a singular target, configurations up to about

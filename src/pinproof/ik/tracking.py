@@ -13,7 +13,7 @@ from pinproof.common.display import html_block, html_plot
 from pinproof.common.validation import freeze_arrays, require_positive
 from pinproof.errors import InputError
 from pinproof.ik.result import AT_LIMIT, IkOutcome
-from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_goal, make_task
+from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, finite, matrix, rigid, rigid_many
@@ -179,9 +179,6 @@ class TrackResult(IkOutcome):
 def pose_errors(arm: Arm, task: Task, poses: Array, q: Array) -> Array:
     """(N, 2) distances (m) and angles (rad) from the poses (N, 4, 4) to the tcp at q (N, n)."""
     return np.asarray(task.compiled.measure_batch(np.ascontiguousarray(poses), arm.forward_kinematics_batch(q)))
-
-
-TaskLike = TaskName | IkTask | Sequence[bool]
 
 
 def track(

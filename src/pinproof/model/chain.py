@@ -84,7 +84,7 @@ def find_chain(urdf: Urdf, *ends: tuple[str, str]) -> Chain:
     names = list(dict.fromkeys(name for base, tip in ends for name in moving_joints(urdf, base, tip)))
     if len(names) > MAX_JOINTS:
         between = " and ".join(f"between {base!r} and {tip!r}" for base, tip in ends)
-        raise InputError(f"{len(names)} joints move {between}; the limit is {MAX_JOINTS}")
+        raise InputError(f"{len(names)} joints are {between}; the limit is {MAX_JOINTS}")
     return chain_of(urdf, names)
 
 
@@ -113,7 +113,7 @@ def moving_joints(urdf: Urdf, base: str, tip: str) -> tuple[str, ...]:
         if joint.type != "fixed":
             names[joint.name if joint.mimic is None else joint.mimic.leader] = None
     if not names:
-        raise InputError(f"no joint moves between {base!r} and {tip!r}; is the tcp on the arm?")
+        raise InputError(f"no joint moves {tip!r} relative to {base!r}; select a tcp that the joints of the arm move")
     return tuple(names)
 
 
@@ -171,8 +171,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
     values: dict[str, float] = {}
     for joint in outside:
         if joint.mimic is None:
-            low = -np.inf if joint.lower is None else joint.lower
-            high = np.inf if joint.upper is None else joint.upper
+            low, high = joint.bounds
             values[joint.name] = float(held.get(joint.name, home.get(joint.name, min(max(0.0, low), high))))
     for joint in outside:
         if joint.mimic is not None:
@@ -185,20 +184,13 @@ def _limits(urdf: Urdf, names: Sequence[str], followers: tuple[str, ...]) -> Joi
     lower, upper, velocity, torque = [], [], [], []
     for name in names:
         joint = urdf.joints[name]
-        low = -np.inf if joint.lower is None else joint.lower
-        high = np.inf if joint.upper is None else joint.upper
+        low, high = joint.bounds
         speed = np.inf if joint.velocity is None else joint.velocity
         for follower in (urdf.joints[f] for f in followers):
             mimic = follower.mimic
             if mimic is None or mimic.leader != name or mimic.multiplier == 0.0:
                 continue
-            ends = [
-                (bound - mimic.offset) / mimic.multiplier
-                for bound in (
-                    -np.inf if follower.lower is None else follower.lower,
-                    np.inf if follower.upper is None else follower.upper,
-                )
-            ]
+            ends = [(bound - mimic.offset) / mimic.multiplier for bound in follower.bounds]
             low, high = max(low, min(ends)), min(high, max(ends))
             if follower.velocity is not None:
                 speed = min(speed, follower.velocity / abs(mimic.multiplier))

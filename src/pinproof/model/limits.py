@@ -33,7 +33,7 @@ AT_LIMIT = 1e-9
 from degrees and in files with 10 digits is smaller."""
 
 DIGITS = 17
-"""Significant digits at which any two different doubles look different."""
+"""Significant digits with which two different doubles have different texts."""
 
 
 def distinct(*values: float) -> list[str]:
@@ -115,7 +115,7 @@ class JointLimits:
         for name, value in arrays.items():
             array = _array(name, value)
             if array.ndim != 1 or array.shape != np.shape(self.lower):
-                raise InputError(f"limits.{name} must have the shape {np.shape(self.lower)}; it has {array.shape}")
+                raise InputError(f"limits.{name} must have the shape {np.shape(self.lower)}, not {array.shape}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         object.__setattr__(self, "acceleration_source", source)
@@ -126,7 +126,9 @@ class JointLimits:
         if self.torque is not None and (self.torque <= 0).any():
             raise InputError("torque limits must be above 0 (NaN where not known)")
         if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
-            raise InputError(f"limits must hold lower <= upper; they are {self.lower} and {self.upper}")
+            raise InputError(
+                f"every lower limit must be at most the upper limit; they are {self.lower} and {self.upper}"
+            )
         if (self.velocity <= 0).any() or (self.acceleration <= 0).any():
             raise InputError("velocity and acceleration limits must be above 0 (NaN where not known)")
 

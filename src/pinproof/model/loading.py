@@ -69,7 +69,7 @@ def load_robot(
         source, srdf = entry.urdf, srdf or entry.srdf
     for folder in package_dirs:
         if not Path(folder).is_dir():
-            raise FileError(folder, "is no folder; package_dirs holds folders with ROS packages in them")
+            raise FileError(folder, "is not a folder; package_dirs must contain folders with ROS packages")
     folders = [Path(folder).absolute() for folder in package_dirs]
     if isinstance(source, DhTable) or Path(source).suffix.lower() in TABLE_SUFFIXES:
         return _robot_of_table(source, srdf, xacro_args)

@@ -326,8 +326,7 @@ class JointGroup:
         InputError
             If the number of joints differs.
         """
-        if len(limits) != self.dof:
-            raise InputError(f"limits hold {len(limits)} joints; the arm has {self.dof}: {', '.join(self.joint_names)}")
+        _check_count(limits, self.joint_names)
         other = copy(self)
         other.__dict__["limits"] = limits
         for cached in ("_home", "arms"):
@@ -861,10 +860,7 @@ def _chosen_limits(urdf: Urdf, chain: Chain, limits: LimitsLike) -> JointLimits:
         If the number of joints differs, or a joint has no limits.
     """
     if isinstance(limits, JointLimits):
-        if len(limits) != len(chain.joint_names):
-            raise InputError(
-                f"limits hold {len(limits)} joints; the arm has {len(chain.joint_names)}: {chain.joint_names}"
-            )
+        _check_count(limits, chain.joint_names)
         return limits
     if isinstance(limits, LimitsFile):
         chosen = limits.over(chain.limits, chain.joint_names, list(urdf.joints))
@@ -880,6 +876,12 @@ def _chosen_limits(urdf: Urdf, chain: Chain, limits: LimitsLike) -> JointLimits:
                 f"joint limits (--limits); in Python also limits={{{name!r}: (lower, upper)}}"
             )
     return chosen
+
+
+def _check_count(limits: JointLimits, joint_names: Sequence[str]) -> None:
+    if len(limits) != len(joint_names):
+        names = ", ".join(joint_names)
+        raise InputError(f"the limits are of {len(limits)} joints; the arm has {len(joint_names)}: {names}")
 
 
 def kinematic_class(arm: Arm) -> str:

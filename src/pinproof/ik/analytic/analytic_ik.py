@@ -17,10 +17,10 @@ from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sw
 from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
 from pinproof.ik.analytic.self_motion import SelfMotion, self_motion_of
-from pinproof.ik.iterative import Accept, TaskLike
+from pinproof.ik.iterative import Accept
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
-from pinproof.ik.task import Task, make_task
+from pinproof.ik.task import Task, TaskLike, make_task
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, rigid, rigid_many

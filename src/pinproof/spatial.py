@@ -264,10 +264,6 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
     return array
 
 
-def _fits(shape: tuple[int, ...], expected: tuple[int | None, ...]) -> bool:
-    return len(shape) == len(expected) and all(w in (None, s) for s, w in zip(shape, expected, strict=True))
-
-
 def _shape_text(shape: tuple[int | None, ...]) -> str:
     names = iter("NMKL")
     inner = ", ".join(next(names) if size is None else str(size) for size in shape)

@@ -32,7 +32,7 @@ def test_the_stored_table_is_complete(stored: DocsIkTable) -> None:
     assert {row.samples for row in stored.success} == {100_000}
 
 
-def test_the_example_of_the_mathematics_page_runs(tmp_path: Path) -> None:
+def test_the_examples_of_the_page_on_inverse_kinematics_run(tmp_path: Path) -> None:
     names: dict[str, Any] = run_page(ROOT / "docs" / "ik.md", tmp_path)
     assert names["only_there"].ok
     assert names["many"].ok.all()

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, write_urdf
 from pinproof.description import DhRow, DhTable
-from pinproof.description.dh_urdf import rpy_of, urdf_text
+from pinproof.description.dh_urdf import urdf_text
+from pinproof.description.urdf_elements import rpy_of
 from pinproof.errors import ConversionError, FileError, InputError
 from pinproof.model import load_robot, load_robot_from_text
 from pinproof.spatial import pose
@@ -70,12 +71,12 @@ def test_every_frame_equals_the_dh_product(table, seed):
 
 
 @given(roll=angles, pitch=angles, yaw=angles)
-def test_rpy_gives_the_rotation_back_at_every_pitch(roll, pitch, yaw):
+def test_rpy_reproduces_the_rotation_at_every_pitch(roll, pitch, yaw):
     rotation = pin.rpy.rpyToMatrix(roll, pitch, yaw)
     np.testing.assert_allclose(pin.rpy.rpyToMatrix(*rpy_of(rotation)), rotation, rtol=0, atol=4e-15)
 
 
-def test_origins_whose_pitch_is_a_quarter_turn_are_exact():
+def test_origins_with_a_pitch_of_90_degrees_are_exact():
     """Where yourdfpy's own writer loses up to half a radian: a sweep through pitch = pi/2."""
     for off in (0.0, 1e-15, 1e-12, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4):
         for sign in (-1, 1):
@@ -94,7 +95,7 @@ def test_the_generic_arm_has_the_textbook_position(generic):
     assert arm.joint_names == generic.joint_names
 
 
-def test_standard_lengths_lie_behind_their_joint_and_offsets_in_front():
+def test_standard_lengths_are_behind_their_joint_and_offsets_before_it():
     rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4), DhRow("j2", 0.6, 0.1, 0.7, 0.9)]
     model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="standard")))
     first, second = model.jointPlacements[1:]
@@ -103,7 +104,7 @@ def test_standard_lengths_lie_behind_their_joint_and_offsets_in_front():
     np.testing.assert_allclose(second.homogeneous, expected.homogeneous, atol=1e-15)
 
 
-def test_a_prismatic_rows_theta_lies_behind_its_joint():
+def test_the_theta_of_a_prismatic_row_is_behind_its_joint():
     rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4, "prismatic", 0, 1), DhRow("j2", 0, 0, 0.1, 0)]
     model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="standard")))
     np.testing.assert_array_equal(model.jointPlacements[1].homogeneous, np.eye(4))
@@ -120,7 +121,7 @@ def test_modified_rows_have_a_and_alpha_of_the_preceding_joint():
         np.testing.assert_allclose(placement.homogeneous, expected.homogeneous, atol=1e-15)
 
 
-def test_a_sliding_modified_row_lies_before_its_joint_altogether():
+def test_a_prismatic_modified_row_is_entirely_before_its_joint():
     rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4, "prismatic", 0, 1), DhRow("j2", 0, 0, 0, 0)]
     model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="modified")))
     expected = pose((0.2, 0, 0), (0.4, 0, 0)) * pose((0, 0, 0.5), (0, 0, 0.3))
@@ -128,7 +129,7 @@ def test_a_sliding_modified_row_lies_before_its_joint_altogether():
     np.testing.assert_allclose(model.jointPlacements[2].homogeneous, np.eye(4), atol=1e-15)
 
 
-def test_joints_of_a_shoulder_share_one_place_in_both_conventions():
+def test_joints_of_a_shoulder_are_at_one_point_in_both_conventions():
     """Where axes meet, so do the joints; only then may the links on both sides of a link without a body touch."""
     standard = [DhRow("j1", 0, 0.3, 0, -HALF), DhRow("j2", 0, 0, 0, HALF), DhRow("j3", 0, 0.4, 0, 0)]
     modified = [DhRow("j1", 0, 0.3, 0, 0), DhRow("j2", 0, 0, 0, -HALF), DhRow("j3", 0, 0.4, 0, HALF)]
@@ -196,7 +197,7 @@ def test_a_table_too_long_for_a_urdf_is_refused_and_named():
         dh_to_urdf(table)
 
 
-def test_a_folder_that_is_not_there_is_named(generic, tmp_path):
+def test_a_missing_folder_is_named(generic, tmp_path):
     with pytest.raises(FileError, match=r"nowhere/arm\.urdf: cannot be written"):
         write_urdf(generic, tmp_path / "nowhere" / "arm.urdf")
 

@@ -176,7 +176,7 @@ def test_a_prismatic_rod_reaches_its_joint_at_both_ends_of_the_stroke():
     lengths=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=6),
     convention=st.sampled_from(["standard", "modified"]),
 )
-def test_weights_are_those_of_a_rigid_body(lengths, convention):
+def test_masses_and_inertias_are_those_of_a_rigid_body(lengths, convention):
     table = DhTable([DhRow(f"j{i}", 0, d, a, 1.0) for i, (d, a) in enumerate(lengths)], convention=convention)
     for body in link_bodies(table)[1:]:
         assert body.mass > 0
@@ -185,7 +185,7 @@ def test_weights_are_those_of_a_rigid_body(lengths, convention):
         assert moments[2] <= (moments[0] + moments[1]) * (1 + 1e-9)  # no solid breaks the triangle inequality
 
 
-def test_a_straight_link_weighs_as_a_solid_cylinder():
+def test_a_straight_link_has_the_mass_of_a_solid_cylinder():
     table = DhTable([DhRow("j1", 0, 0, 1.0, 0), DhRow("j2", 0, 0, 1.0, 0)], convention="standard")
     body = link_bodies(table)[1]
     r, length = 0.08, 1.0  # 4 % of the total length of 2 m
@@ -196,7 +196,7 @@ def test_a_straight_link_weighs_as_a_solid_cylinder():
     np.testing.assert_allclose(body.inertia, np.diag([mass * r**2 / 2, across, across]), atol=1e-15 * mass + 1e-14)
 
 
-def test_an_arm_without_any_length_still_moves_and_weighs():
+def test_an_arm_without_lengths_has_joints_and_masses():
     table = DhTable([DhRow("j1", 0, 0, 0, HALF), DhRow("j2", 0, 0, 0, -HALF)], convention="standard")
     urdf = dh_to_urdf(table)
     assert geometry(urdf)[1].ngeoms == 0

@@ -81,7 +81,7 @@ def test_the_same_table_gives_the_same_bytes(tmp_path):
     assert (tmp_path / "a.yaml").read_bytes() == (tmp_path / "b.yaml").read_bytes()
 
 
-def test_the_generic_arm_is_the_textbooks():
+def test_the_generic_arm_has_the_table_of_the_textbook():
     table = DhTable.load(ROBOTS / "generic_6dof" / "dh.yaml")
     half = math.pi / 2
     assert [(row.theta, row.d, row.a, row.alpha) for row in table.rows] == [
@@ -118,12 +118,12 @@ def test_numbers_may_be_decimals_or_parts_of_pi(text, value):
     "text",
     ["", "pi/0", "2pi", "pi*2", "--pi", "1_000", "nan", "inf", "1,5", "__import__('os')", "pi/2/2", True, None, []],
 )
-def test_anything_else_is_not_a_number(text):
+def test_other_texts_are_not_numbers(text):
     with pytest.raises(ValueError, match="is not a number"):
         parse_number(text)
 
 
-def test_a_csv_may_leave_out_what_has_a_default_and_reorder_the_rest(tmp_path):
+def test_a_csv_may_omit_columns_with_defaults_and_reorder_the_others(tmp_path):
     text = "# from the lab\n# convention: modified,,,\nalpha,a,d,theta,name\npi/2,0.1,0,0,elbow\n\n"
     table = DhTable.load(write(tmp_path, "arm.csv", text))
     assert table.rows == (DhRow("elbow", 0, 0, 0.1, math.pi / 2),)
@@ -260,7 +260,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_saving_into_a_folder_that_is_not_there_names_the_file(tmp_path):
+def test_saving_into_a_missing_folder_names_the_file(tmp_path):
     with pytest.raises(FileError, match=r"nowhere/arm\.csv: cannot be written"):
         DhTable([DhRow("j", 0, 0, 1, 0)], convention="standard").save(tmp_path / "nowhere" / "arm.csv")
 

@@ -70,7 +70,7 @@ def test_base_comes_before_dh_0_and_tool_after_dh_n():
     np.testing.assert_allclose(table.forward_kinematics(q), frames[-1] @ tool.homogeneous, atol=1e-15)
 
 
-def test_unstated_limits_are_half_a_turn_or_none_and_speeds_have_defaults():
+def test_missing_limits_and_velocities_have_defaults():
     table = DhTable(
         [
             DhRow("r", 0, 0, 1, 0),
@@ -109,7 +109,7 @@ def test_unstated_limits_are_half_a_turn_or_none_and_speeds_have_defaults():
         ({"joint_type": "continuous", "upper": 1.0}, "upper"),
     ],
 )
-def test_a_row_without_sense_is_refused_naming_the_column(change: dict[str, Any], column: str):
+def test_an_invalid_row_is_refused_with_its_column(change: dict[str, Any], column: str):
     fields: dict[str, Any] = {"name": "j", "theta": 0.0, "d": 0.0, "a": 0.0, "alpha": 0.0}
     with pytest.raises(InputError, match=f", {column}: "):
         DhRow(**{**fields, **change})
@@ -127,7 +127,7 @@ def test_a_row_without_sense_is_refused_naming_the_column(change: dict[str, Any]
         (GENERIC.rows, {"convention": "standard", "base": np.full((4, 4), np.nan)}, InputError, "base holds"),
     ],
 )
-def test_a_table_without_sense_is_refused(rows, settings, error, words):
+def test_an_invalid_table_is_refused(rows, settings, error, words):
     with pytest.raises(error, match=words):
         DhTable(rows, **settings)
 
@@ -138,7 +138,7 @@ def test_a_wrong_q_is_refused(q):
         GENERIC.forward_kinematics(q)
 
 
-def test_a_table_cannot_be_changed_through_what_it_was_made_of_or_hands_out():
+def test_changes_of_inputs_and_results_do_not_change_a_table():
     tool = np.eye(4)
     table = DhTable(list(GENERIC.rows), convention="standard", tool=tool)
     tool[0, 3] = 9.0

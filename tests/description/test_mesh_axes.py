@@ -72,7 +72,7 @@ def test_collada_nodes_place_their_geometry(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
-def test_gltf_is_turned_from_y_up_to_z_up(tmp_path, suffix):
+def test_gltf_is_rotated_from_y_up_to_z_up(tmp_path, suffix):
     # x right, y up, z towards the viewer: the standard's (x, y, z) is the link's (x, -z, y)
     upright = box()
     upright.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))

@@ -55,7 +55,7 @@ def test_ament_prefixes_hold_packages_in_share(tmp_path, monkeypatch):
     assert locate("package://pkg/m.stl", None, []).path == mesh
 
 
-def test_package_folders_win_over_the_environment(tmp_path, monkeypatch):
+def test_package_folders_precede_the_environment(tmp_path, monkeypatch):
     put(tmp_path / "ros" / "pkg" / "m.stl")
     mesh = put(tmp_path / "mine" / "pkg" / "m.stl")
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))

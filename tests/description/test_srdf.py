@@ -103,7 +103,7 @@ def test_pair_that_is_enabled_by_name_is_not_disabled(tmp_path):
     assert srdf.disabled_links == ("c",)
 
 
-def test_subgroups_of_subgroups_of_subgroups_cost_nothing(tmp_path):
+def test_deeply_nested_subgroups_are_read_quickly(tmp_path):
     levels = [
         f'<group name="g{i}">' + (f'<group name="g{i + 1}"/>' * 2 if i < 60 else '<joint name="j"/>') + "</group>"
         for i in range(61)

@@ -27,7 +27,7 @@ def reachable(arm, count, seed):
     return arm.forward_kinematics_batch(np.random.default_rng(seed).uniform(lower, upper, (count, arm.dof)))
 
 
-def test_textbook_target_from_zero(generic):
+def test_the_textbook_target_is_found_from_zero(generic):
     target = pp.pose((0.4, 0.2, 0.5))
     result = pp.Clik(position_tolerance=1e-9).solve(generic, target, np.zeros(6), task="position")
     assert result.ok
@@ -128,7 +128,7 @@ def test_failed_search_respects_limits_and_names_the_joint(planar):
     assert "joint j1 is at its upper limit" in result.message
 
 
-def test_target_that_needs_a_joint_exactly_at_its_limit(planar):
+def test_a_target_with_a_joint_exactly_at_its_limit_is_found(planar):
     arm = planar("-1 1", "-1 1")
     result = pp.Clik().solve(arm, arm.forward_kinematics([1.0, -1.0]), q0=[-0.5, 0.5])
     assert result.ok
@@ -277,6 +277,7 @@ def test_invalid_settings_are_refused_by_name(settings, message):
         (lambda arm: pp.Clik().solve(arm, pp.pose(), q0=[np.nan] * 6), "q0"),
         (lambda arm: pp.Clik().solve(arm, pp.pose(), rng=-1), "rng"),
         (lambda arm: pp.Clik().solve(arm, pp.pose(), rng=None), "rng"),
+        (lambda arm: [pp.Clik().solve(arm, pp.pose(), rng=seed) for seed in (1, True)], "rng"),
         (lambda arm: pp.Clik().solve_batch(arm, np.eye(4)), "targets"),
         (lambda arm: pp.Clik().solve_batch(arm, 3.0), "targets"),
         (lambda arm: pp.Clik().solve_batch(arm, [np.eye(4), np.ones((4, 4))]), r"targets\[1\]"),

@@ -120,10 +120,10 @@ def test_damaged_proof_is_refused(arms, narrow_miss) -> None:
     lower, upper = lower - AT_LIMIT, np.minimum(upper + AT_LIMIT, lower - AT_LIMIT + 2 * np.pi)
 
     def holds(other: Steps, target: np.ndarray = proof.target, tolerance: float = 1e-6) -> bool:
-        return check_exclusion(loop, other, lower, upper, target, tolerance, tolerance)
+        return check_exclusion(loop, other, (lower, upper), target, (tolerance, tolerance))
 
     def without(kept: np.ndarray) -> Steps:
-        return Steps.of(*(getattr(steps, name)[kept] for name in Steps.__dataclass_fields__))
+        return Steps(*(getattr(steps, name)[kept] for name in Steps.__dataclass_fields__))
 
     assert holds(steps)
     assert not holds(without(np.arange(len(steps)) < len(steps) - 1))  # a box is missing
@@ -243,7 +243,7 @@ def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms) -> None:
     lower, upper = arm.limits.sampling_range()
     ranges = lower - AT_LIMIT, upper + AT_LIMIT
     for overlaps in ((), (smaller,)):
-        assert not check_exclusion(proven._loop, proven.steps, *ranges, proven.target, 1e-6, 1e-6, overlaps)
+        assert not check_exclusion(proven._loop, proven.steps, ranges, proven.target, (1e-6, 1e-6), overlaps)
     with pytest.raises(InputError, match="search"):
         pp.prove_unreachable(arm, target, overlaps=proven.overlaps)
 

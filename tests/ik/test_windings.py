@@ -43,7 +43,7 @@ def test_a_limit_of_2_pi_is_not_exceeded_by_rounding(planar):
         assert arm.limits.contains(nearest_winding(arm, np.array([q]), np.array([100.0])))
 
 
-def test_many_rows_at_once(ur5):
+def test_many_rows_are_shifted_at_once(ur5):
     rows = np.random.default_rng(0).uniform(-6, 6, (5, 6))
     reference = np.full(6, 3.0)
     # The elbow's range is one turn; the others have two.
@@ -65,7 +65,7 @@ def test_the_difference_ignores_full_rotations(ur5):
     assert difference(ur5, a, np.zeros(6)) == pytest.approx([6.2 - 2 * np.pi, 0, 0, 0, 2 * np.pi - 6.2, 1.0])
 
 
-def test_answer_takes_the_turn_nearest_to_q0(ur5):
+def test_solution_uses_the_rotation_closest_to_q0(ur5):
     q0 = np.array([-5.0, -4.0, 1.0, 5.0, 4.0, -6.0])
     target = ur5.forward_kinematics(q0 + 0.05)
     result = pp.Clik().solve(ur5, target, q0=q0)

@@ -116,14 +116,14 @@ def test_kinds_of_joints(arm):
     assert arm.limits.upper[1] == np.inf
 
 
-def test_joint_with_a_half_turning_follower_is_another_pose_a_turn_away(arm):
+def test_joint_whose_follower_rotates_half_as_far_is_not_periodic(arm):
     q = np.array([0.1, 0.2, -1.0, 0.4])
     turn = np.eye(4) * 2 * np.pi
     assert arm.forward_kinematics(q + turn[3]).isApprox(arm.forward_kinematics(q), 1e-12)
     assert not arm.forward_kinematics(q + turn[2]).isApprox(arm.forward_kinematics(q), 1e-3)
 
 
-def test_base_on_the_chain(zoo):
+def test_a_base_may_be_any_link_on_the_chain(zoo):
     """Poses are given in the base link; joints before it are held."""
     short, long = zoo.arm(tcp="tool", base="carriage"), zoo.arm(tcp="tool")
     assert short.joint_names == ("turn", "lift", "wrist")
@@ -181,13 +181,13 @@ def test_a_joint_may_have_the_name_of_a_link(name):
     assert held.frame_placement([0.0], "c").rotation == pytest.approx(pp.pose(rpy=(0, 0, 0.5)).rotation)
 
 
-def test_batch_is_the_single_calls(arm):
+def test_batch_equals_the_single_calls(arm):
     Q = np.random.default_rng(0).uniform(-1, 1, (5, 4))
     single = np.array([arm.forward_kinematics(q).homogeneous for q in Q])
     assert arm.forward_kinematics_batch(Q) == pytest.approx(single, abs=1e-15)
 
 
-def test_nothing_handed_out_changes_with_the_next_call(ur5):
+def test_results_do_not_change_with_the_next_call(ur5):
     q, other = np.full(6, 0.3), np.full(6, -0.7)
     kept = [ur5.forward_kinematics(q), ur5.frame_placement(q, "tool0"), ur5.local_jacobian(q)[0]]
     jacobians = [ur5.jacobian(q), ur5.jacobian(q, reference="LOCAL"), ur5.jacobian(q, reference="WORLD")]
@@ -196,7 +196,7 @@ def test_nothing_handed_out_changes_with_the_next_call(ur5):
     assert all(np.array_equal(a, b) for a, b in zip([*(t.homogeneous for t in kept), *jacobians], before, strict=True))
 
 
-def test_threads_do_not_disturb_each_other(ur5):
+def test_threads_compute_the_same_results(ur5):
     Q = np.random.default_rng(0).uniform(-3, 3, (2000, 6))
     expected = [ur5.local_jacobian(q)[1].tobytes() for q in Q]
     with ThreadPoolExecutor(4) as pool:

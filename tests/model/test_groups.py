@@ -61,7 +61,7 @@ def robot(tmp_path_factory):
         ("all", "a1", "flange", ("j_a2", "j_a3")),
     ],
 )
-def test_group_means_a_chain(robot, group, base, tcp, joints):
+def test_group_defines_base_and_tcp(robot, group, base, tcp, joints):
     arm = robot.arm(group=group)
     assert (arm.base, arm.tcp, arm.joint_names) == (base, tcp, joints)
 
@@ -78,17 +78,17 @@ def test_group_means_a_chain(robot, group, base, tcp, joints):
         ("chian", "unknown group 'chian' in the SRDF of robot 'r'; valid: chain"),
     ],
 )
-def test_group_that_means_none_is_refused(robot, group, message):
+def test_group_that_is_not_a_chain_is_refused(robot, group, message):
     with pytest.raises(pp.InputError, match=message):
         robot.arm(group=group)
 
 
-def test_tcp_and_base_win_over_the_group(robot):
+def test_tcp_and_base_precede_the_group(robot):
     arm = robot.arm("a3", group="chain", base="base")
     assert (arm.base, arm.tcp) == ("base", "a3")
 
 
-def test_state_joins_the_groups_of_its_name(robot):
+def test_state_combines_the_groups_of_its_name(robot):
     assert robot.state("ready") == {"j_a2": 0.5, "j_a3": -1.0, "j_finger": 0.1}
     assert robot.state("ready", group="hand") == {"j_finger": 0.1}
 
@@ -111,13 +111,13 @@ def test_an_invalid_state_is_refused(robot, name, group, message):
         robot.state(name, group=group)
 
 
-def test_state_that_leaves_a_joint_open_is_refused(robot):
+def test_state_without_a_value_for_a_joint_is_refused(robot):
     assert robot.state("lost") == {"j_a2": 0.0}
     with pytest.raises(pp.InputError, match="no value for the joints j_a3"):
         robot.arm(group="chain").state("lost")
 
 
-def test_notes_name_what_the_srdf_invents(robot):
+def test_notes_list_unknown_names_of_the_srdf(robot):
     notes = "\n".join(robot.notes)
     for words in (
         "disables 1 pairs with links that the robot does not have: gone",

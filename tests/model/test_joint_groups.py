@@ -76,7 +76,7 @@ def test_robot_with_one_arm_declares_none() -> None:
         pp.load_robot("ur5").arms()
 
 
-def test_linear_axis_before_the_arm_is_its_seventh_axis() -> None:
+def test_linear_axis_before_the_arm_is_a_joint_of_the_group() -> None:
     arm = pp.load_robot("tiago_dual_left").arm("hand_left_grasping_frame", base="torso_fixed_link")
     assert arm.joint_names[0] == "torso_lift_joint"
     assert not arm.angular[0]
@@ -90,7 +90,7 @@ def test_arm_is_the_group_of_itself() -> None:
     assert arm.tcp_placements(arm.home)["tool0"].isApprox(arm.root_from_base * arm.forward_kinematics(arm.home), 1e-12)
 
 
-def test_cell_places_each_robot_and_tells_them_apart(two_ur5) -> None:
+def test_cell_places_each_robot_under_its_own_names(two_ur5) -> None:
     arm = pp.load_robot("ur5").arm()
     q = np.random.default_rng(1).uniform(-2, 2, 12)
     placed = two_ur5.tcp_placements(q)

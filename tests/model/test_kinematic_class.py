@@ -32,12 +32,12 @@ def test_known_arms(name, text):
     assert kinematic_class(pp.load_robot(name).arm()) == text
 
 
-def test_sliding_joints_are_counted_and_break_no_wrist():
+def test_prismatic_joints_are_counted_beside_a_wrist():
     text = kinematic_class(pp.load_robot("stanford").arm())
     assert text == "5 revolute and 1 prismatic joints (RRPRRR): spherical wrist (joints 4, 5, 6)"
 
 
-def test_scara_is_parallel_all_through():
+def test_all_axes_of_a_scara_are_parallel():
     assert "RRPR): all axes parallel; fewer than six joints" in kinematic_class(pp.load_robot("scara").arm())
 
 
@@ -49,7 +49,7 @@ def test_an_offset_wrist_is_not_spherical(offset, found):
 
 
 @pytest.mark.parametrize(("lean", "found"), [(0.0, True), (4e-6, True), (1e-2, False)])
-def test_axes_that_lean_are_not_parallel(lean, found):
+def test_tilted_axes_are_not_parallel(lean, found):
     joints = [("revolute", "0.3 0 0", "0 0 1")] * 4
     plain = '<origin xyz="0.3 0 0" rpy="0 0 0.3"/>'
     text = '<link name="l0"/>'

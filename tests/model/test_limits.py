@@ -30,7 +30,7 @@ def test_default_acceleration_is_stated():
         (-ONE, np.ones(3), ONE),
     ],
 )
-def test_limits_without_sense_are_refused(arguments):
+def test_invalid_limits_are_refused(arguments):
     with pytest.raises(pp.InputError, match="limits"):
         pp.JointLimits(*arguments)
 
@@ -53,7 +53,7 @@ def test_violations_name_joint_and_range():
     assert not limits.contains(np.array([0.0, np.nan]))
 
 
-def test_sampling_range_of_open_limits_is_one_turn():
+def test_sampling_range_of_open_limits_is_one_rotation():
     infinite = np.array([np.inf, np.inf, 1.0])
     lower, upper = pp.JointLimits(np.array([-np.inf, 0.5, -np.inf]), infinite, np.ones(3)).sampling_range()
     assert lower == pytest.approx([-np.pi, 0.5, 1 - 2 * np.pi])

@@ -78,7 +78,7 @@ def test_a_smaller_limit_of_deceleration_is_kept_in_both_directions(tmp_path):
     assert pp.JointLimits.load(written(tmp_path, text + "max_deceleration: 9}\n")).acceleration == {"j": 5.0}
 
 
-def test_joints_outside_the_arm_are_let_be_and_unknown_ones_refused(tmp_path):
+def test_joints_outside_the_arm_are_ignored_and_unknown_joints_refused(tmp_path):
     panda = pp.load_robot("panda")
     finger = next(name for name in panda.urdf.joints if "finger_joint1" in name)
     text = "joint_limits:\n  {}: {{has_velocity_limits: true, max_velocity: 0.1}}\n"
@@ -111,7 +111,7 @@ def test_joints_outside_the_arm_are_let_be_and_unknown_ones_refused(tmp_path):
         ("joint_limits:\n  j: {has_velocity_limits: false, has_velocity_limits: true}", "duplicate"),
     ],
 )
-def test_files_without_sense_are_refused_with_place(tmp_path, text, message):
+def test_invalid_files_are_refused_with_their_line(tmp_path, text, message):
     with pytest.raises(pp.FileError, match=message) as caught:
         pp.JointLimits.load(written(tmp_path, text))
     assert "joint_limits.yaml" in str(caught.value)

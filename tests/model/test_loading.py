@@ -55,7 +55,7 @@ def test_a_bad_table_names_its_row(tmp_path):
         pp.load_robot(tmp_path / "t.csv")
 
 
-def test_a_table_whose_urdf_differs_is_no_robot(monkeypatch):
+def test_a_table_whose_urdf_differs_is_refused(monkeypatch):
     from pinproof.description.dh_urdf import urdf_text
 
     def tampered(robot, *, comment):

@@ -207,7 +207,7 @@ BODY = '<mujoco>\n{top}<worldbody>\n<body name="a">\n{inside}</body></worldbody>
         ({"end": '<keyframe><key qpos="1 2"/></keyframe>', "inside": "<joint/>"}, "line 4.*one finite number"),
     ],
 )
-def test_content_that_would_be_lost_is_refused_with_its_line(tmp_path, parts, message):
+def test_unsupported_content_is_refused_with_its_line(tmp_path, parts, message):
     (tmp_path / "m.xml").write_text(BODY.format(**{"top": "", "inside": "", "end": "", **parts}))
     with pytest.raises(pp.errors.UrdfError, match=message):
         pp.load_robot(tmp_path / "m.xml")

@@ -70,7 +70,7 @@ def test_limits_can_be_tightened_by_name_and_replaced():
     assert robot.arm(limits=tight.limits).limits.upper[2] == 3.0
     with pytest.raises(pp.UnknownNameError, match="elbow_joint"):
         robot.arm(limits={"elbow": (0.0, 1.0)})
-    with pytest.raises(pp.InputError, match="lower <= upper"):
+    with pytest.raises(pp.InputError, match="at most limits.upper"):
         robot.arm(limits={"elbow_joint": (1.0, 0.0)})
     with pytest.raises(pp.InputError, match=r"elbow_joint.*\(lower, upper\)"):
         robot.arm(limits={"elbow_joint": 3.0})
@@ -98,6 +98,6 @@ def test_file_of_another_kind_is_refused(tmp_path):
         pp.load_robot(tmp_path / "robot.sdf")
 
 
-def test_package_folder_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(pp.FileError, match="pakages: is no folder"):
+def test_missing_package_folder_is_refused(tmp_path):
+    with pytest.raises(pp.FileError, match="pakages: is not a folder"):
         pp.load_robot("ur5", package_dirs=[tmp_path / "pakages"])

@@ -73,7 +73,7 @@ def test_a_page_that_fails_leaves_the_old_one_alone(tmp_path) -> None:
     assert list(tmp_path.iterdir()) == [old]
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path) -> None:
+def test_a_missing_folder_is_named(tmp_path) -> None:
     with pytest.raises(ViewerError, match="gone"):
         write_html(tmp_path / "gone" / "pick.html", small_arm())
 

@@ -151,9 +151,9 @@ def _next(
         if not away <= FARTHEST:  # also raises for NaN
             first, second = (before.name, after.name) if sense > 0 else (after.name, before.name)
             raise ConversionError(
-                f"the axes of {first} and {second} are {sine:.2g} rad off parallel: too near for a Denavit-Hartenberg "
-                f"row, for their common normal lies {away:.2g} m away (at most {FARTHEST:g} m). Make them exactly "
-                f"parallel in the URDF, or keep to the URDF"
+                f"the axes of {first} and {second} are {sine:.2g} rad off parallel, too close for a Denavit-Hartenberg "
+                f"row: their common normal is {away:.2g} m away (limit {FARTHEST:g} m). Make them exactly parallel in "
+                "the URDF, or use the URDF instead of a table"
             )
         found = after.point + on_after * after.direction
         return _frame(found, _directed(normal / sine, frame, z, found, sense), after.direction)
@@ -235,8 +235,8 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
     for joint in path:
         if joint.mimic is not None:
             raise ConversionError(
-                f"joint {joint.name!r} follows {joint.mimic.leader!r} (mimic): a Denavit-Hartenberg row has a joint of "
-                f"its own, so this chain has no table"
+                f"joint {joint.name!r} is a mimic joint of {joint.mimic.leader!r}, and each Denavit-Hartenberg row has "
+                "an independent joint; select a chain without mimic joints"
             )
     axes = _axes(arm, [joint.child for joint in path])
     base = np.eye(4)

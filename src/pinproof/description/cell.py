@@ -1,8 +1,8 @@
-"""The description of a cell: several robots in one kinematic tree, with the names of the robots as prefixes."""
+"""Descriptions made of others: robots in one kinematic tree, and robots with further joints at their root link."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from typing import NamedTuple
@@ -10,13 +10,24 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.description.dh_urdf import rpy_of
 from pinproof.description.srdf import DisabledPair, EndEffector, Group, GroupState, Srdf
-from pinproof.description.urdf import Urdf, urdf_of
+from pinproof.description.urdf import JointType, LinkGeometry, Urdf, UrdfJoint, urdf_of
+from pinproof.description.urdf_elements import add_joint, numbers_text, origin_attributes
 from pinproof.description.xml_reader import Element, parse_text
+from pinproof.errors import InputError
+
+Array = npt.NDArray[np.float64]
 
 WORLD = "world"
 """The root link of a cell."""
+
+CELL = "placement_cell"
+"""The root link of a description with a movable base."""
+
+PLACEMENT_JOINTS = ("placement_x", "placement_y", "placement_z", "placement_yaw")
+"""The joints from the cell to the base, in this order: three prismatic ones (m), and a revolute one about z (rad)."""
+
+MOUNTING = "placement_mounting"
 
 NAMED = {
     "link": ("name",),
@@ -32,7 +43,7 @@ KEPT = ("link", "joint", "material")
 """The elements of a robot that a cell takes over; others, such as transmissions, have no effect on its motion."""
 
 
-def cell_urdf(name: str, robots: Mapping[str, tuple[Urdf, npt.NDArray[np.float64]]]) -> Urdf:
+def cell_urdf(name: str, robots: Mapping[str, tuple[Urdf, Array]]) -> Urdf:
     """Return the description of robots that are fixed to a common root link, :data:`WORLD`.
 
     Parameters
@@ -47,46 +58,10 @@ def cell_urdf(name: str, robots: Mapping[str, tuple[Urdf, npt.NDArray[np.float64
     root = etree.Element("robot", name=name)
     etree.SubElement(root, "link", name=WORLD)
     for prefix, (urdf, world_from_root) in robots.items():
-        mount = etree.SubElement(root, "joint", name=f"{prefix}mount", type="fixed")
-        etree.SubElement(mount, "parent", link=WORLD)
-        etree.SubElement(mount, "child", link=prefix + urdf.root)
-        xyz, rpy = world_from_root[:3, 3], np.array(rpy_of(world_from_root[:3, :3]))
-        etree.SubElement(mount, "origin", xyz=_text(xyz), rpy=_text(rpy))
+        mount = add_joint(root, f"{prefix}mount", "fixed", WORLD, prefix + urdf.root)
+        etree.SubElement(mount, "origin", origin_attributes(world_from_root))
         root.extend(_prefixed(urdf, prefix))
     return urdf_of(root, f"cell {name}", None)
-
-
-class Axis(NamedTuple):
-    """A joint that is added to the root link of a description, and the link behind it."""
-
-    link: str
-    """Name of the link. At 0 it has the axes of the root link, and its origin is ``point``."""
-    type: str
-    """Type of the joint in the URDF."""
-    direction: npt.NDArray[np.float64]
-    """(3,) the axis in the frame of the root link."""
-    point: npt.NDArray[np.float64]
-    """(3,) a point (m) on the axis in the frame of the root link."""
-    lower: float
-    upper: float
-
-
-def urdf_with_axes(urdf: Urdf, axes: Mapping[str, Axis]) -> Urdf:
-    """Return a description with further joints, by name, at the root link."""
-    from lxml import etree
-
-    root = etree.Element("robot", name=urdf.name)
-    root.extend(_prefixed(urdf, ""))
-    for name, axis in axes.items():
-        etree.SubElement(root, "link", name=axis.link)
-        joint = etree.SubElement(root, "joint", name=name, type=axis.type)
-        etree.SubElement(joint, "parent", link=urdf.root)
-        etree.SubElement(joint, "child", link=axis.link)
-        etree.SubElement(joint, "origin", xyz=_text(axis.point), rpy="0 0 0")
-        etree.SubElement(joint, "axis", xyz=_text(axis.direction))
-        limits = {"lower": repr(axis.lower), "upper": repr(axis.upper)}
-        etree.SubElement(joint, "limit", **limits, velocity="0", effort="0")
-    return urdf_of(root, f"{urdf.name} with movers", None)
 
 
 def _prefixed(urdf: Urdf, prefix: str) -> list[Element]:
@@ -102,10 +77,6 @@ def _prefixed(urdf: Urdf, prefix: str) -> list[Element]:
             if path is not None:
                 element.set("filename", str(path.resolve()))
     return elements
-
-
-def _text(values: npt.NDArray[np.float64]) -> str:
-    return " ".join(repr(float(value)) for value in values)
 
 
 def cell_srdf(srdfs: Mapping[str, Srdf]) -> Srdf:
@@ -132,3 +103,107 @@ def cell_srdf(srdfs: Mapping[str, Srdf]) -> Srdf:
         effectors += [EndEffector(e.name, prefix + e.parent_link, prefix + e.group) for e in srdf.end_effectors]
         links += named(srdf.disabled_links)
     return Srdf(None, tuple(disabled), groups, tuple(states), tuple(effectors), tuple(links))
+
+
+class Axis(NamedTuple):
+    """A joint that is added to the root link of a description, and the link behind it."""
+
+    link: str
+    """Name of the link. At 0 it has the axes of the root link, and its origin is ``point``."""
+    type: JointType
+    """Type of the joint in the URDF."""
+    direction: Array
+    """(3,) the unit vector of the axis in the frame of the root link."""
+    point: Array
+    """(3,) a point (m) on the axis in the frame of the root link."""
+    lower: float
+    upper: float
+
+
+class _AddedJoint(NamedTuple):
+    joint: UrdfJoint
+    origin: Array
+    """(4, 4) the pose of the child link in the parent link at 0."""
+    axis: Array | None = None
+    """(3,) the unit vector of the axis in the child link; None for a fixed joint."""
+
+
+def urdf_with_axes(urdf: Urdf, axes: Mapping[str, Axis]) -> Urdf:
+    """Return a description with further joints, by name, at the root link."""
+    added = []
+    for name, axis in axes.items():
+        lower, upper = (None, None) if axis.type == "continuous" else (axis.lower, axis.upper)
+        joint = UrdfJoint(name, axis.type, urdf.root, axis.link, lower, upper, None, None)
+        origin = np.eye(4)
+        origin[:3, 3] = axis.point
+        added.append(_AddedJoint(joint, origin, axis.direction))
+    return _extended(urdf, [axis.link for axis in axes.values()], added)
+
+
+def with_movable_base(urdf: Urdf, mounting: Array, mount: Sequence[LinkGeometry] = ()) -> Urdf:
+    """Return a description with the root link :data:`CELL`, from which :data:`PLACEMENT_JOINTS` lead to the old root.
+
+    Parameters
+    ----------
+    urdf
+        The robot.
+    mounting
+        (4, 4) the pose of the old root behind the placement joints, such as that of a robot on a wall.
+    mount
+        Bodies that move with the base, each on a separate link that is fixed to the old root; their origins are
+        ``root_from_geometry``.
+
+    Raises
+    ------
+    InputError
+        If the robot already has links or joints of these names.
+    """
+    ends = [CELL, *(f"{name}_link" for name in PLACEMENT_JOINTS)]
+    mounts = list(dict.fromkeys(each.link for each in mount))
+    directions = np.eye(3)[[0, 1, 2, 2]]
+    added = []
+    for number, (name, direction) in enumerate(zip(PLACEMENT_JOINTS, directions, strict=True)):
+        joint = _unlimited(name, "revolute" if number == 3 else "prismatic", ends[number], ends[number + 1])
+        added.append(_AddedJoint(joint, np.eye(4), direction))
+    added.append(_AddedJoint(_unlimited(MOUNTING, "fixed", ends[-1], urdf.root), mounting))
+    added += [_AddedJoint(_unlimited(f"{link} (mount)", "fixed", urdf.root, link), np.eye(4)) for link in mounts]
+    extended = _extended(urdf, [*ends, *mounts], added)
+    return replace(extended, root=CELL, collisions=(*urdf.collisions, *mount), visuals=(*urdf.visuals, *mount))
+
+
+def _unlimited(name: str, kind: JointType, parent: str, child: str) -> UrdfJoint:
+    return UrdfJoint(name, kind, parent, child, None, None, None, None)
+
+
+def _extended(urdf: Urdf, links: Sequence[str], added: Sequence[_AddedJoint]) -> Urdf:
+    """Return a description with more links and joints; InputError if it already has links or joints of these names."""
+    from lxml import etree
+
+    joints = {each.joint.name: each.joint for each in added}
+    if taken := {*urdf.links, *urdf.joints} & {*links, *joints}:
+        raise InputError(f"robot {urdf.name!r} already has links or joints named {', '.join(sorted(taken))}")
+    larger = replace(urdf, links=(*urdf.links, *links), joints={**urdf.joints, **joints})
+
+    def text_of(text: str, names: Mapping[str, str], kinds: Mapping[str, str]) -> str:
+        robot = etree.fromstring(text)
+        for link in links:
+            etree.SubElement(robot, "link", name=link)
+        for joint, origin, axis in added:
+            kind = kinds.get(joint.type, joint.type)
+            element = add_joint(robot, names.get(joint.name, joint.name), kind, joint.parent, joint.child)
+            etree.SubElement(element, "origin", origin_attributes(origin))
+            if axis is not None:
+                etree.SubElement(element, "axis", xyz=numbers_text(axis))
+                lower, upper = (
+                    free if bound is None else repr(bound)
+                    for bound, free in ((joint.lower, "-1e9"), (joint.upper, "1e9"))
+                )
+                etree.SubElement(element, "limit", lower=lower, upper=upper, velocity="1e9", effort="1e9")
+        return str(etree.tostring(robot, encoding="unicode"))
+
+    in_model = {name: larger.model_joint(name) for name in joints}
+    return replace(
+        larger,
+        kinematics=text_of(urdf.kinematics, in_model, {"continuous": "revolute"}),
+        text=text_of(urdf.text, {}, {}),
+    )

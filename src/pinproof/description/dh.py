@@ -186,20 +186,11 @@ def row_transform(row: DhRow, convention: str, q: float) -> Array:
 SUFFIXES = (".yaml", ".yml", ".csv")
 
 
-def load_table(path: str | Path) -> DhTable:
-    """Read a table; see :meth:`DhTable.load`."""
+def _table_file(path: str | Path) -> Path:
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise DhTableError(path, unknown_suffix(path, SUFFIXES))
-    return _table_from_csv(path) if path.suffix.lower() == ".csv" else _table_from_yaml(path)
-
-
-def save_table(table: DhTable, path: str | Path) -> None:
-    """Write a table; see :meth:`DhTable.save`."""
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise DhTableError(path, unknown_suffix(path, SUFFIXES))
-    write_text_whole(path, _csv_text(table) if path.suffix.lower() == ".csv" else _yaml_text(table))
+    return path
 
 
 def _table_from_yaml(path: Path) -> DhTable:
@@ -288,21 +279,15 @@ def _row(path: Path, place: str, stated: Mapping[Any, Any]) -> DhRow:
 
 def _unit_problem(values: Mapping[str, Any]) -> tuple[str, str] | None:
     """Return the first column whose angle is probably in degrees, and the reason."""
-    angular_limits = [column for column in ("lower", "upper") if values["joint_type"] == "revolute"]
-    for column, refuse in (
-        ("theta", _refuse_degrees),
-        ("alpha", _refuse_degrees),
-        *((c, refuse_degree_limit) for c in angular_limits),
-    ):
-        try:
-            refuse(column, values[column])
-        except InputError as error:
-            return column, str(error).removeprefix(f"{column}: ")
+    try:
+        for column in ("theta", "alpha"):
+            refuse_degrees(column, [values[column]])
+        for column in ("lower", "upper") if values["joint_type"] == "revolute" else ():
+            refuse_degree_limit(column, values[column])
+    except InputError as error:
+        column, _, reason = str(error).partition(": ")
+        return column, reason
     return None
-
-
-def _refuse_degrees(column: str, angle: float) -> None:
-    refuse_degrees(column, [angle])
 
 
 def _table(path: Path, rows: Sequence[DhRow], places: Sequence[str], *, convention: object, **rest: Any) -> DhTable:
@@ -473,7 +458,8 @@ class DhTable:
         DhTableError
             If the file is invalid; the message states the file and, where possible, the row and column.
         """
-        return load_table(path)
+        path = _table_file(path)
+        return _table_from_csv(path) if path.suffix.lower() == ".csv" else _table_from_yaml(path)
 
     def save(self, path: str | Path) -> None:
         """Write the table atomically to a ``.yaml``, ``.yml`` or ``.csv`` file, without rounding.
@@ -485,7 +471,8 @@ class DhTable:
         FileError
             If the file cannot be written (:class:`~pinproof.errors.DhTableError` for an unknown suffix).
         """
-        save_table(self, path)
+        path = _table_file(path)
+        write_text_whole(path, _csv_text(self) if path.suffix.lower() == ".csv" else _yaml_text(self))
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -57,6 +57,7 @@ import numpy.typing as npt
 
 from pinproof.description.dh import DhRow, DhTable, row_transform
 from pinproof.description.urdf import Urdf
+from pinproof.description.urdf_elements import origin_attributes
 from pinproof.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -74,12 +75,9 @@ def ahead(row: DhRow, convention: str) -> Array:
 def behind(row: DhRow, convention: str) -> Array:
     """The (4, 4) part of a row after its motion: link_i_from_dh_i."""
     if convention == "modified":
-        return row_transform(_only_d(row), convention, 0.0)
+        only_d = replace(row, theta=0.0, d=0.0 if row.is_prismatic else row.d, a=0.0, alpha=0.0)
+        return row_transform(only_d, convention, 0.0)
     return row_transform(row if row.is_prismatic else replace(row, theta=0.0), convention, 0.0)
-
-
-def _only_d(row: DhRow) -> DhRow:
-    return replace(row, theta=0.0, d=0.0 if row.is_prismatic else row.d, a=0.0, alpha=0.0)
 
 
 def joint_origins(table: DhTable) -> list[Array]:
@@ -106,25 +104,10 @@ def urdf_text(robot: Any, *, comment: str = "") -> str:
 
     tree = yourdfpy.URDF(robot=robot, build_scene_graph=False, load_meshes=False).write_xml()
     for element, origin in zip(tree.iter("origin"), _origins(robot), strict=True):
-        element.set("xyz", _text(origin[:3, 3]))
-        element.set("rpy", _text(rpy_of(origin[:3, :3])))
+        element.attrib.update(origin_attributes(origin))
     if comment:
         tree.getroot().insert(0, etree.Comment(f" {comment.replace('--', '- -')} "))
     return '<?xml version="1.0"?>\n' + str(etree.tostring(tree, encoding="unicode", pretty_print=True))
-
-
-def rpy_of(rotation: Array) -> tuple[float, float, float]:
-    """Roll, pitch, yaw of Rz(yaw) Ry(pitch) Rx(roll), exact up to rounding for every rotation (3, 3).
-
-    Yaw is computed first, and roll from the rotation without that yaw. At a pitch of +-pi/2 yaw is arbitrary, and roll
-    then compensates for it (Shoemake, Graphics Gems IV, 1994, refined as in Eigen's eulerAngles).
-    """
-    r = rotation
-    yaw = math.atan2(r[1, 0], r[0, 0])
-    s, c = math.sin(yaw), math.cos(yaw)
-    pitch = math.atan2(-r[2, 0], c * r[0, 0] + s * r[1, 0])
-    roll = math.atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1])
-    return roll, pitch, yaw
 
 
 def _origins(robot: Any) -> Iterator[Array]:
@@ -136,10 +119,6 @@ def _origins(robot: Any) -> Iterator[Array]:
     for joint in robot.joints:
         if joint.origin is not None:
             yield joint.origin
-
-
-def _text(numbers: Any) -> str:
-    return " ".join(repr(float(number) + 0.0) for number in numbers)  # + 0.0 converts -0.0 to 0.0
 
 
 DENSITY = 1500.0

@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from pinproof.description.srdf import DisabledPair, GroupState, Srdf
 from pinproof.description.urdf import Urdf, urdf_of
+from pinproof.description.urdf_elements import numbers_text, origin_attributes
 from pinproof.description.xml_reader import Element, numbers, place, required
 from pinproof.errors import UnknownNameError, UrdfError
-from pinproof.spatial import xyz_rpy
 
 Array = npt.NDArray[np.float64]
 Attributes = dict[str, dict[str, str]]
@@ -33,7 +33,7 @@ ORIENTATIONS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
 
 
 @dataclass(frozen=True)
-class Words:
+class MjcfSettings:
     """The compiler settings and default classes of one MJCF file.
 
     ``classes`` maps class names to tags to attributes, including those of parent classes. ``degrees`` is True if angles
@@ -48,7 +48,7 @@ class Words:
     mesh_folder: Path
 
     @classmethod
-    def of(cls, root: Element, path: Path) -> Words:
+    def of(cls, root: Element, path: Path) -> MjcfSettings:
         """Read the settings and classes of a ``<mujoco>`` element."""
         settings: dict[str, str] = {}
         for compiler in root.findall("compiler"):
@@ -80,28 +80,30 @@ class Words:
         """Convert an angle of the file to radians."""
         return float(np.deg2rad(value)) if self.degrees else value
 
-    def numbers(self, element: Element, words: Mapping[str, str], name: str, count: int, default: str = "") -> Array:
+    def numbers(
+        self, element: Element, attributes: Mapping[str, str], name: str, count: int, default: str = ""
+    ) -> Array:
         """Return ``count`` numbers of an attribute that may come from a class; errors state the line of the element."""
-        copy = element.makeelement(element.tag, {name: words.get(name, default)})
+        copy = element.makeelement(element.tag, {name: attributes.get(name, default)})
         copy.sourceline = element.sourceline
         values = np.array(numbers(copy, name, count, self.path))
         if np.abs(values).max(initial=0.0) > LARGEST:
             raise UrdfError(self.path, f"<{element.tag} {name}> is larger than {LARGEST:g}", place(element))
         return values
 
-    def pose(self, element: Element, words: Mapping[str, str]) -> Array:
+    def pose(self, element: Element, attributes: Mapping[str, str]) -> Array:
         """Return the pose (4, 4) from ``pos`` (metres) and one of the orientation attributes."""
         from scipy.spatial.transform import Rotation
 
         out = np.eye(4)
-        out[:3, 3] = self.numbers(element, words, "pos", 3, "0 0 0")
-        given = [name for name in ORIENTATIONS if name in words]
+        out[:3, 3] = self.numbers(element, attributes, "pos", 3, "0 0 0")
+        given = [name for name in ORIENTATIONS if name in attributes]
         if len(given) > 1:
             raise UrdfError(self.path, f"<{element.tag}> has several orientations: {', '.join(given)}", place(element))
         if not given:
             return out
         count = {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(given[0], 3)
-        values = self.numbers(element, words, given[0], count)
+        values = self.numbers(element, attributes, given[0], count)
         if given[0] == "euler":
             # In MJCF lower case means rotations about moving axes; in SciPy it is upper case.
             angles = np.deg2rad(values) if self.degrees else values
@@ -117,7 +119,7 @@ class Words:
             axis = values[:3] / np.linalg.norm(values[:3])
             out[:3, :3] = Rotation.from_rotvec(axis * self.angle(values[3])).as_matrix()
         elif given[0] == "zaxis":
-            out[:3, :3] = z_to(values)
+            out[:3, :3] = _rotation_of_z_to(values)
         else:
             x = values[:3] / np.linalg.norm(values[:3])
             y = values[3:] - (values[3:] @ x) * x
@@ -128,7 +130,7 @@ class Words:
         return out
 
 
-def z_to(direction: Array) -> Array:
+def _rotation_of_z_to(direction: Array) -> Array:
     """Return the smallest rotation (3, 3) that rotates z to a direction (3,)."""
     from scipy.spatial.transform import Rotation
 
@@ -141,7 +143,7 @@ def z_to(direction: Array) -> Array:
 
 def _read_class(default: Element, name: str, above: Attributes, classes: dict[str, Attributes], path: Path) -> None:
     """Add a ``<default>`` class and its nested classes, which inherit its attributes."""
-    own = {tag: dict(words) for tag, words in above.items()}
+    own = {tag: dict(attributes) for tag, attributes in above.items()}
     for element in default:
         if element.tag != "default":
             own.setdefault(str(element.tag), {}).update(element.attrib)
@@ -156,7 +158,7 @@ HIDDEN_GROUP = 3
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
 
 
-def add_geom(words: Words, meshes: Mapping[str, Element], link: Element, geom: Element, inherited: str | None) -> None:
+def _add_geom(robot: _Robot, link: Element, geom: Element, inherited: str | None) -> None:
     """Add a geom to a link: as collision geometry if it can collide, as visual geometry if it is drawn.
 
     Raises
@@ -164,82 +166,70 @@ def add_geom(words: Words, meshes: Mapping[str, Element], link: Element, geom: E
     UrdfError
         For an unsupported type; the message states the line.
     """
-    attributes = words.attributes(geom, inherited)
+    settings = robot.settings
+    attributes = settings.attributes(geom, inherited)
     collides = attributes.get("contype", "1") != "0" or attributes.get("conaffinity", "1") != "0"
-    drawn = not collides or int(words.numbers(geom, attributes, "group", 1, "0")[0]) < HIDDEN_GROUP
+    drawn = not collides or int(settings.numbers(geom, attributes, "group", 1, "0")[0]) < HIDDEN_GROUP
     kind = attributes.get("type", "sphere")
-    pose = words.pose(geom, attributes)
+    pose = settings.pose(geom, attributes)
     if kind == "mesh":
-        shape = {"tag": "mesh", **_mesh(words, meshes, attributes, geom)}
+        shape = _mesh(robot, attributes, geom)
     elif kind in SIZES and "mesh" not in attributes:
-        shape, pose = _primitive(words, attributes, geom, kind, pose)
+        shape, pose = _primitive(settings, attributes, geom, kind, pose)
     else:
         what = f"a {kind} fitted to a mesh" if "mesh" in attributes else f"a {kind}"
         reason = f"contains {what}, which is not supported; valid: {', '.join(SIZES)}, mesh"
-        raise UrdfError(words.path, reason, place(geom))
+        raise robot.refuse(reason, geom)
     for tag, wanted in (("collision", collides), ("visual", drawn)):
         if wanted:
-            _add(link, tag, shape, pose, attributes.get("rgba"), geom)
+            element = robot.make(link, tag, geom)
+            robot.make(element, "origin", geom, **origin_attributes(pose))
+            robot.make(robot.make(element, "geometry", geom), kind, geom, **shape)
+            if "rgba" in attributes:
+                robot.make(robot.make(element, "material", geom), "color", geom, rgba=attributes["rgba"])
 
 
 def _primitive(
-    words: Words, attributes: Mapping[str, str], geom: Element, kind: str, pose: Array
+    settings: MjcfSettings, attributes: Mapping[str, str], geom: Element, kind: str, pose: Array
 ) -> tuple[dict[str, str], Array]:
-    """Return shape and pose; MJCF states half sides and half lengths, or the ends of the axis with ``fromto``."""
+    """Return the attributes of a shape and its pose; MJCF states half sides and half lengths, or ends of the axis."""
     count = SIZES[kind]
     if "fromto" in attributes and kind != "sphere":
-        ends = words.numbers(geom, attributes, "fromto", 6)
+        ends = settings.numbers(geom, attributes, "fromto", 6)
         along = ends[3:] - ends[:3]
         length = float(np.linalg.norm(along))
         if length < 1e-9:
-            raise UrdfError(words.path, "<geom fromto> has two equal end points", place(geom))
+            raise UrdfError(settings.path, "<geom fromto> has two equal end points", place(geom))
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = z_to(along), (ends[:3] + ends[3:]) / 2
+        pose[:3, :3], pose[:3, 3] = _rotation_of_z_to(along), (ends[:3] + ends[3:]) / 2
         # The z axis of MuJoCo points from the second end to the first; all shapes here are symmetric.
         given = max(len(attributes.get("size", "").split()), 1)
-        half = [*words.numbers(geom, attributes, "size", given)[: count - 1], length / 2]
+        half = [*settings.numbers(geom, attributes, "size", given)[: count - 1], length / 2]
         if kind == "box" and given < 2:
             half = [half[0], half[0], length / 2]
     else:
         # Additional numbers are allowed, because classes may be shared by several types.
         given = max(len(attributes.get("size", "").split()), count)
-        half = list(words.numbers(geom, attributes, "size", given)[:count])
+        half = list(settings.numbers(geom, attributes, "size", given)[:count])
     full = [repr(2 * float(value)) for value in half]
     if kind == "box":
-        return {"tag": "box", "size": " ".join(full)}, pose
+        return {"size": " ".join(full)}, pose
     if kind == "sphere":
-        return {"tag": "sphere", "radius": repr(float(half[0]))}, pose
-    return {"tag": kind, "radius": repr(float(half[0])), "length": full[1]}, pose
+        return {"radius": repr(float(half[0]))}, pose
+    return {"radius": repr(float(half[0])), "length": full[1]}, pose
 
 
-def _mesh(words: Words, meshes: Mapping[str, Element], attributes: Mapping[str, str], geom: Element) -> dict[str, str]:
+def _mesh(robot: _Robot, attributes: Mapping[str, str], geom: Element) -> dict[str, str]:
     name = attributes.get("mesh", "")
-    if name not in meshes:
-        raise UrdfError(words.path, str(UnknownNameError("mesh", name, meshes, "a <geom>")), place(geom))
-    asset = words.attributes(meshes[name], None)
+    if name not in robot.meshes:
+        raise robot.refuse(str(UnknownNameError("mesh", name, robot.meshes, "a <geom>")), geom)
+    element = robot.meshes[name]
+    asset = robot.settings.attributes(element, None)
     for odd in ("refpos", "refquat", "vertex", "builtin"):
         if odd in asset:
-            raise UrdfError(words.path, f"mesh {name!r} has {odd}, which is not supported", place(meshes[name]))
-    file = Path(required(meshes[name], "file", words.path))
-    return {"filename": str(words.mesh_folder / file), "scale": asset.get("scale", "1 1 1")}
-
-
-def _add(link: Element, tag: str, shape: Mapping[str, str], pose: Array, rgba: str | None, geom: Element) -> None:
-    made = [link.makeelement(tag)]
-    values = [repr(float(value)) for value in xyz_rpy(pose)]
-    made.append(link.makeelement("origin", {"xyz": " ".join(values[:3]), "rpy": " ".join(values[3:])}))
-    made.append(link.makeelement("geometry"))
-    made.append(link.makeelement(shape["tag"], {name: text for name, text in shape.items() if name != "tag"}))
-    made[0].extend(made[1:3])
-    made[2].append(made[3])
-    if rgba is not None:
-        made.append(link.makeelement("material"))
-        made.append(link.makeelement("color", {"rgba": rgba}))
-        made[0].append(made[4])
-        made[4].append(made[5])
-    for element in made:
-        element.sourceline = geom.sourceline
-    link.append(made[0])
+            raise robot.refuse(f"mesh {name!r} has {odd}, which is not supported", element)
+    file = Path(required(element, "file", robot.settings.path))
+    return {"filename": str(robot.settings.mesh_folder / file), "scale": asset.get("scale", "1 1 1")}
 
 
 ROOT = "world"
@@ -254,7 +244,7 @@ IN_BODY = ("body", "camera", "geom", "inertial", "joint", "light", "site")
 class _Robot:
     """The URDF under construction."""
 
-    words: Words
+    settings: MjcfSettings
     meshes: Mapping[str, Element]
     robot: Element
     joints: list[str] = field(default_factory=list)
@@ -268,12 +258,8 @@ class _Robot:
         joint = self.make(self.robot, "joint", at, name=name, type=kind)
         self.make(joint, "parent", at, link=parent)
         self.make(joint, "child", at, link=child)
-        self.origin(joint, pose, at)
+        self.make(joint, "origin", at, **origin_attributes(pose))
         return joint
-
-    def origin(self, parent: Element, pose: Array, at: Element) -> None:
-        values = [repr(float(value)) for value in xyz_rpy(pose)]
-        self.make(parent, "origin", at, xyz=" ".join(values[:3]), rpy=" ".join(values[3:]))
 
     def make(self, parent: Element, tag: str, at: Element, **attributes: str) -> Element:
         """Create an element with the line number of the MJCF element."""
@@ -283,7 +269,7 @@ class _Robot:
         return child
 
     def refuse(self, reason: str, at: Element) -> UrdfError:
-        return UrdfError(self.words.path, reason, place(at))
+        return UrdfError(self.settings.path, reason, place(at))
 
 
 def mjcf_of(root: Element, path: Path) -> tuple[Urdf, Srdf]:
@@ -302,10 +288,10 @@ def mjcf_of(root: Element, path: Path) -> tuple[Urdf, Srdf]:
     for section in root:
         if section.tag not in SECTIONS:
             raise UrdfError(path, f"contains <{section.tag}>, which is not supported", place(section))
-    words = Words.of(root, path)
+    settings = MjcfSettings.of(root, path)
     assets = [mesh for asset in root.findall("asset") for mesh in asset.findall("mesh")]
     meshes = {mesh.get("name") or Path(required(mesh, "file", path)).stem: mesh for mesh in assets}
-    robot = _Robot(words, meshes, etree.Element("robot", name=root.get("model") or "robot"))
+    robot = _Robot(settings, meshes, etree.Element("robot", name=root.get("model") or "robot"))
     worlds = root.findall("worldbody")
     if not worlds:
         raise UrdfError(path, "has no <worldbody>", place(root))
@@ -328,7 +314,7 @@ def _fill(robot: _Robot, body: Element, link: Element, name: str, inherited: str
         if element.tag not in IN_BODY and element.tag != "freejoint":
             raise robot.refuse(f"body {name!r} contains <{element.tag}>, which is not supported", element)
         if element.tag == "geom":
-            add_geom(robot.words, robot.meshes, link, element, inherited)
+            _add_geom(robot, link, element, inherited)
         elif element.tag == "site" and element.get("name"):
             _site(robot, element, name, inherited)
     for inner in body.findall("body"):
@@ -336,31 +322,31 @@ def _fill(robot: _Robot, body: Element, link: Element, name: str, inherited: str
 
 
 def _site(robot: _Robot, site: Element, parent: str, inherited: str | None) -> None:
-    words = robot.words.attributes(site, inherited)
-    name = required(site, "name", robot.words.path)
+    attributes = robot.settings.attributes(site, inherited)
+    name = required(site, "name", robot.settings.path)
     name = f"{name} (site)" if name in robot.links else name
     robot.link(name, site)
-    robot.joint(f"{name} (fixed)", "fixed", parent, name, robot.words.pose(site, words), site)
+    robot.joint(f"{name} (fixed)", "fixed", parent, name, robot.settings.pose(site, attributes), site)
 
 
 def _body(robot: _Robot, body: Element, parent: str, inherited: str | None) -> None:
     """Add a body and its joints; the anchor ``pos`` of each joint is in the frame of the body."""
     name = body.get("name") or f"body_{len(robot.links)}"
-    pose = robot.words.pose(body, dict(body.attrib))
+    pose = robot.settings.pose(body, dict(body.attrib))
     joints = body.findall("joint")
     if (free := body.find("freejoint")) is not None:
         raise robot.refuse(f"body {name!r} has a free joint; the base must be fixed", free)
     here, anchor = parent, np.zeros(3)
     for index, element in enumerate(joints):
-        words = robot.words.attributes(element, inherited)
-        at = robot.words.numbers(element, words, "pos", 3, "0 0 0")
+        attributes = robot.settings.attributes(element, inherited)
+        at = robot.settings.numbers(element, attributes, "pos", 3, "0 0 0")
         last = index == len(joints) - 1 and not at.any()
         child = name if last else f"{name} (joint {index + 1})"
         if not last:
             robot.link(child, element)
         step = np.eye(4)
         step[:3, 3] = at - anchor
-        _joint(robot, element, words, here, child, pose @ step)
+        _joint(robot, element, attributes, here, child, pose @ step)
         here, anchor, pose = child, at, np.eye(4)
     link = robot.link(name, body)
     if here != name:
@@ -369,22 +355,24 @@ def _body(robot: _Robot, body: Element, parent: str, inherited: str | None) -> N
     _fill(robot, body, link, name, inherited)
 
 
-def _joint(robot: _Robot, element: Element, words: Mapping[str, str], parent: str, child: str, pose: Array) -> None:
-    name = words.get("name") or f"joint_{len(robot.joints)}"
-    kind = words.get("type", "hinge")
+def _joint(
+    robot: _Robot, element: Element, attributes: Mapping[str, str], parent: str, child: str, pose: Array
+) -> None:
+    name = attributes.get("name") or f"joint_{len(robot.joints)}"
+    kind = attributes.get("type", "hinge")
     if kind not in ("hinge", "slide"):
         raise robot.refuse(f"joint {name!r} is a {kind} joint, which is not supported; valid: hinge, slide", element)
-    if float(robot.words.numbers(element, words, "ref", 1, "0")[0]) != 0.0:
+    if float(robot.settings.numbers(element, attributes, "ref", 1, "0")[0]) != 0.0:
         raise robot.refuse(f"joint {name!r} has a ref other than 0, which is not supported", element)
-    limited = words.get("limited", "auto")
-    has_limits = limited == "true" or (limited == "auto" and robot.words.auto_limits and "range" in words)
+    limited = attributes.get("limited", "auto")
+    has_limits = limited == "true" or (limited == "auto" and robot.settings.auto_limits and "range" in attributes)
     urdf_kind = "prismatic" if kind == "slide" else "revolute" if has_limits else "continuous"
     joint = robot.joint(name, urdf_kind, parent, child, pose, element)
-    axis = robot.words.numbers(element, words, "axis", 3, "0 0 1")
-    robot.make(joint, "axis", element, xyz=" ".join(repr(float(value)) for value in axis))
+    axis = robot.settings.numbers(element, attributes, "axis", 3, "0 0 1")
+    robot.make(joint, "axis", element, xyz=numbers_text(axis))
     if has_limits:
-        ends = robot.words.numbers(element, words, "range", 2, "0 0")
-        low, high = (robot.words.angle(float(end)) if kind == "hinge" else float(end) for end in ends)
+        ends = robot.settings.numbers(element, attributes, "range", 2, "0 0")
+        low, high = (robot.settings.angle(float(end)) if kind == "hinge" else float(end) for end in ends)
         robot.make(joint, "limit", element, lower=repr(low), upper=repr(high))
     robot.joints.append(name)
 
@@ -393,25 +381,29 @@ def _couple(robot: _Robot, root: Element) -> None:
     """Convert linear equalities between two joints to mimic joints; other equalities are errors (closed loops)."""
     found = {joint.get("name"): joint for joint in robot.robot.findall("joint")}
     for element in (e for section in root.findall("equality") for e in section):
-        words = robot.words.attributes(element, None)
-        if words.get("active", "true") != "true":
+        attributes = robot.settings.attributes(element, None)
+        if attributes.get("active", "true") != "true":
             continue
-        line = robot.words.numbers(element, words, "polycoef", 5, "0 1 0 0 0") if element.tag == "joint" else np.ones(5)
-        if line[2:].any() or "joint2" not in words or words.get("joint1") not in found:
+        line = (
+            robot.settings.numbers(element, attributes, "polycoef", 5, "0 1 0 0 0")
+            if element.tag == "joint"
+            else np.ones(5)
+        )
+        if line[2:].any() or "joint2" not in attributes or attributes.get("joint1") not in found:
             reason = f"the equality <{element.tag}> is not a linear coupling of two joints, which alone is supported"
             raise robot.refuse(reason, element)
-        follower = found[words["joint1"]]
+        follower = found[attributes["joint1"]]
         robot.make(
             follower,
             "mimic",
             element,
-            joint=words["joint2"],
+            joint=attributes["joint2"],
             multiplier=repr(float(line[1])),
             offset=repr(float(line[0])),
         )
 
 
 def _state(robot: _Robot, key: Element) -> GroupState:
-    values = numbers(key, "qpos", len(robot.joints), robot.words.path, " ".join(["0"] * len(robot.joints)))
+    values = numbers(key, "qpos", len(robot.joints), robot.settings.path, " ".join(["0"] * len(robot.joints)))
     joints = {joint: (value,) for joint, value in zip(robot.joints, values, strict=True)}
     return GroupState(key.get("name", ""), "", joints)

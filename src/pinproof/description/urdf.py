@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from pinproof.common.validation import ReadOnlyDict
 from pinproof.description.packages import MeshFile, climbs_out, locate
+from pinproof.description.urdf_elements import add_joint, numbers_text
 from pinproof.description.xacro_files import expand_xacro
 from pinproof.description.xml_reader import (
     Element,
@@ -32,6 +33,9 @@ from pinproof.description.xml_reader import (
     spelt_attributes,
 )
 from pinproof.errors import InputError, UnknownNameError, UrdfError
+
+Shape = Literal["box", "capsule", "cylinder", "mesh", "sphere"]
+Rgba = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,17 +61,15 @@ class LinkGeometry:
 
     name: str
     link: str
-    kind: Literal["box", "sphere", "cylinder", "capsule", "mesh"]
+    kind: Shape
     size: tuple[float, ...]
     origin: npt.NDArray[np.float64]
     mesh: MeshFile | None = None
-    rgba: tuple[float, float, float, float] | None = None
+    rgba: Rgba | None = None
 
 
 FARTHEST = 1e4
 """Metres. Larger origins and sizes are assumed to be errors in the unit; sums of squares could overflow."""
-
-SHAPES = ("box", "capsule", "cylinder", "mesh", "sphere")
 
 
 def read_links(
@@ -100,7 +102,7 @@ def rpy_matrix(roll: float, pitch: float, yaw: float) -> npt.NDArray[np.float64]
 def _geometry(
     element: Element,
     name: str,
-    colours: dict[str, tuple[float, float, float, float] | None],
+    colours: dict[str, Rgba | None],
     source: str | Path,
     folder: Path | None,
     package_dirs: Sequence[Path],
@@ -109,15 +111,12 @@ def _geometry(
     spelt(element, ("geometry", "material", "name", "origin"), source)
     shapes = [] if (geometry := element.find("geometry")) is None else list(geometry)
     if len(shapes) != 1:
-        raise UrdfError(
-            source, f"a <{element.tag}> of link {link!r} must have one shape, not {len(shapes)}", place(element)
-        )
+        what = f"a <{element.tag}> of link {link!r} must have one shape, not {len(shapes)}"
+        raise UrdfError(source, what, place(element))
     shape = shapes[0]
     kind, size = _shape(shape, link, source)
     material = element.find("material")
-    rgba = None
-    if material is not None:
-        rgba = _rgba(material, source) or colours.get(material.get("name"))
+    rgba = None if material is None else _rgba(material, source) or colours.get(material.get("name"))
     mesh = None
     if kind == "mesh":
         uri = required(shape, "filename", source)
@@ -130,35 +129,25 @@ def _geometry(
     return LinkGeometry(name, link, kind, size, placement, mesh, rgba)
 
 
-def _shape(
-    shape: Element, link: str, source: str | Path
-) -> tuple[Literal["box", "sphere", "cylinder", "capsule", "mesh"], tuple[float, ...]]:
-    tag = shape.tag
-    size: tuple[float, ...]
-    if tag == "mesh":
-        size = numbers(shape, "scale", 3, source, "1 1 1")
-        if 0.0 in size:
-            raise UrdfError(
-                source, f"a mesh of link {link!r} has the scale {list(size)}, which must not be 0", place(shape)
-            )
-        return "mesh", size
-    if tag == "box":
-        kind: Literal["box", "sphere", "cylinder", "capsule"] = "box"
+def _shape(shape: Element, link: str, source: str | Path) -> tuple[Shape, tuple[float, ...]]:
+    kind = shape.tag
+    if kind not in get_args(Shape):
+        reason = str(UnknownNameError("geometry", kind, get_args(Shape), f"link {link!r}"))
+        raise UrdfError(source, reason, place(shape))
+    if kind == "mesh":
+        scale = numbers(shape, "scale", 3, source, "1 1 1")
+        if 0.0 in scale:
+            what = f"a mesh of link {link!r} has the scale {list(scale)}, which must not be 0"
+            raise UrdfError(source, what, place(shape))
+        return "mesh", scale
+    if kind == "box":
         size = numbers(shape, "size", 3, source)
-    elif tag == "sphere":
-        kind, size = "sphere", (number(shape, "radius", source),)
-    elif tag in ("cylinder", "capsule"):
-        kind = "cylinder" if tag == "cylinder" else "capsule"
-        size = (number(shape, "radius", source), number(shape, "length", source))
     else:
-        raise UrdfError(source, str(UnknownNameError("geometry", tag, SHAPES, f"link {link!r}")), place(shape))
+        size = tuple(number(shape, key, source) for key in ("radius", "length")[: 1 if kind == "sphere" else 2])
     if min(size) <= 0 or max(size) > FARTHEST:
-        raise UrdfError(
-            source,
-            f"a {tag} of link {link!r} has the size {list(size)}; sizes must be above 0 and at most {FARTHEST:g} m",
-            place(shape),
-        )
-    return kind, size
+        what = f"a {kind} of link {link!r} has the size {list(size)}; sizes must be above 0 and at most {FARTHEST:g} m"
+        raise UrdfError(source, what, place(shape))
+    return cast(Shape, kind), size
 
 
 def origin(element: Element, source: str | Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -173,7 +162,7 @@ def origin(element: Element, source: str | Path) -> tuple[npt.NDArray[np.float64
     return rpy_matrix(*numbers(found, "rpy", 3, source, "0 0 0")), xyz
 
 
-def _rgba(material: Element, source: str | Path) -> tuple[float, float, float, float] | None:
+def _rgba(material: Element, source: str | Path) -> Rgba | None:
     colour = material.find("color")
     if colour is None:
         return None
@@ -188,6 +177,8 @@ UNBOUNDED = 1e4
 """Rad or m. Larger limits, such as 1e16 for a wheel in files of simulators, are treated as no limit."""
 
 JOINT_PARTS = ("axis", "calibration", "child", "dynamics", "limit", "mimic", "origin", "parent", "safety_controller")
+
+LIMITS = ("lower", "upper", "velocity", "effort")
 
 JointType = Literal["revolute", "continuous", "prismatic", "fixed", "floating", "planar"]
 
@@ -218,15 +209,19 @@ class UrdfJoint:
     mimic: Mimic | None
     effort: float | None = None
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The lower and upper limit, infinite where the file states none."""
+        return -math.inf if self.lower is None else self.lower, math.inf if self.upper is None else self.upper
+
 
 def read_joint(element: Element, links: Mapping[str, Element], source: str | Path) -> UrdfJoint:
     """Read a ``<joint>`` element; ``links`` are the links of the robot by name."""
     name, kind = required(element, "name", source), required(element, "type", source)
     where = place(element)
     if kind not in get_args(JointType):
-        raise UrdfError(
-            source, str(UnknownNameError("joint type", kind, get_args(JointType), f"joint {name!r}")), where
-        )
+        reason = str(UnknownNameError("joint type", kind, get_args(JointType), f"joint {name!r}"))
+        raise UrdfError(source, reason, where)
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
@@ -263,18 +258,15 @@ def _limits(
     limit = element.find("limit")
     if limit is None or kind == "fixed":
         return None, None, None, None
-    spelt_attributes(limit, ("lower", "upper", "velocity", "effort"), source)
-    lower = number(limit, "lower", source) if limit.get("lower") is not None else None
-    upper = number(limit, "upper", source) if limit.get("upper") is not None else None
+    spelt_attributes(limit, LIMITS, source)
+    lower, upper, velocity, effort = (
+        number(limit, key, source) if limit.get(key) is not None else None for key in LIMITS
+    )
     if lower is not None and upper is not None and lower > upper:
         raise UrdfError(source, f"joint {name!r} has lower = {lower} above upper = {upper}", place(limit))
-    velocity, effort = (
-        number(limit, key, source) if limit.get(key) is not None else None for key in ("velocity", "effort")
-    )
-    if velocity is not None and velocity < 0:
-        raise UrdfError(source, f"joint {name!r} has the negative velocity limit {velocity}", place(limit))
-    if effort is not None and effort < 0:
-        raise UrdfError(source, f"joint {name!r} has the negative effort limit {effort}", place(limit))
+    for what, value in (("velocity", velocity), ("effort", effort)):
+        if value is not None and value < 0:
+            raise UrdfError(source, f"joint {name!r} has the negative {what} limit {value}", place(limit))
     if kind == "continuous":
         lower = upper = None
     return _usable(lower), _usable(upper), _usable(velocity) or None, _usable(effort) or None
@@ -293,9 +285,8 @@ def check_mimics(joints: Mapping[str, UrdfJoint], source: str | Path) -> None:
             raise UrdfError(source, f"joint {joint.name!r} is {joint.type} and cannot be a mimic joint")
         leader = joints.get(joint.mimic.leader)
         if leader is None:
-            raise UrdfError(
-                source, str(UnknownNameError("joint", joint.mimic.leader, joints, f"mimic of {joint.name!r}"))
-            )
+            reason = str(UnknownNameError("joint", joint.mimic.leader, joints, f"mimic of {joint.name!r}"))
+            raise UrdfError(source, reason)
         if leader.mimic is not None or leader.type not in ("revolute", "continuous", "prismatic"):
             what = "is a mimic joint itself" if leader.mimic is not None else f"is {leader.type}"
             raise UrdfError(
@@ -423,9 +414,8 @@ def urdf_of(root: Element, source: str | Path, path: Path | None, package_dirs: 
         raise UrdfError(source, f"has {len(link_elements)} links; the limit is {MAX_LINKS}")
     links = _unique(link_elements, source)
     if "universe" in links:
-        raise UrdfError(
-            source, "has a link named 'universe', a name reserved by Pinocchio; rename it", place(links["universe"])
-        )
+        reason = "has a link named 'universe', a name reserved by Pinocchio; rename it"
+        raise UrdfError(source, reason, place(links["universe"]))
     joints = {name: read_joint(e, links, source) for name, e in _unique(root.findall("joint"), source).items()}
     check_mimics(joints, source)
     folder = None if path is None else path.resolve().parent
@@ -492,9 +482,7 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
     for element in root.findall("joint"):
         joint = joints[element.get("name").strip()]
         kind = "revolute" if joint.type == "continuous" else joint.type
-        copy = etree.SubElement(robot, "joint", name=_model_joint(joint.name, links), type=kind)
-        etree.SubElement(copy, "parent", link=joint.parent)
-        etree.SubElement(copy, "child", link=joint.child)
+        copy = add_joint(robot, _model_joint(joint.name, links), kind, joint.parent, joint.child)
         where, axis = element.find("origin"), element.find("axis")
         if where is not None:
             etree.SubElement(copy, "origin", {a: where.get(a) for a in ("xyz", "rpy") if where.get(a) is not None})
@@ -502,7 +490,7 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
             vector = np.array([float(part) for part in axis.get("xyz").split()])
             vector /= np.abs(vector).max()  # so that no square overflows
             unit = vector / np.linalg.norm(vector)
-            etree.SubElement(copy, "axis", xyz=" ".join(repr(float(v)) for v in unit))
+            etree.SubElement(copy, "axis", xyz=numbers_text(unit))
         if kind in ("revolute", "prismatic"):
             # The parser of Pinocchio requires limits; those in use are in JointLimits.
             effort = "1e9" if joint.effort is None else repr(joint.effort)

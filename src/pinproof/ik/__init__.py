@@ -1,14 +1,9 @@
 """Inverse kinematics (IK): joint configurations that bring the tcp to a target, and tracking of pose sequences."""
 
-from pinproof.ik.analytic import (
-    AnalyticIk,
-    CurveEnd,
-    IkBranches,
-    IkBranchesBatch,
-    IkFamily,
-    SelfMotion,
-    SelfMotionCurve,
-)
+from pinproof.ik.analytic.analytic_ik import AnalyticIk
+from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch
+from pinproof.ik.analytic.family import IkFamily
+from pinproof.ik.analytic.self_motion import CurveEnd, SelfMotion, SelfMotionCurve
 from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse

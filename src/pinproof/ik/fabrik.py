@@ -15,7 +15,7 @@ from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.loop import CompiledRule, DescentState, Stall, StepRule
 from pinproof.ik.task import GoalName, IkGoal, Task
-from pinproof.ik.windings import TURN, turning
+from pinproof.ik.windings import TURN, stops
 from pinproof.model import Arm
 from pinproof.spatial import matrix
 
@@ -114,10 +114,9 @@ class _Passes:
         self._step: Array | None = None
         if here.squared_residual <= self._handover**2:
             return
-        turns, limits = turning(here.arm), here.arm.limits
+        chain, limits = here.arm.chain, here.arm.limits
         self._lower, self._upper = limits.lower, limits.upper
-        self._low, self._high = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
-        chain = here.arm.chain
+        self._low, self._high = stops(here.arm)
         self._links, self._prismatic = [*chain.before, chain.tool], chain.prismatic
         self._start = matrix(here.target.inverse())
         self._position_weight, self._rotation_mask = here.task.mask[0], here.task.mask[3:]

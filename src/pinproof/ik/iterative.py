@@ -19,12 +19,13 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik.loop import (
     AnyCandidate,
     CompiledRule,
+    Descender,
     OnStep,
     PinocchioSearch,
     Search,
     Stall,
     StepRule,
-    compiled_solver,
+    keep,
     seeds_of,
 )
 from pinproof.ik.result import (
@@ -37,15 +38,14 @@ from pinproof.ik.result import (
     refused,
     sampled,
 )
-from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_goal, make_task
-from pinproof.ik.windings import difference
+from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
+from pinproof.ik.windings import difference, wraps
 from pinproof.model import Arm
-from pinproof.spatial import SE3, finite, rigid_many, rigid_matrix
+from pinproof.spatial import SE3, finite, rigid, rigid_many, rigid_matrix
 
 Array = npt.NDArray[np.float64]
 Accept = Callable[[Array], bool]
 EngineName = Literal["auto", "compiled", "pinocchio"]
-TaskLike = TaskName | IkTask | Sequence[bool]
 
 SAME_SOLUTION = 1e-3
 """Solutions whose joints all differ by less (rad or m) count as one. At a singular target, configurations up to about
@@ -295,33 +295,37 @@ class IterativeIk(ABC):
         if solver is not None:
             compiled = None if null_space is None else null_space.compiled
             return CompiledSearch(solver, seeds.compiled, compiled, target, start), "compiled"
-        search = PinocchioSearch(
-            arm, task, seeds, null_space, target, start, rule=self.step_rule,
-            max_iterations=self.max_iterations, max_step=self.max_step, stall=self.stall, on_step=on_step,
-        )  # fmt: skip
-        return search, "pinocchio"
+        descender = Descender(
+            arm, rigid("target", target), task, null_space, self.step_rule, self.max_iterations, self.max_step, on_step
+        )
+        return PinocchioSearch(descender, seeds, start, self.stall), "pinocchio"
 
     def _compiled(self, arm: Arm, task: Task, on_step: OnStep | None) -> IkSolver | None:
         """The solver of the compiled core, which is cached; None if the loop on Pinocchio must be used."""
-        kept = _SOLVERS.setdefault(arm, {}) if on_step is None and self.engine != "pinocchio" else {}
-        solver = kept.get((self, task))
+        usable = on_step is None and self.engine != "pinocchio"
+        solver = _SOLVERS.get(arm, {}).get((self, task)) if usable else None
         if solver is not None:
             return solver
-        rule = self.compiled_rule() if on_step is None and self.engine != "pinocchio" else None
+        rule = self.compiled_rule() if usable else None
         if rule is None:
             if self.engine == "compiled":
-                why = (
-                    "on_step requires the loop on Pinocchio"
-                    if on_step is not None
-                    else "this method has no compiled rule"
-                )
+                why = "this method has no compiled rule" if usable else "on_step requires the loop on Pinocchio"
                 raise InputError(f"engine='compiled' is not available: {why}; use engine='auto'")
             return None
-        solver = compiled_solver(arm, task, rule, self.max_iterations, self.max_step, self.stall)
-        while len(kept) >= SOLVERS_KEPT:
-            kept.pop(next(iter(kept)), None)
-        kept[self, task] = solver
-        return solver
+        solver = IkSolver(
+            arm.chain,
+            lower=arm.limits.lower.tolist(),
+            upper=arm.limits.upper.tolist(),
+            periodic=arm.periodic.tolist(),
+            wraps=wraps(arm).tolist(),
+            task=task.compiled,
+            rule=rule,
+            max_iterations=self.max_iterations,
+            max_step=self.max_step,
+            progress=self.stall.progress,
+            patience=self.stall.patience,
+        )
+        return keep(_SOLVERS, arm, (self, task), solver, SOLVERS_KEPT)
 
     def _solve(self, arm: Arm, search: Search, engine: str, accept: Accept | None, task: Task) -> IkResult:
         count, refusals = self.restarts + 1, 0

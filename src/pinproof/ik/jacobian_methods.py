@@ -118,30 +118,11 @@ class DampedLeastSquares(IterativeIk):
 
     def step_rule(self) -> StepRule:
         """The damped least-squares step."""
-        return _DampedLeastSquaresStep(self.damping, self.region)
+        return _SingularStep(0.0, self.damping, self.region)
 
     def compiled_rule(self) -> CompiledRule:
         """The compiled form of :meth:`step_rule`."""
         return SingularStep(0.0, self.damping, self.region)
-
-
-class _DampedLeastSquaresStep:
-    def __init__(self, damping: float, region: float) -> None:
-        self._damping, self._region = damping, region
-
-    def observe(self, here: DescentState) -> None:
-        """Do nothing: the step depends on the residual and the Jacobian only."""
-
-    def __call__(self, residual: Array, jacobian: Array) -> Array:
-        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-        there = np.abs(jacobian) > NOTHING
-        rank = min(there.any(axis=1).sum(), there.any(axis=0).sum())
-        smallest = values[rank - 1] if rank else 0.0
-        size = float(np.linalg.norm(residual))
-        squared = self._damping**2 * size * (1 - (smallest / self._region) ** 2) if smallest < self._region else 0.0
-        kept = values > NOTHING
-        shares = values[kept] / (values[kept] ** 2 + squared)
-        return np.asarray(-right[kept].T @ (shares * (left[:, kept].T @ residual)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,21 +154,28 @@ class PseudoInverse(IterativeIk):
 
     def step_rule(self) -> StepRule:
         """The pseudo-inverse step."""
-        return _PseudoInverseStep(self.cutoff)
+        return _SingularStep(self.cutoff, 0.0, 1.0)
 
     def compiled_rule(self) -> CompiledRule:
         """The compiled form of :meth:`step_rule`."""
         return SingularStep(self.cutoff, 0.0, 1.0)
 
 
-class _PseudoInverseStep:
-    def __init__(self, cutoff: float) -> None:
-        self._cutoff = cutoff
+class _SingularStep:
+    """The step rule of :class:`DampedLeastSquares` and :class:`PseudoInverse`, from the singular values of A."""
+
+    def __init__(self, cutoff: float, damping: float, region: float) -> None:
+        self._cutoff, self._damping, self._region = cutoff, damping, region
 
     def observe(self, here: DescentState) -> None:
         """Do nothing: the step depends on the residual and the Jacobian only."""
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
         left, values, right = np.linalg.svd(jacobian, full_matrices=False)
+        nonzero = np.abs(jacobian) > NOTHING
+        rank = min(nonzero.any(axis=1).sum(), nonzero.any(axis=0).sum())
+        share = (values[rank - 1] if rank else 0.0) / self._region
+        squared = self._damping**2 * float(np.linalg.norm(residual)) * (1 - share**2) if share < 1 else 0.0
         kept = values > max(self._cutoff * values[0], NOTHING)
-        return np.asarray(-right[kept].T @ (left[:, kept].T @ residual / values[kept]))
+        factors = values[kept] / (values[kept] ** 2 + squared)
+        return np.asarray(-right[kept].T @ (factors * (left[:, kept].T @ residual)))

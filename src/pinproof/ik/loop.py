@@ -10,15 +10,15 @@ A method is defined by its :class:`StepRule` alone. One descent repeats::
     scale the step to max_step, add it, shift joints with a range of 2 pi back within their limits
     stop if the residual has not decreased enough for some steps
 
-:func:`descend` is the loop on Pinocchio, for user-defined methods and for ``on_step``. The built-in methods run the
+:class:`Descender` is the loop on Pinocchio, for user-defined methods and for ``on_step``. The built-in methods run the
 same loop in the compiled core (``src/core/ik``); tests compare their iterates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -31,11 +31,13 @@ from pinproof._core import Seeds as CompiledSeeds
 from pinproof.common.validation import Rng, random_generator
 from pinproof.ik.result import Candidate, judge
 from pinproof.ik.task import Goal, Task
-from pinproof.ik.windings import TURN, nearest_winding, turning
+from pinproof.ik.windings import TURN, nearest_winding, stops, wraps
 from pinproof.model import Arm
-from pinproof.spatial import SE3, matrix, rigid
+from pinproof.spatial import SE3, matrix
 
 Array = npt.NDArray[np.float64]
+Key = TypeVar("Key", bound=Hashable)
+Value = TypeVar("Value")
 
 COUNT = 1024
 """Number of seeds of a set. The choice among them takes a microsecond; four times as many cost more than they save."""
@@ -52,7 +54,16 @@ class Seeds:
     compiled: CompiledSeeds
 
 
-_KEPT: WeakKeyDictionary[Arm, dict[int, Seeds]] = WeakKeyDictionary()
+def keep(cache: WeakKeyDictionary[Arm, dict[Key, Value]], arm: Arm, key: Key, value: Value, most: int) -> Value:
+    """Add a value to the cache, which keeps the last ``most`` values of each arm, and return it."""
+    values = cache.setdefault(arm, {})
+    while len(values) >= most:
+        values.pop(next(iter(values)), None)
+    values[key] = value
+    return value
+
+
+_SEEDS: WeakKeyDictionary[Arm, dict[int, Seeds]] = WeakKeyDictionary()
 
 
 def seeds_of(arm: Arm, rng: Rng | np.random.SeedSequence) -> Seeds:
@@ -61,15 +72,10 @@ def seeds_of(arm: Arm, rng: Rng | np.random.SeedSequence) -> Seeds:
     Source: Roberts (2018), "The unreasonable effectiveness of quasirandom sequences": x_k = s + k a mod 1, a_j = g^-j
     with g the root of g^(n + 1) = g + 1; the shift is that of Cranley and Patterson (1976).
     """
-    kept = _KEPT.setdefault(arm, {})
-    if isinstance(rng, int) and rng in kept:
-        return kept[rng]
+    if type(rng) is int and (found := _SEEDS.get(arm, {}).get(rng)) is not None:
+        return found
     seeds = _made(arm, random_generator(rng).random(arm.dof))
-    if isinstance(rng, int) and not isinstance(rng, bool):
-        while len(kept) >= SETS_KEPT:
-            kept.pop(next(iter(kept)), None)
-        kept[rng] = seeds
-    return seeds
+    return keep(_SEEDS, arm, rng, seeds, SETS_KEPT) if type(rng) is int else seeds
 
 
 def _made(arm: Arm, shift: Array) -> Seeds:
@@ -162,58 +168,75 @@ class Descent:
     iterations: int
 
 
-def descend(
-    arm: Arm,
-    target: SE3,
-    task: Task,
-    goal: Goal | None,
-    q: Array,
-    rule: StepRule,
-    *,
-    max_iterations: int,
-    max_step: float,
-    stall: Stall,
-    attempt: int = 0,
-    on_step: Callable[[IkStep], None] | None = None,
-) -> Descent:
-    """Descend from q within the limits until the task is satisfied or the descent stalls."""
-    box = _Box(arm)
-    best_q, best, reached = q, np.inf, False
-    mark, marked_at, iteration = np.inf, 0, 0
-    while True:
-        base_from_tcp, local = arm.local_jacobian(q)
-        target_from_tcp = matrix(target.actInv(base_from_tcp))
-        residual = task.residual(target_from_tcp)
-        squared = float(residual.dot(residual))
-        here = task.reached(residual)
-        if here or (not reached and squared < best):
-            best_q, best = q, squared
-        reached = reached or here
-        if here and goal is None:
-            break
-        if squared < stall.progress * mark:
-            mark, marked_at = squared, iteration
-        stalled = iteration - marked_at >= stall.patience and not reached
-        # The condition on squared also ends the descent if it is NaN.
-        if stalled or iteration >= (max_iterations + GOAL_STEPS if reached else max_iterations) or not squared < np.inf:
-            break
+OnStep = Callable[[IkStep], None]
 
-        rule.observe(DescentState(arm, target, task, q, squared, iteration, iteration - marked_at))
-        rotation = target_from_tcp[:3, :3]
-        jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
-        pull = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
-        drift = goal.step(arm, q) if here and goal is not None else np.zeros(arm.dof)
-        step = box.step(q, pull, jacobian, drift, rule, max_step)
-        largest = float(np.abs(step).max())
-        if largest <= SMALLEST_STEP or (here and largest <= GOAL_CONVERGED):
-            break
-        if largest > max_step:
-            step = step * (max_step / largest)
-        if on_step is not None:
-            on_step(IkStep(attempt, iteration, q.copy(), step.copy(), residual.copy()))
-        q = box.inside(q + step)
-        iteration += 1
-    return Descent(best_q, best, reached, iteration)
+
+@dataclass(frozen=True, eq=False)
+class Descender:
+    """The loop on Pinocchio for an arm, a target, a task and a method.
+
+    Parameters
+    ----------
+    arm, target, task, goal
+        The problem.
+    rule
+        Makes the step rule of one attempt.
+    max_iterations, max_step
+        The settings of :class:`~pinproof.ik.iterative.IterativeIk`.
+    on_step
+        Called with every step.
+    """
+
+    arm: Arm
+    target: SE3
+    task: Task
+    goal: Goal | None
+    rule: Callable[[], StepRule]
+    max_iterations: int
+    max_step: float
+    on_step: OnStep | None
+
+    def descend(self, q: Array, stall: Stall, attempt: int) -> Descent:
+        """Descend from q (n,) within the limits until the task is satisfied or the descent stalls."""
+        arm, task, goal, rule = self.arm, self.task, self.goal, self.rule()
+        box = _Box(arm)
+        best_q, best, reached = q, np.inf, False
+        mark, marked_at, iteration = np.inf, 0, 0
+        while True:
+            base_from_tcp, local = arm.local_jacobian(q)
+            target_from_tcp = matrix(self.target.actInv(base_from_tcp))
+            residual = task.residual(target_from_tcp)
+            squared = float(residual.dot(residual))
+            here = task.reached(residual)
+            if here or (not reached and squared < best):
+                best_q, best = q, squared
+            reached = reached or here
+            if here and goal is None:
+                break
+            if squared < stall.progress * mark:
+                mark, marked_at = squared, iteration
+            stalled = iteration - marked_at >= stall.patience and not reached
+            # The condition on squared also ends the descent if it is NaN.
+            most = self.max_iterations + (GOAL_STEPS if reached else 0)
+            if stalled or iteration >= most or not squared < np.inf:
+                break
+
+            rule.observe(DescentState(arm, self.target, task, q, squared, iteration, iteration - marked_at))
+            rotation = target_from_tcp[:3, :3]
+            jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
+            pull = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
+            drift = goal.step(arm, q) if here and goal is not None else np.zeros(arm.dof)
+            step = box.step(q, pull, jacobian, drift, rule, self.max_step)
+            largest = float(np.abs(step).max())
+            if largest <= SMALLEST_STEP or (here and largest <= GOAL_CONVERGED):
+                break
+            if largest > self.max_step:
+                step = step * (self.max_step / largest)
+            if self.on_step is not None:
+                self.on_step(IkStep(attempt, iteration, q.copy(), step.copy(), residual.copy()))
+            q = box.inside(q + step)
+            iteration += 1
+        return Descent(best_q, best, reached, iteration)
 
 
 class _Box:
@@ -224,10 +247,9 @@ class _Box:
 
     def __init__(self, arm: Arm) -> None:
         limits = arm.limits
-        self._turning = turning(arm)
+        self._wraps = wraps(arm)
         self._lower, self._upper = limits.lower, limits.upper
-        self._low = np.where(self._turning, -np.inf, limits.lower)
-        self._high = np.where(self._turning, np.inf, limits.upper)
+        self._low, self._high = stops(arm)
 
     def step(self, q: Array, residual: Array, jacobian: Array, drift: Array, rule: StepRule, max_step: float) -> Array:
         """The step of the rule within the limits (active set), added to the step of a goal (``drift``).
@@ -253,10 +275,8 @@ class _Box:
     def inside(self, q: Array) -> Array:
         """Q (n,) shifted by 2 pi where possible, and clipped, to be within the limits."""
         turned = np.where(q > self._upper, q - TURN, np.where(q < self._lower, q + TURN, q))
-        return np.clip(np.where(self._turning, turned, q), self._lower, self._upper)
+        return np.clip(np.where(self._wraps, turned, q), self._lower, self._upper)
 
-
-OnStep = Callable[[IkStep], None]
 
 CompiledRule: TypeAlias = ClikStep | SingularStep | FabrikStep
 """A step rule of the compiled core."""
@@ -279,66 +299,19 @@ class Search(Protocol):
         """
 
 
-def compiled_solver(
-    arm: Arm, task: Task, rule: CompiledRule, max_iterations: int, max_step: float, stall: Stall
-) -> IkSolver:
-    """An arm, a task and a method for the compiled core."""
-    return IkSolver(
-        arm.chain,
-        lower=arm.limits.lower.tolist(),
-        upper=arm.limits.upper.tolist(),
-        periodic=arm.periodic.tolist(),
-        wraps=turning(arm).tolist(),
-        task=task.compiled,
-        rule=rule,
-        max_iterations=max_iterations,
-        max_step=max_step,
-        progress=stall.progress,
-        patience=stall.patience,
-    )
-
-
 class PinocchioSearch:
-    """The same attempts as those of ``_core.Search``, with :func:`descend`.
+    """The same attempts as those of ``_core.Search``, by a :class:`Descender`.
 
-    Parameters
-    ----------
-    arm, task, seeds, goal
-        The problem.
-    target
-        (4, 4) ``base_from_target``.
-    q0
-        (n,) the start of the first attempt, within or outside the limits.
-    rule
-        Makes the step rule of one attempt.
-    max_iterations, max_step, stall
-        The settings of a descent.
-    on_step
-        Called with every step.
+    The first attempt starts at q0 (n,), within or outside the limits, and each ends by the criterion ``stall``.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        task: Task,
-        seeds: Seeds,
-        goal: Goal | None,
-        target: Array,
-        q0: Array,
-        *,
-        rule: Callable[[], StepRule],
-        max_iterations: int,
-        max_step: float,
-        stall: Stall,
-        on_step: OnStep | None,
-    ) -> None:
-        self._arm, self._task, self._goal, self._seeds = arm, task, goal, seeds
-        self._matrix, self._target = target, rigid("target", target)
+    def __init__(self, descender: Descender, seeds: Seeds, q0: Array, stall: Stall) -> None:
+        arm = descender.arm
+        self._descender, self._seeds, self._stall = descender, seeds, stall
         self._q0 = q0 = arm.limits.snap(q0)
         self._q = q0 if arm.limits.contains(q0) else arm.limits.clip(nearest_winding(arm, q0, q0))
-        self._rule, self._max_iterations, self._max_step = rule, max_iterations, max_step
-        self._stall, self._on_step = stall, on_step
-        self._order: list[int] = seeds.compiled.nearest(task.compiled, target)
+        self._matrix = matrix(descender.target)
+        self._order: list[int] = seeds.compiled.nearest(descender.task.compiled, self._matrix)
         self._attempts = self._iterations = 0
 
     def next(self, count: int, polish: bool) -> Candidate:
@@ -362,29 +335,18 @@ class PinocchioSearch:
         return self._candidate()
 
     def _descend(self, attempt: int, stall: Stall) -> Descent:
-        descent = descend(
-            self._arm,
-            self._target,
-            self._task,
-            self._goal,
-            self._q,
-            self._rule(),
-            max_iterations=self._max_iterations,
-            max_step=self._max_step,
-            stall=stall,
-            attempt=attempt,
-            on_step=self._on_step,
-        )
+        descent = self._descender.descend(self._q, stall, attempt)
         self._q = descent.q
         self._iterations += descent.iterations
         return descent
 
     def _candidate(self) -> Candidate:
-        return judge(self._arm, self._matrix, self._task, self._q, self._q0, self._iterations, self._attempts)
+        arm, task = self._descender.arm, self._descender.task
+        return judge(arm, self._matrix, task, self._q, self._q0, self._iterations, self._attempts)
 
     def _flip_or_seed(self) -> Array:
         """The closest in pose to the target among the flips of q (one joint mirrored) and the seeds."""
-        limits, q = self._arm.limits, self._q
+        limits, q = self._descender.arm.limits, self._q
         with np.errstate(invalid="ignore"):
             middle = np.where(np.isfinite(limits.upper - limits.lower), (limits.lower + limits.upper) / 2, 0.0)
         flips = [np.where(np.arange(len(q)) == i, 2 * middle - q, q) for i in range(len(q))]
@@ -395,6 +357,7 @@ class PinocchioSearch:
         return choice[best]
 
     def _away(self, q: Array) -> float:
-        distance, spin = self._seeds.compiled.weights(self._task.compiled)
-        seen = self._target.actInv(self._arm.forward_kinematics(q))
+        problem = self._descender
+        distance, spin = self._seeds.compiled.weights(problem.task.compiled)
+        seen = problem.target.actInv(problem.arm.forward_kinematics(q))
         return float(distance * seen.translation @ seen.translation - spin * np.trace(seen.rotation))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pinproof.errors import UnknownNameError
-from pinproof.ik.analytic import AnalyticIk
+from pinproof.ik.analytic.analytic_ik import AnalyticIk
 from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse

@@ -19,7 +19,7 @@ box inside another body, plus the radius of the enclosure, is less than its own 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,14 +62,10 @@ class Steps:
     evaluations: Integers
     values: Array
 
-    @classmethod
-    def of(cls, kinds: Any, joints: Any, constraints: Any, evaluations: Any, values: Any) -> Steps:
-        """The steps of lists or arrays."""
-
-        def whole(numbers: Any) -> Integers:
-            return np.array(numbers, dtype=np.int64)
-
-        return cls(whole(kinds), whole(joints), whole(constraints), whole(evaluations), np.array(values, dtype=float))
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            dtype = float if each.name == "values" else np.int64
+            object.__setattr__(self, each.name, np.array(getattr(self, each.name), dtype=dtype))
 
     def __len__(self) -> int:
         return len(self.kinds)
@@ -139,12 +135,6 @@ class Loop:
     first: list[int]
     at: list[Array]
     pairs: list[tuple[int, int]]
-
-    @classmethod
-    def of(cls, before: Array, tool: Array, prismatic: Any, points: dict[str, Any], pairs: Any) -> Loop:
-        """The loop of a chain with the points of a prover."""
-        at = [np.array(each, dtype=float) for each in points["at"]]
-        return cls(before, tool, [bool(one) for one in prismatic], list(points["first"]), at, list(pairs))
 
     @property
     def size(self) -> float:
@@ -231,85 +221,121 @@ def excluded_boxes(steps: Steps, lower: Array, upper: Array) -> tuple[Array, Int
 def check_exclusion(
     loop: Loop,
     steps: Steps,
-    lower: Array,
-    upper: Array,
+    ranges: tuple[Array, Array],
     target: Array,
-    position: float,
-    orientation: float,
+    tolerances: tuple[float, float],
     overlaps: Sequence[Overlap] = (),
 ) -> bool:
-    """Whether the steps prove that no configuration in the ranges (n,) reaches the target within the tolerances.
+    """Whether the steps prove that no configuration in the ranges (n,) reaches the target within tolerances (m, rad).
 
-    With overlaps: whether none does without one of them.
+    With overlaps, whether they prove that every configuration that reaches it has one of the overlaps.
     """
     if not len(steps):
         return False
     try:
-        boxes, constraints = excluded_boxes(steps, lower, upper)
+        boxes, constraints = excluded_boxes(steps, *ranges)
     except ValueError:
         return False
     for number in np.unique(constraints).tolist():
         own = boxes[constraints == number]
-        middle, width = own.mean(axis=1), (own[:, 1] - own[:, 0]) / 2
-        if number >= len(loop.pairs):
-            if number - len(loop.pairs) >= len(overlaps):
-                return False
+        motion = _Motion(loop, target, tolerances, own.mean(axis=1), (own[:, 1] - own[:, 0]) / 2)
+        if number < len(loop.pairs):
+            inner, outer, error = loop.arcs(number)
+            (low, high), (other_low, other_high) = (_distance(motion, arc, error) for arc in (inner, outer))
+            excluded = (low > other_high) | (other_low > high)
+        elif number - len(loop.pairs) < len(overlaps):
             overlap = overlaps[number - len(loop.pairs)]
-            excess = np.minimum(
-                *(
-                    _gap(loop, overlap, through, middle, width, target, position, orientation)
-                    for through in (False, True)
-                )
-            )
-            if not (excess < -ROUNDING * loop.size).all():
-                return False
-            continue
-        inner, outer, error = loop.arcs(number)
-        ends = [_distance(loop, arc, middle, width, target, position, orientation, error) for arc in (inner, outer)]
-        (low, high), (other_low, other_high) = ends
-        if not ((low > other_high) | (other_low > high)).all():
+            gap = np.minimum(*(_gap(motion, overlap, through_target) for through_target in (False, True)))
+            excluded = gap < -ROUNDING * loop.size
+        else:
+            return False
+        if not excluded.all():
             return False
     return True
 
 
-def _distance(
-    loop: Loop, arc: _Arc, middle: Array, width: Array, target: Array, position: float, orientation: float, error: float
-) -> tuple[Array, Array]:
+Balls = tuple[Array, Array]
+"""The centres (k, 3) and radii (k,) of balls that enclose a point, one ball for each box of joint values."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """The motion of balls from link to link over k boxes, which have middles and half widths (k, n) of joint ranges."""
+
+    loop: Loop
+    target: Array
+    tolerances: tuple[float, float]
+    middle: Array
+    width: Array
+
+    def balls(self, point: Array, radius: float = 0.0) -> Balls:
+        """The same ball for each box."""
+        return np.tile(point, (len(self.middle), 1)), np.full(len(self.middle), radius)
+
+    def in_joint_frame(self, balls: Balls, joint: int) -> Balls:
+        """Balls on the link before a joint, in the frame of the joint."""
+        return _transformed(balls, np.linalg.inv(self.loop.before[joint]))
+
+    def behind(self, balls: Balls, joint: int) -> Balls:
+        """Balls in the frame of a joint, on the link behind it."""
+        return self._turned(balls, joint, -self.middle[:, joint])
+
+    def ahead(self, balls: Balls, joint: int) -> Balls:
+        """Balls on the link behind a joint, on the link before it."""
+        return _transformed(self._turned(balls, joint, self.middle[:, joint]), self.loop.before[joint])
+
+    def through_target(self, balls: Balls, *, to_last: bool) -> Balls:
+        """Balls on the base, on the last link, which the target and its tolerances tie to the base; or the reverse."""
+        base_from_last = self.target @ np.linalg.inv(self.loop.tool)
+        # The tolerances apply to the tcp, here in the frame that the balls are moved from.
+        matrix, tcp = (base_from_last, self.loop.tool) if to_last else (np.linalg.inv(base_from_last), self.target)
+        centre, radius = balls
+        away = np.linalg.norm(centre - tcp[:3, 3], axis=1) + radius
+        position, orientation = self.tolerances
+        return _transformed((centre, radius + position + orientation * away), matrix)
+
+    def _turned(self, balls: Balls, joint: int, by: Array) -> Balls:
+        """The balls that enclose balls after the motion of a joint by ``by`` (k,) +- its half width."""
+        (centre, radius), width = balls, self.width[:, joint]
+        if self.loop.prismatic[joint]:
+            return centre + np.multiply.outer(by, [0.0, 0.0, 1.0]), radius + width
+        rho = np.hypot(centre[:, 0], centre[:, 1])
+        half = np.minimum(width, np.pi / 2)
+        phase = np.arctan2(centre[:, 1], centre[:, 0]) + by
+        inwards = rho * np.cos(half)
+        moved = np.stack([inwards * np.cos(phase), inwards * np.sin(phase), centre[:, 2]], axis=1)
+        return moved, radius + rho * np.sin(half)
+
+
+def _transformed(balls: Balls, matrix: npt.NDArray[Any]) -> Balls:
+    return balls[0] @ matrix[:3, :3].T + matrix[:3, 3], balls[1]
+
+
+def _distance(motion: _Motion, arc: _Arc, error: float) -> tuple[Array, Array]:
     """(k,) lower and upper bounds of the distance of the ends of an arc over k boxes, with each joint exact in turn."""
-    count, size = len(middle), loop.size
-    base_from_last = target @ np.linalg.inv(loop.tool)
-    before: list[tuple[Array, Array]] = []
-    after: list[tuple[Array, Array]] = []
-    centre, radius = np.tile(arc.start, (count, 1)), np.full(count, error)
-
-    def tied(matrix: Array, tcp: Array) -> tuple[Array, Array]:
-        away = np.linalg.norm(centre - tcp, axis=1) + radius
-        return centre @ matrix[:3, :3].T + matrix[:3, 3], radius + position + orientation * away
-
-    for i, joint in enumerate([*arc.joints, -1]):
+    loop, size = motion.loop, motion.loop.size
+    before: list[Balls] = []
+    after: list[Balls] = []
+    balls = motion.balls(arc.start, error)
+    for i, joint in enumerate(arc.joints):
         if i == arc.target:
-            centre, radius = tied(base_from_last, loop.tool[:3, 3])
-        if joint < 0:
-            break
-        back = np.linalg.inv(loop.before[joint])
-        centre = centre @ back[:3, :3].T + back[:3, 3]
-        before.append((centre, radius))
-        centre, radius = _turned(loop, joint, centre, radius, -middle[:, joint], width[:, joint])
-    start = centre, radius
-    centre, radius = np.tile(arc.end, (count, 1)), np.zeros(count)
-    for i in range(len(arc.joints) - 1, -1, -1):
-        if i + 1 == arc.target:
-            centre, radius = tied(np.linalg.inv(base_from_last), target[:3, 3])
-        after.insert(0, (centre, radius))
-        joint = arc.joints[i]
-        centre, radius = _turned(loop, joint, centre, radius, middle[:, joint], width[:, joint])
-        centre = centre @ loop.before[joint][:3, :3].T + loop.before[joint][:3, 3]
+            balls = motion.through_target(balls, to_last=True)
+        before.append(motion.in_joint_frame(balls, joint))
+        balls = motion.behind(before[-1], joint)
+    if arc.target == len(arc.joints):
+        balls = motion.through_target(balls, to_last=True)
     if not arc.joints:
-        straight = np.linalg.norm(start[0] - arc.end, axis=1)
-        return straight - start[1] - ROUNDING * size, straight + start[1] + ROUNDING * size
-    low, high = np.full(count, -np.inf), np.full(count, np.inf)
+        straight = np.linalg.norm(balls[0] - arc.end, axis=1)
+        return straight - balls[1] - ROUNDING * size, straight + balls[1] + ROUNDING * size
+    balls = motion.balls(arc.end)
+    for i, joint in reversed(list(enumerate(arc.joints))):
+        if i + 1 == arc.target:
+            balls = motion.through_target(balls, to_last=False)
+        after.insert(0, balls)
+        balls = motion.ahead(balls, joint)
+    low, high = np.full(len(motion.middle), -np.inf), np.full(len(motion.middle), np.inf)
     for joint, (a, ra), (b, rb) in zip(arc.joints, before, after, strict=True):
-        least, most = _squares(loop.prismatic[joint], a, b, middle[:, joint], width[:, joint])
+        least, most = _squares(loop.prismatic[joint], a, b, motion.middle[:, joint], motion.width[:, joint])
         square = SQUARE_ROUNDING * (size**2 + most)
         off = ra + rb + ROUNDING * size
         low = np.maximum(low, np.sqrt(np.maximum(least - square, 0.0)) - off)
@@ -317,65 +343,30 @@ def _distance(
     return low, high
 
 
-def _gap(
-    loop: Loop,
-    overlap: Overlap,
-    through: bool,
-    middle: Array,
-    width: Array,
-    target: Array,
-    position: float,
-    orientation: float,
-) -> Array:
+def _gap(motion: _Motion, overlap: Overlap, through_target: bool) -> Array:
     """(k,) upper bounds of the signed distance of ball and box over k boxes: below 0, they overlap everywhere.
 
-    The ball is carried to the link of the box along the joints between the links, or ``through`` the target.
+    The ball is moved to the link of the box along the joints between the links, or through the target.
     """
-    n, start, end = len(loop.before), overlap.ball_link, overlap.box_link
-    centre, radius = np.tile(overlap.centre, (len(middle), 1)), np.zeros(len(middle))
-    base_from_last = target @ np.linalg.inv(loop.tool)
-
-    def tie(matrix: Array, tcp: Array) -> tuple[Array, Array]:
-        away = np.linalg.norm(centre - tcp, axis=1) + radius
-        return centre @ matrix[:3, :3].T + matrix[:3, 3], radius + position + orientation * away
-
-    ascending = (start <= end) != through
+    n, start, end = len(motion.loop.before), overlap.ball_link, overlap.box_link
+    ascending = (start <= end) != through_target
     route: list[int | None] = [*range(start, end)] if ascending else [*range(start - 1, end - 1, -1)]
-    if through and ascending:
+    if through_target and ascending:
         route = [*range(start, n), None, *range(end)]
-    elif through:
+    elif through_target:
         route = [*range(start - 1, -1, -1), None, *range(n - 1, end - 1, -1)]
+    balls = motion.balls(overlap.centre)
     for joint in route:
         if joint is None:
-            centre, radius = (
-                tie(base_from_last, loop.tool[:3, 3])
-                if ascending
-                else tie(np.linalg.inv(base_from_last), target[:3, 3])
-            )
-            continue
-        if ascending:
-            back = np.linalg.inv(loop.before[joint])
-            centre = centre @ back[:3, :3].T + back[:3, 3]
-            centre, radius = _turned(loop, joint, centre, radius, -middle[:, joint], width[:, joint])
+            balls = motion.through_target(balls, to_last=ascending)
+        elif ascending:
+            balls = motion.behind(motion.in_joint_frame(balls, joint), joint)
         else:
-            centre, radius = _turned(loop, joint, centre, radius, middle[:, joint], width[:, joint])
-            centre = centre @ loop.before[joint][:3, :3].T + loop.before[joint][:3, 3]
-    box_from_link = np.linalg.inv(overlap.link_from_box)
-    beyond = np.abs(centre @ box_from_link[:3, :3].T + box_from_link[:3, 3]) - overlap.half
+            balls = motion.ahead(balls, joint)
+    centre, radius = _transformed(balls, np.linalg.inv(overlap.link_from_box))
+    beyond = np.abs(centre) - overlap.half
     inside, outside = beyond.max(axis=1), np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
     return np.asarray(np.where(inside > 0, outside, inside) + radius - overlap.radius - overlap.box_radius)
-
-
-def _turned(loop: Loop, joint: int, centre: Array, radius: Array, by: Array, width: Array) -> tuple[Array, Array]:
-    """The balls that enclose balls (k,) after the motion of a joint by ``by`` +- ``width`` (k,)."""
-    if loop.prismatic[joint]:
-        return centre + np.multiply.outer(by, [0.0, 0.0, 1.0]), radius + width
-    rho = np.hypot(centre[:, 0], centre[:, 1])
-    half = np.minimum(width, np.pi / 2)
-    phase = np.arctan2(centre[:, 1], centre[:, 0]) + by
-    inwards = rho * np.cos(half)
-    moved = np.stack([inwards * np.cos(phase), inwards * np.sin(phase), centre[:, 2]], axis=1)
-    return moved, radius + rho * np.sin(half)
 
 
 def _squares(prismatic: bool, a: Array, b: Array, middle: Array, width: Array) -> tuple[Array, Array]:

@@ -18,10 +18,10 @@ import numpy.typing as npt
 from pinproof import _core
 from pinproof.common.display import outline
 from pinproof.common.validation import Rng, require_integer, require_positive
-from pinproof.errors import IkFailed, InputError
+from pinproof.errors import InputError
 from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.reach_check import Loop, Overlap, Steps, check_exclusion, excluded_boxes
-from pinproof.ik.result import judge
+from pinproof.ik.result import IkOutcome, judge
 from pinproof.ik.task import make_task
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
@@ -50,7 +50,7 @@ class ReachStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class ReachProof:
+class ReachProof(IkOutcome):
     """A configuration that reaches a target, or a proof that none does.
 
     Parameters
@@ -85,14 +85,27 @@ class ReachProof:
         """Whether the target is proven to be out of reach, or reached only with one of the overlaps."""
         return self.status is ReachStatus.IMPOSSIBLE
 
+    @property
+    def ok(self) -> bool:
+        """Whether a solution was found."""
+        return self.status is ReachStatus.FOUND
+
+    @property
+    def _tolerances(self) -> tuple[float, float]:
+        return self.position_tolerance, self.orientation_tolerance
+
+    def _repeated(self, *, recorded: bool) -> _core.ReachProof:
+        """The proof of the compiled core again, with its steps if ``recorded``."""
+        packed = _packed(self.overlaps)
+        return _prover(self.arm).prove(self.target, *self._tolerances, self.examined + 1, recorded, packed)
+
     @cached_property
     def steps(self) -> Steps:
         """The steps of the proof if the status is IMPOSSIBLE, for :meth:`verify`; else an empty sequence."""
         if not self.proven:
-            return Steps.of([], [], [], [], [])
-        tolerances = self.position_tolerance, self.orientation_tolerance
-        proof = _prover(self.arm).prove(self.target, *tolerances, self.examined + 1, True, _packed(self.overlaps))
-        return Steps.of(proof.kinds, proof.joints, proof.constraints, proof.evaluations, proof.values)
+            return Steps(*np.empty((5, 0)))
+        proof = self._repeated(recorded=True)
+        return Steps(proof.kinds, proof.joints, proof.constraints, proof.evaluations, proof.values)
 
     @property
     def boxes(self) -> Array:
@@ -115,26 +128,23 @@ class ReachProof:
         """
         if self.status is ReachStatus.UNDECIDED:
             raise InputError("the proof is undecided, so there is nothing to verify; raise budget")
-        tolerances = self.position_tolerance, self.orientation_tolerance
         if self.q is not None:
-            task = make_task("pose", *tolerances)
-            return judge(self.arm, self.target, task, self.q, self.q).fulfils
-        ranges = _ranges(self.arm)
-        return check_exclusion(self._loop, self.steps, *ranges, self.target, *tolerances, self.overlaps)
+            return judge(self.arm, self.target, make_task("pose", *self._tolerances), self.q, self.q).fulfils
+        return check_exclusion(self._loop, self.steps, _ranges(self.arm), self.target, self._tolerances, self.overlaps)
 
     @cached_property
     def bodies(self) -> tuple[tuple[str, str], ...]:
         """The names of the bodies whose overlaps exclude a box of joint values, each pair once."""
         if not self.proven or not self.overlaps:
             return ()
-        tolerances = self.position_tolerance, self.orientation_tolerance
-        proof = _prover(self.arm).prove(self.target, *tolerances, self.examined + 1, False, _packed(self.overlaps))
+        proof = self._repeated(recorded=False)
         return tuple(dict.fromkeys(each.names for each, used in zip(self.overlaps, proof.used, strict=True) if used))
 
     @property
     def _loop(self) -> Loop:
         prover, chain = _prover(self.arm), self.arm.chain
-        return Loop.of(chain.before, chain.tool, chain.prismatic, prover.points, prover.constraints)
+        first, at = prover.points["first"], [np.array(each) for each in prover.points["at"]]
+        return Loop(chain.before, chain.tool, list(chain.prismatic), first, at, list(prover.constraints))
 
     @cached_property
     def message(self) -> str:
@@ -145,28 +155,13 @@ class ReachProof:
         if self.status is ReachStatus.UNDECIDED:
             return f"undecided: {self.examined} boxes of joint values were examined; raise budget to examine more"
         boxes = "1 box" if self.examined == 1 else f"{self.examined} boxes"
+        far = far_hint(float(np.linalg.norm(self.target[:3, 3])), self.arm.robot.size)
         pairs = " or ".join(f"{first} with {second}" for first, second in self.bodies)
         without = f" without a collision of {pairs}" if pairs else ""
         return (
             f"proven impossible: no configuration within the limits reaches the target to within {size}{without} "
-            f"({boxes} of joint values excluded){self._hint()}"
+            f"({boxes} of joint values excluded){far}"
         )
-
-    def _hint(self) -> str:
-        """A hint at another unit of length if the target is very far."""
-        return far_hint(float(np.linalg.norm(self.target[:3, 3])), self.arm.robot.size)
-
-    def or_raise(self) -> ReachProof:
-        """The result itself if a solution was found.
-
-        Raises
-        ------
-        IkFailed
-            If it was not; ``.result`` of the error is this value.
-        """
-        if self.status is not ReachStatus.FOUND:
-            raise IkFailed(self.message, self)
-        return self
 
     def __repr__(self) -> str:
         return outline(f"ReachProof({self.message})", ())

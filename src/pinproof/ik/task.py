@@ -17,7 +17,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,7 @@ from pinproof.model import Arm
 
 Array = npt.NDArray[np.float64]
 TaskName = Literal["pose", "position", "orientation", "spin_x", "spin_y", "spin_z"]
+TaskLike: TypeAlias = "TaskName | IkTask | Sequence[bool]"
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -128,7 +129,7 @@ class Task:
         )
 
 
-def make_task(task: str | IkTask | Sequence[bool], position_tolerance: float, orientation_tolerance: float) -> Task:
+def make_task(task: TaskLike, position_tolerance: float, orientation_tolerance: float) -> Task:
     """Make a task from its name or coordinates, with tolerances in m and rad.
 
     Raises

@@ -13,7 +13,7 @@ from pinproof.common.display import html_block, html_plot
 from pinproof.common.validation import freeze_arrays, require_positive
 from pinproof.errors import InputError
 from pinproof.ik.result import AT_LIMIT, IkOutcome
-from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_goal, make_task
+from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, finite, matrix, rigid, rigid_many
@@ -80,7 +80,7 @@ class TrackResult(IkOutcome):
         return html_block(self.message, html_plot(self.times, lines, "rad or m") if lines else "")
 
     def __post_init__(self) -> None:
-        errors = slips(self.arm, self.task, self.poses, self.q)
+        errors = pose_errors(self.arm, self.task, self.poses, self.q)
         measured = {"position_error": errors[:, 0], "orientation_error": errors[:, 1]}
         for name, value in {**measured, "reached": self.task.fulfilled(errors)}.items():
             object.__setattr__(self, name, value)
@@ -125,7 +125,8 @@ class TrackResult(IkOutcome):
                 f"joint speeds up to {self.speed_share.max():.0%} of the limits"
             )
         runs = self._runs_above_tolerance()
-        described = sorted(sorted(runs, key=self._error_of, reverse=True)[:NAMED])
+        errors = self.position_error + self.orientation_error
+        described = sorted(sorted(runs, key=lambda run: -float(errors[run[0] : run[1] + 1].max()))[:NAMED])
         more = f"; and {len(runs) - NAMED} more intervals" if len(runs) > NAMED else ""
         return (
             f"{np.count_nonzero(~self.reached)} of {len(self)} poses not reached; largest error {worst}: "
@@ -143,10 +144,6 @@ class TrackResult(IkOutcome):
         """First and last sample of each interval in which the errors exceed the tolerances."""
         edges = np.flatnonzero(np.diff(~self.reached, prepend=False, append=False))
         return [(first, end - 1) for first, end in edges.reshape(-1, 2).tolist()]
-
-    def _error_of(self, run: tuple[int, int]) -> float:
-        rows = slice(run[0], run[1] + 1)
-        return float((self.position_error[rows] + self.orientation_error[rows]).max())
 
     def _described(self, first: int, last: int) -> str:
         rows = slice(first, last + 1)
@@ -179,12 +176,9 @@ class TrackResult(IkOutcome):
         return float(np.linalg.svd(selected, compute_uv=False)[-1])
 
 
-def slips(arm: Arm, task: Task, poses: Array, q: Array) -> Array:
+def pose_errors(arm: Arm, task: Task, poses: Array, q: Array) -> Array:
     """(N, 2) distances (m) and angles (rad) from the poses (N, 4, 4) to the tcp at q (N, n)."""
     return np.asarray(task.compiled.measure_batch(np.ascontiguousarray(poses), arm.forward_kinematics_batch(q)))
-
-
-TaskLike = TaskName | IkTask | Sequence[bool]
 
 
 def track(
@@ -245,7 +239,7 @@ def track(
         raise InputError("poses is empty; track requires at least one pose")
     clock, durations = _cycles(dt, times, len(many))
     follower = _Follower(arm, q0, velocity, task, goal, position_tolerance, orientation_tolerance)
-    q = follower(many, durations)
+    q = np.asarray(follower.core.track(many, durations))
     return TrackResult(arm, follower.task, many, follower.start, q, clock, durations, follower.velocity)
 
 
@@ -320,7 +314,7 @@ class Tracker:
         """Distance (m) and angle (rad) from the last pose to the tcp; 0 before the first pose."""
         if self._pose is None:
             return 0.0, 0.0
-        position, orientation = slips(self.arm, self._follower.task, self._pose, self.q[None])[0].tolist()
+        position, orientation = pose_errors(self.arm, self._follower.task, self._pose, self.q[None])[0].tolist()
         return position, orientation
 
     @property
@@ -337,7 +331,7 @@ class Tracker:
             If the pose is not rigid; the configuration then does not change.
         """
         self._pose = matrix(rigid("pose", pose))[None]
-        return self._follower(self._pose, self._durations)[0]
+        return np.asarray(self._follower.core.track(self._pose, self._durations)[0])
 
 
 class _Follower:
@@ -364,10 +358,6 @@ class _Follower:
             arm.chain, arm.limits.lower.tolist(), arm.limits.upper.tolist(), self.velocity.tolist(),
             self.task.compiled, None if null_space is None else null_space.compiled, self.start.tolist(),
         )  # fmt: skip
-
-    def __call__(self, poses: Array, durations: Array) -> Array:
-        """The next N configurations (N, n)."""
-        return np.asarray(self.core.track(poses, durations))
 
 
 def _speeds(arm: Arm, velocity: float | npt.ArrayLike | None) -> Array:

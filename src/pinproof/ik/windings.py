@@ -17,13 +17,19 @@ Array = npt.NDArray[np.float64]
 
 TURN = 2 * np.pi
 
-WHOLE_TURN_GAP = 1e-3
+FULL_ROTATION_GAP = 1e-3
 """Rad. A range shorter than 2 pi by at most this counts as 2 pi, because files write pi as 3.1416 or 3.14159."""
 
 
-def turning(arm: Arm) -> npt.NDArray[np.bool_]:
+def wraps(arm: Arm) -> npt.NDArray[np.bool_]:
     """(n,) the joints with a range of at least 2 pi; beyond a limit, a descent continues 2 pi away at the same pose."""
-    return np.asarray(arm.periodic & (arm.limits.upper - arm.limits.lower >= TURN - WHOLE_TURN_GAP))
+    return np.asarray(arm.periodic & (arm.limits.upper - arm.limits.lower >= TURN - FULL_ROTATION_GAP))
+
+
+def stops(arm: Arm) -> tuple[Array, Array]:
+    """(n,) lower and upper limits at which a descent stops a joint; infinite for the joints of :func:`wraps`."""
+    wrapping = wraps(arm)
+    return np.where(wrapping, -np.inf, arm.limits.lower), np.where(wrapping, np.inf, arm.limits.upper)
 
 
 def nearest_winding(arm: Arm, q: Array, reference: Array) -> Array:

@@ -84,7 +84,7 @@ def find_chain(urdf: Urdf, *ends: tuple[str, str]) -> Chain:
     names = list(dict.fromkeys(name for base, tip in ends for name in moving_joints(urdf, base, tip)))
     if len(names) > MAX_JOINTS:
         between = " and ".join(f"between {base!r} and {tip!r}" for base, tip in ends)
-        raise InputError(f"{len(names)} joints move {between}; the limit is {MAX_JOINTS}")
+        raise InputError(f"{len(names)} joints are {between}; the limit is {MAX_JOINTS}")
     return chain_of(urdf, names)
 
 
@@ -113,7 +113,7 @@ def moving_joints(urdf: Urdf, base: str, tip: str) -> tuple[str, ...]:
         if joint.type != "fixed":
             names[joint.name if joint.mimic is None else joint.mimic.leader] = None
     if not names:
-        raise InputError(f"no joint moves between {base!r} and {tip!r}; is the tcp on the arm?")
+        raise InputError(f"no joint moves {tip!r} relative to {base!r}; select a tcp that the joints of the arm move")
     return tuple(names)
 
 
@@ -171,8 +171,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
     values: dict[str, float] = {}
     for joint in outside:
         if joint.mimic is None:
-            low = -np.inf if joint.lower is None else joint.lower
-            high = np.inf if joint.upper is None else joint.upper
+            low, high = joint.bounds
             values[joint.name] = float(held.get(joint.name, home.get(joint.name, min(max(0.0, low), high))))
     for joint in outside:
         if joint.mimic is not None:
@@ -185,20 +184,13 @@ def _limits(urdf: Urdf, names: Sequence[str], followers: tuple[str, ...]) -> Joi
     lower, upper, velocity, torque = [], [], [], []
     for name in names:
         joint = urdf.joints[name]
-        low = -np.inf if joint.lower is None else joint.lower
-        high = np.inf if joint.upper is None else joint.upper
+        low, high = joint.bounds
         speed = np.inf if joint.velocity is None else joint.velocity
         for follower in (urdf.joints[f] for f in followers):
             mimic = follower.mimic
             if mimic is None or mimic.leader != name or mimic.multiplier == 0.0:
                 continue
-            ends = [
-                (bound - mimic.offset) / mimic.multiplier
-                for bound in (
-                    -np.inf if follower.lower is None else follower.lower,
-                    np.inf if follower.upper is None else follower.upper,
-                )
-            ]
+            ends = [(bound - mimic.offset) / mimic.multiplier for bound in follower.bounds]
             low, high = max(low, min(ends)), min(high, max(ends))
             if follower.velocity is not None:
                 speed = min(speed, follower.velocity / abs(mimic.multiplier))
@@ -320,20 +312,16 @@ def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
             f"group {name!r} has the chains {list(group.chains)}; select one with base and tcp (--base, --tcp)"
         )
     else:
-        base, tip = _ends_of_joints(urdf, name, _joints(urdf, group.joints, group.links))
+        carriers = [joint.name for joint in map(urdf.parent_joint, group.links) if joint is not None]
+        base, tip = _ends_of_joints(urdf, name, list(dict.fromkeys([*group.joints, *carriers])))
     return base, declared[0] if declared else tip
-
-
-def _joints(urdf: Urdf, joints: Sequence[str], links: Sequence[str]) -> list[str]:
-    carriers = [joint.name for joint in map(urdf.parent_joint, links) if joint is not None]
-    return list(dict.fromkeys([*joints, *carriers]))
 
 
 def _ends_of_joints(urdf: Urdf, name: str, joints: Sequence[str]) -> tuple[str, str]:
     """Return the parent link of the first joint and the child link of the last joint."""
     if not joints:
         raise InputError(f"group {name!r} has no chain, no joints and no moving links; name the tcp instead (--tcp)")
-    above = {joint: _joints_above(urdf, joint) for joint in joints}
+    above = {joint: [each.name for each in link_path(urdf, urdf.root, urdf.joints[joint].child)] for joint in joints}
     outermost = max(joints, key=lambda joint: len(above[joint]))
     aside = [joint for joint in joints if joint not in above[outermost]]
     if aside:
@@ -343,12 +331,3 @@ def _ends_of_joints(urdf: Urdf, name: str, joints: Sequence[str]) -> tuple[str, 
         )
     innermost = min(joints, key=lambda joint: len(above[joint]))
     return urdf.joints[innermost].parent, urdf.joints[outermost].child
-
-
-def _joints_above(urdf: Urdf, joint: str) -> list[str]:
-    """Return the joint and all joints between it and the root."""
-    path, parent = [joint], urdf.parent_joint(urdf.joints[joint].parent)
-    while parent is not None:
-        path.append(parent.name)
-        parent = urdf.parent_joint(parent.parent)
-    return path

@@ -152,15 +152,15 @@ def dynamic_tree(arm: ArmBodies, payloads: Sequence[Payload] = (), gravity: npt.
     As in :func:`~pinproof.model.chain.compiled_chain`, the frame of every joint is rotated by a constant A_k so that
     the joint moves about, or along, its own z axis; inertias are in these frames.
     """
-    return _packed(arm, _loaded_model(arm, payloads, gravity))
+    return _tree_of(arm, _loaded_model(arm, payloads, gravity))
 
 
 def kinematic_tree(arm: ArmBodies) -> DynamicTree:
     """The same for the motion of the tool, which does not depend on masses; its torques have no meaning."""
-    return _packed(arm, arm.model)
+    return _tree_of(arm, arm.model)
 
 
-def _packed(arm: ArmBodies, model: pin.Model) -> DynamicTree:
+def _tree_of(arm: ArmBodies, model: pin.Model) -> DynamicTree:
     joints = range(1, model.njoints)
     aligned = [pin.SE3.Identity(), *(aligned_axes(model, joint)[0] for joint in joints)]
     before = np.empty((len(joints), 4, 4))

@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +33,7 @@ AT_LIMIT = 1e-9
 from degrees and in files with 10 digits is smaller."""
 
 DIGITS = 17
-"""Significant digits at which any two different doubles look different."""
+"""Significant digits with which two different doubles have different texts."""
 
 
 def distinct(*values: float) -> list[str]:
@@ -44,8 +45,8 @@ def distinct(*values: float) -> list[str]:
     return texts
 
 
-SHOWN_KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
-"""The kinds of limits, in the order in which they are displayed."""
+LIMIT_KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
+"""The arrays of :class:`JointLimits`, in the order of its fields."""
 
 
 @named_arguments
@@ -85,12 +86,12 @@ class JointLimits:
     jerk_source: str = field(default="", kw_only=True)
 
     def __repr__(self) -> str:
-        known = [(kind, getattr(self, kind)) for kind in SHOWN_KINDS if getattr(self, kind) is not None]
+        known = [(kind, getattr(self, kind)) for kind in LIMIT_KINDS if getattr(self, kind) is not None]
         rows = (f"{kind}: {', '.join(f'{value:.6g}' for value in values)}" for kind, values in known)
         return outline(f"JointLimits({len(self.lower)} joints, acceleration: {self.acceleration_source})", rows)
 
     def _repr_html_(self) -> str:
-        kinds = [kind for kind in SHOWN_KINDS if getattr(self, kind) is not None]
+        kinds = [kind for kind in LIMIT_KINDS if getattr(self, kind) is not None]
         rows = zip(*(getattr(self, kind) for kind in kinds), strict=True)
         notes = html_list(filter(None, (f"acceleration: {self.acceleration_source}", self.jerk_source)))
         return html_block(
@@ -114,7 +115,7 @@ class JointLimits:
         for name, value in arrays.items():
             array = _array(name, value)
             if array.ndim != 1 or array.shape != np.shape(self.lower):
-                raise InputError(f"limits.{name} must have the shape {np.shape(self.lower)}; it has {array.shape}")
+                raise InputError(f"limits.{name} must have the shape {np.shape(self.lower)}, not {array.shape}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         object.__setattr__(self, "acceleration_source", source)
@@ -125,7 +126,9 @@ class JointLimits:
         if self.torque is not None and (self.torque <= 0).any():
             raise InputError("torque limits must be above 0 (NaN where not known)")
         if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
-            raise InputError(f"limits must hold lower <= upper; they are {self.lower} and {self.upper}")
+            raise InputError(
+                f"limits.lower must be at most limits.upper, and both must be numbers; they are {self.lower} and {self.upper}"
+            )
         if (self.velocity <= 0).any() or (self.acceleration <= 0).any():
             raise InputError("velocity and acceleration limits must be above 0 (NaN where not known)")
 
@@ -146,16 +149,9 @@ class JointLimits:
     def select(self, joints: Sequence[int] | npt.NDArray[np.int64]) -> JointLimits:
         """Return the limits of the joints with these indices, in this order."""
         index = np.asarray(joints, dtype=int)
-        return JointLimits(
-            self.lower[index],
-            self.upper[index],
-            self.velocity[index],
-            self.acceleration[index],
-            None if self.jerk is None else self.jerk[index],
-            None if self.torque is None else self.torque[index],
-            acceleration_source=self.acceleration_source,
-            jerk_source=self.jerk_source,
-        )
+        values = {kind: getattr(self, kind) for kind in LIMIT_KINDS}
+        chosen: dict[str, Any] = {kind: None if value is None else value[index] for kind, value in values.items()}
+        return dataclasses.replace(self, **chosen)
 
     @staticmethod
     def join(parts: Sequence[JointLimits]) -> JointLimits:
@@ -174,16 +170,8 @@ class JointLimits:
             # the text of several sources must not start with "default", which marks limits that are all default values
             return found[0] if len(found) == 1 else f"several: {'; '.join(found)}" if found else ""
 
-        return JointLimits(
-            np.concatenate([part.lower for part in parts]),
-            np.concatenate([part.upper for part in parts]),
-            np.concatenate([part.velocity for part in parts]),
-            np.concatenate([part.acceleration for part in parts]),
-            joined("jerk"),
-            joined("torque"),
-            acceleration_source=texts("acceleration_source"),
-            jerk_source=texts("jerk_source"),
-        )
+        sources = {kind: texts(kind) for kind in ("acceleration_source", "jerk_source")}
+        return JointLimits(*(joined(kind) for kind in LIMIT_KINDS), **sources)  # type: ignore[arg-type]
 
     def contains(self, q: Array, tolerance: float = 0.0) -> bool:
         """Whether every joint of q (n,) is inside its limits, widened by ``tolerance`` (rad or m)."""
@@ -372,26 +360,21 @@ class LimitsFile:
         for name, place in self.places.items():
             if name not in known:
                 raise FileError(self.path, str(UnknownNameError("joint", name, known)), place)
-        lower, upper, velocity = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy()
-        acceleration = limits.acceleration.copy()
-        jerk = np.full(len(limits), np.nan) if limits.jerk is None else limits.jerk.copy()
-        torque = np.full(len(limits), np.nan) if limits.torque is None else limits.torque.copy()
+        arrays: dict[str, Any] = {
+            kind: np.full(len(limits), np.nan) if (own := getattr(limits, kind)) is None else own.copy()
+            for kind in LIMIT_KINDS
+        }
         for i, name in enumerate(joint_names):
-            lower[i], upper[i] = self.position.get(name, (lower[i], upper[i]))
-            if name in self.velocity:
-                velocity[i] = self.velocity[name]
-                if limits.acceleration_source.startswith("default"):
-                    acceleration[i] = velocity[i] / DEFAULT_RAMP
-            acceleration[i] = self.acceleration.get(name, acceleration[i])
-            jerk[i] = self.jerk.get(name, jerk[i])
-            torque[i] = self.torque.get(name, torque[i])
+            if name in self.position:
+                arrays["lower"][i], arrays["upper"][i] = self.position[name]
+            if name in self.velocity and limits.acceleration_source.startswith(GUESSED):
+                arrays["acceleration"][i] = self.velocity[name] / DEFAULT_RAMP
+            for kind in LIMIT_KINDS[2:]:
+                arrays[kind][i] = getattr(self, kind).get(name, arrays[kind][i])
+        for kind in ("jerk", "torque"):
+            arrays[kind] = None if np.isnan(arrays[kind]).all() else arrays[kind]
         return JointLimits(
-            lower,
-            upper,
-            velocity,
-            acceleration,
-            None if np.isnan(jerk).all() else jerk,
-            None if np.isnan(torque).all() else torque,
+            **arrays,
             acceleration_source=self._source(self.acceleration, joint_names, limits.acceleration_source),
             jerk_source=self._source(self.jerk, joint_names, limits.jerk_source or "not known"),
         )

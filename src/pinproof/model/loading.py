@@ -22,7 +22,7 @@ from pinproof.description.dh_urdf import urdf_of_table
 from pinproof.description.srdf import DisabledPair
 from pinproof.errors import FileError, InputError, UrdfError
 from pinproof.model.dh_proof import prove_urdf_equals_table
-from pinproof.model.robot import Robot, build_robot
+from pinproof.model.robot import Robot
 
 ROBOT_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf", *TABLE_SUFFIXES)
 """Suffixes of the files that describe a robot."""
@@ -69,20 +69,21 @@ def load_robot(
         source, srdf = entry.urdf, srdf or entry.srdf
     for folder in package_dirs:
         if not Path(folder).is_dir():
-            raise FileError(folder, "is no folder; package_dirs holds folders with ROS packages in them")
+            raise FileError(folder, "is not a folder; package_dirs must contain folders with ROS packages")
     folders = [Path(folder).absolute() for folder in package_dirs]
     if isinstance(source, DhTable) or Path(source).suffix.lower() in TABLE_SUFFIXES:
         return _robot_of_table(source, srdf, xacro_args)
     path = Path(source)
     if path.suffix not in ROBOT_SUFFIXES:
         raise UrdfError(path, f"is not a robot description: its name must end in one of {', '.join(ROBOT_SUFFIXES)}")
-    urdf, words = read_description(path, package_dirs=folders, xacro_args=xacro_args)
+    urdf, semantic = read_description(path, package_dirs=folders, xacro_args=xacro_args)
     if srdf is not None:
-        words = read_srdf(srdf)
-    if entry is not None:
-        overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
-        words = replace(words, disabled=(*words.disabled, *overlaps))
-    return build_robot(urdf, words, entry)
+        semantic = read_srdf(srdf)
+    if entry is None:
+        return Robot(urdf, semantic)
+    overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
+    semantic = replace(semantic, disabled=(*semantic.disabled, *overlaps))
+    return Robot(urdf, semantic, entry.tcp, entry.home, entry.base, entry.arms)
 
 
 def _robot_of_table(
@@ -95,4 +96,4 @@ def _robot_of_table(
     prove_urdf_equals_table(table, text)
     path = None if isinstance(source, DhTable) else Path(source)
     urdf = replace(read_urdf_text(text, name=f"URDF of {table.name}"), path=path)
-    return build_robot(urdf, Srdf() if srdf is None else read_srdf(srdf))
+    return Robot(urdf, Srdf() if srdf is None else read_srdf(srdf))

@@ -14,7 +14,7 @@ from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, Literal, TypeAlias, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,7 @@ import pinocchio as pin
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import ReadOnlyDict
-from pinproof.description import CatalogueEntry, Srdf, Urdf, UrdfJoint, read_urdf_text
+from pinproof.description import Srdf, Urdf, UrdfJoint, read_urdf_text
 from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.description.sources import notes
 from pinproof.errors import InputError, UnknownNameError, UrdfError
@@ -50,6 +50,7 @@ Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
 REFERENCES: tuple[Reference, ...] = ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD")
 
 
+LimitsLike: TypeAlias = JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None
 Group = TypeVar("Group", bound="JointGroup")
 
 PART = "/"
@@ -187,9 +188,13 @@ class JointGroup:
         UnknownNameError
             If the group has no arm of that name.
         """
+        names = moving_joints(self.robot.urdf, *self._ends_of(arm))
+        return np.array([self.joint_names.index(name) for name in names], dtype=int)
+
+    def _ends_of(self, arm: str) -> tuple[str, str]:
         if arm not in self.ends:
             raise UnknownNameError("arm", arm, self.ends, f"the joint group of {self.robot.name!r}")
-        return np.array([self.joint_names.index(n) for n in moving_joints(self.robot.urdf, *self.ends[arm])], dtype=int)
+        return self.ends[arm]
 
     @property
     def shared_joints(self) -> tuple[str, ...]:
@@ -211,9 +216,7 @@ class JointGroup:
             if len(self.ends) > 1:
                 raise InputError(f"the joint group has the arms {', '.join(self.ends)}; name one of them")
             arm = next(iter(self.ends))
-        if arm not in self.ends:
-            raise UnknownNameError("arm", arm, self.ends, f"the joint group of {self.robot.name!r}")
-        return self.ends[arm][1]
+        return self._ends_of(arm)[1]
 
     def tcp_placements(self, q: npt.ArrayLike) -> dict[str, pin.SE3]:
         """Compute ``root_from_tcp`` of each arm at q (n,), by the name of the arm, in the frame of the root link."""
@@ -323,8 +326,7 @@ class JointGroup:
         InputError
             If the number of joints differs.
         """
-        if len(limits) != self.dof:
-            raise InputError(f"limits hold {len(limits)} joints; the arm has {self.dof}: {', '.join(self.joint_names)}")
+        _check_count(limits, self.joint_names)
         other = copy(self)
         other.__dict__["limits"] = limits
         for cached in ("_home", "arms"):
@@ -654,7 +656,7 @@ class Robot:
         *,
         base: str | None = None,
         group: str | None = None,
-        limits: JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None = None,
+        limits: LimitsLike = None,
         held: Mapping[str, float] | None = None,
     ) -> Arm:
         """Select the chain from a base link to a tcp frame.
@@ -704,7 +706,7 @@ class Robot:
         self,
         *names: str | Mapping[str, str],
         base: str | None = None,
-        limits: JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None = None,
+        limits: LimitsLike = None,
         held: Mapping[str, float] | None = None,
     ) -> JointGroup:
         """Select several arms as one joint group, to plan and certify their motions together.
@@ -730,9 +732,7 @@ class Robot:
             If no arm is named and none is declared, two are the same, they share a joint and ``base`` is not given, or
             a joint has no limits.
         """
-        ends: dict[str, tuple[str, str]] = {}
-        for name, stated in self._named_arms(names).items():
-            ends[name] = self._ends_of_arm(stated, base)
+        ends = {name: self._ends_of_arm(stated, base) for name, stated in self._named_arms(names).items()}
         if base is not None:
             self._known_frame(base)
         owner: dict[str, str] = {}
@@ -783,9 +783,7 @@ class Robot:
         if stated in self.srdf.groups:
             group_base, tcp = group_ends(self.urdf, self.srdf, stated)
             return base or group_base, tcp
-        parents = {joint.parent for joint in self.urdf.joints.values()}
-        leaves = [link for link in self.urdf.links if link not in parents]
-        known = (*self.declared_arms, *self.srdf.groups, *(leaves or self.urdf.links))
+        known = (*self.declared_arms, *self.srdf.groups, *self._leaves())
         raise UnknownNameError("arm", stated, known, f"robot {self.name!r}")
 
     def state(self, name: str, *, group: str | None = None) -> dict[str, float]:
@@ -817,6 +815,11 @@ class Robot:
                     raise InputError(f"state {name!r} gives joint {joint!r} different values; name its group=")
         return values
 
+    def _leaves(self) -> list[str]:
+        """Return the links without child joints."""
+        parents = {joint.parent for joint in self.urdf.joints.values()}
+        return [link for link in self.urdf.links if link not in parents]
+
     def _known_frame(self, name: str) -> None:
         if name not in self.urdf.links:
             raise UnknownNameError("frame", name, self.urdf.links, f"robot {self.name!r}")
@@ -836,10 +839,8 @@ class Robot:
         declared = sorted({effector.parent_link for effector in self.srdf.end_effectors})
         if len(declared) == 1:
             return declared[0]
-        parents = {joint.parent for joint in self.urdf.joints.values()}
-        leaves = [link for link in self.urdf.links if link not in parents]
         # The frames dh_0 ... dh_n of URDFs made from a DH table are not candidates.
-        leaves = [link for link in leaves if not DH_FRAME.fullmatch(link)] or leaves
+        leaves = [link for link in self._leaves() if not DH_FRAME.fullmatch(link)] or self._leaves()
         if not declared and len(leaves) == 1:
             joint = self.urdf.parent_joint(leaves[0])
             if joint is not None and joint.type == "fixed":
@@ -850,9 +851,7 @@ class Robot:
         )
 
 
-def _chosen_limits(
-    urdf: Urdf, chain: Chain, limits: JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None
-) -> JointLimits:
+def _chosen_limits(urdf: Urdf, chain: Chain, limits: LimitsLike) -> JointLimits:
     """Return the limits of the joints of a chain, with those that the caller gives instead.
 
     Raises
@@ -861,10 +860,7 @@ def _chosen_limits(
         If the number of joints differs, or a joint has no limits.
     """
     if isinstance(limits, JointLimits):
-        if len(limits) != len(chain.joint_names):
-            raise InputError(
-                f"limits hold {len(limits)} joints; the arm has {len(chain.joint_names)}: {chain.joint_names}"
-            )
+        _check_count(limits, chain.joint_names)
         return limits
     if isinstance(limits, LimitsFile):
         chosen = limits.over(chain.limits, chain.joint_names, list(urdf.joints))
@@ -880,6 +876,12 @@ def _chosen_limits(
                 f"joint limits (--limits); in Python also limits={{{name!r}: (lower, upper)}}"
             )
     return chosen
+
+
+def _check_count(limits: JointLimits, joint_names: Sequence[str]) -> None:
+    if len(limits) != len(joint_names):
+        names = ", ".join(joint_names)
+        raise InputError(f"the limits are of {len(limits)} joints; the arm has {len(joint_names)}: {names}")
 
 
 def kinematic_class(arm: Arm) -> str:
@@ -970,14 +972,7 @@ def _known(value: float) -> float | None:
 
 def load_robot_from_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Robot:
     """Load a robot from URDF text; ``name`` is used instead of a file in errors."""
-    return build_robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf())
-
-
-def build_robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None = None) -> Robot:
-    """Build the kinematic model of a description; ``entry`` states tcp, base and home of a robot of the catalogue."""
-    if entry is None:
-        return Robot(urdf, srdf)
-    return Robot(urdf, srdf, entry.tcp, entry.home, entry.base, entry.arms)
+    return Robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf())
 
 
 def _model_of(urdf: Urdf) -> pin.Model:

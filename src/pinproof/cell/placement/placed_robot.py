@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Box, Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Scene, Sphere
 from pinproof.description import LinkGeometry
-from pinproof.description.movable_base import CELL, PLACEMENT_JOINTS, with_movable_base
+from pinproof.description.cell import CELL, PLACEMENT_JOINTS, with_movable_base
 from pinproof.description.packages import MeshFile
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError

@@ -19,6 +19,7 @@ from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.shapes import HalfSpace
 from pinproof.collision.scenes.scene import Scene
 from pinproof.description.cell import Axis, urdf_with_axes
+from pinproof.description.urdf import JointType
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import JointGroup, JointLimits, Robot
 from pinproof.model.chain import chain_of, held_values
@@ -297,7 +298,7 @@ def _larger_group(group: JointGroup, others: Sequence[Trajectory], carriers: Seq
         axes = {}
         for mover in carriers:
             control = mover.trajectory.bezier()[1]
-            kind = "prismatic" if mover.type == "prismatic" else "continuous"
+            kind: JointType = "prismatic" if mover.type == "prismatic" else "continuous"
             axis, point = np.asarray(mover.axis), np.asarray(mover.point)
             axes[mover.name] = Axis(links[mover.name], kind, axis, point, float(control.min()), float(control.max()))
         robot = Robot(

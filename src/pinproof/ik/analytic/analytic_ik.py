@@ -17,10 +17,10 @@ from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sw
 from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
 from pinproof.ik.analytic.self_motion import SelfMotion, self_motion_of
-from pinproof.ik.iterative import Accept, TaskLike
+from pinproof.ik.iterative import Accept
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
-from pinproof.ik.task import Task, make_task
+from pinproof.ik.task import Task, TaskLike, make_task
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, rigid, rigid_many
@@ -100,7 +100,7 @@ class AnalyticIk:
         known, plan = self._latest  # a lookup by the arm would take a third of the time of the solution
         if known() is not arm:
             plan = self._plan(arm)
-        reference = plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
+        reference = _reference(arm, plan, q0)
         if not (
             type(target) is np.ndarray and target.dtype is DOUBLE and target.shape == SHAPE and target.flags.carray
         ):
@@ -144,7 +144,7 @@ class AnalyticIk:
         require_integer("threads", threads, 1)
         plan = self._plan(arm)
         many = _poses(targets)
-        references = self._references(arm, plan, q0, len(many))
+        references = _references(arm, plan, q0, len(many))
         if plan.redundant is not None:
             return self._swept_batch(arm, plan, rigid_many("targets", many), references, redundant_values)
         if redundant_values is not None:
@@ -229,7 +229,7 @@ class AnalyticIk:
         self._pose_only(task)
         plan = self._plan(arm)
         many = rigid_many("targets", targets)
-        references = self._references(arm, plan, q0, len(many))
+        references = _references(arm, plan, q0, len(many))
         if accept is not None or plan.redundant is not None or plan.deviation > 0.0:
             starts = np.broadcast_to(references, (len(many), arm.dof))
             results = [self.solve(arm, many[i], starts[i], accept=accept) for i in range(len(many))]
@@ -257,13 +257,6 @@ class AnalyticIk:
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "_latest"}
-
-    def _references(self, arm: Arm, plan: Plan, q0: npt.ArrayLike | None, count: int) -> Array:
-        """(1, n) or (count, n) the reference configurations."""
-        if q0 is None:
-            return plan.home[None]
-        given = arm.configuration(q0, "q0")[None] if np.ndim(q0) <= 1 else finite("q0", q0, (count, arm.dof))
-        return arm.limits.snap(given)
 
     def _pose_only(self, task: TaskLike) -> Task:
         resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
@@ -326,9 +319,9 @@ class AnalyticIk:
                 f"self_motion requires an arm of 7 joints, and this arm has {arm.dof}; at singular targets, "
                 "solve_all(...).families contains its self-motions"
             )
-        reference = plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
+        reference = _reference(arm, plan, q0)
         matrix = np.array(rigid("target", target).homogeneous)
-        return self_motion_of(arm, plan, matrix, reference, self._grid(arm, plan, reference))
+        return self_motion_of(arm, plan, plan.redundant, matrix, reference, self._grid(arm, plan, reference))
 
     def redundant_grid(self, arm: Arm, q0: npt.ArrayLike | None = None) -> tuple[int, Array] | None:
         """The index of the swept joint of an arm of seven, and its values (v,) (rad or m); None for other arms.
@@ -341,9 +334,7 @@ class AnalyticIk:
         plan = self._plan(arm)
         if plan.redundant is None:
             return None
-        return plan.redundant, self._grid(
-            arm, plan, plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
-        )
+        return plan.redundant, self._grid(arm, plan, _reference(arm, plan, q0))
 
     def _grid(self, arm: Arm, plan: Plan, reference: Array) -> Array:
         """Values of the redundant joint: equidistant over its limits, and its value in the reference."""
@@ -351,6 +342,18 @@ class AnalyticIk:
         lower, upper = (float(bound[joint]) for bound in arm.limits.sampling_range())
         own = float(np.clip(reference[joint], lower, upper))
         return np.unique(np.append(np.linspace(lower, upper, self.redundant_steps), own))
+
+
+def _reference(arm: Arm, plan: Plan, q0: npt.ArrayLike | None) -> Array:
+    """(n,) the reference configuration."""
+    return plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
+
+
+def _references(arm: Arm, plan: Plan, q0: npt.ArrayLike | None, count: int) -> Array:
+    """(1, n) or (count, n) the reference configurations."""
+    if q0 is None or np.ndim(q0) <= 1:
+        return _reference(arm, plan, q0)[None]
+    return arm.limits.snap(finite("q0", q0, (count, arm.dof)))
 
 
 def _poses(targets: npt.ArrayLike | Sequence[SE3]) -> Array:

@@ -43,7 +43,6 @@ FOLDED = 10.0
 MOVES = 1e-6
 """A joint moves along the family if its component of the unit direction is larger than this."""
 
-
 SAME = 1e-5
 """Rad or m. Configurations closer than this are the same member."""
 
@@ -135,7 +134,7 @@ class IkFamily:
 
     def holds(self, q: Array) -> bool:
         """Whether a configuration (n,) is a member."""
-        value = float(q[self._arm.joint_names.index(self.parameter)])
+        value = float(q[self._joint])
         if not self.lower - MOVES <= value <= self.upper + MOVES:
             return False
         member = self._member(value)
@@ -191,7 +190,7 @@ class IkFamily:
         return low
 
     def _member(self, value: float) -> Array | None:
-        joint = self._arm.joint_names.index(self.parameter)
+        joint = self._joint
         reference = self.q.copy()
         reference[joint] = value
         found = self._plan.solve(self._target, reference)

@@ -175,6 +175,7 @@ def _planar(first: int, three: tuple[Line, Line, Line], size: float) -> Triple |
 Order = list[Line]
 
 DRAWS = 24
+"""Number of random choices of virtual axes that are compared."""
 
 
 def completed(lines: Sequence[Line], tool: Array, size: float) -> Iterator[tuple[int | None, Order]]:

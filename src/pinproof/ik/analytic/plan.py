@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,20 +29,13 @@ from pinproof.ik.analytic.geometry import (
 from pinproof.model import Arm
 from pinproof.spatial import rigid
 
-
-def why_not(arm: Arm) -> str:
-    """The reason why an arm has no closed form."""
-    if arm.dof > 7:
-        return (
-            f"no closed form: the arm has {arm.dof} joints, and at most 7 are supported; "
-            "select a shorter chain (robot.arm with another base or tcp), or use Clik"
-        )
-    return "no closed form: the arm is singular in every configuration, or its axes nearly are; use Clik"
-
-
 Array = npt.NDArray[np.float64]
 
 TRIALS = 12
+"""Number of random poses on which a plan is tested."""
+
+UNCHECKED = (0.0, 0.0)
+"""The key of the plan before its tolerances are set."""
 
 VIRTUAL_TOLERANCE = 1e-3
 """Rad. The value of a virtual joint must be zero up to this; forward kinematics of the true arm decides afterwards."""
@@ -117,14 +110,8 @@ class Plan:
         return replace(self, core=self.core.without_limits())
 
 
-@dataclass(frozen=True, eq=False)
-class _PlansOfArm:
-    base: Plan
-    by_tolerances: dict[tuple[float, float], Plan] = field(default_factory=dict)
-
-
-_PLANS: weakref.WeakKeyDictionary[Arm, _PlansOfArm | str] = weakref.WeakKeyDictionary()
-"""The plans of each arm, or why it has none: the search for one takes up to a second."""
+_PLANS: weakref.WeakKeyDictionary[Arm, dict[tuple[float, float], Plan] | str] = weakref.WeakKeyDictionary()
+"""The plans of each arm by tolerances, or why it has none: the search for one takes up to a second."""
 
 
 def plan_for(arm: Arm, position_tolerance: float, orientation_tolerance: float) -> Plan:
@@ -138,17 +125,16 @@ def plan_for(arm: Arm, position_tolerance: float, orientation_tolerance: float) 
     plans = _PLANS.get(arm)
     if plans is None:
         try:
-            plans = _PlansOfArm(_best(arm))
+            plans = {UNCHECKED: _best(arm)}
         except NoClosedForm as error:
             plans = str(error)
         _PLANS[arm] = plans
     if isinstance(plans, str):
         raise NoClosedForm(plans)
     tolerances = position_tolerance, orientation_tolerance
-    plan = plans.by_tolerances.get(tolerances)
-    if plan is None:
-        plan = plans.by_tolerances[tolerances] = plans.base.with_tolerances(*tolerances)
-    return plan
+    if tolerances not in plans:
+        plans[tolerances] = plans[UNCHECKED].with_tolerances(*tolerances)
+    return plans[tolerances]
 
 
 def plans_of(arm: Arm) -> Iterator[Plan]:
@@ -165,7 +151,10 @@ def plans_of(arm: Arm) -> Iterator[Plan]:
 
 def _best(arm: Arm) -> Plan:
     if arm.dof > 7:
-        raise NoClosedForm(why_not(arm))
+        raise NoClosedForm(
+            f"no closed form: the arm has {arm.dof} joints, and at most 7 are supported; "
+            "select a shorter chain (robot.arm with another base or tcp), or use Clik"
+        )
     best, best_score = None, (0, 0, 0.0, 0.0)
     for plan in plans_of(arm):
         score = _score(arm, plan)
@@ -179,7 +168,9 @@ def _best(arm: Arm) -> Plan:
             if score[0] > best_score[0] or (score[0] == best_score[0] and score[2:] > best_score[2:]):
                 best, best_score = plan, score
     if best is None or best_score[0] < TRIALS // 2:
-        raise NoClosedForm(why_not(arm))
+        raise NoClosedForm(
+            "no closed form: the arm is singular in every configuration, or its axes nearly are; use Clik"
+        )
     return best
 
 

@@ -217,9 +217,8 @@ class SelfMotion(IkOutcome):
         return outline(f"SelfMotion({self.message})", (repr(curve) for curve in self.curves), total=len(self.curves))
 
 
-def self_motion_of(arm: Arm, plan: Plan, target: Array, reference: Array, grid: Array) -> SelfMotion:
+def self_motion_of(arm: Arm, plan: Plan, joint: int, target: Array, reference: Array, grid: Array) -> SelfMotion:
     """The curves through all solutions at the values of ``grid`` (v,) of the redundant joint, ascending."""
-    joint = _redundant(plan)
     curves: list[SelfMotionCurve] = []
     on_curves: list[list[Array]] = [[] for _ in grid]
     for i, value in enumerate(grid.tolist()):
@@ -267,12 +266,6 @@ def _nearest(plan: Plan, target: Array, guess: Array, value: float) -> Array | N
     """The solution at a value of the redundant joint that is closest to a guess (n,)."""
     found = plan.solve(target, guess, value)  # the first is the one with the smallest difference from its reference
     return np.array(found.q[0]) if len(found) else None
-
-
-def _redundant(plan: Plan) -> int:
-    if plan.redundant is None:
-        raise InputError("the arm has no redundant joint")
-    return plan.redundant
 
 
 def _end(arm: Arm, q: Array) -> CurveEnd:

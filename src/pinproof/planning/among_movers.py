@@ -168,7 +168,7 @@ def plan_among_movers(
     first, last = _window(shifted, start_time, window)
     group = checker.group
     at_start = group.configuration(start, "start")
-    clock = _rest(at_start, last, group.joint_names)
+    clock = Trajectory.at_rest(at_start, group.joint_names, last)
     whole = with_movers(clock, checker, shifted)
     still = _without_movers(checker, shifted)
     ends = read_ends(still, start, goals, turns=False)
@@ -238,11 +238,6 @@ def _window(
 
 def _covered(mover: Mover | Trajectory) -> float:
     return mover.trajectory.duration if isinstance(mover, Mover) else mover.duration
-
-
-def _rest(q: Array, duration: float, names: tuple[str, ...], *, quintic: bool = False) -> Trajectory:
-    still = np.zeros((2, len(q)))
-    return Trajectory([0.0, duration], np.array([q, q]), still, names, accelerations=still if quintic else None)
 
 
 def _without_movers(checker: CollisionChecker, movers: Sequence[Mover | Trajectory]) -> CollisionChecker:
@@ -494,7 +489,7 @@ class _Roadmap:
         def wait(place: int, arrival: float, until: float) -> None:
             if until - arrival > STEP * 1e-6:
                 names, quintic = self._group.joint_names, self._jerk is not None
-                parts.append(_rest(self.q[place], until - arrival, names, quintic=quintic))
+                parts.append(Trajectory.at_rest(self.q[place], names, until - arrival, quintic=quintic))
                 steps.append(_Step(arrival, until, None, place))
 
         for k, departure in enumerate(route.departures):
@@ -507,8 +502,7 @@ class _Roadmap:
             steps.append(_Step(departure, departure + edge.duration, (a, b), a))
         wait(route.places[-1], route.arrivals[-1], route.end)
         if not parts:
-            here = self.q[self._start]
-            return Trajectory([0.0], here[None], np.zeros((1, len(here))), self._group.joint_names), []
+            return Trajectory.at_rest(self.q[self._start], self._group.joint_names), []
         return Trajectory.join(*parts), steps
 
     def refuse(self, certificate: Certificate, steps: Sequence[_Step]) -> None:

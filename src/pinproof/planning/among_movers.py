@@ -106,11 +106,6 @@ class TimedPlanResult(_Outcome):
     def __repr__(self) -> str:
         return outline(f"TimedPlanResult({self.status.name}: {self.message})", [])
 
-    @property
-    def ok(self) -> bool:
-        """Whether a certified motion was found."""
-        return self.status is PlanStatus.FOUND
-
 
 def plan_among_movers(
     checker: CollisionChecker,
@@ -158,18 +153,13 @@ def plan_among_movers(
         If there is no mover, a mover does not cover the time from the start to the end of the window, or a number is
         invalid.
     """
-    if isinstance(movers, Mover | Trajectory) or not movers:
-        raise InputError("movers must be a list of at least one mover; without a mover, plan with RrtConnect")
-    if wrong := [type(each).__name__ for each in movers if not isinstance(each, Mover | Trajectory)]:
-        raise InputError(f"a mover is a Mover or a Trajectory of other joints, not {wrong[0]}")
     require_integer("samples", samples, 0)
     require_positive("start_time", start_time, zero=True)
-    shifted = tuple(each.after(start_time) for each in movers)
+    shifted = _seen_from(start_time, movers)
     first, last = _window(shifted, start_time, window)
     group = checker.group
-    at_start = group.configuration(start, "start")
-    clock = Trajectory.at_rest(at_start, group.joint_names, last)
-    whole = with_movers(clock, checker, shifted)
+    resting = Trajectory.at_rest(group.configuration(start, "start"), group.joint_names, last)
+    whole = with_movers(resting, checker, shifted)
     still = _without_movers(checker, shifted)
     ends = read_ends(still, start, goals, turns=False)
 
@@ -181,15 +171,12 @@ def plan_among_movers(
     found = whole.checker.check(whole.trajectory.start)
     if found.contacts:
         return failed(PlanStatus.START_INVALID, f"the start is invalid at {start_time:.4g} s: {found}")
-    generator = np.random.default_rng(rng)
+    generator, plans = np.random.default_rng(rng), planner or RrtConnect()
     times = _Times(whole.trajectory, whole.checker, group.dof, last, first)
     search = _Roadmap(times, still, ends, jerk)
     if (least := search.least_time) > times.last:
-        late = (
-            f"the joints need at least {least:.3g} s to a goal, and the window ends {times.last:.3g} s after the start"
-        )
-        return failed(PlanStatus.OUT_OF_BUDGET, late)
-    plans = planner or RrtConnect()
+        window_end = f"the window ends {times.last:.3g} s after the start"
+        return failed(PlanStatus.OUT_OF_BUDGET, f"the joints need at least {least:.3g} s to a goal, and {window_end}")
     tried, rounds = 0, 0
     while True:
         if rounds < STATIC_PATHS:
@@ -215,6 +202,15 @@ def plan_among_movers(
                     waiting, tried,
                 )  # fmt: skip
             search.refuse(certificate, steps)
+
+
+def _seen_from(start_time: float, movers: Sequence[Mover | Trajectory]) -> tuple[Mover | Trajectory, ...]:
+    """The movers on the clock that begins at ``start_time`` (s); InputError if there is none or one is another type."""
+    if isinstance(movers, Mover | Trajectory) or not movers:
+        raise InputError("movers must be a list of at least one mover; without a mover, plan with RrtConnect")
+    if wrong := [type(each).__name__ for each in movers if not isinstance(each, Mover | Trajectory)]:
+        raise InputError(f"a mover is a Mover or a Trajectory of other joints, not {wrong[0]}")
+    return tuple(each.after(start_time) for each in movers)
 
 
 def _window(

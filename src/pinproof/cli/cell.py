@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import Interrupted, check_output_files, print_result, progress_status, written
+from pinproof.cli.console import Interrupted, check_output_files, print_note, print_result, progress_status, written
 from pinproof.cli.options import Json, Seed, placement
 from pinproof.cli.pick import CellOptions
 from pinproof.errors import InputError, UnknownNameError
@@ -150,6 +150,10 @@ def cell_sequence(
             pp.cell.write_sequence_page(result, path, heat_map=heat)
         else:
             pp.cell.save_sequence(result, path)
+    from pinproof.model.limits import guess_note  # loads the kinematics
+
+    if guess := guess_note(setup.checker.arm.limits.acceleration_source):
+        print_note(guess)
     ok = result.ok or interrupted is not None
     print_result(pp.cell.sequence_dict(result), [*_lines(result), *written(*outputs)], as_json=as_json, ok=ok)
     if interrupted is not None:
@@ -175,8 +179,6 @@ def _progress() -> Iterator[Callable[[str, int, int], None]]:
 
 
 def _lines(result: pp.cell.SequenceResult) -> list[str]:
-    from pinproof.model.limits import guess_note  # loads the kinematics
-
     times = pp.cell.cycle_time(result)
     lines = [
         f"{number:4} {each.name:20} at {each.start:8.2f} s, {each.duration:6.2f} s"
@@ -195,7 +197,6 @@ def _lines(result: pp.cell.SequenceResult) -> list[str]:
                 f"slow: {each.name}, {each.duration:.2f} s, limited by {each.limited_by}"
                 for each in times.slowest(SLOWEST)
             ),
-            *filter(None, [guess_note(result.setup.checker.arm.limits.acceleration_source)]),
         ]
     return lines + _left_out(result.left_out)
 

@@ -46,19 +46,17 @@ def section(words: str) -> list[str]:
 def argument(parameter: Any) -> str:
     """Return the name of an argument, in brackets if it is optional."""
     name = parameter.metavar or parameter.name.upper()
-    return name if parameter.required or name.startswith("[") else f"[{name}]"
+    return name if parameter.required else f"[{name}]"
 
 
 def row(parameter: Any) -> str:
     """Return one row of the option table of a command."""
     given = parameter.default if isinstance(parameter.default, str | int | float) else None
     default = "" if given in (None, False, "") or parameter.required else f"`{getattr(given, 'value', given)}`"
-    words = ", ".join(parameter.opts) if parameter.param_type_name == "option" else argument(parameter)
-    help_text = " ".join((parameter.help or "").split()).replace("|", r"\|")
-    choices = getattr(getattr(parameter, "type", None), "choices", None)
-    if choices:
-        help_text += f" One of {', '.join(str(getattr(each, 'value', each)) for each in choices)}."
-    return f"| `{words}` | {help_text} | {default} |"
+    option = f"{', '.join(parameter.opts)} {parameter.metavar or ''}".rstrip()
+    words, help_text = option if parameter.param_type_name == "option" else argument(parameter), parameter.help or ""
+    cells = (f"`{words}`", " ".join(help_text.split()), default)
+    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

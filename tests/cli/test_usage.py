@@ -58,6 +58,16 @@ def test_without_a_command_the_help_is_printed(run: Run, words: str) -> None:
     assert "internal" not in err
 
 
+@pytest.mark.parametrize("words", sorted(COMMANDS))
+def test_the_help_names_the_values_of_options_and_no_types_of_python(run: Run, words: str) -> None:
+    code, out, _ = run(*words.split(), "--help")
+    assert code == 0
+    assert not {
+        word for word in ("<int", "<str", "<float", "<path", "<list", "range>", "x>=", "{", "[[") if word in out
+    }
+    assert "--seed INTEGER>=0" in " ".join(out.split()) or "--seed" not in out
+
+
 def test_an_internal_error_asks_for_a_report(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*args: object, **settings: object) -> None:
         raise ZeroDivisionError("oops")

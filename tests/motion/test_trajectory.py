@@ -246,3 +246,17 @@ def test_pickled_trajectories_are_equal_and_still_locked(accelerations):
     assert copy.limits_note == "note"
     assert not copy.q.flags.writeable
     assert copy.interpolant == trajectory.interpolant
+
+
+@pytest.mark.parametrize("quintic", [False, True])
+def test_a_rest_can_be_joined_with_a_motion_and_cut_out_again(quintic: bool) -> None:
+    names, q = ("a", "b"), np.array([[0.0, 1.0], [0.5, 2.0]])
+    still = np.zeros((2, 2))
+    motion = Trajectory([0.0, 1.0], q, still, names, accelerations=still if quintic else None)
+    waiting = Trajectory.at_rest(q[0], names, 0.25, quintic=quintic)
+    assert (waiting.duration, len(waiting.times)) == (0.25, 2)
+    whole = Trajectory.join(waiting, motion)
+    assert whole.duration == 1.25
+    assert whole.between(1, 2).is_close(motion)
+    assert len(Trajectory.at_rest(q[0], names).times) == 1
+    assert not waiting.is_close(motion)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from pinproof.cli.complete import planner_names, robot_names
-from pinproof.cli.console import make_folder, print_json, print_line, progress_status
+from pinproof.cli.console import make_folder, print_result, progress_status, written
 from pinproof.cli.options import Json, Seed
 from pinproof.errors import InputError
 
 Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Include other installed libraries.")]
 Folder = Annotated[
-    Path | None, typer.Option("-o", "--output", help="Folder for the table (JSON, Markdown) and its plots.")
+    Path | None,
+    typer.Option("-o", "--output", help="Folder for the table (JSON, Markdown) and its plots.", metavar="FOLDER"),
 ]
 
 
@@ -23,12 +24,13 @@ def bench_ik(
     robots: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Catalogue names or robot files (default: ur5).", metavar="[ROBOT]...", autocompletion=robot_names
+            help="Catalogue names or robot files. Default: ur5.", metavar="ROBOT...", autocompletion=robot_names
         ),
     ] = None,
     points: Annotated[int, typer.Option(help="Targets per part of the table.", min=1)] = 10_000,
     methods: Annotated[
-        str | None, typer.Option(help='Methods to run, for example "clik pseudo_inverse" (default: all).')
+        str | None,
+        typer.Option(help='Methods to run, for example "clik pseudo_inverse". Default: all.', metavar="METHODS"),
     ] = None,
     peers: Peers = True,
     limits_pi: Annotated[
@@ -57,8 +59,8 @@ def bench_ik(
             seed=seed,
             on_progress=report,
         )
-    written = [] if output is None else write_ik_table(table, output)
-    _print_table(table.to_dict(), ik_markdown(table), written, as_json)
+    files = [] if output is None else write_ik_table(table, output)
+    print_result(table.to_dict(), [ik_markdown(table), *written(*files)], as_json=as_json)
 
 
 @dataclass(frozen=True)
@@ -66,22 +68,27 @@ class ProblemOptions:
     """The planning problems."""
 
     mbm: Annotated[
-        Path | None, typer.Option(help="Folder of MotionBenchMaker problems to run as well.", metavar="PATH")
+        Path | None, typer.Option(help="Folder of MotionBenchMaker problems to run as well.", metavar="FOLDER")
     ] = None
     robot: Annotated[
         str | None,
         typer.Option(
-            help="Catalogue name or robot file for the MotionBenchMaker problems (default: the URDF in a folder "
-            "'robot' beside them, otherwise the robot that they name)."
+            help="Catalogue name or robot file for the MotionBenchMaker problems. Default: the URDF in a folder "
+            "'robot' beside them, otherwise the robot that they name.",
+            metavar="ROBOT",
         ),
     ] = None
     sets: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Run only these sets: ur5/shelf, shelf, ur5, mbm, ...; repeatable.", metavar="NAME"),
+        typer.Option(
+            "--set",
+            help="Run only this set, such as ur5/shelf, shelf, ur5 or mbm; can be given several times.",
+            metavar="NAME",
+        ),
     ] = None
     problems: Annotated[
         int | None,
-        typer.Option(help="Problems per set (default: all of MotionBenchMaker, 10 per scene of pinproof).", min=1),
+        typer.Option(help="Problems per set. Default: all of MotionBenchMaker, 10 per scene of pinproof.", min=1),
     ] = None
 
 
@@ -89,8 +96,8 @@ def bench_plan(
     robots: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Catalogue names or robot files for the scenes of pinproof (default: ur5, panda, generic_6dof).",
-            metavar="[ROBOT]...",
+            help="Catalogue names or robot files for the scenes of pinproof. Default: ur5, panda, generic_6dof.",
+            metavar="ROBOT...",
             autocompletion=robot_names,
         ),
     ] = None,
@@ -100,8 +107,8 @@ def bench_plan(
         list[str] | None,
         typer.Option(
             "--planner",
-            help="The planner of pinproof: rrt_connect (default) or ompl; repeatable.",
-            metavar="NAME",
+            help="The planner of pinproof: rrt_connect (default) or ompl; can be given several times.",
+            metavar="PLANNER",
             autocompletion=planner_names,
         ),
     ] = None,
@@ -146,10 +153,8 @@ def bench_plan(
             seed=seed,
             on_progress=report,
         )
-    written = [] if output is None else write_plan_table(table, output)
-    _print_table(table.to_dict(), plan_markdown(table), written, as_json)
-    if table.unsafe:
-        raise typer.Exit(1)
+    files = [] if output is None else write_plan_table(table, output)
+    print_result(table.to_dict(), [plan_markdown(table), *written(*files)], as_json=as_json, ok=not table.unsafe)
 
 
 def _bench_motion(given: ProblemOptions, output: Path | None, seed: int, as_json: bool) -> None:
@@ -167,17 +172,5 @@ def _bench_motion(given: ProblemOptions, output: Path | None, seed: int, as_json
             on_progress=report,
         )
     page = motion_markdown(table)
-    written = [] if output is None else table.write(output, "motion", page)
-    _print_table(table.to_dict(), page, written, as_json)
-    if table.unsafe:
-        raise typer.Exit(1)
-
-
-def _print_table(data: dict[str, Any], page: str, written: list[Path], as_json: bool) -> None:
-    """Print a table as JSON, or as Markdown with the files written."""
-    if as_json:
-        print_json(data)
-        return
-    print_line(page)
-    if written:
-        print_line(f"wrote {', '.join(str(path) for path in written)}")
+    files = [] if output is None else table.write(output, "motion", page)
+    print_result(table.to_dict(), [page, *written(*files)], as_json=as_json, ok=not table.unsafe)

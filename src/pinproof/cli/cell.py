@@ -1,24 +1,17 @@
-"""``pinproof cell``: the order of the picks of a cell and its cycle time."""
+"""``pinproof cell sequence`` and ``allocate``: the order of picks and the cycle time, of one arm or of several."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import (
-    Interrupted,
-    check_output_files,
-    print_json,
-    print_line,
-    print_note,
-    progress_status,
-)
+from pinproof.cli.console import Interrupted, check_output_files, print_note, print_result, progress_status, written
 from pinproof.cli.options import Json, Seed, placement
 from pinproof.cli.pick import CellOptions
 from pinproof.errors import InputError, UnknownNameError
@@ -35,9 +28,12 @@ class SelectionOptions:
     """Which picks of the file are put in sequence."""
 
     only: Annotated[
-        str | None, typer.Option(help='The names of the picks to use, with commas between them: "a,b,c".')
+        str | None,
+        typer.Option(help='The names of the picks to use, with commas between them: "a,b,c".', metavar="NAMES"),
     ] = None
-    without: Annotated[str | None, typer.Option(help="The names of picks to leave out, with commas.")] = None
+    without: Annotated[
+        str | None, typer.Option(help="The names of picks to leave out, with commas.", metavar="NAMES")
+    ] = None
 
     def select(self, picks: pp.Picks) -> tuple[pp.Pick, ...]:
         """The selected picks in the order of the file."""
@@ -52,13 +48,33 @@ class SelectionOptions:
 
 
 @dataclass(frozen=True)
-class OrderOptions:
-    """What the order depends on."""
+class ConditionOptions:
+    """The precedence of picks and the dwell times."""
 
     before: Annotated[
         list[str] | None,
-        typer.Option(help='A pair of picks in a fixed order: "first,second"; can be given several times.'),
+        typer.Option(
+            help='A pair of picks in a fixed order: "first,second"; can be given several times.', metavar="FIRST,SECOND"
+        ),
     ] = None
+    grip_dwell: Annotated[float, typer.Option(help="Seconds that an arm rests at each grasp.", min=0.0)] = 0.0
+    release_dwell: Annotated[float, typer.Option(help="Seconds that an arm rests at each release.", min=0.0)] = 0.0
+
+    def settings(self) -> dict[str, Any]:
+        """The options as settings of :func:`pinproof.sequence` and :func:`pinproof.cell.allocate`."""
+        pairs = []
+        for text in self.before or ():
+            names = _names(text)
+            if len(names) != 2:
+                raise InputError(f'--before {text!r} names {len(names)} picks; state two: --before "first,second"')
+            pairs.append((names[0], names[1]))
+        return {"precedence": pairs, "grip_dwell": self.grip_dwell, "release_dwell": self.release_dwell}
+
+
+@dataclass(frozen=True)
+class OrderOptions:
+    """How the order is searched."""
+
     free_start: Annotated[bool, typer.Option("--free-start", help="Start at the first approach instead of home.")] = (
         False
     )
@@ -66,27 +82,16 @@ class OrderOptions:
     file_order: Annotated[
         bool, typer.Option("--file-order", help="Keep the order of the file, and choose only grasps and IK branches.")
     ] = False
-    grip_dwell: Annotated[float, typer.Option(help="Seconds that the arm rests at each grasp.", min=0.0)] = 0.0
-    release_dwell: Annotated[float, typer.Option(help="Seconds that the arm rests at each release.", min=0.0)] = 0.0
     options: Annotated[
         int, typer.Option(help="Number of grasps and IK branches that are considered for each pick.", min=1)
     ] = 4
-
-    def pairs(self) -> list[tuple[str, str]]:
-        """The stated precedence."""
-        found = []
-        for text in self.before or ():
-            names = _names(text)
-            if len(names) != 2:
-                raise InputError(f'--before {text!r} names {len(names)} picks; state two: --before "first,second"')
-            found.append((names[0], names[1]))
-        return found
 
 
 def cell_sequence(
     file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
     *,
     selection: SelectionOptions,
+    conditions: ConditionOptions,
     ordering: OrderOptions,
     output: Annotated[
         list[Path] | None,
@@ -119,7 +124,7 @@ def cell_sequence(
     heat = None if heat_map is None else pp.cell.read_heat_map(heat_map, placement(cell.place).inverse())
     arm, scene, source = cell.open(file)
     picks = source.load()
-    refuse_problems(file, picks)
+    _refuse_problems(file, picks)
     setup = pp.picks.PickSetup.make(arm, scene, picks, home=None, rng=seed)
     chosen = selection.select(picks)
     interrupted: pp.cell.SequenceInterrupted | None = None
@@ -128,11 +133,9 @@ def cell_sequence(
             result = pp.sequence(
                 setup,
                 chosen,
-                precedence=ordering.pairs(),
+                **conditions.settings(),
                 start="free" if ordering.free_start else "home",
                 end="free" if ordering.free_end else "home",
-                grip_dwell=ordering.grip_dwell,
-                release_dwell=ordering.release_dwell,
                 budget=pp.cell.SequenceBudget(options=ordering.options),
                 order=[pick.name for pick in chosen] if ordering.file_order else None,
                 workers=workers,
@@ -147,19 +150,17 @@ def cell_sequence(
             pp.cell.write_sequence_page(result, path, heat_map=heat)
         else:
             pp.cell.save_sequence(result, path)
-    if as_json:
-        print_json(pp.cell.sequence_dict(result))
-    else:
-        _print(result)
-        if outputs:
-            print_line(f"wrote {', '.join(map(str, outputs))}")
+    from pinproof.model.limits import guess_note  # loads the kinematics
+
+    if guess := guess_note(setup.checker.arm.limits.acceleration_source):
+        print_note(guess)
+    ok = result.ok or interrupted is not None
+    print_result(pp.cell.sequence_dict(result), [*_lines(result), *written(*outputs)], as_json=as_json, ok=ok)
     if interrupted is not None:
         raise Interrupted(str(interrupted), result_printed=True)
-    if not result.ok:
-        raise typer.Exit(1)
 
 
-def refuse_problems(file: Path, picks: pp.Picks) -> None:
+def _refuse_problems(file: Path, picks: pp.Picks) -> None:
     """Raise InputError if a row of a picks file is unreadable."""
     if picks.problems:
         first = picks.problems[0]
@@ -177,31 +178,84 @@ def _progress() -> Iterator[Callable[[str, int, int], None]]:
         yield lambda work, done, total: show(f"{words.get(work, work)}: {done} of {total}")
 
 
-def _print(result: pp.cell.SequenceResult) -> None:
+def _lines(result: pp.cell.SequenceResult) -> list[str]:
     times = pp.cell.cycle_time(result)
-    for number, each in enumerate(times.picks[:SHOWN], start=1):
-        print_line(f"{number:4} {each.name:20} at {each.start:8.2f} s, {each.duration:6.2f} s")
+    lines = [
+        f"{number:4} {each.name:20} at {each.start:8.2f} s, {each.duration:6.2f} s"
+        for number, each in enumerate(times.picks[:SHOWN], start=1)
+    ]
     if len(times.picks) > SHOWN:
-        print_line(f"     and {len(times.picks) - SHOWN} more picks")
-    print_line(result.message)
-    if not result.steps:
-        _print_left_out(result)
-        return
-    print_line(
-        f"lower bound {result.lower_bound:.2f} s, motions {result.moving:.2f} s; bounds of the file order "
-        f"{result.file_order:.2f} s and of the nearest neighbour {result.nearest_neighbour:.2f} s"
-    )
-    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in times.utilisation.items())
-    print_line(f"utilisation: {shares}")
-    for each in times.slowest(SLOWEST):
-        print_line(f"slow: {each.name}, {each.duration:.2f} s, limited by {each.limited_by}")
-    from pinproof.model.limits import guess_note  # loads the kinematics
-
-    if guess := guess_note(result.setup.checker.arm.limits.acceleration_source):
-        print_note(guess)
-    _print_left_out(result)
+        lines.append(f"     and {len(times.picks) - SHOWN} more picks")
+    lines.append(result.message)
+    if result.steps:
+        shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in times.utilisation.items())
+        orders = f"{result.file_order:.2f} s and of the nearest neighbour {result.nearest_neighbour:.2f} s"
+        lines += [
+            f"lower bound {result.lower_bound:.2f} s, motions {result.moving:.2f} s; bounds of the file order {orders}",
+            f"utilisation: {shares}",
+            *(
+                f"slow: {each.name}, {each.duration:.2f} s, limited by {each.limited_by}"
+                for each in times.slowest(SLOWEST)
+            ),
+        ]
+    return lines + _left_out(result.left_out)
 
 
-def _print_left_out(result: pp.cell.SequenceResult) -> None:
-    for each in result.left_out:
-        print_line(f"left out: {each.name}: {each.reason}")
+def _left_out(picks: Iterable[pp.cell.LeftOut]) -> list[str]:
+    return [f"left out: {each.name}: {each.reason}" for each in picks]
+
+
+def cell_allocate(
+    file: Annotated[Path, typer.Argument(help="A picks file for several robots (key robots).", metavar="PICKS")],
+    *,
+    selection: SelectionOptions,
+    conditions: ConditionOptions,
+    compare: Annotated[
+        bool, typer.Option(help="Also compute the time that each arm alone takes for all picks.")
+    ] = True,
+    output: Annotated[
+        list[Path] | None,
+        typer.Option("-o", "--output", help="A .json, .md or .html file; can be given several times.", metavar="FILE"),
+    ] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Allocate the picks of a file to several arms that move at the same time, and certify all motions.
+
+    Exit code 1 if a pick cannot be executed, or not everything is certified.
+
+    Example: pinproof cell allocate robots/two_ur5/picks.yaml --only part_3_2,part_4_2
+    """
+    outputs = output or []
+    picks = pp.read_picks(file)
+    check_output_files(outputs, [file, picks.scene], pp.cell.ALLOCATION_SUFFIXES)
+    _refuse_problems(file, picks)
+    group = picks.load_cell()
+    scene = pp.Scene() if picks.scene is None else pp.Scene.load(picks.scene)
+    chosen = selection.select(picks)
+    with progress_status("allocation") as show:
+        result = pp.cell.allocate(
+            group,
+            scene,
+            replace(picks, picks=chosen),
+            **conditions.settings(),
+            compare=compare,
+            rng=seed,
+            progress=lambda work, done, total: show(f"{work}: {done} of {total}"),
+        )
+    for path in outputs:
+        pp.cell.save_allocation(result, path)
+    alone = {each.arm: each.reason if each.duration is None else f"{each.duration:.2f} s" for each in result.alone}
+    lines = [
+        *(
+            f"{each.arm}: {', '.join(each.picks) or 'no pick'}; {each.duration:.2f} s, of which it waits "
+            f"{each.waiting:.2f} s"
+            for each in result.arms
+        ),
+        result.message,
+        *(f"{arm} alone: {took}" for arm, took in alone.items()),
+        *_left_out(result.missing),
+        *(f"not covered: {note}" for note in result.notes),
+        *written(*outputs),
+    ]
+    print_result(pp.cell.allocation_dict(result), lines, as_json=as_json, ok=result.ok)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import Interrupted, check_output_files, make_folder, print_json, print_line, progress_status
+from pinproof.cli.console import Interrupted, check_output_files, make_folder, print_result, progress_status, written
 from pinproof.cli.options import Json, Seed, numbers
 from pinproof.cli.pick import CellOptions, WorkerOptions, judge_file
 from pinproof.errors import InputError
@@ -36,27 +36,41 @@ class SearchOptions:
         str,
         typer.Option(
             help='Placements of the base in metres and radians: "x0 x1 y0 y1", and optionally "z0 z1" and the range of '
-            'the rotation about z, as in "-1 1 -1 1 0 0 -pi pi".'
+            'the rotation about z, as in "-1 1 -1 1 0 0 -pi pi".',
+            metavar="RANGES",
         ),
     ]
     forbidden: Annotated[
         Path | None,
-        typer.Option(help="A scene file (YAML) with the zones that the base and what moves with it must not touch."),
+        typer.Option(help="A scene file (YAML) with zones that the base, and what moves with it, must not touch."),
     ] = None
     moves_with_base: Annotated[
         list[str] | None,
-        typer.Option(help="An obstacle that moves with the base, such as its pedestal; can be given several times."),
+        typer.Option(
+            help="An obstacle that moves with the base, such as its pedestal; can be given several times.",
+            metavar="OBSTACLE",
+        ),
     ] = None
     mounting: Annotated[
         list[str] | None,
-        typer.Option(help="floor, wall or ceiling; several are compared. Default: floor."),
+        typer.Option(
+            help="How the base is mounted; if given several times, the mountings are compared. Default: floor.",
+            metavar="floor|wall|ceiling",
+        ),
     ] = None
     or_robot: Annotated[
         list[str] | None,
-        typer.Option(help="Another robot to compare, at its default tcp; can be given several times."),
+        typer.Option(
+            help="Another robot to compare, with its default tcp; can be given several times.", metavar="ROBOT"
+        ),
     ] = None
     objective: Annotated[
-        str, typer.Option(help="cycle_time, clearance or manipulability; first of all, all picks must work.")
+        str,
+        typer.Option(
+            help="What is optimised among the placements at which all picks work: cycle_time, clearance or "
+            "manipulability.",
+            metavar="OBJECTIVE",
+        ),
     ] = "cycle_time"
 
     def found_region(self) -> PlacementRegion:
@@ -87,15 +101,19 @@ class SearchOptions:
 
 @dataclass(frozen=True)
 class EffortOptions:
-    """How much is searched."""
+    """The effort of the search."""
 
-    grid: Annotated[int, typer.Option(help="Number of placements of the grid.", min=1)] = 2000
-    runs: Annotated[int, typer.Option(help="Number of placements that are refined.", min=0)] = 4
-    evaluations: Annotated[int, typer.Option(help="Placements screened in each refinement.", min=0)] = 160
-    certified: Annotated[int, typer.Option(help="Number of placements whose picks are all judged.", min=1)] = 3
-    no_proofs: Annotated[bool, typer.Option("--no-proofs", help="Do not prove that parts of the region are empty.")] = (
-        False
-    )
+    PANEL: ClassVar = "Effort of the search"
+
+    grid: Annotated[int, typer.Option(help="Number of placements of the grid that is searched first.", min=1)] = 2000
+    runs: Annotated[int, typer.Option(help="Number of the best placements that are then refined.", min=0)] = 4
+    evaluations: Annotated[int, typer.Option(help="Number of placements that each refinement tries.", min=0)] = 160
+    certified: Annotated[
+        int, typer.Option(help="Number of the best placements at which all picks are checked completely.", min=1)
+    ] = 3
+    no_proofs: Annotated[
+        bool, typer.Option("--no-proofs", help="Do not prove that parts of the region contain no valid placement.")
+    ] = False
 
     def budget(self) -> PlacementBudget:
         """The options as a budget."""
@@ -115,10 +133,12 @@ def cell_place(
             "--output",
             help="The result (.json, .md), its heat map (.csv, .png), or a folder for all of them and the report on "
             "the picks at the best placement.",
+            metavar="FILE|FOLDER",
         ),
     ] = None,
     campaign: Annotated[
-        Path | None, typer.Option(help="Keep the work in this folder; an interrupted search is resumed.")
+        Path | None,
+        typer.Option(help="Keep the work in this folder; an interrupted search is resumed.", metavar="FOLDER"),
     ] = None,
     pool: WorkerOptions,
     seed: Seed = 0,
@@ -159,15 +179,11 @@ def cell_place(
         if found.map is None:
             kept = "" if campaign is None else f"; the same command resumes the search from {campaign}"
             raise Interrupted(f"{error}{kept}") from None
-    _print_result(found, as_json)
-    written = _write(found, output)
-    if written and not as_json:
-        print_line(f"wrote {written}")
+    lines = [found.to_markdown().rstrip(), *written(*_write(found, output))]
+    print_result(found.to_dict(), lines, as_json=as_json, ok=found.ok or found.interrupted)
     if found.interrupted:
         kept = "add --campaign FOLDER to resume" if campaign is None else "the same command resumes the search"
         raise Interrupted(f"interrupted; {kept}", result_printed=True)
-    if not found.ok:
-        raise typer.Exit(1)
 
 
 TABLES = (".json", ".csv", ".md")
@@ -180,16 +196,18 @@ def cell_compare(
         typer.Argument(help="The picks file of the second set-up. Default: the same file.", metavar="OTHER"),
     ] = None,
     *,
-    least: Annotated[float, typer.Option(help="The smallest difference in seconds that counts.", min=0.0)] = 0.01,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="The comparison (.json, .csv, .md).", metavar="FILE")
-    ] = None,
+    least: Annotated[
+        float, typer.Option(help="The smallest difference of durations (s) that is reported.", min=0.0)
+    ] = 0.01,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="The comparison (.json, .csv, .md).")] = None,
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
     as_json: Json = False,
 ) -> None:
-    """Compare two set-ups pick by pick: won, lost, faster, slower. The options of the cell apply to the second one.
+    """Compare two set-ups pick by pick: won, lost, faster, slower.
+
+    The options for robot and scene apply to the second one.
 
     Exit code 1 if a pick is lost.
 
@@ -211,15 +229,15 @@ def cell_tolerance(
     position: Annotated[
         float, typer.Option(help="Largest error of the position of a part along each axis (m).", min=0.0)
     ] = 0.003,
-    rotation: Annotated[str, typer.Option(help="Largest error of its rotation about any axis (rad).")] = "pi/90",
+    rotation: Annotated[
+        str, typer.Option(help="Largest error of its rotation about any axis (rad).", metavar="ANGLE")
+    ] = "pi/90",
     normal: Annotated[
         bool,
         typer.Option("--normal", help="Sample a normal distribution with half of the errors as standard deviation."),
     ] = False,
     samples: Annotated[int, typer.Option(help="Number of sampled poses for each pick.", min=0)] = 20,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="The study (.json, .csv, .md).", metavar="FILE")
-    ] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="The study (.json, .csv, .md).")] = None,
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -255,16 +273,7 @@ def _finish(found: CellComparison | ToleranceStudy, output: Path | None, as_json
     """Write and print a result; exit code 1 if it is not good."""
     if output is not None:
         found.save(output)
-    _print_result(found, as_json)
-    if not found.ok:
-        raise typer.Exit(1)
-
-
-def _print_result(found: PlacementResult | CellComparison | ToleranceStudy, as_json: bool) -> None:
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        print_line(found.to_markdown().rstrip())
+    print_result(found.to_dict(), [found.to_markdown().rstrip()], as_json=as_json, ok=found.ok)
 
 
 def _check_output(output: Path | None) -> None:
@@ -278,18 +287,17 @@ def _check_output(output: Path | None) -> None:
         raise InputError(f"{output}: the folder {output.parent} does not exist")
 
 
-def _write(found: PlacementResult, output: Path | None) -> str:
+def _write(found: PlacementResult, output: Path | None) -> list[Path]:
+    """Write the result, and return the files."""
     if output is None:
-        return ""
-    if not output.is_dir():
-        found.save(output)
-        return str(output)
+        return []
     kinds = SUFFIXES if found.map is not None else (".json", ".md")
-    for kind in kinds:
-        found.save(output / f"placement{kind}")
-    names = [str(output / f"placement{kind}") for kind in kinds]
-    if found.least_failing is not None:
-        for kind in pp.picks.REPORT_SUFFIXES:
-            found.least_failing.report.save(output / f"report{kind}")
-            names.append(str(output / f"report{kind}"))
-    return ", ".join(names)
+    files = [output / f"placement{kind}" for kind in kinds] if output.is_dir() else [output]
+    for file in files:
+        found.save(file)
+    if output.is_dir() and found.least_failing is not None:
+        reports = [output / f"report{kind}" for kind in pp.picks.REPORT_SUFFIXES]
+        for report in reports:
+            found.least_failing.report.save(report)
+        files += reports
+    return files

@@ -11,7 +11,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
+from pinproof.cli.console import check_output_files, print_result, progress_status
 from pinproof.cli.options import (
     ChainOptions,
     ConstraintOptions,
@@ -64,7 +64,10 @@ class AuditOptions:
 
     with_audit: Annotated[
         bool,
-        typer.Option("--audit", help="Also check the motion independently: dense samples, exact meshes, only coal."),
+        typer.Option(
+            "--audit",
+            help="Also check dense samples of the motion with coal and exact meshes, independently of the proof.",
+        ),
     ] = False
     audit_step: Annotated[
         float, typer.Option(help="Largest joint motion between two samples of --audit (rad or m).", min=1e-6)
@@ -118,7 +121,9 @@ def certify_motion(
     tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Prove that a motion is collision-free at every instant. Exit code 1 unless it is FREE and within its limits.
+    """Prove that a motion is collision-free at every instant.
+
+    Exit code 1 unless it is FREE and within its limits.
 
     To verify a saved proof, replace --save-proof by --verify in the same command, or give --verify alone.
 
@@ -132,9 +137,7 @@ def certify_motion(
         return
     if arm is None or motion is None:
         raise InputError("ROBOT or MOTION is missing; state both, or a saved proof with --verify")
-    check_output_files(
-        [html, proof.save_proof], [robot, motion, scene_options.scene, chain.srdf, chain.limits, *tool.files]
-    )
+    check_output_files([html, proof.save_proof], [robot, motion, *scene_options.files, *chain.files, *tool.files])
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     from pinproof.motion.dialects import is_program_file
@@ -161,8 +164,7 @@ def certify_motion(
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
     if proof.save_proof is not None and certificate.free:
         certificate.save(proof.save_proof)
-    if not _report(certificate, trajectory, checker, rates, audit, proof.save_proof, as_json):
-        raise typer.Exit(1)
+    _report(certificate, trajectory, checker, rates, audit, proof.save_proof, as_json)
 
 
 def _refuse_with_verify(rates: RateOptions, sampled_or_written: bool) -> None:
@@ -183,29 +185,29 @@ def _report(
     audit: pp.collision.AuditResult | None,
     save_proof: Path | None,
     as_json: bool,
-) -> bool:
-    """Print what was found; return whether the motion is certified, within its limits and free of contacts found."""
+) -> None:
+    """Print the result; exit code 1 unless the motion is certified, within its limits and without contacts found."""
     arm = checker.arm
     violations = _limit_violations(trajectory, arm) + rates.violations(arm, trajectory, LIMIT_TOLERANCE)
     attached = [body.name for body in checker.attached]
     torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
-    if as_json:
-        figures = None if audit is None else {key: getattr(audit, key) for key in ("samples", "distance", "message")}
-        found = {"attached": attached, "outside_limits": violations, "audit": figures}
-        print_json({**verdict(certificate), **found, **torque_figures(torques, torque_notes)})
-    else:
-        print_line(str(certificate))
-        lines = [f"attached: {', '.join(attached)}"] if attached else []
-        lines += [f"outside the limits: {violation}" for violation in violations]
-        lines += [f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in certificate.excluded]
-        lines += [f"largest torque: {max(torques, key=lambda peak: peak.share)}"] if torques else []
-        lines += [f"note: {note}" for note in torque_notes]
-        lines += [] if audit is None else [f"audit: {audit.message}"]
-        for line in lines:
-            print_line(line)
-        if save_proof is not None:
-            print_line(f"wrote {save_proof}" if certificate.free else f"{save_proof} is not written: there is no proof")
-    return certificate.free and not violations and (audit is None or audit.clean)
+    figures = None if audit is None else {key: getattr(audit, key) for key in ("samples", "distance", "message")}
+    found = {"attached": attached, "outside_limits": violations, "audit": figures}
+    lines = [str(certificate), *([f"attached: {', '.join(attached)}"] if attached else [])]
+    lines += [f"outside the limits: {violation}" for violation in violations]
+    lines += [f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in certificate.excluded]
+    lines += [*largest_torque(torques), *(f"note: {note}" for note in torque_notes)]
+    lines += [] if audit is None else [f"audit: {audit.message}"]
+    if save_proof is not None:
+        lines.append(f"wrote {save_proof}" if certificate.free else f"{save_proof} is not written: there is no proof")
+    data = {**verdict(certificate), **found, **torque_figures(torques, torque_notes)}
+    ok = certificate.free and not violations and (audit is None or audit.clean)
+    print_result(data, lines, as_json=as_json, ok=ok)
+
+
+def largest_torque(torques: Sequence[pp.motion.TorquePeak]) -> list[str]:
+    """The line on the joint that uses the largest share of its torque limit; empty without limits of torque."""
+    return [f"largest torque: {max(torques, key=lambda peak: peak.share)}"] if torques else []
 
 
 def torque_figures(torques: Sequence[pp.motion.TorquePeak], notes: Sequence[str]) -> dict[str, Any]:
@@ -232,15 +234,10 @@ def _verify(
             raise InputError("--upright needs ROBOT and MOTION, whose start states which axis of the tcp points up")
         constraints = constraint_options.constraints(arm, curve.start)
     result: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve, constraints)
-    if as_json:
-        keys = ("ok", "reasons", "clearance", "margin", "joint_tolerance", "obstacle_tolerance", "pairs", "excluded")
-        print_json({key: getattr(result, key) for key in (*keys, "constraints", "compared", "not_compared")})
-    else:
-        print_line(str(result))
-        for a, b, reason in result.excluded:
-            print_line(f"not checked: {a} and {b} ({reason})")
-    if not result.ok:
-        raise typer.Exit(1)
+    keys = ("ok", "reasons", "clearance", "margin", "joint_tolerance", "obstacle_tolerance", "pairs", "excluded")
+    data = {key: getattr(result, key) for key in (*keys, "constraints", "compared", "not_compared")}
+    lines = [str(result), *(f"not checked: {a} and {b} ({reason})" for a, b, reason in result.excluded)]
+    print_result(data, lines, as_json=as_json, ok=result.ok)
 
 
 def _limit_violations(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:

@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 import pinproof as pp
 from pinproof.common.files import os_errors, unknown_suffix
 from pinproof.errors import FileError, InputError
@@ -64,6 +66,23 @@ def print_error(text: str) -> None:
     from rich.console import Console
 
     Console(stderr=True, highlight=False, soft_wrap=True, markup=False).print(f"pinproof: {text}", style="red")
+
+
+def print_result(data: dict[str, Any], lines: Iterable[str], *, as_json: bool, ok: bool = True) -> None:
+    """Print a result as JSON, or as lines of text; the process then ends with exit code 1 unless it is ``ok``."""
+    if as_json:
+        print_json(data)
+    else:
+        for line in lines:
+            print_line(line)
+    if not ok:
+        raise typer.Exit(1)
+
+
+def written(*files: Path | str | None) -> list[str]:
+    """The line that names the files that were written; empty without files."""
+    *others, last = [str(file) for file in files if file is not None] or [""]
+    return [f"wrote {', '.join(others)}{' and ' if others else ''}{last}"] if last else []
 
 
 def print_json(value: dict[str, Any]) -> None:
@@ -191,12 +210,6 @@ def make_folder(path: Path) -> None:
     """
     with os_errors(path, "the folder cannot be created"):
         path.mkdir(parents=True, exist_ok=True)
-
-
-def write_motion(verdict: pp.picks.PickVerdict, arm: pp.Arm, html: Path, motion: Path) -> list[Path]:
-    """Write the trajectory of a good pick and its pages, and return the files written."""
-    verdict.save_motion(motion)
-    return [*write_pages(verdict, arm, html), motion]
 
 
 def write_pages(verdict: pp.picks.PickVerdict, arm: pp.Arm, html: Path) -> list[Path]:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import check_output_files, print_json, print_line
+from pinproof.cli.console import check_output_files, print_result
 from pinproof.cli.options import ChainOptions, Json, Robot
 
 
@@ -25,17 +25,18 @@ def dh2urdf(
     output: Annotated[Path, typer.Option("-o", "--output", help="The URDF file to write.")],
     as_json: Json = False,
 ) -> None:
-    """Convert a DH table to a URDF file. The result is written only if all frames of both agree.
+    """Convert a DH table to a URDF file.
+
+    The file is written only if all frames of the URDF agree with those of the table.
 
     Example: pinproof dh2urdf robots/generic_6dof/dh.yaml -o generic_6dof.urdf
     """
     check_output_files([output], [table])
     rows = pp.DhTable.load(table)
     pp.write_urdf(rows, output)
-    if as_json:
-        print_json({"urdf": str(output), "robot": rows.name, "joints": list(rows.joint_names)})
-    else:
-        print_line(f"wrote {output}: {rows.name}, {len(rows.joint_names)} joints; all frames agree with the table")
+    data = {"urdf": str(output), "robot": rows.name, "joints": list(rows.joint_names)}
+    line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} joints; all frames agree with the table"
+    print_result(data, [line], as_json=as_json)
 
 
 def urdf2dh(
@@ -46,15 +47,16 @@ def urdf2dh(
     chain: ChainOptions,
     as_json: Json = False,
 ) -> None:
-    """Compute the DH table of an arm. The command fails if no table describes the arm exactly.
+    """Compute the DH table of an arm.
+
+    The command fails if no table describes the arm exactly.
 
     Example: pinproof urdf2dh ur5 -o ur5.yaml
     """
-    check_output_files([output], [robot, chain.srdf, chain.limits])
+    check_output_files([output], [robot, *chain.files])
     arm = chain.arm(robot)
     rows = pp.urdf_to_dh(arm, convention=convention.value)
     rows.save(output)
-    if as_json:
-        print_json({"table": str(output), "robot": rows.name, "joints": list(rows.joint_names)})
-    else:
-        print_line(f"wrote {output}: {rows.name}, {len(rows.joint_names)} rows ({convention.value} convention)")
+    data = {"table": str(output), "robot": rows.name, "joints": list(rows.joint_names)}
+    line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} rows ({convention.value} convention)"
+    print_result(data, [line], as_json=as_json)

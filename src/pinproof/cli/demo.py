@@ -17,7 +17,8 @@ from pinproof.cli.console import (
     print_report,
     progress_status,
     until_interrupted,
-    write_motion,
+    write_pages,
+    written,
 )
 from pinproof.cli.options import Json, Seed
 from pinproof.cli.pick import judge_file
@@ -30,7 +31,7 @@ def demo(
         typer.Option(
             "-o",
             "--output",
-            help="The motion to write (.json in the form of trajectory_msgs/JointTrajectory, or .csv).",
+            help="The motion file to write: .json with the structure of trajectory_msgs/JointTrajectory, or .csv.",
         ),
     ] = Path("pick.json"),
     live: Annotated[bool, typer.Option("--live", help="Also open the motion in a browser; Ctrl-C ends it.")] = False,
@@ -55,13 +56,14 @@ def demo(
         raise typer.Exit(1)
     first = report.good[0]
     with progress_status("writing the page"):
-        written = write_motion(first, arm, html, output)
+        first.save_motion(output)
+        files = [*write_pages(first, arm, html), output]
     if as_json:
-        print_json({**report.to_dict(), "written": [str(path) for path in written]})
+        print_json({**report.to_dict(), "written": [str(path) for path in files]})
     else:
         for motion in first.motions:
             print_line(f"{first.pick.name}: {motion.certificate}")
-        print_line(f"wrote {' and '.join(map(str, written))}; open {html} in a browser (no network needed)")
+        print_line(f"{written(*files)[0]}; open {html} in a browser (no network needed)")
     if live:
         shown = first.motions[0]
         with (

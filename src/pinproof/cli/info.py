@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
+from pinproof.cli.console import check_output_files, print_result, progress_status, written
 from pinproof.cli.options import ChainOptions, Json, Robot
 from pinproof.errors import MeshError
 
@@ -21,7 +21,9 @@ def info(
     robot: Robot,
     overlaps: Annotated[
         bool,
-        typer.Option("--overlaps", help="Sample configurations and list which links touch always, sometimes or never."),
+        typer.Option(
+            "--overlaps", help="Sample configurations, and list which pairs of links touch always, sometimes or never."
+        ),
     ] = False,
     samples: Annotated[int, typer.Option(help="Number of configurations that --overlaps samples.", min=1)] = 1000,
     write_srdf: Annotated[
@@ -34,18 +36,19 @@ def info(
     write_urdf: Annotated[
         Path | None,
         typer.Option(
-            "--write-urdf", help="Write the URDF: of a xacro file the expanded one, of a DH table the generated one."
+            "--write-urdf",
+            help="Write the URDF of the robot: expanded from a xacro file, or generated from a DH table.",
         ),
     ] = None,
     *,
     chain: ChainOptions,
     as_json: Json = False,
 ) -> None:
-    """Print the joints, limits, frames, collision pairs, kinematic class and home of a robot, and missing data.
+    """Print the joints, limits, frames, pairs of links, kinematic class and home of a robot, and what is not known.
 
     Example: pinproof info ur5
     """
-    check_output_files([write_srdf, write_urdf], [robot, chain.srdf, chain.limits])
+    check_output_files([write_srdf, write_urdf], [robot, *chain.files])
     arm = chain.arm(robot)
     if write_urdf is not None:
         arm.robot.save_urdf(write_urdf)
@@ -54,72 +57,54 @@ def info(
             report = pp.collision.sample_overlaps(arm.robot, samples=samples)
         if write_srdf is not None:
             report.save_srdf(write_srdf)
-        print_json(_overlaps_json(report)) if as_json else _print_overlaps(report)
-        if not as_json:
-            _print_written(write_srdf, write_urdf)
+        lines = [*_overlap_lines(report), *written(write_srdf, write_urdf)]
+        print_result(_overlaps_json(report), lines, as_json=as_json)
         return
     robot_info = arm.robot.info(arm)
     try:
         checker = pp.CollisionChecker(arm)
     except MeshError as error:
-        pairs: dict[str, object] = {"checked": None, "excluded": [], "why": str(error)}
+        pairs: dict[str, Any] = {"checked": None, "excluded": [], "why": str(error)}
     else:
         excluded = [[*pair.owners, pair.reason] for pair in checker.excluded]
         pairs = {"checked": len(checker.pairs), "excluded": excluded, "why": ""}
-    if as_json:
-        print_json({**robot_info.to_dict(), "pairs": pairs})
-        return
-    print_line(
-        f"{robot_info.name}: {robot_info.dof} joints from {robot_info.base} to {robot_info.tcp}; "
-        f"{robot_info.kinematic_class}"
-    )
-    print_line(f"file: {robot_info.source}" if robot_info.source else "loaded from text")
-    _print_joints(robot_info)
-    print_line(f"frames: {', '.join(robot_info.frames)}")
-    print_line(f"collision geometry: {_geometry_counts(robot_info)}")
-    if pairs["checked"] is None:
-        print_line(f"self-collision pairs: none can be checked: {pairs['why']}")
-    else:
-        print_line(f"self-collision pairs: {pairs['checked']} checked, {len(checker.excluded)} excluded")
-        for first, second, reason in excluded:
-            print_line(f"  {first} and {second}: {reason}")
-    for name, values in (
-        ("groups", robot_info.groups),
-        ("states", robot_info.states),
-        ("end effectors", robot_info.end_effectors),
-    ):
-        if values:
-            print_line(f"{name}: {', '.join(values)}")
-    print_line("home: " + ", ".join(f"{name} {value:.4g}" for name, value in robot_info.home.items()))
-    for sentence in robot_info.missing:
-        print_line(f"missing: {sentence}")
-    _print_written(write_urdf)
+    geometry = ", ".join(f"{count} {kind}" for kind, count in robot_info.collisions.items()) or "none"
+    checked = f"{pairs['checked']} checked, {len(pairs['excluded'])} excluded"
+    lists = {"groups": robot_info.groups, "states": robot_info.states, "end effectors": robot_info.end_effectors}
+    joints = f"{robot_info.dof} joints from {robot_info.base} to {robot_info.tcp}; {robot_info.kinematic_class}"
+    lines = [
+        f"{robot_info.name}: {joints}",
+        f"file: {robot_info.source}" if robot_info.source else "loaded from text",
+        *_in_columns([JOINT_COLUMNS, *(_row(joint) for joint in robot_info.joints if joint.role != "fixed")]),
+        f"frames: {', '.join(robot_info.frames)}",
+        f"collision geometry: {geometry}",
+        f"self-collision pairs: {f'none can be checked: {why}' if (why := pairs['why']) else checked}",
+        *(f"  {first} and {second}: {reason}" for first, second, reason in pairs["excluded"]),
+        *(f"{name}: {', '.join(values)}" for name, values in lists.items() if values),
+        "home: " + ", ".join(f"{name} {value:.4g}" for name, value in robot_info.home.items()),
+        *(f"missing: {sentence}" for sentence in robot_info.missing),
+        *written(write_urdf),
+    ]
+    print_result({**robot_info.to_dict(), "pairs": pairs}, lines, as_json=as_json)
 
 
-def _print_written(*files: Path | None) -> None:
-    if written := [str(file) for file in files if file is not None]:
-        print_line(f"wrote {' and '.join(written)}")
-
-
-def _print_overlaps(report: pp.collision.OverlapReport) -> None:
-    """Print the pairs by frequency, each with the proposal; those that never touch as one line."""
-    count = len(report.pairs)
-    print_line(
-        f"{report.robot.name}: {count} pairs of links in {report.samples:,} sampled configurations of all joints"
-    )
+def _overlap_lines(report: pp.collision.OverlapReport) -> list[str]:
+    """The pairs by frequency, each with the proposal; those that never touch as one line."""
     touching = [pair for pair in report.pairs if pair.touching or pair.reason]
+    never = [" and ".join(pair.links) for pair in report.pairs if pair not in touching]
     rows = [("links", "in contact", "geometry", "SRDF", "proposal")]
     for pair in touching:
         share = f"{pair.touching} of {pair.samples}: {pair.frequency}"
         proposal = f"exclude: {pair.reason}" if pair.reason else "keep checking"
         rows.append((" and ".join(pair.links), share, pair.geometry, pair.disabled or "-", proposal))
-    _print_columns(rows)
-    never = [" and ".join(pair.links) for pair in report.pairs if pair not in touching]
-    print_line(f"never in contact in these samples: {len(never)} pairs{': ' if never else ''}{', '.join(never)}")
-    print_line(
-        "proposed: adjacent links and links that touch in every sample are excluded. All others are checked: samples "
-        "do not prove that links never touch."
-    )
+    sampled = f"{len(report.pairs)} pairs of links in {report.samples:,} sampled configurations of all joints"
+    return [
+        f"{report.robot.name}: {sampled}",
+        *_in_columns(rows),
+        f"never in contact in these samples: {len(never)} pairs{': ' if never else ''}{', '.join(never)}",
+        "proposed: exclude adjacent links and links that touch in every sample, and check all others",
+        "samples do not prove that links never touch",
+    ]
 
 
 def _overlaps_json(report: pp.collision.OverlapReport) -> dict[str, object]:
@@ -138,15 +123,12 @@ def _overlaps_json(report: pp.collision.OverlapReport) -> dict[str, object]:
     return {"robot": report.robot.name, "samples": report.samples, "pairs": pairs}
 
 
-def _print_joints(robot_info: pp.model.RobotInfo) -> None:
-    header = ("joint", "type", "limits", "speed", "accel.", "effort", "role")
-    _print_columns([header, *(_row(joint) for joint in robot_info.joints if joint.role != "fixed")])
+JOINT_COLUMNS = ("joint", "type", "limits", "speed", "accel.", "effort", "role")
 
 
-def _print_columns(rows: Sequence[Sequence[str]]) -> None:
+def _in_columns(rows: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print_line("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _row(joint: JointInfo) -> tuple[str, ...]:
@@ -158,7 +140,3 @@ def _row(joint: JointInfo) -> tuple[str, ...]:
     if joint.held_at is not None:
         role = f"held at {joint.held_at:.4g}"
     return joint.name, joint.type, f"{low} .. {high}", speed, acceleration, effort, role
-
-
-def _geometry_counts(robot_info: pp.model.RobotInfo) -> str:
-    return ", ".join(f"{count} {kind}" for kind, count in robot_info.collisions.items()) or "none"

@@ -11,7 +11,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import link_names, method_names
-from pinproof.cli.console import print_json, print_line
+from pinproof.cli.console import print_result
 from pinproof.cli.options import (
     ChainOptions,
     Configuration,
@@ -46,7 +46,10 @@ def fk(
     robot: Robot,
     q: Configuration = None,
     frame: Annotated[
-        str | None, typer.Option(help="The link whose pose is printed. Default: the tcp.", autocompletion=link_names)
+        str | None,
+        typer.Option(
+            help="The link whose pose is printed. Default: the tcp.", autocompletion=link_names, metavar="LINK"
+        ),
     ] = None,
     *,
     chain: ChainOptions,
@@ -61,22 +64,27 @@ def fk(
     note_limits(arm, configuration)
     placement = arm.frame_placement(configuration, frame or arm.tcp)
     vector = pp.xyz_rpy(placement)
-    if as_json:
-        named = dict(zip(arm.joint_names, configuration.tolist(), strict=True))
-        place = {"xyz": vector[:3].tolist(), "rpy": vector[3:].tolist(), "matrix": placement.homogeneous.tolist()}
-        print_json({"base": arm.base, "frame": frame or arm.tcp, "q": named, **place})
-        return
-    print_line(f"{arm.base} -> {frame or arm.tcp}")
-    print_line("xyz [m]   " + " ".join(_decimals(value) for value in vector[:3]))
-    print_line("rpy [rad] " + " ".join(_decimals(value) for value in vector[3:]))
+    named = dict(zip(arm.joint_names, configuration.tolist(), strict=True))
+    place = {"xyz": vector[:3].tolist(), "rpy": vector[3:].tolist(), "matrix": placement.homogeneous.tolist()}
+    lines = [
+        f"{arm.base} -> {frame or arm.tcp}",
+        "xyz [m]   " + " ".join(_decimals(value) for value in vector[:3]),
+        "rpy [rad] " + " ".join(_decimals(value) for value in vector[3:]),
+    ]
+    print_result({"base": arm.base, "frame": frame or arm.tcp, "q": named, **place}, lines, as_json=as_json)
 
 
 def ik(
     robot: Robot,
     xyz: Annotated[
-        str, typer.Option(help='Target position of the tcp, or of the tip of the tool, in metres: "0.4 0.1 0.3".')
+        str,
+        typer.Option(
+            help='Target position of the tcp, or of the tip of the tool, in metres: "0.4 0.1 0.3".', metavar="POSITION"
+        ),
     ] = "",
-    rpy: Annotated[str, typer.Option(help='Target roll, pitch and yaw in radians: "pi 0 0".')] = "0 0 0",
+    rpy: Annotated[
+        str, typer.Option(help='Target roll, pitch and yaw in radians: "pi 0 0".', metavar="ANGLES")
+    ] = "0 0 0",
     task: Annotated[
         TaskOption, typer.Option(help="What must match the target; spin_z leaves the rotation about tool z free.")
     ] = TaskOption.POSE,
@@ -85,12 +93,15 @@ def ik(
         typer.Option(
             help="The IK method: clik, analytic, damped_least_squares, pseudo_inverse or fabrik.",
             autocompletion=method_names,
+            metavar="METHOD",
         ),
     ] = "clik",
     all_branches: Annotated[
         bool, typer.Option("--all", help="Print all IK solutions. Requires an arm with closed-form IK.")
     ] = False,
-    q0: Annotated[str | None, typer.Option(help="Joint values where the search starts. Default: home.")] = None,
+    q0: Annotated[
+        str | None, typer.Option(help="Joint values where the search starts. Default: home.", metavar="VALUES")
+    ] = None,
     seed: Seed = 0,
     *,
     scene_options: SceneOptions,
@@ -98,9 +109,10 @@ def ik(
     tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Compute joint values for a pose of the tcp, or of the tip of a tool. Exit code 1 if none are found.
+    """Compute joint values for a pose of the tcp, or of the tip of a tool.
 
-    With --scene, --margin, --tool-of or --attached, the solution is also collision-free.
+    With --scene, --margin, --tool-of or --attached, the solution is also collision-free. Exit code 1 if no joint
+    values are found.
 
     Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
     """
@@ -130,23 +142,11 @@ def ik(
     found = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
     if found.status is pp.ik.IkStatus.NOT_FOUND and task is TaskOption.POSE and pp.ik.is_provable(arm):
         found = _proven(found, arm, target, solver)
-    if as_json:
-        print_json(
-            {
-                "ok": found.ok,
-                "status": found.status.name,
-                "q": dict(zip(arm.joint_names, found.q.tolist(), strict=True)),
-                "position_error": found.position_error,
-                "orientation_error": found.orientation_error,
-                "message": found.message,
-            }
-        )
-    else:
-        for name, value in zip(arm.joint_names, found.q, strict=True):
-            print_line(f"{name:30s} {_decimals(value)}")
-        print_line(found.message)
-    if not found.ok:
-        raise typer.Exit(1)
+    named = dict(zip(arm.joint_names, found.q.tolist(), strict=True))
+    errors = {"position_error": found.position_error, "orientation_error": found.orientation_error}
+    data = {"ok": found.ok, "status": found.status.name, "q": named, **errors, "message": found.message}
+    lines = [*(f"{name:30s} {_decimals(value)}" for name, value in named.items()), found.message]
+    print_result(data, lines, as_json=as_json, ok=found.ok)
 
 
 def _proven(found: pp.IkResult, arm: pp.Arm, target: SE3, solver: pp.ik.IterativeIk | pp.AnalyticIk) -> pp.IkResult:
@@ -169,18 +169,16 @@ COLUMN = 10
 def _print_all(found: pp.ik.IkBranches, as_json: bool) -> None:
     """Print the distinct IK solutions, nearest to ``q0`` first, and count those that differ by full rotations."""
     names = found.arm.joint_names
-    if as_json:
-        rows = [dict(zip(names, q.tolist(), strict=True)) for q in found.branches]
-        print_json({"ok": found.ok, "branches": rows, "with_full_rotations": len(found), "message": found.message})
-    else:
-        print_line(", ".join(f"q{k} = {name}" for k, name in enumerate(names, start=1)))
-        print_line(" ".join(f"{f'q{k}':>{COLUMN}s}" for k in range(1, len(names) + 1)))  # 7 joints fit into 80 columns
-        for q in found.branches:
-            print_line(" ".join(f"{_decimals(value):>{COLUMN}s}" for value in q))
-        windings = f" ({len(found)} with full rotations)" if len(found) > len(found.branches) else ""
-        print_line(f"{found.message}{windings}")
-    if not found.ok:
-        raise typer.Exit(1)
+    rows = [dict(zip(names, q.tolist(), strict=True)) for q in found.branches]
+    windings = f" ({len(found)} with full rotations)" if len(found) > len(found.branches) else ""
+    lines = [
+        ", ".join(f"q{k} = {name}" for k, name in enumerate(names, start=1)),
+        " ".join(f"{f'q{k}':>{COLUMN}s}" for k in range(1, len(names) + 1)),  # 7 joints fit into 80 columns
+        *(" ".join(f"{_decimals(value):>{COLUMN}s}" for value in q) for q in found.branches),
+        f"{found.message}{windings}",
+    ]
+    data = {"ok": found.ok, "branches": rows, "with_full_rotations": len(found), "message": found.message}
+    print_result(data, lines, as_json=as_json, ok=found.ok)
 
 
 def _decimals(value: float) -> str:

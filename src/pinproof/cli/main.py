@@ -22,8 +22,7 @@ from typer.core import TyperCommand, TyperGroup
 
 import pinproof as pp
 from pinproof.cli.bench import bench_ik, bench_plan
-from pinproof.cli.cell import cell_sequence
-from pinproof.cli.cell_allocation import cell_allocate
+from pinproof.cli.cell import cell_allocate, cell_sequence
 from pinproof.cli.cell_placement import cell_compare, cell_place, cell_tolerance
 from pinproof.cli.certify import certify_motion
 from pinproof.cli.console import Interrupted, print_error, print_json, print_note
@@ -52,22 +51,28 @@ ERROR_KINDS = {NEGATIVE: "negative", USAGE: "usage", INTERNAL: "internal", INTER
 """The ``kind`` of an error in the JSON output, by exit code."""
 
 
-class _SwitchesWithoutValue:
-    """Shows options without a value as such; typer shows them with ``<bool>``, as if they took one."""
+class _ValuesInHelp:
+    """Help that shows what the user may enter (see :func:`expand_options`), without types of Python."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         for each in params:
-            if getattr(each, "is_flag", False):
+            each._get_number_range_help_str = lambda **_: None  # the value states the range
+            if each.param_type_name == "argument":
+                each.display_type_rich = lambda **_: None
+            elif getattr(each, "is_flag", False):
                 each.metavar = each.metavar or ""
         return params
 
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        return [piece.strip("{}") for piece in super().collect_usage_pieces(ctx)]  # type: ignore[misc]
 
-class _Group(_SwitchesWithoutValue, TyperGroup):
+
+class _Group(_ValuesInHelp, TyperGroup):
     pass
 
 
-class _Command(_SwitchesWithoutValue, TyperCommand):
+class _Command(_ValuesInHelp, TyperCommand):
     pass
 
 
@@ -75,36 +80,46 @@ app = typer.Typer(
     name="pinproof",
     cls=_Group,
     help="Check whether a robot arm can execute a pick, plan its motion, and prove that the motion is collision-free.",
-    epilog='"pinproof COMMAND --help" shows the options and an example of each command. Exit codes: 0 success; 1 '
-    "negative result, such as a collision or a pick that fails; 2 wrong usage or unreadable input; 3 internal error.",
+    epilog='"pinproof COMMAND --help" shows the options and an example of a command. "tcp" is the tool centre point. '
+    "Exit codes: 0 success; 1 negative result, such as a collision or a pick that fails; 2 wrong usage or unreadable "
+    "input; 3 internal error.",
     no_args_is_help=True,
     add_completion=True,
     pretty_exceptions_enable=False,
 )
+PICKS, MOTIONS, ROBOTS, OTHERS = "Picks", "Motions", "Robots and kinematics", "Other commands"
 COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
     "pick": pick,
     "reach": reach,
-    "info": info,
-    "fk": fk,
-    "ik": ik,
-    "check": check,
-    "plan": plan,
-    "certify": certify_motion,
-    "export": export,
-    "view": view,
-    "dh2urdf": dh2urdf,
-    "urdf2dh": urdf2dh,
-    "schema": schema,
     "cell place": cell_place,
     "cell sequence": cell_sequence,
     "cell allocate": cell_allocate,
     "cell compare": cell_compare,
     "cell tolerance": cell_tolerance,
+    "check": check,
+    "plan": plan,
+    "certify": certify_motion,
+    "export": export,
+    "view": view,
+    "info": info,
+    "fk": fk,
+    "ik": ik,
+    "dh2urdf": dh2urdf,
+    "urdf2dh": urdf2dh,
+    "schema": schema,
     "bench ik": bench_ik,
     "bench plan": bench_plan,
 }
 """The commands by name; ``cell`` and ``bench`` are groups of commands."""
+
+PANELS = {
+    **dict.fromkeys(("demo", "pick", "reach", "cell"), PICKS),
+    **dict.fromkeys(("check", "plan", "certify", "export", "view"), MOTIONS),
+    **dict.fromkeys(("info", "fk", "ik", "dh2urdf", "urdf2dh"), ROBOTS),
+    **dict.fromkeys(("schema", "bench"), OTHERS),
+}
+"""The part of ``pinproof --help`` in which a command is listed."""
 
 
 class _ErrorOptions:
@@ -126,11 +141,12 @@ groups = {
     ),
     "bench": typer.Typer(help="Run the benchmarks on this machine.", cls=_Group, no_args_is_help=True),
 }
-for name in ("cell", "bench"):
-    app.add_typer(groups[name], name=name)
 for words, command in COMMANDS.items():
     group, _, name = words.rpartition(" ")
-    groups[group].command(name, cls=_Command)(expand_options(command, _ErrorOptions.set_verbose))
+    if group and not groups[group].registered_commands:
+        app.add_typer(groups[group], name=group, rich_help_panel=PANELS[group])
+    panel = None if group else PANELS[name]
+    groups[group].command(name, cls=_Command, rich_help_panel=panel)(expand_options(command, _ErrorOptions.set_verbose))
 
 
 def _version(wanted: bool) -> None:

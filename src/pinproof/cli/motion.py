@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, NoReturn
+from typing import Annotated, Literal
 
 import typer
 
 import pinproof as pp
-from pinproof.cli.certify import torque_figures, verdict
+from pinproof.cli.certify import largest_torque, torque_figures, verdict
 from pinproof.cli.complete import planner_names
-from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
+from pinproof.cli.console import check_output_files, print_result, progress_status, written
 from pinproof.cli.options import (
     ChainOptions,
     Configuration,
@@ -38,7 +37,9 @@ def check(
     tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Check a configuration for joint limits and collisions. Exit code 1 if it violates a limit or collides.
+    """Check a configuration for joint limits and collisions.
+
+    Exit code 1 if it violates a limit or collides.
 
     Example: pinproof check ur5 --q home --scene robots/ur5/scene.yaml
     """
@@ -51,22 +52,15 @@ def check(
     outside = arm.limits.violations(configuration, arm.joint_names)
     result, clearance = checker.check(configuration), checker.clearance(configuration)
     ok = result.free and not outside
-    if as_json:
-        contacts = [{"bodies": c.bodies, "distance": c.distance, "points": c.points.tolist()} for c in result.contacts]
-        found = {"ok": ok, "outside_limits": outside, "contacts": contacts, "clearance": clearance}
-        print_json({**found, "pairs": len(checker.pairs), "notes": notes_of(checker)})
-    else:
-        for line in (*outside, *(str(contact) for contact in result.contacts)):
-            print_line(line)
-        status = "free" if ok else "not free"
-        if checker.pairs:
-            print_line(f"{status}: clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs")
-        else:
-            print_line(f"{status}: no pair of bodies is checked")
-        for note in filter(None, [*notes_of(checker), overlap_hint(checker, configuration, result)]):
-            print_line(f"note: {note}")
-    if not ok:
-        raise typer.Exit(1)
+    contacts = [{"bodies": c.bodies, "distance": c.distance, "points": c.points.tolist()} for c in result.contacts]
+    data = {"ok": ok, "outside_limits": outside, "contacts": contacts, "clearance": clearance}
+    pairs = f"clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs"
+    lines = [*outside, *map(str, result.contacts)]
+    lines.append(f"{'free' if ok else 'not free'}: {pairs if checker.pairs else 'no pair of bodies is checked'}")
+    notes = filter(None, [*notes_of(checker), overlap_hint(checker, configuration, result)])
+    lines += [f"note: {note}" for note in notes]
+    data |= {"pairs": len(checker.pairs), "notes": notes_of(checker)}
+    print_result(data, lines, as_json=as_json, ok=ok)
 
 
 @dataclass(frozen=True)
@@ -76,20 +70,23 @@ class PlanOptions:
     blend: Annotated[
         bool, typer.Option(help="Round the corners of the path; with --no-blend the arm stops at each corner.")
     ] = True
-    planner: Annotated[str, typer.Option(help="The planner: rrt_connect or ompl.", autocompletion=planner_names)] = (
-        "rrt_connect"
-    )
+    planner: Annotated[
+        str, typer.Option(help="The planner: rrt_connect or ompl.", autocompletion=planner_names, metavar="PLANNER")
+    ] = "rrt_connect"
     jerk: Annotated[
         str | None,
         typer.Option(
             help="Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for those of --limits. Default: no "
-            "jerk limit."
+            "jerk limit.",
+            metavar="NUMBER|limits",
         ),
     ] = None
     optimise: Annotated[
         int,
         typer.Option(
-            help="Evaluations to make the motion as short as the limits allow; 0: only time the shortened path.", min=0
+            help="How many changes of the motion are tried to reduce its duration. With 0, the shortened path is only "
+            "timed.",
+            min=0,
         ),
     ] = 600
 
@@ -105,8 +102,10 @@ class PlanOptions:
 
 def plan(
     robot: Robot,
-    goal: Annotated[str, typer.Option(help="Goal joint values in rad or m, or home.")],
-    start: Annotated[str | None, typer.Option(help="Start joint values in rad or m. Default: home.")] = None,
+    goal: Annotated[str, typer.Option(help="Goal joint values in rad or m, or home.", metavar="VALUES")],
+    start: Annotated[
+        str | None, typer.Option(help="Start joint values in rad or m. Default: home.", metavar="VALUES")
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="The motion file to write (.json, .csv).")
     ] = None,
@@ -121,11 +120,13 @@ def plan(
     tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Plan, shorten, time and certify a motion between two configurations. Exit code 1 if no proven motion is found.
+    """Plan, shorten, time and certify a motion between two configurations.
+
+    Exit code 1 if no collision-free motion is found and proven.
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
-    check_output_files([output, html], [robot, scene_options.scene, chain.srdf, chain.limits, *tool.files])
+    check_output_files([output, html], [robot, *scene_options.files, *chain.files, *tool.files])
     jerk = effort.found_jerk()
     search = pp.planning.make_planner(effort.planner)
     arm = chain.arm(robot, tool)
@@ -138,7 +139,9 @@ def plan(
         heavy = rates.torque_limits(arm)
         result = search.plan(checker, *ends, constraints=kept, torque_limits=heavy, rng=seed)
         if result.path is None:
-            _fail(result, as_json)
+            data = {"ok": False, "status": result.status.name, "message": result.message}
+            print_result(data, [result.message], as_json=as_json, ok=False)
+            return
         checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(
             result.path,
@@ -162,71 +165,27 @@ def plan(
         )
         trajectory, certificate = shortest.trajectory, shortest.certificate
     torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
-    written = []
     if output is not None:
         trajectory.save(output, certificate=certificate)
-        written.append(output)
     if html is not None:
         drawn = pp.viewer.PlotLimits(arm.limits, arm.limits.jerk if jerk == "limits" else jerk, rate_limits)
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, plot=drawn)
-        written.append(html)
-    _show(
-        simplified,
-        shortest,
-        certificate,
-        torques,
-        torque_notes,
-        written,
-        optimised=effort.optimise > 0,
-        as_json=as_json,
-    )
-    if not certificate.free:
-        raise typer.Exit(1)
-
-
-def _fail(result: pp.PlanResult, as_json: bool) -> NoReturn:
-    """Print why no path was found."""
-    if as_json:
-        print_json({"ok": False, "status": result.status.name, "message": result.message})
-    else:
-        print_line(result.message)
-    raise typer.Exit(1)
-
-
-def _show(
-    simplified: pp.planning.SimplifyResult,
-    shortest: pp.planning.OptimiseResult,
-    certificate: pp.Certificate,
-    torques: Sequence[pp.motion.TorquePeak],
-    torque_notes: Sequence[str],
-    written: Sequence[Path],
-    *,
-    optimised: bool,
-    as_json: bool,
-) -> None:
-    """Print the figures of a planned motion, its certificate and the files written."""
-    length, duration = simplified.path.length, shortest.trajectory.duration
-    if as_json:
-        figures = {
-            "stops": simplified.stops,
-            "length": length,
-            "duration_of_path": shortest.duration_before,
-            "duration": duration,
-            "lower_bound": shortest.lower_bound,
-        }
-        peaks = torque_figures(torques, torque_notes)
-        print_json({"ok": certificate.free, **figures, **peaks, **verdict(certificate)})
-        return
+    figures = {
+        "stops": simplified.stops,
+        "length": path.length,
+        "duration_of_path": shortest.duration_before,
+        "duration": shortest.duration,
+        "lower_bound": shortest.lower_bound,
+    }
+    data = {"ok": certificate.free, **figures, **torque_figures(torques, torque_notes), **verdict(certificate)}
     stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
-    motion = f"; optimised motion {duration:.2f} s" if optimised else ""
-    print_line(
-        f"path of length {length:.3g} rad, {stops}, {shortest.duration_before:.2f} s{motion}, lower bound without "
-        f"obstacles {shortest.lower_bound:.2f} s ({shortest.trajectory.limits_note})"
-    )
-    if torques:
-        print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")
-    print_line(str(certificate))
-    for note in torque_notes:
-        print_line(f"note: {note}")
-    if written:
-        print_line(f"wrote {' and '.join(map(str, written))}")
+    optimised = f"; optimised motion {shortest.duration:.2f} s" if effort.optimise else ""
+    bound = f"lower bound without obstacles {shortest.lower_bound:.2f} s ({trajectory.limits_note})"
+    lines = [
+        f"path of length {path.length:.3g} rad, {stops}, {shortest.duration_before:.2f} s{optimised}, {bound}",
+        *largest_torque(torques),
+        str(certificate),
+        *(f"note: {note}" for note in torque_notes),
+        *written(output, html),
+    ]
+    print_result(data, lines, as_json=as_json, ok=certificate.free)

@@ -6,14 +6,16 @@ A command states a group of options as one parameter whose type is a dataclass, 
 
 from __future__ import annotations
 
+import copy
 import functools
 import inspect
 import math
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args, get_type_hints
 
 import numpy as np
 import typer
@@ -37,7 +39,7 @@ Robot = Annotated[
 ]
 Configuration = Annotated[
     str | None,
-    typer.Option(help='Joint values in rad or m, as "0 -pi/2 pi/2 ...", or home. Default: home.', show_default=False),
+    typer.Option(help='Joint values in rad or m, as "0 -pi/2 pi/2 ...", or home. Default: home.', metavar="VALUES"),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the random number generator.", min=0)]
 Html = Annotated[Path | None, typer.Option("--html", help="Write the result as an HTML page.")]
@@ -48,7 +50,9 @@ Limits = Annotated[
 ]
 Place = Annotated[
     str,
-    typer.Option(help='Placement of the robot base: "x y z" in metres, and optionally a rotation about z (rad).'),
+    typer.Option(
+        help='Placement of the robot base: "x y z" in metres, and optionally a rotation about z (rad).', metavar="POSE"
+    ),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.")]
 IgnoreRecord = Annotated[
@@ -65,9 +69,14 @@ IgnoreRecord = Annotated[
 class ToolOptions:
     """Options for the bodies that are attached to the tcp."""
 
+    PANEL: ClassVar = "Scene and tool"
+
     tool_of: Annotated[
         Path | None,
-        typer.Option(help="A picks file. The arm carries its open tool, with its tip, margin, tcp and held joints."),
+        typer.Option(
+            help="A picks file, whose tool the arm carries with the gripper open. Its tip, margin, tcp and held joints "
+            "apply too."
+        ),
     ] = None
     attached: Annotated[
         Path | None,
@@ -121,7 +130,12 @@ class ToolOptions:
 class RobotFileOptions:
     """Options for the files of the robot."""
 
-    srdf: Annotated[Path | None, typer.Option("--srdf", help="An SRDF file for the robot.")] = None
+    PANEL: ClassVar = "Robot"
+
+    srdf: Annotated[
+        Path | None,
+        typer.Option("--srdf", help="The SRDF file of the robot: its joint groups, and links that need no check."),
+    ] = None
     package_dir: Annotated[
         list[Path] | None,
         typer.Option(
@@ -168,20 +182,31 @@ class ChainOptions(RobotFileOptions):
 
     tcp: Annotated[
         str | None,
-        typer.Option(help="The tcp frame. Default: the frame that the robot declares.", autocompletion=link_names),
+        typer.Option(
+            help="The tcp frame. Default: the frame that the robot declares.", autocompletion=link_names, metavar="LINK"
+        ),
     ] = None
     base: Annotated[
         str | None,
         typer.Option(
-            help="The link in whose frame poses are given. Default: the root link.", autocompletion=link_names
+            help="The link in whose frame poses are given. Default: the root link.",
+            autocompletion=link_names,
+            metavar="LINK",
         ),
     ] = None
     group: Annotated[
         str | None,
-        typer.Option(help="A joint group of the SRDF, which defines base and tcp.", autocompletion=group_names),
+        typer.Option(
+            help="A joint group of the SRDF, which defines base and tcp.", autocompletion=group_names, metavar="GROUP"
+        ),
     ] = None
 
     limits: Limits = None
+
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """The input files."""
+        return self.srdf, self.limits
 
     def arm(self, robot: str, tool: ToolOptions | None = None) -> pp.Arm:
         """Load the arm of a robot by catalogue name or file.
@@ -210,10 +235,17 @@ class ChainOptions(RobotFileOptions):
 class SceneOptions:
     """Options for the obstacles and the required distance to them."""
 
+    PANEL: ClassVar = "Scene and tool"
+
     scene: Annotated[Path | None, typer.Option("--scene", help="A scene file (YAML). Default: no obstacles.")] = None
     margin: Annotated[
         float, typer.Option(help="Distance in metres that every two bodies must keep from each other.", min=0.0)
     ] = 0.0
+
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """The input files."""
+        return (self.scene,)
 
     def load(self) -> pp.Scene:
         """Load the scene; without ``--scene`` it is empty."""
@@ -235,6 +267,8 @@ class SceneOptions:
 class ConstraintOptions:
     """Options for the constraints of the tcp along a motion."""
 
+    PANEL: ClassVar = "Limits and constraints"
+
     upright: Annotated[
         str | None,
         typer.Option(
@@ -245,7 +279,10 @@ class ConstraintOptions:
     ] = None
     upright_axis: Annotated[
         str | None,
-        typer.Option(help='For --upright: the axis in the tcp frame, as "x y z". Default: the one that points up.'),
+        typer.Option(
+            help='For --upright: the axis in the tcp frame, as "x y z". Default: the axis that points up at the start.',
+            metavar="AXIS",
+        ),
     ] = None
 
     def constraints(self, arm: pp.Arm, start: npt.NDArray[np.float64]) -> tuple[pp.Upright, ...]:
@@ -286,11 +323,14 @@ MASS_FORMS = {1: "mass", 4: "mass x y z", 7: "mass x y z ixx iyy izz"}
 class RateOptions:
     """Options for the torques of the joints and the speed of the tool."""
 
+    PANEL: ClassVar = "Limits and constraints"
+
     payload: Annotated[
         str | None,
         typer.Option(
             help='Mass in kg that the tcp carries, as "mass", "mass x y z" with its centre (m), or "mass x y z ixx iyy '
-            'izz" with its inertia (kg m^2). The torque limits of the joints then apply.'
+            'izz" with its inertia (kg m^2). The torque limits of the joints then apply.',
+            metavar="MASS",
         ),
     ] = None
     torque: Annotated[
@@ -363,8 +403,8 @@ class RateOptions:
 def expand_options(command: Callable[..., None], on_verbose: Callable[[], None]) -> Callable[..., None]:
     """Return a command in which each field of a dataclass parameter is an option of the command line.
 
-    The command also accepts ``--verbose``, and Ctrl-C raises :class:`pinproof.cli.console.Interrupted`; the parser
-    would otherwise hide it.
+    The help lists the options of a dataclass in the panel that its ``PANEL`` names. The command also accepts
+    ``--verbose``, and Ctrl-C raises :class:`pinproof.cli.console.Interrupted`; the parser would otherwise hide it.
     """
     # Not get_type_hints: Python 3.10 wraps a parameter with the default None in Optional, which hides the Annotated.
     parameters = inspect.signature(command, eval_str=True).parameters
@@ -375,12 +415,12 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
     for name, parameter in parameters.items():
         if name in groups:
             hints = get_type_hints(groups[name], include_extras=True)
-            options += [
-                (field.name, hints[field.name], inspect.Parameter.empty if field.default is MISSING else field.default)
-                for field in fields(groups[name])
-            ]
+            for field in fields(groups[name]):
+                default = inspect.Parameter.empty if field.default is MISSING else field.default
+                hint = _with_value(hints[field.name], getattr(groups[name], "PANEL", None))
+                options.append((field.name, hint, default))
         else:
-            options.append((name, parameter.annotation, parameter.default))
+            options.append((name, _with_value(parameter.annotation), parameter.default))
     options.append(("verbose", Verbose, False))
 
     @functools.wraps(command)
@@ -400,6 +440,24 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
     )
     call.__annotations__ = {name: hint for name, hint, _ in options}
     return call
+
+
+VALUES = {int: "INTEGER", float: "NUMBER", Path: "FILE", str: "TEXT"}
+"""What the help shows for the value of an option, if the option does not state it."""
+
+
+def _with_value(hint: Any, panel: str | None = None) -> Any:
+    """An annotation whose option names the value that the user may enter, such as ``NUMBER>=0``, and its panel."""
+    kind, info = get_args(hint)
+    info = copy.copy(info)
+    info.rich_help_panel = panel
+    plain = next(each for each in (*get_args(kind), kind) if each is not type(None))
+    if info.metavar is None and isinstance(plain, type) and issubclass(plain, Enum):
+        info.metavar = "|".join(each.value for each in plain)
+    elif info.metavar is None and plain in VALUES:
+        ends = [f"{end:g}" for end in (info.min, info.max) if end is not None]
+        info.metavar = "..".join(ends) if len(ends) == 2 else f"{VALUES[plain]}{'>=' if ends else ''}{''.join(ends)}"
+    return Annotated[kind, info]
 
 
 def with_held_joints(arm: pp.Arm, tool: ToolOptions | None, tool_tcp: str | None = None) -> pp.Arm:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -26,9 +26,11 @@ from pinproof.cli.console import (
     print_line,
     print_note,
     print_report,
+    print_result,
     progress_bar,
     progress_status,
     write_pages,
+    written,
 )
 from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, placement
 from pinproof.common.files import file_stems
@@ -44,20 +46,26 @@ CONNECT_SECONDS = 20
 
 @dataclass(frozen=True)
 class CellOptions(RobotFileOptions):
-    """Options that replace what the picks file states of the robot and its scene."""
+    """Options that replace the robot and the scene of the picks file."""
+
+    PANEL: ClassVar = "Robot and scene"
 
     robot: Annotated[
         str | None,
         typer.Option(
-            help="A catalogue name, a robot file or a DH table, in place of the robot, srdf, package_dirs, xacro_args "
-            "and limits of the picks file."
+            help="A catalogue name, a robot file or a DH table. It replaces robot, srdf, package_dirs, xacro_args and "
+            "limits of the picks file.",
+            metavar="ROBOT",
         ),
     ] = None
     limits: Limits = None
     tcp: Annotated[
-        str | None, typer.Option(help="The tcp frame. Default: that of the picks file, else of the robot.")
+        str | None,
+        typer.Option(help="The tcp frame. Default: the tcp of the picks file, otherwise of the robot.", metavar="LINK"),
     ] = None
-    scene: Annotated[Path | None, typer.Option(help="The scene file (YAML). Default: that of the picks file.")] = None
+    scene: Annotated[Path | None, typer.Option(help="The scene file (YAML). Default: the scene of the picks file.")] = (
+        None
+    )
     place: Place = "0 0 0 0"
 
     @property
@@ -93,6 +101,8 @@ class CellOptions(RobotFileOptions):
 class OutputOptions:
     """Options for the files of the results."""
 
+    PANEL: ClassVar = "Output"
+
     output: Annotated[
         Path | None,
         typer.Option(
@@ -100,10 +110,11 @@ class OutputOptions:
             "--output",
             help="A report (.json, .md, .csv, .html), or a folder for all reports, one page, and the motion and the "
             "program of each good pick.",
+            metavar="FILE|FOLDER",
         ),
     ] = None
     pages: Annotated[
-        bool, typer.Option("--pages", help="Also write a page for each motion to the folder of -o; large.")
+        bool, typer.Option("--pages", help="Also write a page for each motion to the folder of -o; these are large.")
     ] = False
     grip_dwell: Annotated[
         float, typer.Option(help="Seconds that the arm rests in programs while the gripper closes.", min=0.0)
@@ -117,13 +128,15 @@ class OutputOptions:
         typer.Option(
             "--export",
             help="Also write a robot program of each good pick to the folder of -o: urscript, rapid, krl or fanuc.",
+            metavar="LANGUAGE",
         ),
     ] = None
     gripper_output: Annotated[
         str | None,
         typer.Option(
             help="For --export: the digital output that closes the gripper. Default: 1; 0 for urscript, do_gripper for "
-            "rapid."
+            "rapid.",
+            metavar="OUTPUT",
         ),
     ] = None
     export_deviation: Annotated[
@@ -234,6 +247,8 @@ def _dialect(name: str) -> Dialect:
 class WorkerOptions:
     """Options for the processes that check picks."""
 
+    PANEL: ClassVar = "Parallel work"
+
     workers: Annotated[int | None, typer.Option("--workers", help="Number of parallel processes.", min=1)] = None
     dask: Annotated[
         str | None, typer.Option(help="Use the Dask cluster of this scheduler.", metavar="tcp://HOST:PORT")
@@ -281,13 +296,14 @@ def pick(
     program: Annotated[
         Path | None,
         typer.Option(
-            help="Certify this program (.program.json) again in the cell of the picks file, and check no pick."
+            help="Instead of checking picks, certify this program (.program.json) again in the cell of the picks file."
         ),
     ] = None,
     campaign: Annotated[
         Path | None,
         typer.Option(
-            help="For many picks: write the results to this folder one by one; an interrupted run is resumed."
+            help="For many picks: write the results to this folder one by one; an interrupted run is resumed.",
+            metavar="FOLDER",
         ),
     ] = None,
     screen: Annotated[
@@ -297,8 +313,8 @@ def pick(
     optimise: Annotated[
         int | None,
         typer.Option(
-            help="Evaluations to shorten each transit and each transfer; 0: follow the planned paths. Default: "
-            "optimise in the picks file, otherwise 100.",
+            help="How many changes of each transit and each transfer are tried to reduce its duration. With 0, the "
+            "planned paths are followed. Default: the key optimise of the picks file, otherwise 100.",
             min=0,
         ),
     ] = None,
@@ -323,20 +339,18 @@ def pick(
     if program is not None:
         if screen or campaign is not None or out.output is not None or pool.stated:
             raise InputError("--program checks no pick; remove --screen, --campaign, -o, --workers and --dask")
-        ok = _recertify(program, file, cell, as_json=as_json)
+        _recertify(program, file, cell, as_json=as_json)
     elif screen:
         if campaign is not None or pool.stated:
             raise InputError("--screen cannot be combined with --campaign, --workers or --dask; remove them")
-        ok = _screen(file, cell, out.output, seed, as_json=as_json)
+        _screen(file, cell, out.output, seed, as_json=as_json)
     elif campaign is not None:
         out.check(".html")
-        ok = _run_campaign(file, cell, campaign, pool, seed, out.output, as_json=as_json)
+        _run_campaign(file, cell, campaign, pool, seed, out.output, as_json=as_json)
     else:
         out.check()
         budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
-        ok = _judge(file, cell, pool, seed, out, budget, as_json=as_json)
-    if not ok:
-        raise typer.Exit(1)
+        _judge(file, cell, pool, seed, out, budget, as_json=as_json)
 
 
 def _judge(
@@ -348,8 +362,8 @@ def _judge(
     budget: pp.picks.PickBudget | None,
     *,
     as_json: bool,
-) -> bool:
-    """Check the picks of a file, print and write the report; return whether all are good.
+) -> None:
+    """Check the picks of a file, print and write the report; exit code 1 unless all are good.
 
     Raises
     ------
@@ -371,19 +385,20 @@ def _judge(
         print_json(report.to_dict())
     else:
         print_report(report)
-    written = out.write(report)
-    if written and not as_json:
-        print_line(f"wrote {written}")
+    files = out.write(report)
+    if files and not as_json:
+        print_line(f"wrote {files}")
     if report.not_judged:
         judged, total = len(report.verdicts), len(report.verdicts) + report.not_judged
         kept = "" if out.output is None else f"; {out.output} has these {judged:,}"
         remedy = "the same command checks all picks again; add --campaign FOLDER for a run that can be resumed"
         raise Interrupted(f"interrupted after {judged:,} of {total:,} picks{kept}; {remedy}", result_printed=True)
-    return report.ok
+    if not report.ok:
+        raise typer.Exit(1)
 
 
-def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -> bool:
-    """Certify a program again in the cell of a picks file and print the result; whether it is FREE and unchanged."""
+def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -> None:
+    """Certify a program again in the cell of a picks file; exit code 1 unless it is FREE and unchanged."""
     found = pp.motion.MotionProgram.load(program, allow_changes=True)
     arm, world, source = cell.open(file)
     picks = source.load()
@@ -398,13 +413,12 @@ def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -
         for record, proof in zip(records, proofs, strict=True)
     ]
     ok = all(proof.free for proof in proofs) and not found.changed
-    if as_json:
-        print_json({"ok": ok, "program": found.name, "duration": found.duration, "motions": rows})
-        return ok
+    lines = []
     for row, proof in zip(rows, proofs, strict=True):
         note = "; differs from the motion that was certified" if row["changed"] else ""
-        print_line(f"{row['motion']}: {proof.status.name}: {proof.message}{note}")
-    return ok
+        lines.append(f"{row['motion']}: {proof.status.name}: {proof.message}{note}")
+    data = {"ok": ok, "program": found.name, "duration": found.duration, "motions": rows}
+    print_result(data, lines, as_json=as_json, ok=ok)
 
 
 def judge_file(
@@ -422,8 +436,8 @@ def judge_file(
     return arm, world, picks, pp.validate_picks(arm, world, picks, rng=seed, **settings)
 
 
-def _screen(file: Path, cell: CellOptions, output: Path | None, seed: int, *, as_json: bool) -> bool:
-    """Check the grasps of a picks file, print the number of picks of each status; return whether all are free."""
+def _screen(file: Path, cell: CellOptions, output: Path | None, seed: int, *, as_json: bool) -> None:
+    """Check the grasps of a picks file, print the number of picks of each status; exit code 1 unless all are free."""
     arm, world, source = cell.open(file)
     if output is not None:
         if output.suffix.lower() != ".csv":
@@ -436,16 +450,11 @@ def _screen(file: Path, cell: CellOptions, output: Path | None, seed: int, *, as
     ok = bool(found.free.all())
     if output is not None:
         found.save(output)
-    if as_json:
-        counts = {status.value: count for status, count in found.counts.items()}
-        print_json({"ok": ok, "picks": len(found), "complete": found.complete, "counts": counts})
-        return ok
-    print_line(found.summary)
-    rate = len(found) / max(seconds, 1e-9)
-    print_line(f"{seconds:.3g} s, {rate:,.0f} picks per second; approach, retreat and transit are not checked")
-    if output is not None:
-        print_line(f"wrote {output}")
-    return ok
+    counts = {status.value: count for status, count in found.counts.items()}
+    rate = f"{seconds:.3g} s, {len(found) / max(seconds, 1e-9):,.0f} picks per second"
+    lines = [found.summary, f"{rate}; approach, retreat and transit are not checked", *written(output)]
+    data = {"ok": ok, "picks": len(found), "complete": found.complete, "counts": counts}
+    print_result(data, lines, as_json=as_json, ok=ok)
 
 
 def _run_campaign(
@@ -457,8 +466,8 @@ def _run_campaign(
     page: Path | None,
     *,
     as_json: bool,
-) -> bool:
-    """Run a campaign with a progress bar, print its summary, and write its page; return whether all picks are good.
+) -> None:
+    """Run a campaign with a progress bar, print its summary, and write its page; exit code 1 unless all are good.
 
     Raises
     ------
@@ -507,19 +516,12 @@ def _run_campaign(
         # Count the rows of the file: the interrupt may arrive between writing a row and reporting it.
         done = f"{rows_there(folder):,} of {len(campaign):,} picks"
         raise Interrupted(f"interrupted after {done}; run the same command again to resume") from None
-    if as_json:
-        print_json(result.to_dict())
-    else:
-        print_line(result.summary)
-        if result.damaged:
-            print_line(f"{result.damaged:,} damaged or edited rows were computed again")
-        if result.to_retry:
-            print_line(f"{result.to_retry:,} picks crashed their workers; run the same command again to retry them")
-        for note in result.notes:
-            print_line(f"not covered: {note}")
-        print_line(f"wrote {result.path}")
+    lines = [result.summary]
+    if result.damaged:
+        lines.append(f"{result.damaged:,} damaged or edited rows were computed again")
+    if result.to_retry:
+        lines.append(f"{result.to_retry:,} picks crashed their workers; run the same command again to retry them")
     if page is not None:
         result.save(page)
-        if not as_json:
-            print_line(f"wrote {page}")
-    return result.ok
+    lines += [*(f"not covered: {note}" for note in result.notes), *written(result.path, page)]
+    print_result(result.to_dict(), lines, as_json=as_json, ok=result.ok)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
+from pinproof.cli.console import check_output_files, print_result, progress_status
 from pinproof.cli.options import ChainOptions, IgnoreRecord, Json, Robot, SceneOptions, ToolOptions, load_motion
 
 
@@ -36,12 +36,14 @@ def export(
     ] = None,
     period: Annotated[
         float | None,
-        typer.Option(help="Seconds between set points: stream the motion (servoj) instead of moves; only URScript."),
+        typer.Option(
+            help="Seconds between set points: the program streams the motion (servoj) instead of moves. URScript only."
+        ),
     ] = None,
     linear: Annotated[
         bool,
         typer.Option(
-            "--linear", help="Write parts from stop to stop on a straight line of the tcp as linear moves (movel, LIN)."
+            "--linear", help="Write linear moves (movel, LIN) where the tcp moves on a straight line between two stops."
         ),
     ] = False,
     ignore_record: IgnoreRecord = False,
@@ -51,16 +53,17 @@ def export(
     tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Write a motion as a robot program, and certify what the controller will execute. Exit code 1 unless it is FREE.
+    """Write a motion as a robot program, and certify what the controller will execute.
 
-    The program is read back from its text, and only written if it is proven collision-free.
+    The program is read back from its text, and only written if it is proven collision-free; otherwise the exit code is
+    1.
 
     Example: pinproof export ur5 motion.json --scene robots/ur5/scene.yaml -o motion.script
     """
     from pinproof.motion.dialects import dialect_of_file
 
     dialect = dialect_of_file(output)
-    check_output_files([output], [robot, motion, scene_options.scene, chain.srdf, *tool.files])
+    check_output_files([output], [robot, motion, *scene_options.files, *chain.files, *tool.files])
     checker = scene_options.checker(chain.arm(robot, tool=tool), tool=tool)
     trajectory = load_motion(motion, checker, ignore_record)
     with progress_status("certifying"):
@@ -95,22 +98,14 @@ def _show(
     written: str | None = None,
 ) -> None:
     same = bool(program.certificate) and certificate.hash == program.certificate
-    if as_json:
-        found: dict[str, Any] = {"status": certificate.status.name, "message": certificate.message}
-        found |= {"dialect": program.dialect, "moves": len(program.moves), "hash": certificate.hash}
-        found |= {"same_certificate": same, "clearance_proven": certificate.clearance if certificate.free else None}
-        print_json(
-            {**found, "outside_limits": certificate.outside_limits, "notes": certificate.notes, "program": written}
-        )
-    else:
-        print_line(str(certificate))
-        for violation in certificate.outside_limits:
-            print_line(f"outside the limits: {violation}")
-        for note in certificate.notes:
-            print_line(f"note: {note}")
-        if program.certificate and not same:
-            print_line("note: the certificate that the program names is another: robot, scene or tool differ from then")
-        if written is not None:
-            print_line(f"wrote {written}: {len(program.moves)} moves, certificate {certificate.hash[:16]}")
-    if not certificate.free or certificate.outside_limits:
-        raise typer.Exit(1)
+    data: dict[str, Any] = {"status": certificate.status.name, "message": certificate.message}
+    data |= {"dialect": program.dialect, "moves": len(program.moves), "hash": certificate.hash}
+    data |= {"same_certificate": same, "clearance_proven": certificate.clearance if certificate.free else None}
+    data |= {"outside_limits": certificate.outside_limits, "notes": certificate.notes, "program": written}
+    lines = [str(certificate), *(f"outside the limits: {violation}" for violation in certificate.outside_limits)]
+    lines += [f"note: {note}" for note in certificate.notes]
+    if program.certificate and not same:
+        lines.append("note: the program names another certificate: the robot, the scene or the tool has changed")
+    if written is not None:
+        lines.append(f"wrote {written}: {len(program.moves)} moves, certificate {certificate.hash[:16]}")
+    print_result(data, lines, as_json=as_json, ok=certificate.free and not certificate.outside_limits)

@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import check_output_files, print_json, print_line, print_note, progress_bar
+from pinproof.cli.console import check_output_files, print_note, print_result, progress_bar, written
 from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
 from pinproof.errors import InputError
 from pinproof.units import warn_of_millimetres
@@ -42,8 +42,8 @@ class OrientationOptions:
     orientations: Annotated[
         Orientations,
         typer.Option(
-            help="Directions of the tool's z axis: straight down, in a cone around it, all directions (straight down "
-            "is one of them), or the direction at home, for planar arms."
+            help="Directions of the z axis of the tool: straight down, in a cone around straight down, all directions, "
+            "or the direction at home, for planar arms."
         ),
     ] = Orientations.DOWN
     angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0
@@ -67,7 +67,10 @@ class OrientationOptions:
 def reach(
     robot: Robot,
     region: Annotated[
-        str, typer.Option(help='The box to map, in metres: "x0 x1 y0 y1 z0 z1". For a plane, state equal bounds.')
+        str,
+        typer.Option(
+            help='The box to map, in metres: "x0 x1 y0 y1 z0 z1". Two equal bounds make it a plane.', metavar="BOX"
+        ),
     ],
     step: Annotated[float, typer.Option(help="Largest distance between neighbouring grid points (m).")] = 0.1,
     *,
@@ -75,7 +78,8 @@ def reach(
     tip: Annotated[
         str | None,
         typer.Option(
-            help='Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.'
+            help='Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.',
+            metavar="POSITION",
         ),
     ] = None,
     place: Place = "0 0 0 0",
@@ -91,8 +95,8 @@ def reach(
     against: Annotated[
         Path | None,
         typer.Option(
-            help="A map (.npz) to compare with. Reports the gained and lost orientations; -o files other than .npz "
-            "show them."
+            help="An earlier map (.npz). The number of orientations gained and lost since then is printed, and the "
+            "files of -o other than .npz show where."
         ),
     ] = None,
     threads: Annotated[int, typer.Option(help="Number of threads.", min=1)] = 1,
@@ -109,8 +113,7 @@ def reach(
     Example: pinproof reach ur5 --region "-0.6 0.6 -0.6 0.6 0.1 0.1" --step 0.2 -o reach.csv
     """
     outputs = output or []
-    inputs = [robot, scene_options.scene, chain.srdf, chain.limits, against, *tool.files]
-    check_output_files(outputs, inputs, SUFFIXES)
+    check_output_files(outputs, [robot, *scene_options.files, *chain.files, against, *tool.files], SUFFIXES)
     before = None if against is None else pp.picks.ReachMap.load(against)
     grid, world_from_root = _region(region, step), placement(place)
     arm = chain.arm(robot, tool=tool)
@@ -131,16 +134,9 @@ def reach(
             _write_page(path, checker, found, change, world_from_root, step)
         else:
             (found if change is None or path.suffix.lower() == ".npz" else change).save(path)
-    if as_json:
-        print_json({**_figures(found, change), "note": never})
-    else:
-        compared = "" if change is None else f"compared with {against}: {change.summary}"
-        written = f"wrote {', '.join(map(str, outputs))}" if outputs else ""
-        for line in (found.summary, compared, never and f"note: {never}", written):
-            if line:
-                print_line(line)
-    if not found.free.any():
-        raise typer.Exit(1)
+    compared = "" if change is None else f"compared with {against}: {change.summary}"
+    lines = [*filter(None, (found.summary, compared, never and f"note: {never}")), *written(*outputs)]
+    print_result({**_figures(found, change), "note": never}, lines, as_json=as_json, ok=bool(found.free.any()))
 
 
 def _checker(arm: pp.Arm, options: SceneOptions, tool: ToolOptions, world_from_root: SE3) -> pp.CollisionChecker:

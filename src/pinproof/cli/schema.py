@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import check_output_files, print_json, print_line
+from pinproof.cli.console import check_output_files, print_json, print_result, written
 from pinproof.cli.options import Json
 from pinproof.common.files import write_text_whole
 from pinproof.formats import FORMATS
@@ -36,4 +36,4 @@ def schema(
         print_json(found)
         return
     write_text_whole(output, json.dumps(found, indent=2, ensure_ascii=False) + "\n")
-    print_json({"schema": str(output)}) if as_json else print_line(f"wrote {output}")
+    print_result({"schema": str(output)}, written(output), as_json=as_json)

@@ -13,10 +13,10 @@ import pinproof as pp
 from pinproof.cli.console import (
     check_output_files,
     print_error,
-    print_json,
-    print_line,
+    print_result,
     progress_status,
     until_interrupted,
+    written,
 )
 from pinproof.cli.options import (
     ChainOptions,
@@ -70,7 +70,7 @@ def view(
     robot: Robot,
     motion: Annotated[
         Path | None,
-        typer.Argument(help="A motion file to play (.json, .csv, .yaml or .yml).", metavar="[MOTION]"),
+        typer.Argument(help="A motion file to play (.json, .csv, .yaml or .yml).", metavar="MOTION"),
     ] = None,
     q: Configuration = None,
     branches: Annotated[
@@ -100,9 +100,7 @@ def view(
 
     Example: pinproof view ur5 --html ur5.html
     """
-    check_output_files(
-        [html, png_options.png], [robot, motion, scene_options.scene, chain.srdf, chain.limits, *tool.files]
-    )
+    check_output_files([html, png_options.png], [robot, motion, *scene_options.files, *chain.files, *tool.files])
     size = png_options.pixels()
     if motion is not None and (q is not None or branches):
         option = "--branches" if q is None else "--q"
@@ -124,7 +122,7 @@ def view(
     if html is None and png_options.png is None:
         # Ctrl-C can arrive as soon as the URL is printed, so until_interrupted must be active before.
         with pp.show(arm, world, **content, port=port, open_browser=browser) as shown, until_interrupted():
-            print_json({"url": shown.url}) if as_json else print_line(f"{shown.url} (Ctrl-C ends it)")
+            print_result({"url": shown.url}, [f"{shown.url} (Ctrl-C ends it)"], as_json=as_json)
             shown.wait()
         return
     with progress_status("writing"):
@@ -132,8 +130,8 @@ def view(
             pp.write_png(png_options.png, arm, world, **content, time=png_options.time, size=size)
         if html is not None:
             pp.write_html(html, arm, world, **content)
-    written = {kind: str(path) for kind, path in (("page", html), ("picture", png_options.png)) if path is not None}
-    print_json(written) if as_json else print_line(f"wrote {' and '.join(written.values())}")
+    files = {kind: str(path) for kind, path in (("page", html), ("picture", png_options.png)) if path is not None}
+    print_result(files, written(*files.values()), as_json=as_json)
 
 
 def _check(

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.motion import bezier, corner
 from pinproof.motion.cubic_path import CubicPath
-from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, ends_meet, read_only
+from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, ends_meet, increasing, read_only
 from pinproof.motion.joint_path import JointPath
 from pinproof.spatial import finite
 
@@ -61,6 +61,8 @@ class BlendedPath(BezierCurve):
     control: Array
     joint_names: tuple[str, ...]
     corners: tuple[float, ...] = ()
+
+    NUMBERS = ("control", "knots", "corners")
 
     def __init__(
         self,
@@ -156,21 +158,9 @@ class BlendedPath(BezierCurve):
             knots, self.control[::-1, ::-1], self.joint_names, [inner[stop] for stop in self.corners[::-1]]
         )
 
-    def is_close(self, other: BlendedPath, tolerance: float = 1e-9) -> bool:
-        """Whether joints, number and degree of pieces agree, and control points, knots and corners to ``tolerance``."""
-        same = self.joint_names == other.joint_names and self.control.shape == other.control.shape
-        if not same or len(self.corners) != len(other.corners):
-            return False
-        mine = (self.control, self.knots, np.array(self.corners))
-        theirs = (other.control, other.knots, np.array(other.corners))
-        return all(bool(np.abs(a - b).max(initial=0.0) <= tolerance) for a, b in zip(mine, theirs, strict=True))
-
     def __len__(self) -> int:
         """The number of pieces."""
         return len(self.control)
-
-    def __reduce__(self) -> tuple[object, ...]:  # default pickling would restore writable arrays
-        return BlendedPath, (self.knots, self.control, self.joint_names, self.corners)
 
     def __repr__(self) -> str:
         stops = f", {len(self.corners)} stops" if self.corners else ""
@@ -181,9 +171,8 @@ def _check_pieces(knots: Array, control: Array, corners: tuple[float, ...]) -> N
     constant = len(control) == 1 and knots[0] == knots[1]
     if constant and (control != control[0, 0]).any():
         raise InputError("a piece of zero width must have equal control points; they differ")
-    if not constant and not (np.diff(knots) > 0.0).all():
-        i = int(np.flatnonzero(np.diff(knots) <= 0.0)[0])
-        raise InputError(f"knots must increase strictly; {knots[i]} is followed by {knots[i + 1]} at index {i + 1}")
+    if not constant:
+        increasing(knots)
     gaps = (control[1:, 0] != control[:-1, -1]).any(axis=1)
     if gaps.any():
         i = int(np.flatnonzero(gaps)[0])

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pinproof._core import spline_slopes
 from pinproof.errors import InputError
 from pinproof.motion import bezier
-from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, read_only
+from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, increasing, read_only
 from pinproof.spatial import finite
 
 
@@ -45,6 +45,8 @@ class CubicPath(BezierCurve):
     knots: Array
     joint_names: tuple[str, ...]
 
+    NUMBERS = ("q", "tangents", "knots")
+
     def __init__(
         self, q: npt.ArrayLike, tangents: npt.ArrayLike, knots: npt.ArrayLike, joint_names: Iterable[str]
     ) -> None:
@@ -54,7 +56,7 @@ class CubicPath(BezierCurve):
             raise InputError("q has no point; a path requires at least one")
         object.__setattr__(self, "q", read_only(points))
         object.__setattr__(self, "tangents", read_only(finite("tangents", tangents, points.shape)))
-        object.__setattr__(self, "knots", read_only(_increasing(finite("knots", knots, (len(points),)))))
+        object.__setattr__(self, "knots", read_only(increasing(finite("knots", knots, (len(points),)))))
         object.__setattr__(self, "joint_names", names)
 
     @classmethod
@@ -90,7 +92,7 @@ class CubicPath(BezierCurve):
             parameter = np.concatenate([[0.0], np.cumsum(chord)])
         else:
             parameter = finite("knots", knots, (len(points),))
-        parameter = _increasing(parameter)
+        parameter = increasing(parameter)
         if len(points) < 2:
             return cls(points, np.zeros_like(points), parameter[: len(points)], names)
         return cls(points, spline_slopes(parameter, points), parameter, names)
@@ -105,27 +107,11 @@ class CubicPath(BezierCurve):
         knots = np.concatenate([[first], first + (last - self.knots[-2::-1])]) if len(self.q) > 1 else self.knots
         return CubicPath(self.q[::-1], -self.tangents[::-1], knots, self.joint_names)
 
-    def is_close(self, other: CubicPath, tolerance: float = 1e-9) -> bool:
-        """Whether joints and number of points agree, and points, tangents and knots to ``tolerance``."""
-        mine, theirs = (self.q, self.tangents, self.knots), (other.q, other.tangents, other.knots)
-        same = self.joint_names == other.joint_names and self.q.shape == other.q.shape
-        return same and all(bool(np.abs(a - b).max() <= tolerance) for a, b in zip(mine, theirs, strict=True))
-
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:
         if len(self.q) == 1:
             return read_only(np.repeat(self.knots, 2)), read_only(np.stack([self.q] * 4, axis=1))
         return self.knots, read_only(bezier.hermite(self.knots, self.q, self.tangents))
 
-    def __reduce__(self) -> tuple[object, ...]:  # default pickling would restore writable arrays
-        return CubicPath, (self.q, self.tangents, self.knots, self.joint_names)
-
     def __repr__(self) -> str:
         return f"CubicPath({len(self.q)} points, {len(self.joint_names)} joints)"
-
-
-def _increasing(knots: Array) -> Array:
-    if not (np.diff(knots) > 0.0).all():
-        i = int(np.flatnonzero(np.diff(knots) <= 0.0)[0])
-        raise InputError(f"knots must increase strictly; {knots[i]} is followed by {knots[i + 1]} at index {i + 1}")
-    return knots

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol, runtime_checkable
+from dataclasses import fields
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -64,7 +65,11 @@ class TimedCurve(Curve, Protocol):
 
 
 class BezierCurve:
-    """Domain, ends and evaluation of a curve that is stored as Bezier pieces."""
+    """Domain, ends, evaluation and comparison of a curve that is stored as Bezier pieces."""
+
+    joint_names: tuple[str, ...]
+    NUMBERS: ClassVar[tuple[str, ...]] = ()
+    """The names of the attributes that :meth:`is_close` compares."""
 
     def bezier(self) -> tuple[Array, Array]:
         """Knots (k+1,) and control points (k, degree+1, n)."""
@@ -92,11 +97,33 @@ class BezierCurve:
         point: Array = self.bezier()[1][-1, -1]
         return point
 
+    def is_close(self, other: BezierCurve, tolerance: float = 1e-9) -> bool:
+        """Whether the joints are the same, and all numbers that define the curves agree to ``tolerance``."""
+
+        def agree(a: npt.ArrayLike | None, b: npt.ArrayLike | None) -> bool:
+            if a is None or b is None or np.shape(a) != np.shape(b):
+                return a is b
+            return bool(np.abs(np.subtract(a, b)).max(initial=0.0) <= tolerance)
+
+        same = type(self) is type(other) and self.joint_names == other.joint_names
+        return same and all(agree(getattr(self, name), getattr(other, name)) for name in self.NUMBERS)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # default pickling would restore writable arrays
+        return type(self), tuple(getattr(self, each.name) for each in fields(self))  # type: ignore[arg-type]
+
 
 def read_only(array: Array) -> Array:
     """The same array, set to read-only."""
     array.flags.writeable = False
     return array
+
+
+def increasing(knots: Array) -> Array:
+    """The same knots (k,); InputError unless they increase strictly."""
+    if not (np.diff(knots) > 0.0).all():
+        i = int(np.flatnonzero(np.diff(knots) <= 0.0)[0])
+        raise InputError(f"knots must increase strictly; {knots[i]} is followed by {knots[i + 1]} at index {i + 1}")
+    return knots
 
 
 def checked_joint_names(names: Iterable[str]) -> tuple[str, ...]:

@@ -28,19 +28,10 @@ def separate(trajectory: Trajectory, group: JointGroup) -> dict[str, Trajectory]
     """
     require_joints(group, trajectory)
     _refuse_shared(group)
-    return {name: _columns(trajectory, group, name) for name in group.ends}
-
-
-def _columns(trajectory: Trajectory, group: JointGroup, arm: str) -> Trajectory:
-    index = group.indices(arm)
-    return Trajectory(
-        trajectory.times,
-        trajectory.q[:, index],
-        trajectory.velocities[:, index],
-        own_names(group, arm),
-        trajectory.limits_note,
-        accelerations=None if trajectory.accelerations is None else trajectory.accelerations[:, index],
-    )
+    record = trajectory.record()
+    return {
+        name: Trajectory.of_record(record.columns(group.indices(name), own_names(group, name))) for name in group.ends
+    }
 
 
 def own_names(group: JointGroup, arm: str) -> tuple[str, ...]:

@@ -39,6 +39,8 @@ class JointPath(BezierCurve):
     q: Array
     joint_names: tuple[str, ...]
 
+    NUMBERS = ("q",)
+
     def __init__(self, q: npt.ArrayLike, joint_names: Iterable[str]) -> None:
         names = checked_joint_names(joint_names)
         waypoints = finite("q", q, (None, len(names)))
@@ -85,19 +87,11 @@ class JointPath(BezierCurve):
         """The same image from end to start."""
         return JointPath(self.q[::-1], self.joint_names)
 
-    def is_close(self, other: JointPath, tolerance: float = 1e-9) -> bool:
-        """Whether joints and number of waypoints agree, and every coordinate to ``tolerance`` (rad or m)."""
-        same = self.joint_names == other.joint_names and self.q.shape == other.q.shape
-        return same and bool(np.abs(self.q - other.q).max() <= tolerance)
-
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:
         if len(self.q) == 1:
             return read_only(np.zeros(2)), read_only(np.stack([self.q, self.q], axis=1))
         return read_only(np.arange(len(self.q), dtype=float)), read_only(np.stack([self.q[:-1], self.q[1:]], axis=1))
-
-    def __reduce__(self) -> tuple[object, ...]:  # default pickling would restore writable arrays
-        return JointPath, (self.q, self.joint_names)
 
     def __repr__(self) -> str:
         return f"JointPath({len(self.q)} waypoints, {len(self.joint_names)} joints, length {self.length:.6g})"

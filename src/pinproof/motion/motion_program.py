@@ -24,7 +24,7 @@ from pinproof.motion.curve import MEET_TOLERANCE, Array, ends_meet
 from pinproof.motion.motion_keys import EVENT_KINDS, INTERPOLANTS, PROGRAM, PROGRAM_SCHEMA, PROGRAM_UNITS
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.trajectory import Trajectory
-from pinproof.motion.trajectory_files import NANO, Reader, whole_nanoseconds
+from pinproof.motion.trajectory_files import NANO, RATES, Reader, stamp
 
 EventKind = Literal["grip", "release"]
 
@@ -226,7 +226,7 @@ class MotionProgram:
             "interpolant": INTERPOLANTS[first.interpolant],
             "limits_note": first.limits_note,
             "joint_names": list(self.joint_names),
-            "duration": _time(_clock(self.duration)),
+            "duration": stamp(_clock(self.duration)),
             "events": [_event_dict(event) for event in self.events],
             "certificates": {name: record.to_dict() for name, record in self.certificates.items()},
         }
@@ -295,12 +295,8 @@ def _clock(seconds: float) -> int:
     return round(seconds * NANO)
 
 
-def _time(clock: int) -> dict[str, int]:
-    return {"sec": clock // NANO, "nanosec": clock % NANO}
-
-
 def _event_dict(event: ProgramEvent) -> dict[str, Any]:
-    times = {"time": _time(_clock(event.time)), "dwell": _time(_clock(event.dwell))}
+    times = {"time": stamp(_clock(event.time)), "dwell": stamp(_clock(event.dwell))}
     return {"kind": event.kind, **times, "object": event.object, "joints": dict(event.joints)}
 
 
@@ -309,15 +305,12 @@ def _segment_json(segment: ProgramSegment) -> str:
     head = {
         "name": segment.name,
         "certificate": segment.certificate,
-        "start": _time(start),
-        "end": _time(_clock(segment.end)),
+        "start": stamp(start),
+        "end": stamp(_clock(segment.end)),
     }
-    rates = {"velocities": motion.velocities.tolist()}
-    if motion.accelerations is not None:
-        rates["accelerations"] = motion.accelerations.tolist()
     points = [
-        {"time": _time(start + clock), "positions": q, **{kind: values[k] for kind, values in rates.items()}}
-        for k, (clock, q) in enumerate(zip(whole_nanoseconds(motion.times).tolist(), motion.q.tolist(), strict=True))
+        {"time": stamp(start + clock), "positions": q, **dict(zip(RATES, rates, strict=False))}
+        for clock, q, *rates in motion.record().rows()
     ]
     lines = ",\n    ".join(json.dumps(point, allow_nan=False) for point in points)
     return f'  {json.dumps(head)[:-1]}, "points": [\n    {lines}\n  ]}}'

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.motion import bezier
+from pinproof.motion.limits import MotionLimits
 from pinproof.spatial import finite
 
 Array = npt.NDArray[np.float64]
@@ -30,18 +31,6 @@ QUANTITIES = (
 
 LEGEND_ROWS = 14
 """Largest number of joints that the legend names."""
-
-
-class DrawnLimits(Protocol):
-    """Limits such as ``arm.limits``; ``lower`` and ``upper`` are drawn if they exist."""
-
-    @property
-    def velocity(self) -> Array:
-        """(n,) velocity limits."""
-
-    @property
-    def acceleration(self) -> Array:
-        """(n,) acceleration limits."""
 
 
 class DrawnConstraint(Protocol):
@@ -88,7 +77,7 @@ class _Motion(Protocol):
 
 def plot_trajectory(
     trajectory: _Motion,
-    limits: DrawnLimits | None = None,
+    limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
     rate_limits: Sequence[DrawnConstraint] = (),
@@ -117,7 +106,7 @@ def plot_trajectory(
 
 def panels_of(
     trajectory: _Motion,
-    limits: DrawnLimits | None = None,
+    limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
     rate_limits: Sequence[DrawnConstraint] = (),
@@ -148,7 +137,7 @@ def _sampled(trajectory: _Motion, samples: int) -> tuple[Array, list[Array]]:
     return times, [bezier.on_pieces(trajectory.bezier(order)[1], piece, u) for order in range(4)]
 
 
-def _lines(limits: DrawnLimits | None, jerk: npt.ArrayLike | None, n: int) -> list[tuple[Array, Array]]:
+def _lines(limits: MotionLimits | None, jerk: npt.ArrayLike | None, n: int) -> list[tuple[Array, Array]]:
     """The lower and the upper limit (n,) of each panel; infinite where no limit is given."""
     none: Array = np.full(n, np.inf)
     lower, upper = getattr(limits, "lower", None), getattr(limits, "upper", None)

@@ -203,8 +203,8 @@ class Steering:
     def move(self, first: State, last: State) -> Move | None:
         """The fastest move from one state to another; None if the limits of the rates permit no move."""
         given = self._input
-        given.current_position, given.current_velocity, given.current_acceleration = _shrunk(first)
-        given.target_position, given.target_velocity, given.target_acceleration = _shrunk(last)
+        given.current_position, given.current_velocity, given.current_acceleration = _inside_rates(first)
+        given.target_position, given.target_velocity, given.target_acceleration = _inside_rates(last)
         if not self._smooth:  # the acceleration may jump, and states of the input have any
             given.current_acceleration = given.target_acceleration = [0.0] * self._n
         profiles = self._new(self._n)
@@ -225,7 +225,7 @@ class Steering:
         )
 
 
-def _shrunk(state: State) -> State:
+def _inside_rates(state: State) -> State:
     """A state whose rates are inside the limits if they exceed them by rounding, which ruckig refuses."""
     q, velocity, acceleration = state
     return q, [STATE_SHARE * rate for rate in velocity], [STATE_SHARE * rate for rate in acceleration]
@@ -306,21 +306,24 @@ def _smooth_steps(times: Array, q: Array, velocity: Array, acceleration: Array, 
     """
     h = np.diff(times)[:, None]
     before, after = acceleration[:-1], acceleration[1:]
-    rise = 0.5 * h * (before + after) - np.diff(velocity, axis=0)
-    way = h * velocity[:-1] + h * h * (2.0 * before + after) / 6.0 - np.diff(q, axis=0)
-    rise[exact], way[exact] = 0.0, 0.0
-    faster = _sums(rise)
-    farther = _sums(way + h * faster[:-1])
+    missing_velocity = 0.5 * h * (before + after) - np.diff(velocity, axis=0)
+    missing_distance = h * velocity[:-1] + h * h * (2.0 * before + after) / 6.0 - np.diff(q, axis=0)
+    missing_velocity[exact], missing_distance[exact] = 0.0, 0.0
+    velocity_change = _sums(missing_velocity)
+    position_change = _sums(missing_distance + h * velocity_change[:-1])
     total = times[-1]
     u = (times / total)[:, None]
-    for quintic, at_end in (((10.0, -15.0, 6.0), farther[-1].copy()), ((-4.0, 7.0, -3.0), total * faster[-1])):
+    for quintic, at_end in (
+        ((10.0, -15.0, 6.0), position_change[-1].copy()),
+        ((-4.0, 7.0, -3.0), total * velocity_change[-1]),
+    ):
         c3, c4, c5 = quintic
-        farther -= at_end * (u**3 * (c3 + u * (c4 + u * c5)))
-        faster -= at_end / total * (u**2 * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
+        position_change -= at_end * (u**3 * (c3 + u * (c4 + u * c5)))
+        velocity_change -= at_end / total * (u**2 * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
         acceleration -= at_end / total**2 * (u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)))
-    farther[-1], faster[-1] = 0.0, 0.0  # without rounding
-    q += farther
-    velocity += faster
+    position_change[-1], velocity_change[-1] = 0.0, 0.0  # without rounding
+    q += position_change
+    velocity += velocity_change
 
 
 def _parabolic_steps(times: Array, q: Array, velocity: Array, exact: Any) -> None:
@@ -329,14 +332,14 @@ def _parabolic_steps(times: Array, q: Array, velocity: Array, exact: Any) -> Non
     The velocities are kept. The change at the end is removed by the cubic with this value there, and at rest otherwise.
     """
     h = np.diff(times)[:, None]
-    way = 0.5 * h * (velocity[:-1] + velocity[1:]) - np.diff(q, axis=0)
-    way[exact] = 0.0
-    farther = _sums(way)
-    total, at_end = times[-1], farther[-1].copy()
+    missing_distance = 0.5 * h * (velocity[:-1] + velocity[1:]) - np.diff(q, axis=0)
+    missing_distance[exact] = 0.0
+    position_change = _sums(missing_distance)
+    total, at_end = times[-1], position_change[-1].copy()
     u = (times / total)[:, None]
-    farther -= at_end * (u * u * (3.0 - 2.0 * u))
-    farther[-1] = 0.0
-    q += farther
+    position_change -= at_end * (u * u * (3.0 - 2.0 * u))
+    position_change[-1] = 0.0
+    q += position_change
     velocity -= at_end / total * (6.0 * u * (1.0 - u))
 
 
@@ -356,6 +359,15 @@ def rate_excess(trajectory: Trajectory, bounds: Bounds) -> Array:
         for order, limit in enumerate(limits, start=1)
     ]
     return np.asarray(np.max(shares, axis=0))
+
+
+def inside_position_limits(trajectory: Trajectory, bounds: Bounds) -> bool:
+    """Whether a motion keeps the position limits, to rounding; the extremes of the pieces are exact."""
+    control = trajectory.bezier()[1]
+    outside = (control.min(axis=(0, 1)) < bounds.lower) | (control.max(axis=(0, 1)) > bounds.upper)
+    low, high = trajectory.range() if outside.any() else (bounds.lower, bounds.upper)  # inside if the hull is inside
+    inside = (low >= bounds.lower - POSITION_TOLERANCE) & (high <= bounds.upper + POSITION_TOLERANCE)
+    return bool(inside.all())
 
 
 def rest_to_rest_times(distance: Array, bounds: Bounds) -> Array:

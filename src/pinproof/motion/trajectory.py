@@ -16,10 +16,11 @@ import numpy.typing as npt
 from pinproof.common.display import PLOT_POINTS, html_block, html_list, html_plot, html_table
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
-from pinproof.motion.curve import MEET_TOLERANCE, Array, checked_joint_names, ends_meet, read_only
+from pinproof.motion.curve import MEET_TOLERANCE, Array, BezierCurve, checked_joint_names, ends_meet, read_only
 from pinproof.motion.dialects import find_dialect
+from pinproof.motion.limits import MotionLimits
 from pinproof.motion.motion_record import Certified, MotionRecord, records_of
-from pinproof.motion.plot import DrawnConstraint, DrawnLimits, plot_trajectory
+from pinproof.motion.plot import DrawnConstraint, plot_trajectory
 from pinproof.motion.program_steps import Blend, StreamedTrajectory
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
 from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
@@ -28,7 +29,7 @@ from pinproof.verifier import curve_digest
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Trajectory:
+class Trajectory(BezierCurve):
     """A Hermite curve between points in time: cubic, or quintic if accelerations are given.
 
     This is the curve that the joint_trajectory_controller of ros2_control reconstructs with its default interpolation
@@ -69,6 +70,8 @@ class Trajectory:
     accelerations: Array | None = None
     certified: tuple[MotionRecord, ...] = ()
 
+    NUMBERS = ("times", "q", "velocities", "accelerations")
+
     def __init__(
         self,
         times: npt.ArrayLike,
@@ -97,6 +100,16 @@ class Trajectory:
         object.__setattr__(self, "limits_note", str(limits_note))
         object.__setattr__(self, "accelerations", None if second is None else read_only(second))
         object.__setattr__(self, "certified", tuple(certified))
+
+    @classmethod
+    def at_rest(
+        cls, q: npt.ArrayLike, joint_names: Iterable[str], duration: float = 0.0, *, quintic: bool = False
+    ) -> Trajectory:
+        """A rest of ``duration`` (s) at the configuration ``q`` (n,), as a cubic or a quintic."""
+        points = np.repeat(finite("q", q, (None,))[None], 2 if duration else 1, axis=0)
+        still = np.zeros_like(points)
+        times = [0.0, duration][: len(points)]
+        return cls(times, points, still, joint_names, accelerations=still if quintic else None)
 
     @classmethod
     def join(cls, *parts: Trajectory) -> Trajectory:
@@ -152,20 +165,17 @@ class Trajectory:
             raise InputError(f"the trajectory has no point between its ends at {time} s")
         if self.velocities[k].any():
             raise InputError(f"the trajectory moves at {time} s; it can be split only where it rests")
-        parts = []
-        for rows in (slice(None, k + 1), slice(k, None)):
-            times, curvature = seconds(clock[rows] - clock[rows][0]), self.accelerations
-            parts.append(
-                Trajectory(
-                    times,
-                    self.q[rows],
-                    self.velocities[rows],
-                    self.joint_names,
-                    self.limits_note,
-                    accelerations=None if curvature is None else curvature[rows],
-                )
-            )
-        return parts[0], parts[1]
+        return self.between(0, k), self.between(k, len(clock) - 1)
+
+    def between(self, first: int, last: int) -> Trajectory:
+        """The motion from one of its points to another, by their indices; the arm may move at both."""
+        rows = slice(first, last + 1)
+        clock = whole_nanoseconds(self.times)[rows]
+        return self._with_points(seconds(clock - clock[0]), *(each[rows] for each in self._points[1:]))
+
+    def _with_points(self, times: Array, q: Array, velocities: Array, accelerations: Array | None = None) -> Trajectory:
+        """Another motion of the same joints, with the same source of the limits."""
+        return Trajectory(times, q, velocities, self.joint_names, self.limits_note, accelerations=accelerations)
 
     def after(self, time: float) -> Trajectory:
         """The motion from ``time`` (s) on, at which it may move; after its end, a single point.
@@ -186,17 +196,9 @@ class Trajectory:
             )
         clock, now = whole_nanoseconds(self.times), round(min(time, self.duration) * trajectory_files.NANO)
         at, rows = now / trajectory_files.NANO, clock > now
-        curvature = self.accelerations
-        if curvature is not None:
-            curvature = np.vstack([self.acceleration(at), curvature[rows]])
-        return Trajectory(
-            seconds(np.concatenate([[0], clock[rows] - now])),
-            np.vstack([self(at), self.q[rows]]),
-            np.vstack([self.velocity(at), self.velocities[rows]]),
-            self.joint_names,
-            self.limits_note,
-            accelerations=curvature,
-        )
+        now_at = (self(at), self.velocity(at), self.acceleration(at))
+        points = [np.vstack([state, each[rows]]) for state, each in zip(now_at, self._points[1:], strict=False)]
+        return self._with_points(seconds(np.concatenate([[0], clock[rows] - now])), *points)
 
     def slowed(self, factor: float) -> Trajectory:
         """The same motion with ``factor`` times the duration; accelerations are divided by the square of the factor.
@@ -220,7 +222,7 @@ class Trajectory:
         q[[0, -1]], velocities[-1] = self.q[[0, -1]], self.velocities[-1] / factor
         # The jerk jumps at a knot, so an acceleration evaluated beside it would change a slow segment after a fast one.
         accelerations = None if self.accelerations is None else self.accelerations / factor**2
-        return Trajectory(times, q, velocities, self.joint_names, self.limits_note, accelerations=accelerations)
+        return self._with_points(times, q, velocities, accelerations)
 
     @classmethod
     def load(cls, path: str | Path, joint_names: Iterable[str] | None = None, *, subset: bool = False) -> Trajectory:
@@ -266,24 +268,10 @@ class Trajectory:
                 raise TrajectoryError(path, f"joint {name!r} moves; it cannot be ignored", "joint_names")
         order = [names.index(name) for name in wanted]
         try:
-            complete = cls._of(record, names, list(range(len(names))))
-            return complete if wanted == names else complete._in_order(cls._of(record, wanted, order))
+            complete = cls.of_record(record)
+            return complete if wanted == names else complete._in_order(cls.of_record(record.columns(order, wanted)))
         except InputError as error:
             raise TrajectoryError(path, str(error)) from error
-
-    @classmethod
-    def _of(cls, record: trajectory_files.Record, names: tuple[str, ...], columns: list[int]) -> Trajectory:
-        """The trajectory of the given columns of a file."""
-        rates = [values[:, columns] for values in record.rates]
-        return cls(
-            seconds(record.nanoseconds),
-            record.q[:, columns],
-            rates[0],
-            names,
-            record.limits_note,
-            accelerations=rates[1] if len(rates) > 1 else None,
-            certified=record.certified,
-        )
 
     def _in_order(self, other: Trajectory) -> Trajectory:
         """The motion ``other``, which has the joints in another order, with the records of this motion."""
@@ -331,7 +319,15 @@ class Trajectory:
     @classmethod
     def of_record(cls, record: trajectory_files.Record) -> Trajectory:
         """The trajectory of the points of a file."""
-        return cls._of(record, record.joint_names, list(range(len(record.joint_names))))
+        return cls(
+            seconds(record.nanoseconds),
+            record.q,
+            record.velocities,
+            record.joint_names,
+            record.limits_note,
+            accelerations=record.accelerations,
+            certified=record.certified,
+        )
 
     def to_program(
         self,
@@ -395,10 +391,6 @@ class Trajectory:
         make, points = self.__reduce__()
         return make(*points, certified=certified)
 
-    def __call__(self, t: npt.ArrayLike) -> Array:
-        """The configuration (n,) at time ``t`` in [0, duration], or (N, n) at (N,) of them; InputError outside."""
-        return bezier.evaluate(self._knots, self._derivatives[0], t)
-
     def velocity(self, t: npt.ArrayLike) -> Array:
         """(n,) or (N, n) velocities in rad/s or m/s; InputError outside [0, duration]."""
         return bezier.evaluate(self._knots, self._derivatives[1], t)
@@ -424,26 +416,9 @@ class Trajectory:
         return "cubic" if self.accelerations is None else "quintic"
 
     @property
-    def domain(self) -> tuple[float, float]:
-        """(0, duration) in seconds."""
-        return 0.0, self.duration
-
-    @property
     def duration(self) -> float:
         """Seconds from start to end."""
         return float(self.times[-1])
-
-    @property
-    def start(self) -> Array:
-        """(n,) first configuration."""
-        point: Array = self.q[0]
-        return point
-
-    @property
-    def end(self) -> Array:
-        """(n,) last configuration."""
-        point: Array = self.q[-1]
-        return point
 
     def max_velocity(self) -> Array:
         """(n,) maximum speed of each joint over the motion, from the exact extremes of the pieces."""
@@ -463,14 +438,6 @@ class Trajectory:
         """Minimum and maximum position (n,) of each joint over the curve."""
         low, high = bezier.extremes(self._derivatives[0])
         return low.min(axis=0), high.max(axis=0)
-
-    def is_close(self, other: Trajectory, tolerance: float = 1e-9) -> bool:
-        """Whether joints, interpolant and number of points agree, and all numbers of the points to ``tolerance``."""
-        same = self.joint_names == other.joint_names and self.interpolant == other.interpolant
-        return same and all(
-            a.shape == b.shape and bool(np.abs(a - b).max() <= tolerance)
-            for a, b in zip(self._points, other._points, strict=True)
-        )
 
     @cached_property
     def _points(self) -> tuple[Array, ...]:
@@ -498,7 +465,7 @@ class Trajectory:
 
     def plot(
         self,
-        limits: DrawnLimits | None = None,
+        limits: MotionLimits | None = None,
         *,
         jerk: npt.ArrayLike | None = None,
         rate_limits: Sequence[DrawnConstraint] = (),

@@ -12,8 +12,8 @@ import csv
 import io
 import json
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -36,7 +36,7 @@ LONGEST = 2.0**50 / NANO
 """Longest duration (s, 13 days), up to which ``whole_nanoseconds(seconds(k)) == k``: the rounding errors of k / NANO
 and of its product with NANO are each half a unit of a 53-bit mantissa at most, together less than half a nanosecond."""
 
-_RATES = ("velocities", "accelerations")
+RATES = ("velocities", "accelerations")
 _TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
 
 _MARK = "# pinproof: "
@@ -57,6 +57,11 @@ def seconds(nanoseconds: npt.NDArray[np.int64] | Array) -> Array:
     return result
 
 
+def stamp(nanoseconds: int) -> dict[str, int]:
+    """A time as in ROS 2."""
+    return {"sec": nanoseconds // NANO, "nanosec": nanoseconds % NANO}
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """The contents of a file: names (n,), times (m,) in nanoseconds, arrays (m, n); a quintic has accelerations."""
@@ -73,6 +78,17 @@ class Record:
     def rates(self) -> tuple[Array, ...]:
         """The velocities, and the accelerations if there are any."""
         return (self.velocities,) if self.accelerations is None else (self.velocities, self.accelerations)
+
+    def columns(self, index: Any, joint_names: tuple[str, ...]) -> Record:
+        """The same points with the columns at these indices only, which are given these names."""
+        rates = [values[:, index] for values in self.rates]
+        second = rates[1] if len(rates) > 1 else None
+        return replace(self, joint_names=joint_names, q=self.q[:, index], velocities=rates[0], accelerations=second)
+
+    def rows(self) -> Iterator[list[Any]]:
+        """The time in nanoseconds, the positions and the rates of each point, as plain numbers and lists."""
+        arrays = (self.nanoseconds, self.q, *self.rates)
+        return map(list, zip(*(array.tolist() for array in arrays), strict=True))
 
     def meta(self) -> dict[str, object]:
         """The metadata: the key ``pinproof`` of JSON files, the first line of CSV files."""
@@ -207,10 +223,10 @@ class Reader:
 
 def to_message(record: Record) -> dict[str, Any]:
     """The message as a dictionary, with the additional key ``pinproof``."""
-    points = []
-    for t, q, *rates in zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True):
-        time = {"sec": t // NANO, "nanosec": t % NANO}
-        points.append({"positions": q, **dict(zip(_RATES, rates, strict=False)), "time_from_start": time})
+    points = [
+        {"positions": q, **dict(zip(RATES, rates, strict=False)), "time_from_start": stamp(clock)}
+        for clock, q, *rates in record.rows()
+    ]
     return {"pinproof": record.meta(), "joint_names": list(record.joint_names), "points": points}
 
 
@@ -290,8 +306,10 @@ def _time(reader: Reader, value: Any, place: str) -> int:
 def to_csv(record: Record) -> str:
     """The text of a CSV file."""
     columns = _columns(record.joint_names, 1 + len(record.rates))
-    lines = zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True)
-    cells = ([f"{t // NANO}.{t % NANO:09d}", *(repr(value) for row in rows for value in row)] for t, *rows in lines)
+    cells = (
+        [f"{clock // NANO}.{clock % NANO:09d}", *(repr(value) for row in rows for value in row)]
+        for clock, *rows in record.rows()
+    )
     return csv_text(columns, cells, comment=f"{_MARK}{json.dumps(record.meta())}")
 
 

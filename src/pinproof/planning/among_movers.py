@@ -106,11 +106,6 @@ class TimedPlanResult(_Outcome):
     def __repr__(self) -> str:
         return outline(f"TimedPlanResult({self.status.name}: {self.message})", [])
 
-    @property
-    def ok(self) -> bool:
-        """Whether a certified motion was found."""
-        return self.status is PlanStatus.FOUND
-
 
 def plan_among_movers(
     checker: CollisionChecker,
@@ -158,18 +153,13 @@ def plan_among_movers(
         If there is no mover, a mover does not cover the time from the start to the end of the window, or a number is
         invalid.
     """
-    if isinstance(movers, Mover | Trajectory) or not movers:
-        raise InputError("movers must be a list of at least one mover; without a mover, plan with RrtConnect")
-    if wrong := [type(each).__name__ for each in movers if not isinstance(each, Mover | Trajectory)]:
-        raise InputError(f"a mover is a Mover or a Trajectory of other joints, not {wrong[0]}")
     require_integer("samples", samples, 0)
     require_positive("start_time", start_time, zero=True)
-    shifted = tuple(each.after(start_time) for each in movers)
+    shifted = _seen_from(start_time, movers)
     first, last = _window(shifted, start_time, window)
     group = checker.group
-    at_start = group.configuration(start, "start")
-    clock = _rest(at_start, last, group.joint_names)
-    whole = with_movers(clock, checker, shifted)
+    resting = Trajectory.at_rest(group.configuration(start, "start"), group.joint_names, last)
+    whole = with_movers(resting, checker, shifted)
     still = _without_movers(checker, shifted)
     ends = read_ends(still, start, goals, turns=False)
 
@@ -181,15 +171,12 @@ def plan_among_movers(
     found = whole.checker.check(whole.trajectory.start)
     if found.contacts:
         return failed(PlanStatus.START_INVALID, f"the start is invalid at {start_time:.4g} s: {found}")
-    generator = np.random.default_rng(rng)
+    generator, plans = np.random.default_rng(rng), planner or RrtConnect()
     times = _Times(whole.trajectory, whole.checker, group.dof, last, first)
     search = _Roadmap(times, still, ends, jerk)
     if (least := search.least_time) > times.last:
-        late = (
-            f"the joints need at least {least:.3g} s to a goal, and the window ends {times.last:.3g} s after the start"
-        )
-        return failed(PlanStatus.OUT_OF_BUDGET, late)
-    plans = planner or RrtConnect()
+        window_end = f"the window ends {times.last:.3g} s after the start"
+        return failed(PlanStatus.OUT_OF_BUDGET, f"the joints need at least {least:.3g} s to a goal, and {window_end}")
     tried, rounds = 0, 0
     while True:
         if rounds < STATIC_PATHS:
@@ -217,6 +204,15 @@ def plan_among_movers(
             search.refuse(certificate, steps)
 
 
+def _seen_from(start_time: float, movers: Sequence[Mover | Trajectory]) -> tuple[Mover | Trajectory, ...]:
+    """The movers on the clock that begins at ``start_time`` (s); InputError if there is none or one is another type."""
+    if isinstance(movers, Mover | Trajectory) or not movers:
+        raise InputError("movers must be a list of at least one mover; without a mover, plan with RrtConnect")
+    if wrong := [type(each).__name__ for each in movers if not isinstance(each, Mover | Trajectory)]:
+        raise InputError(f"a mover is a Mover or a Trajectory of other joints, not {wrong[0]}")
+    return tuple(each.after(start_time) for each in movers)
+
+
 def _window(
     movers: Sequence[Mover | Trajectory], start_time: float, window: tuple[float, float] | None
 ) -> tuple[float, float]:
@@ -238,11 +234,6 @@ def _window(
 
 def _covered(mover: Mover | Trajectory) -> float:
     return mover.trajectory.duration if isinstance(mover, Mover) else mover.duration
-
-
-def _rest(q: Array, duration: float, names: tuple[str, ...], *, quintic: bool = False) -> Trajectory:
-    still = np.zeros((2, len(q)))
-    return Trajectory([0.0, duration], np.array([q, q]), still, names, accelerations=still if quintic else None)
 
 
 def _without_movers(checker: CollisionChecker, movers: Sequence[Mover | Trajectory]) -> CollisionChecker:
@@ -494,7 +485,7 @@ class _Roadmap:
         def wait(place: int, arrival: float, until: float) -> None:
             if until - arrival > STEP * 1e-6:
                 names, quintic = self._group.joint_names, self._jerk is not None
-                parts.append(_rest(self.q[place], until - arrival, names, quintic=quintic))
+                parts.append(Trajectory.at_rest(self.q[place], names, until - arrival, quintic=quintic))
                 steps.append(_Step(arrival, until, None, place))
 
         for k, departure in enumerate(route.departures):
@@ -507,8 +498,7 @@ class _Roadmap:
             steps.append(_Step(departure, departure + edge.duration, (a, b), a))
         wait(route.places[-1], route.arrivals[-1], route.end)
         if not parts:
-            here = self.q[self._start]
-            return Trajectory([0.0], here[None], np.zeros((1, len(here))), self._group.joint_names), []
+            return Trajectory.at_rest(self.q[self._start], self._group.joint_names), []
         return Trajectory.join(*parts), steps
 
     def refuse(self, certificate: Certificate, steps: Sequence[_Step]) -> None:

@@ -103,14 +103,19 @@ def coordinate(
     delays, slowdowns = dict.fromkeys(trajectories, 0.0), dict.fromkeys(trajectories, 1.0)
     whole = certificate = None
     for name, each in trajectories.items():
-        waiting = {other: _resting(later) for other, later in trajectories.items() if other not in (*placed, name)}
+        waiting = {
+            other: Trajectory.at_rest(later.start, later.joint_names)
+            for other, later in trajectories.items()
+            if other not in (*placed, name)
+        }
         if waiting and not placed:
             placed[name] = each  # it starts at once in any case; the certificates with the other arms cover it
             continue
         busy = max((motion.duration for motion in placed.values()), default=0.0)
         for delay, factor in _retimings(each.duration, busy, step):
             slower = each if factor == 1.0 else each.slowed(factor)
-            motion = _delayed(slower, delay)
+            rest = Trajectory.at_rest(each.start, each.joint_names, delay, quintic=each.accelerations is not None)
+            motion = Trajectory.join(rest, slower) if delay and slower.duration else slower
             whole = synchronise({**placed, name: motion, **waiting}, group, wait=True)
             certificate = certify(whole, checker)
             if certificate.status is CertificateStatus.FREE:
@@ -252,24 +257,3 @@ def _require_rest(name: str, trajectory: Trajectory) -> None:
         ends.append(trajectory.accelerations[[0, -1]])
     if any(values.any() for values in ends):
         raise InputError(f"the motion of arm {name!r} does not rest at its ends, so that the arm cannot wait there")
-
-
-def _resting(trajectory: Trajectory) -> Trajectory:
-    """The arm at rest at the start of its motion."""
-    return Trajectory([0.0], trajectory.q[:1], np.zeros_like(trajectory.q[:1]), trajectory.joint_names)
-
-
-def _delayed(trajectory: Trajectory, delay: float) -> Trajectory:
-    """The same motion after a rest of ``delay`` seconds at its start."""
-    if delay == 0.0 or len(trajectory.times) == 1:
-        return trajectory
-    still = np.zeros_like(trajectory.q[:1])
-    second = trajectory.accelerations
-    return Trajectory(
-        np.concatenate([[0.0], trajectory.times + delay]),
-        np.concatenate([trajectory.q[:1], trajectory.q]),
-        np.concatenate([still, trajectory.velocities]),
-        trajectory.joint_names,
-        trajectory.limits_note,
-        accelerations=None if second is None else np.concatenate([still, second]),
-    )

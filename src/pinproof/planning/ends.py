@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, PathConstraint
+from pinproof.collision import CollisionChecker, Contact, PathConstraint
 from pinproof.collision.checking.overlaps import overlap_hint
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
@@ -145,18 +145,14 @@ def read_ends(
     if torque_limits is not None:
         require_arm(torque_limits, group)
         inside = [ok and torque_limits.standstill_share(q) <= 1.0 for ok, q in zip(inside, many, strict=True)]
-        if heavy := torque_limits.standstill(first):
-            message = f"the start is invalid: {heavy}"
-            return PlanResult(PlanStatus.START_INVALID, None, None, None, message, checker=checker)
-    if violated := violations_at(checker, first, constraints):
-        message = f"the start is invalid: {'; '.join(violated)}"
-        return PlanResult(PlanStatus.START_INVALID, None, None, None, message, checker=checker)
-    if group.limits.violations(first, group.joint_names):
-        return _invalid_start(checker, first)
-    if not checker.is_free_unchecked(first):
+    violated = _violations(checker, first, constraints, torque_limits)
+    if not violated and not checker.is_free_unchecked(first):
         checker = checker.finer_at(first)
-        if not checker.is_free_unchecked(first):
-            return _invalid_start(checker, first)
+    if violated or not checker.is_free_unchecked(first):
+        found = checker.check(first)
+        hint = overlap_hint(checker, first, found)
+        reason = "; ".join(filter(None, [*(violated or [str(found)]), hint]))
+        return _failed(PlanStatus.START_INVALID, f"the start is invalid: {reason}", checker, found.contacts)
 
     def valid() -> list[int]:
         rows = np.flatnonzero(inside)
@@ -179,25 +175,17 @@ def require_arm(torque_limits: TorqueLimits, arm: JointGroup) -> None:
         raise InputError(f"torque_limits are for the joints {names}; the joints of the arm are {arm.joint_names}")
 
 
-def _reason(
-    checker: CollisionChecker,
-    q: Array,
-    constraints: Sequence[PathConstraint] = (),
-    torque_limits: TorqueLimits | None = None,
-) -> str:
-    """Why q (n,) is invalid: joints outside their limits, violated constraints, torques, or the contacts."""
-    outside = checker.group.limits.violations(q, checker.group.joint_names) + violations_at(checker, q, constraints)
-    if torque_limits is not None and (heavy := torque_limits.standstill(q)):
-        outside.append(heavy)
-    return "; ".join(outside) if outside else str(checker.check(q))
+def _violations(
+    checker: CollisionChecker, q: Array, constraints: Sequence[PathConstraint], torque_limits: TorqueLimits | None
+) -> list[str]:
+    """What q (n,) violates except distances of bodies: limits of joints, constraints of the tcp, and torques."""
+    found = checker.group.limits.violations(q, checker.group.joint_names) + violations_at(checker, q, constraints)
+    heavy = "" if torque_limits is None else torque_limits.standstill(q)
+    return [*found, heavy] if heavy else found
 
 
-def _invalid_start(checker: CollisionChecker, start: Array) -> PlanResult:
-    found = checker.check(start)
-    message = "; ".join(
-        filter(None, [f"the start is invalid: {_reason(checker, start)}", overlap_hint(checker, start, found)])
-    )
-    return PlanResult(PlanStatus.START_INVALID, None, None, None, message, contacts=found.contacts, checker=checker)
+def _failed(status: PlanStatus, message: str, checker: CollisionChecker, contacts: tuple[Contact, ...]) -> PlanResult:
+    return PlanResult(status, None, None, None, message, contacts=contacts, checker=checker)
 
 
 def _invalid_goals(
@@ -207,9 +195,9 @@ def _invalid_goals(
     torque_limits: TorqueLimits | None,
 ) -> PlanResult:
     reasons = "; ".join(
-        f"goal {i}: {_reason(checker, goal, constraints, torque_limits)}" for i, goal in enumerate(goals[:MAX_REPORTED])
+        f"goal {i}: {'; '.join(_violations(checker, goal, constraints, torque_limits) or [str(checker.check(goal))])}"
+        for i, goal in enumerate(goals[:MAX_REPORTED])
     )
     more = f"; and {len(goals) - MAX_REPORTED} more" if len(goals) > MAX_REPORTED else ""
     contacts = tuple(contact for goal in goals for contact in checker.check(goal).contacts)
-    message = f"no goal is valid: {reasons}{more}"
-    return PlanResult(PlanStatus.GOAL_INVALID, None, None, None, message, contacts=contacts, checker=checker)
+    return _failed(PlanStatus.GOAL_INVALID, f"no goal is valid: {reasons}{more}", checker, contacts)

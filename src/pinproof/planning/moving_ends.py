@@ -14,9 +14,9 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.errors import TimingError
 from pinproof.motion import TorqueLimits, Trajectory
-from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds
+from pinproof.motion.limits import RATE_TOLERANCE, Bounds
 from pinproof.motion.rate_constraints import RateConstraint
-from pinproof.motion.steering import Move, MoveSequence, State, Steering, rate_excess
+from pinproof.motion.steering import Move, MoveSequence, State, Steering, inside_position_limits, rate_excess
 from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
 from pinproof.planning.gentle_moves import GentleMoves
@@ -127,7 +127,6 @@ class MovingEnds:
             )
         except TimingError:  # a constraint is violated even at rest
             return None
-        low, high = timed.range()
-        inside = (low >= self._bounds.lower - POSITION_TOLERANCE) & (high <= self._bounds.upper + POSITION_TOLERANCE)
         # An acceleration changes with the square of the factor.
-        return timed if timed.duration < longest and excess <= 1.0 + RATE_TOLERANCE / 2 and inside.all() else None
+        allowed = timed.duration < longest and excess <= 1.0 + RATE_TOLERANCE / 2
+        return timed if allowed and inside_position_limits(timed, self._bounds) else None

@@ -29,9 +29,18 @@ from pinproof.collision.checking.checker import require_curve
 from pinproof.common.display import html_block, html_of, outline
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import Curve, JointPath, MotionLimits, TorqueLimits, Trajectory, time_parametrise
-from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds
+from pinproof.motion.limits import RATE_TOLERANCE, Bounds
 from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
-from pinproof.motion.steering import Move, MoveSequence, State, Steering, rate_excess, rest, rest_to_rest_times
+from pinproof.motion.steering import (
+    Move,
+    MoveSequence,
+    State,
+    Steering,
+    inside_position_limits,
+    rate_excess,
+    rest,
+    rest_to_rest_times,
+)
 from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
 from pinproof.planning.gentle_moves import GentleMoves
@@ -208,23 +217,9 @@ def optimise(
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
-    search: _Search | None = None
-    if budget > 0 and (further or before.duration > lower_bound * (1.0 + CLOSE_ENOUGH)):
-        task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
-        search = _Search(task, np.random.default_rng(rng), int(budget))
-        if search.worthwhile:
-            search.run()
-    shorter = () if search is None else (search.trajectory(*each) for each in reversed(search.proven))
-    for motion in shorter:
-        trajectory = _timed(motion, bounds, further)
-        if trajectory is None or trajectory.duration >= before.duration:
-            continue
-        certificate = certify(trajectory, checker, constraints=kept)
-        if certificate.free:
-            break
-    else:
-        trajectory, certificate = before, certify(before, checker, constraints=kept)
-    evaluations = 0 if search is None else search.evaluations
+    task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
+    useful = budget > 0 and (further or before.duration > lower_bound * (1.0 + CLOSE_ENOUGH))
+    trajectory, certificate, evaluations = _shortest(task, np.random.default_rng(rng), int(budget) if useful else 0)
     given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
     index = next(iter(np.flatnonzero((given == trajectory.end).all(axis=1)).tolist()), None)
     message = (
@@ -232,6 +227,24 @@ def optimise(
         f"{lower_bound:.3g} s; {certificate.message}"
     )
     return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, evaluations, message)
+
+
+def _shortest(task: _Task, rng: np.random.Generator, budget: int) -> tuple[Trajectory, Certificate, int]:
+    """The shortest certified motion that is found, otherwise the given one, and the number of evaluations."""
+    evaluations = 0
+    if budget:
+        search = _Search(task, rng, budget)
+        if search.worthwhile:
+            search.run()
+        evaluations = search.evaluations
+        for each in reversed(search.proven):
+            trajectory = _timed(search.trajectory(*each), task.bounds, task.rate_limits)
+            if trajectory is None or trajectory.duration >= task.before.duration:
+                continue
+            certificate = certify(trajectory, task.checker, constraints=task.constraints)
+            if certificate.free:
+                return trajectory, certificate, evaluations
+    return task.before, certify(task.before, task.checker, constraints=task.constraints), evaluations
 
 
 def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> float:
@@ -283,11 +296,7 @@ def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateCon
         trajectory = trajectory.slowed(excess * (1.0 + 1e-9))
     else:
         return None
-    control = trajectory.bezier()[1]
-    outside = (control.min(axis=(0, 1)) < bounds.lower) | (control.max(axis=(0, 1)) > bounds.upper)
-    low, high = trajectory.range() if outside.any() else (bounds.lower, bounds.upper)  # inside if the hull is inside
-    inside = (low >= bounds.lower - POSITION_TOLERANCE) & (high <= bounds.upper + POSITION_TOLERANCE)
-    return trajectory if inside.all() else None
+    return trajectory if inside_position_limits(trajectory, bounds) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,17 @@ from pinproof.motion import BlendedPath, CubicPath, JointPath
 Outcome = TypeVar("Outcome", bound="_Outcome")
 
 
+class LinearStatus(Enum):
+    """The outcome of a linear move, or of a move through poses."""
+
+    COMPLETE = "complete"
+    UNREACHABLE = "a pose on the line cannot be reached on the current IK branch"
+    LIMIT = "a joint is at its limit"
+    JUMP = "the joints would have to jump"
+    CONTACT = "two bodies are in contact"
+    UNDECIDED = "the proof reached its tolerance without a decision"
+
+
 class PlanStatus(Enum):
     """The outcome of a plan."""
 
@@ -58,15 +69,16 @@ Progress = Callable[[PlanProgress], bool | None]
 class _Outcome:
     """The part that all results of planning share."""
 
+    status: PlanStatus | LinearStatus
     message: str
 
     @property
     def ok(self) -> bool:
-        """Whether the result is a certified path."""
-        raise NotImplementedError
+        """Whether the result is a certified motion to a goal or along the complete path."""
+        return self.status in (PlanStatus.FOUND, LinearStatus.COMPLETE)
 
     def or_raise(self: Outcome) -> Outcome:
-        """Return the result if it is a certified path.
+        """Return the result if it is :attr:`ok`.
 
         Raises
         ------
@@ -141,22 +153,6 @@ class PlanResult(_Outcome):
     def _counts(self) -> str:
         return f"{self.nodes:,} nodes, {self.samples:,} samples, {self.seconds:.3g} s"
 
-    @property
-    def ok(self) -> bool:
-        """Whether a certified path was found."""
-        return self.status is PlanStatus.FOUND
-
-
-class LinearStatus(Enum):
-    """The outcome of a linear move, or of a move through poses."""
-
-    COMPLETE = "complete"
-    UNREACHABLE = "a pose on the line cannot be reached on the current IK branch"
-    LIMIT = "a joint is at its limit"
-    JUMP = "the joints would have to jump"
-    CONTACT = "two bodies are in contact"
-    UNDECIDED = "the proof reached its tolerance without a decision"
-
 
 @dataclass(frozen=True, eq=False)
 class LinearPlanResult(_Outcome):
@@ -189,11 +185,6 @@ class LinearPlanResult(_Outcome):
     rotation_deviation: float = math.nan
     joints: tuple[str, ...] = ()
 
-    @property
-    def ok(self) -> bool:
-        """Whether the complete line is possible and proven free."""
-        return self.status is LinearStatus.COMPLETE
-
 
 @dataclass(frozen=True, eq=False)
 class PosesPlanResult(_Outcome):
@@ -220,8 +211,3 @@ class PosesPlanResult(_Outcome):
     deviation: float = math.nan
     rotation_deviation: float = math.nan
     joints: tuple[str, ...] = ()
-
-    @property
-    def ok(self) -> bool:
-        """Whether the complete move is possible and proven free."""
-        return self.status is LinearStatus.COMPLETE

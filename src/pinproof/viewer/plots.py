@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.model import JointGroup
-from pinproof.motion import RateConstraint, Trajectory
-from pinproof.motion.plot import DrawnLimits, Panel, panels_of
+from pinproof.motion import MotionLimits, RateConstraint, Trajectory
+from pinproof.motion.plot import Panel, panels_of
 
 Array = npt.NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class PlotLimits:
         Constraints such as torques, each of which adds a panel.
     """
 
-    limits: DrawnLimits | None = None
+    limits: MotionLimits | None = None
     jerk: npt.ArrayLike | None = None
     rate_limits: Sequence[RateConstraint] = ()
 

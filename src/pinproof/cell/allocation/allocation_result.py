@@ -156,12 +156,10 @@ class AllocationResult:
         for name in self.group.ends:
             pieces = self.programs.get(name, [])
             sequence = self.sequences.get(name)
-            left_out = () if sequence is None else (each.name for each in sequence.left_out)
             waiting = sum(piece.duration for piece in pieces if piece.name == WAIT)
             duration = pieces[-1].end if pieces else 0.0
             share = (duration - waiting) / self.makespan if self.makespan else 0.0
-            order = () if sequence is None else tuple(each for each in sequence.order if each not in set(left_out))
-            found.append(ArmTime(name, order, duration, waiting, share))
+            found.append(ArmTime(name, () if sequence is None else sequence.order, duration, waiting, share))
         return tuple(found)
 
     @property

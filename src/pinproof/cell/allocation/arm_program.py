@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-import numpy.typing as npt
-
 from pinproof.cell.allocation.waiting import Wait
 from pinproof.cell.sequencing.sequence_result import SequenceResult
 from pinproof.collision import Obstacle
@@ -114,12 +111,5 @@ def _on_clock(pieces: Sequence[Piece]) -> list[Piece]:
 
 def _resting(trajectory: Trajectory, duration: float, at: int = -1) -> Trajectory:
     """A rest at the end (or, with ``at=0``, at the start) of a motion."""
-    q: npt.NDArray[np.float64] = np.repeat(trajectory.q[[at]], 2, axis=0)
-    zeros = np.zeros_like(q)
-    return Trajectory(
-        [0.0, duration],
-        q,
-        zeros,
-        trajectory.joint_names,
-        accelerations=None if trajectory.accelerations is None else zeros,
-    )
+    quintic = trajectory.accelerations is not None
+    return Trajectory.at_rest(trajectory.q[at], trajectory.joint_names, duration, quintic=quintic)

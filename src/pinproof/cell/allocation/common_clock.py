@@ -177,8 +177,7 @@ def time_together(apart: ArmsApart, home: Array, results: Mapping[str, SequenceR
         if not timing.free:
             break
     if timing is None:
-        still = Trajectory([0.0], home[None], np.zeros((1, group.dof)), group.joint_names)
-        return Timing({}, still, ())
+        return Timing({}, Trajectory.at_rest(home, group.joint_names), ())
     return timing
 
 
@@ -329,8 +328,8 @@ def _timing(apart: ArmsApart, home: Array, programs: Mapping[str, list[Piece]]) 
     parts = {name: Trajectory.join(*(piece.trajectory for piece in pieces)) for name, pieces in programs.items()}
     for name in group.ends:
         if name not in parts:
-            still, names = home[None, group.indices(name)], [group.joint_names[i] for i in group.indices(name)]
-            parts[name] = Trajectory([0.0], still, np.zeros_like(still), names)
+            index = group.indices(name)
+            parts[name] = Trajectory.at_rest(home[index], [group.joint_names[i] for i in index])
     whole = synchronise(parts, group, wait=True)
     clock = whole_nanoseconds(whole.times)
     if len(programs) < 2:
@@ -346,23 +345,9 @@ def _timing(apart: ArmsApart, home: Array, programs: Mapping[str, list[Piece]]) 
         middle = np.array([(begin + end) / 2 / NANO])
         now = {name: _hands_at(pieces, middle)[0] for name, pieces in programs.items()}
         attached, held = apart.carried(now)
-        part = _rows(whole, *np.searchsorted(clock, [begin, end]).tolist())
+        part = whole.between(*np.searchsorted(clock, [begin, end]).tolist())
         certificate = certify(part, apart.carrying(attached, held))
         found.append(CommonInterval(begin / NANO, part, attached, held, certificate))
         if not certificate.free:
             break
     return Timing(programs, whole, tuple(found))
-
-
-def _rows(whole: Trajectory, first: int, last: int) -> Trajectory:
-    """The part of a trajectory between two of its points, which may move there."""
-    rows = slice(first, last + 1)
-    clock = whole_nanoseconds(whole.times[rows])
-    return Trajectory(
-        (clock - clock[0]) / NANO,
-        whole.q[rows],
-        whole.velocities[rows],
-        whole.joint_names,
-        whole.limits_note,
-        accelerations=None if whole.accelerations is None else whole.accelerations[rows],
-    )

@@ -1,4 +1,4 @@
-"""What a language of robot programs defines, and helpers to read and write its lines."""
+"""What a language of robot programs defines, and the reading and writing of its lines."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pinproof.errors import TrajectoryError
+from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Array
-from pinproof.motion.program_steps import Blend, Step
+from pinproof.motion.program_steps import Blend, SetOutput, Step, Wait
 
 Body = Sequence[tuple[int, str]]
 """The lines of a program without the comments of pinproof, each with its number."""
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """A regular expression for a decimal number."""
+
+Rule = tuple[str, Callable[[re.Match[str], int], Step | None]]
+"""A regular expression of a complete line, and the function that makes its step of the match and the line number."""
 
 
 class Dialect:
@@ -37,6 +40,40 @@ class Dialect:
     deviation = 0.0
     """rad: the assumed deviation of each joint from the straight lines of the moves, by default."""
 
+    output_line, output_states = "", ("", "")
+    """The line that switches an output, with its name and its state, and the words for off and on."""
+    output_names, output_kind = "0*[1-9][0-9]*", "numbers from 1"
+    """A regular expression of the names of outputs, and a description for messages."""
+    wait_line = ""
+    """The line of a waiting time in seconds."""
+    ignored = ""
+    """A regular expression of lines that are not a step, such as the declaration of the program."""
+    prefix = ""
+    """A regular expression of the text before the instruction of a line, such as its number."""
+    supported = ""
+    """The supported instructions, for messages."""
+    contents = "moves, outputs and waiting times"
+    """The steps that a program can contain, for messages."""
+
+    def move(self, step: Step) -> str | None:
+        """The line of a move; None if the language cannot express the step."""
+        raise NotImplementedError
+
+    def move_rules(self, joints: int) -> list[Rule]:
+        """The rules that read the lines of moves."""
+        raise NotImplementedError
+
+    def line_of(self, step: Step) -> str:
+        """The line of a step; InputError if the language cannot express it."""
+        if isinstance(step, SetOutput):
+            if not re.fullmatch(self.output_names, step.output):
+                raise InputError(f"output {step.output!r}: {self.name} has digital outputs with {self.output_kind}")
+            return self.output_line.format(step.output, self.output_states[step.on])
+        line = self.wait_line.format(step.seconds) if isinstance(step, Wait) else self.move(step)
+        if line is None:
+            raise InputError(f"programs of pinproof in {self.name} contain {self.contents}")
+        return line
+
     def write(self, name: str, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
         """The lines before the comments, those of the steps, and those after them; joint values are the controller's.
 
@@ -55,7 +92,31 @@ class Dialect:
         TrajectoryError
             If an instruction is not supported, with its line and text.
         """
-        raise NotImplementedError
+        return self.read_lines(source, body, self.move_rules(joints))
+
+    def read_lines(self, source: str, body: Body, moves: Sequence[Rule]) -> list[Step]:
+        """The steps of lines, with these rules for moves."""
+        off, on = self.output_states
+        wait = re.sub(r"\{.*?\}", "{}", self.wait_line)
+        rules: list[Rule] = [
+            (_pattern(self.output_line, self.output_names, f"{off}|{on}"), lambda m, k: SetOutput(m[1], m[2] == on, k)),
+            (_pattern(wait, NUMBER), lambda m, k: Wait(float(m[1]), k)),
+        ]
+        known = [(re.compile(self.prefix + rule), step_of) for rule, step_of in (*moves, *rules)]
+        steps = []
+        for number, line in body:
+            words = line.strip()
+            if re.fullmatch(self.ignored, words):
+                continue
+            found = next(((step_of, m) for rule, step_of in known if (m := rule.fullmatch(words))), None)
+            if found is None:
+                reason = f"{words!r} is not supported; supported: {self.supported}"
+                raise TrajectoryError(source, reason, f"line {number}")
+            try:
+                steps.append(found[0](found[1], number))
+            except ValueError as error:
+                raise TrajectoryError(source, f"{words!r}: {error}", f"line {number}") from error
+        return [step for step in steps if step is not None]
 
     def comment(self, words: str) -> str:
         """A line with a comment of pinproof."""
@@ -74,46 +135,17 @@ class Dialect:
         return f"{type(self).__name__}()"
 
 
-class LineReader:
-    """Reads the lines of a program one by one by regular expressions.
+def _pattern(template: str, *values: str) -> str:
+    """The regular expression of a line with values in place of ``{}``; spaces may be longer."""
+    parts = [re.escape(part).replace(r"\ ", r"\s+") for part in template.split("{}")]
+    return parts[0] + "".join(f"({value}){part}" for value, part in zip(values, parts[1:], strict=True))
 
-    Parameters
-    ----------
-    source
-        The name of the file, for messages.
-    rules
-        A regular expression of a complete line, and what makes the step of a match; the latter may return None.
-    supported
-        The supported instructions, for messages.
-    """
 
-    def __init__(
-        self,
-        source: str,
-        rules: Sequence[tuple[str, Callable[[re.Match[str], int], Step | None]]],
-        supported: str,
-    ) -> None:
-        self.source, self.supported = source, supported
-        self._rules = [(re.compile(pattern), make) for pattern, make in rules]
-
-    def read(self, body: Body) -> list[Step]:
-        """The steps of the lines."""
-        steps = []
-        for number, line in body:
-            steps.append(self._step(number, line.strip()))
-        return [step for step in steps if step is not None]
-
-    def _step(self, number: int, line: str) -> Step | None:
-        for pattern, make in self._rules:
-            found = pattern.fullmatch(line)
-            if found is None:
-                continue
-            try:
-                return make(found, number)
-            except ValueError as error:
-                raise TrajectoryError(self.source, f"{line!r}: {error}", f"line {number}") from error
-        reason = f"{line!r} is not supported; supported: {self.supported}"
-        raise TrajectoryError(self.source, reason, f"line {number}")
+def positive(text: str) -> float:
+    """A number above 0, such as a time; ValueError otherwise."""
+    if not float(text) > 0:
+        raise ValueError(f"the time {text} must be above 0")
+    return float(text)
 
 
 def numbers_of(text: str, count: int) -> Array:

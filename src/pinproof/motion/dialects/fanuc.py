@@ -7,13 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinproof.errors import InputError, TrajectoryError
+from pinproof.errors import TrajectoryError
 from pinproof.motion.curve import Array
-from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, LineReader, in_degrees
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, Step, Wait
+from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, in_degrees
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step
 
 CONTINUOUS = 50
 """The CNT value of a blended point; its blend may use at most half of each of the two moves."""
+
+NEXT = "NEXT"
+"""Stands for the number of the position of a move, until it is known."""
 
 
 class Fanuc(Dialect):
@@ -26,13 +29,21 @@ class Fanuc(Dialect):
     outputs = "1"
     blend = Blend(share=0.5)
     deviation = 0.002
+    output_line, output_states = "DO[{}]={} ;", ("OFF", "ON")
+    wait_line = "WAIT {:.2f}(sec) ;"
+    ignored = (
+        r"/PROG\s+\w+|/ATTR|/MN|COMMENT = \"\w*\";|DEFAULT_GROUP = [\d,*]+;|\d*\s*:\s*(?:UFRAME_NUM|UTOOL_NUM)=\d+ ;"
+    )
+    prefix = r"\d*\s*:\s*"
+    supported = "J P[n] .. FINE or CNTn, L P[n] ..msec FINE, DO[n]=ON/OFF, WAIT n(sec)"
 
     def write(self, name: str, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
         """See :meth:`Dialect.write`."""
         positions: list[str] = []
         lines = [":  UFRAME_NUM=0 ;", ":  UTOOL_NUM=1 ;"]
         for step in steps:
-            lines.append(_written(step, len(positions) + 1))
+            moves = isinstance(step, JointMove | LinearMove)
+            lines.append(f"{':' if moves else ':  '}{self.line_of(step)}".replace(NEXT, str(len(positions) + 1)))
             if isinstance(step, JointMove | LinearMove) and step.q is not None:
                 positions.append(_position(len(positions) + 1, step.q))
         before = [f"/PROG  {name.upper()[:32]}", "/ATTR", 'COMMENT = "pinproof";', "DEFAULT_GROUP = 1,*,*,*,*;", "/MN"]
@@ -63,45 +74,32 @@ class Fanuc(Dialect):
             raise TrajectoryError(source, "has no section /POS, or several")
         positions, lines = _positions(source, body[places[0] + 1 :], joints), body[: places[0]]
 
+        def at(number: str) -> Array:
+            if number not in positions:
+                raise ValueError(f"position P[{number}] is not defined")
+            return positions[number]
+
         def move(found: re.Match[str], line: int) -> Step:
-            if found[1] not in positions:
-                raise ValueError(f"position P[{found[1]}] is not defined")
             duration = None if found[2].endswith("%") else float(found[2].removesuffix("msec")) / 1000
-            blend = None if found[3] == "FINE" else Blend(share=0.5)
-            return JointMove(positions[found[1]], duration, blend, line)
+            return JointMove(at(found[1]), duration, None if found[3] == "FINE" else Blend(share=0.5), line)
 
         def line_to(found: re.Match[str], line: int) -> Step:
-            if found[1] not in positions:
-                raise ValueError(f"position P[{found[1]}] is not defined")
-            return LinearMove(positions[found[1]], None, float(found[2]) / 1000, line)
+            return LinearMove(at(found[1]), None, float(found[2]) / 1000, line)
 
-        number = r"\d*\s*:\s*"
         rules = [
-            (r"/PROG\s+\w+|/ATTR|/MN|COMMENT = \"\w*\";|DEFAULT_GROUP = [\d,*]+;", lambda _, __: None),
-            (rf"{number}(?:UFRAME_NUM|UTOOL_NUM)=\d+ ;", lambda _, __: None),
-            (rf"{number}J P\[(\d+)\] (\d+%|[1-9]\d*msec) (FINE|CNT\d+) ;", move),
-            (rf"{number}L P\[(\d+)\] ([1-9]\d*)msec FINE ;", line_to),
-            (rf"{number}DO\[(\d+)\]=(ON|OFF) ;", lambda found, line: SetOutput(found[1], found[2] == "ON", line)),
-            (rf"{number}WAIT\s+({NUMBER})\(sec\) ;", lambda found, line: Wait(float(found[1]), line)),
+            (r"J P\[(\d+)\] (\d+%|[1-9]\d*msec) (FINE|CNT\d+) ;", move),
+            (r"L P\[(\d+)\] ([1-9]\d*)msec FINE ;", line_to),
         ]
-        return LineReader(source, rules, "J P[n] .. FINE or CNTn, L P[n] ..msec FINE, DO[n]=ON/OFF, WAIT n(sec)").read(
-            lines
-        )
+        return self.read_lines(source, lines, rules)
 
-
-def _written(step: Step, number: int) -> str:
-    if isinstance(step, JointMove):
-        timing = "5%" if step.duration is None else f"{max(round(step.duration * 1000), 1)}msec"
-        return f":J P[{number}] {timing} {'FINE' if step.blend is None else f'CNT{CONTINUOUS}'} ;"
-    if isinstance(step, LinearMove) and step.q is not None:
-        return f":L P[{number}] {max(round((step.duration or 1.0) * 1000), 1)}msec FINE ;"
-    if isinstance(step, SetOutput):
-        if not step.output.isdigit() or int(step.output) < 1:
-            raise InputError(f"output {step.output!r}: fanuc has digital outputs with numbers from 1")
-        return f":  DO[{step.output}]={'ON' if step.on else 'OFF'} ;"
-    if isinstance(step, Wait):
-        return f":  WAIT {step.seconds:.2f}(sec) ;"
-    raise InputError("fanuc programs of pinproof contain moves, outputs and waiting times")
+    def move(self, step: Step) -> str | None:
+        """See :meth:`Dialect.move`; the position has the number :data:`NEXT`."""
+        if isinstance(step, JointMove):
+            timing = "5%" if step.duration is None else f"{max(round(step.duration * 1000), 1)}msec"
+            return f"J P[{NEXT}] {timing} {'FINE' if step.blend is None else f'CNT{CONTINUOUS}'} ;"
+        if isinstance(step, LinearMove) and step.q is not None:
+            return f"L P[{NEXT}] {max(round((step.duration or 1.0) * 1000), 1)}msec FINE ;"
+        return None
 
 
 def _position(number: int, q: Array) -> str:

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinproof.errors import InputError
-from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, LineReader, in_degrees, numbers_of
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, Step, Wait
+from pinproof.motion.dialects.dialect import NUMBER, Dialect, Rule, in_degrees, numbers_of
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step
 from pinproof.spatial import pose, xyz_rpy
 
 APPROXIMATION = 50
@@ -31,17 +30,33 @@ class Krl(Dialect):
     outputs = "1"
     blend = Blend(share=APPROXIMATION / 200)
     deviation = 0.002
+    output_line, output_states = "$OUT[{}]={}", ("FALSE", "TRUE")
+    wait_line = "WAIT SEC {:.4f}"
+    ignored = r"DEF \w+\(\)|END|BAS\(#INITMOV,0\)|BAS\(#VEL_PTP,\d+\)|BAS\(#VEL_CP,[\d.]+\)"
+    supported = "PTP {A1 .., ..} [C_PTP], LIN {X .., Y .., Z .., A .., B .., C ..}, $APO.CPTP, $OUT[n], WAIT SEC"
+    contents = "moves, outputs and waiting times; set points need RSI"
 
     def write(self, name: str, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
         """See :meth:`Dialect.write`."""
         lines = ["  BAS(#INITMOV,0)", f"  BAS(#VEL_PTP,{SPEED})", f"  $APO.CPTP={APPROXIMATION}"]
         if any(isinstance(step, LinearMove) for step in steps):
             lines.insert(2, f"  BAS(#VEL_CP,{LINE_SPEED})")
-        lines += [f"  {_written(step)}" for step in steps]
+        lines += [f"  {self.line_of(step)}" for step in steps]
         return [f"DEF {name}()"], lines, ["END"]
 
-    def read(self, source: str, body: Body, joints: int) -> list[Step]:
-        """See :meth:`Dialect.read`."""
+    def move(self, step: Step) -> str | None:
+        """See :meth:`Dialect.move`."""
+        if isinstance(step, JointMove):
+            axes = ",".join(f"A{i} {value}" for i, value in enumerate(in_degrees(step.q, 4), 1))
+            return f"PTP {{{axes}}}{' C_PTP' if step.blend is not None else ''}"
+        if isinstance(step, LinearMove) and step.pose is not None:
+            x, y, z, *rpy = xyz_rpy(step.pose)
+            numbers = [f"{1000 * length + 0.0:.4f}" for length in (x, y, z)] + in_degrees(np.array(rpy[::-1]), 5)
+            return f"LIN {{{','.join(f'{key} {number}' for key, number in zip('XYZABC', numbers, strict=True))}}}"
+        return None
+
+    def move_rules(self, joints: int) -> list[Rule]:
+        """See :meth:`Dialect.move_rules`."""
         share = Blend().share
 
         def approximation(found: re.Match[str], _: int) -> None:
@@ -63,33 +78,8 @@ class Krl(Dialect):
             return LinearMove(None, place, None, line)
 
         frame = ",".join(rf"{key} ({NUMBER})" for key in "XYZABC")
-        rules = [
+        return [
             (rf"LIN \{{{frame}\}}", line_to),
-            (r"DEF \w+\(\)|END|BAS\(#INITMOV,0\)|BAS\(#VEL_PTP,\d+\)|BAS\(#VEL_CP,[\d.]+\)", lambda _, __: None),
             (rf"\$APO\.CPTP=({NUMBER})", approximation),
             (r"PTP \{([^}]*)\}( C_PTP)?", move),
-            (r"\$OUT\[(\d+)\]=(TRUE|FALSE)", lambda found, line: SetOutput(found[1], found[2] == "TRUE", line)),
-            (rf"WAIT SEC ({NUMBER})", lambda found, line: Wait(float(found[1]), line)),
         ]
-        return LineReader(
-            source,
-            rules,
-            "PTP {A1 .., ..} [C_PTP], LIN {X .., Y .., Z .., A .., B .., C ..}, $APO.CPTP, $OUT[n], WAIT SEC",
-        ).read(body)
-
-
-def _written(step: Step) -> str:
-    if isinstance(step, JointMove):
-        axes = ",".join(f"A{i} {value}" for i, value in enumerate(in_degrees(step.q, 4), 1))
-        return f"PTP {{{axes}}}{' C_PTP' if step.blend is not None else ''}"
-    if isinstance(step, LinearMove) and step.pose is not None:
-        x, y, z, *rpy = xyz_rpy(step.pose)
-        numbers = [f"{1000 * length + 0.0:.4f}" for length in (x, y, z)] + in_degrees(np.array(rpy[::-1]), 5)
-        return f"LIN {{{','.join(f'{key} {number}' for key, number in zip('XYZABC', numbers, strict=True))}}}"
-    if isinstance(step, SetOutput):
-        if not step.output.isdigit() or int(step.output) < 1:
-            raise InputError(f"output {step.output!r}: krl has digital outputs with numbers from 1")
-        return f"$OUT[{step.output}]={'TRUE' if step.on else 'FALSE'}"
-    if isinstance(step, Wait):
-        return f"WAIT SEC {step.seconds:.4f}"
-    raise InputError("krl programs of pinproof contain moves, outputs and waiting times; set points need RSI")

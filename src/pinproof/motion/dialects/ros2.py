@@ -9,7 +9,7 @@ from pathlib import Path
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.dialects.dialect import Body, Dialect
 from pinproof.motion.program_steps import Step, StreamedTrajectory
-from pinproof.motion.trajectory_files import NANO, Reader, Record, from_json
+from pinproof.motion.trajectory_files import Reader, Record, from_json, to_message
 
 
 class Ros2(Dialect):
@@ -49,13 +49,7 @@ class Ros2(Dialect):
 
 def _goal_lines(record: Record) -> list[str]:
     """The goal as JSON, which is YAML too, with one point per line."""
-    points = []
-    for k, clock in enumerate(record.nanoseconds.tolist()):
-        point = {"positions": record.q[k].tolist(), "velocities": record.velocities[k].tolist()}
-        if record.accelerations is not None:
-            point["accelerations"] = record.accelerations[k].tolist()
-        time = {"sec": clock // NANO, "nanosec": clock % NANO}
-        points.append(json.dumps({**point, "time_from_start": time}, allow_nan=False))
-    names = json.dumps(list(record.joint_names))
-    lines = [f"    {point}{',' if k < len(points) - 1 else ''}" for k, point in enumerate(points)]
-    return ['{"trajectory": {', f'  "joint_names": {names},', '  "points": [', *lines, "  ]}}"]
+    message = to_message(record)
+    points = ",\n".join(f"    {json.dumps(point, allow_nan=False)}" for point in message["points"]).splitlines()
+    names = json.dumps(message["joint_names"])
+    return ['{"trajectory": {', f'  "joint_names": {names},', '  "points": [', *points, "  ]}}"]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from pinproof.collision.geometry.bodies import MOST_EXCESS, Body, Support
 from pinproof.collision.geometry.hulls import Solid, winding_number
+from pinproof.collision.geometry.triangles import with_area
 
 Array = npt.NDArray[np.float64]
 
@@ -183,11 +184,8 @@ def _in_mesh(corners: Array, box: Array) -> tuple[Array, Array]:
     A point behind the planes of all triangles is inside, since every triangle adds to its winding number; its smallest
     distance from the planes is the radius. Other meshes are not star-shaped, and their distances are to the triangles.
     """
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    kept = length > 0
-    normals = normals[kept] / length[kept, None]
-    offsets = np.einsum("ij,ij->i", normals, corners[kept, 0])
+    faces, normals, _ = with_area(corners)
+    offsets = np.einsum("ij,ij->i", normals, faces[:, 0])
     centres = _candidates(box)
     depth = (offsets - centres @ normals.T).min(axis=1)
     if (depth > 0).sum() > len(centres) // CONVEX:

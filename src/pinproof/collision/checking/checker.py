@@ -27,12 +27,14 @@ from pinproof.collision.checking.assembly import (
     finer_levels,
     keep_pairs,
     leave_out,
+    pack_geometry,
+    pack_world,
     warn_of_units,
 )
 from pinproof.collision.checking.coal_checks import Distance
 from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, meshes_of
-from pinproof.collision.checking.packed import pack_geometry, pack_world
-from pinproof.collision.checking.pairs import Overlaps, PairRules, Pairs, overlap_levels, unexplained_pairs
+from pinproof.collision.checking.overlaps import Overlaps
+from pinproof.collision.checking.pairs import PairRules, Pairs, overlap_levels, unexplained_pairs
 from pinproof.collision.checking.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.shapes import Obstacle
@@ -195,7 +197,7 @@ class CollisionChecker(CheckedBodies):
             **dict.fromkeys(unexplained, DECOMPOSED),
             **overlap_levels(self._link_bodies.of({}), arm, self._rules),
         }
-        self._margins, self._moved = Margins(margin, margins or {}), 0.0
+        self._margins, self._moved = Margins.checked(margin, margins or {}), 0.0
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
         scene = Scene() if scene is None else scene
         require_type("scene", scene, Scene)
@@ -287,7 +289,9 @@ class CollisionChecker(CheckedBodies):
 
         def with_margin() -> CollisionChecker:
             other = copy(self)
-            other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
+            other._set_margins(
+                self._margins._replace(common=common) if margins is None else Margins.checked(common, margins)
+            )
             return other
 
         return with_margin() if margins is not None else self._made_once(("margin", common), with_margin)
@@ -659,3 +663,15 @@ def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") 
         raise InputError(f"the {name} must be a curve, such as a JointPath or a Trajectory, not {curve!r:.80}")
     if tuple(curve.joint_names) != checker.group.joint_names:
         raise InputError(f"the {name} has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")
+
+
+def overlap_hint(checker: CollisionChecker, q: Array, found: CheckResult) -> str:
+    """Return a remedy if links touch each other at the home configuration of an arm, else an empty text."""
+    links = set(checker.group.robot.urdf.links)
+    among_links = [contact for contact in found.contacts if links.issuperset(contact.bodies)]
+    if not among_links or not (q == checker.group.home).all():
+        return ""
+    return (
+        "if these links overlap by design, `pinproof info ROBOT --overlaps` lists all such pairs and "
+        "--write-srdf writes an SRDF that excludes them (pinproof.collision.sample_overlaps in Python)"
+    )

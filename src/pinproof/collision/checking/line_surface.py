@@ -144,7 +144,8 @@ def body_distance(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3) 
     A convex body that stands for a mesh (its hull) is measured as the hull, so the distance is never too large.
     """
     measured = MeasureConvex()(one.body, at.homogeneous, other.body, other_at.homogeneous).attained
-    if measured > 0 and (_inside(one, at, other, other_at) or _inside(other, other_at, one, at)):
+    a, b = one.body, other.body
+    if measured > 0 and (a.contains_part_of(b, at.actInv(other_at)) or b.contains_part_of(a, other_at.actInv(at))):
         return -measured
     return measured
 
@@ -183,14 +184,6 @@ def point_distance(surface: LineSurface, point: Array) -> float:
     if surface.triangles is not None:
         return min(float(surface.enter(point[None], each, 0.0).depth[0]) for each in directions)
     return min(abs(float(surface.enter(point[None], each).depth[0])) for each in directions)
-
-
-def _inside(outer: LineSurface, at: SE3, inner: LineSurface, inner_at: SE3) -> bool:
-    solid = outer.body.solid
-    if solid is None:
-        return False
-    relative = at.actInv(inner_at)
-    return bool(solid.contains(inner.body.witnesses @ relative.rotation.T + relative.translation))
 
 
 def outer_points(surface: LineSurface) -> Array:

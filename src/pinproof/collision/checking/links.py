@@ -29,6 +29,9 @@ convex hulls that cover it."""
 AS_REQUESTED, DECOMPOSED, EXACT = 0, 1, 2
 """Levels of detail: the representation that the caller requests, several hulls, the exact triangles."""
 
+GEOMETRY_NAMES = {DECOMPOSED: "several hulls", EXACT: "exact meshes"}
+"""The geometry of each level of detail, for messages."""
+
 COARSER: dict[int, tuple[LinkMeshes, ...]] = {DECOMPOSED: ("hull",), EXACT: ("hull", "decomposed")}
 """The requested representations that are coarser than each level."""
 

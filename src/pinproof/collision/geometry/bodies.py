@@ -188,6 +188,12 @@ class Body:
             return self.solid.witnesses
         return np.empty((0, 3)) if self.support is None else self.support.points[:1]
 
+    def contains_part_of(self, other: Body, own_from_other: pin.SE3) -> bool:
+        """Whether a part of another body is inside this exact watertight mesh; never if it is no such mesh."""
+        if self.solid is None or not self.solid.watertight:
+            return False
+        return self.solid.contains(other.witnesses @ own_from_other.rotation.T + own_from_other.translation)
+
     @property
     def is_exact(self) -> bool:
         """Whether coal reads the triangles of a mesh."""

@@ -23,11 +23,12 @@ from pinproof.collision.certificates.certificate import (
     FirstContact,
     MotionTube,
     Parting,
+    ProofLimits,
     UndecidedSpan,
     free_sentence,
-    identity_of,
     parameter_text,
 )
+from pinproof.collision.certificates.identity import identity_of
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.checking.coal_checks import Distance
 from pinproof.collision.checking.separation import (
@@ -63,10 +64,7 @@ def prove_parting(
     checker: CollisionChecker,
     names: Sequence[tuple[str, str]],
     prove: Prove,
-    *,
-    tolerance: float,
-    max_intervals: int,
-    obstacle_tolerance: float,
+    limits: ProofLimits,
 ) -> Certificate:
     """Return the certificate of a curve along which pairs separate that may touch at its start.
 
@@ -75,9 +73,7 @@ def prove_parting(
     names
         Pairs of an obstacle and a link or attached object, in either order.
     prove
-        The ordinary certification of a curve with a checker.
-    tolerance, max_intervals, obstacle_tolerance
-        As for :func:`pinproof.certify`.
+        The ordinary certification of a curve with a checker, within ``limits``.
 
     Raises
     ------
@@ -85,7 +81,7 @@ def prove_parting(
         If a name is unknown, a pair is not an obstacle and a body of the robot, or is not checked.
     """
     knots, control = curve.bezier()
-    motion = _Motion(curve, knots, control, tolerance, max_intervals, obstacle_tolerance)
+    motion = _Motion(curve, knots, control, limits)
     separating_pairs, full, start_contact = _departures(checker, _indices(checker, names), motion)
     if start_contact is not None:
         return _start_contact_verdict(curve, checker, start_contact, prove)
@@ -97,7 +93,7 @@ def prove_parting(
         space = full.checker.placed(bezier.evaluate(knots, control, first)) if separated else None
         for separating in separated:
             attained = np.inf if space is None else space.measure(separating.pair).attained
-            if attained - obstacle_tolerance <= full.checker.margins[separating.pair]:
+            if attained - limits.obstacles <= full.checker.margins[separating.pair]:
                 not_separated = _not_separated(full.checker, separating, motion, prove)
                 return _on_complete_curve(curve, checker, proven, not_separated)
         # Pairs of bodies are omitted, not of owners: other bodies of the same owners are checked on the whole curve.
@@ -107,7 +103,7 @@ def prove_parting(
         proven.append(prove(_Part.of(curve, first, last), full.checker.without_pairs(apart) if apart else checker))
         if not proven[-1].free:
             return _on_complete_curve(curve, checker, proven[:-1], proven[-1])
-    return _free(curve, checker, proven, separating_pairs, obstacle_tolerance)
+    return _free(curve, checker, proven, separating_pairs, limits.obstacles)
 
 
 def _free(
@@ -169,9 +165,12 @@ class _Motion(NamedTuple):
     curve: Curve
     knots: Array
     control: Array
-    tolerance: float
-    max_intervals: int
-    obstacle_tolerance: float
+    limits: ProofLimits
+
+    @property
+    def obstacle_tolerance(self) -> float:
+        """The tolerance (m) of obstacles."""
+        return self.limits.obstacles
 
     @property
     def start(self) -> Array:
@@ -180,7 +179,7 @@ class _Motion(NamedTuple):
 
     def follow(self, departure: Departure, enough: float) -> DepartureProof:
         """Follow the curve while the body is proven not to approach."""
-        return departure.follow(self.knots, self.control, enough, self.tolerance, self.max_intervals)
+        return departure.follow(self.knots, self.control, enough, self.limits.tolerance, self.limits.max_intervals)
 
     def gap(self, departure: Departure, t: float) -> float:
         """Return the gap (m) at a parameter."""

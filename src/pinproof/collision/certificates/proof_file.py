@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof.collision.certificates.identity import content_hash
 from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     LookAt,
@@ -349,12 +349,7 @@ def _source(kind: str, mesh: str | Path | None) -> dict[str, str]:
     if mesh is None:
         return {"source": kind}
     file = Path(mesh)
-    return {"source": f"{kind} {file.name}", "mesh_sha256": _file_hash(file, file.stat().st_mtime_ns)}
-
-
-@lru_cache(maxsize=256)
-def _file_hash(path: Path, _changed: int) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return {"source": f"{kind} {file.name}", "mesh_sha256": content_hash(file)}
 
 
 def _single_margins(checker: CollisionChecker) -> list[list[Any]]:

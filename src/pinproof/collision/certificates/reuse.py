@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.certificates.certificate import Certificate, checked_hash, mesh_files, notes_of
-from pinproof.collision.certificates.certify import KnownPairs, certify, prove_rest
+from pinproof.collision.certificates.certificate import Certificate, ProofLimits
+from pinproof.collision.certificates.certify import TOLERANCES, KnownPairs, certify, prove_rest
+from pinproof.collision.certificates.identity import Identity, checked_hash, mesh_files, notes_of
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError
@@ -79,7 +80,7 @@ class SetupChange:
         self.rest = after.without_pairs(self.kept_after.tolist())
         self._rest_pairs = np.setdiff1d(np.arange(len(after.pairs)), self.kept_after)
         files = mesh_files(after)
-        self._setup, self._notes = checked_hash(after, files), notes_of(after, files)
+        self._setup = checked_hash(after, files), notes_of(after, files)
         self._moved = np.array([after.bodies[after.pairs[k][1]].link is None for k in self.kept_after], dtype=bool)
         self._required = after.margins[self.kept_after] + max(after.rounding - before.rounding, 0.0)
 
@@ -102,9 +103,7 @@ class SetupChange:
             proven=float((lowest - obstacles * self._moved).min(initial=np.inf)) - more,
             joint_tube=max(proof.joint_tube - more, 0.0) if more else proof.joint_tube,
             obstacle_tube=max(proof.obstacle_tube - more, 0.0),
-            curve=proof.certificate.curve,
-            setup=self._setup,
-            notes=self._notes,
+            identity=Identity(proof.certificate.curve, *self._setup),
             evidence_with=lambda rest: self._merged(proof.leaves, rest),
         )
 
@@ -165,6 +164,7 @@ class StoredProof:
         if change.before is not self.checker:
             raise InputError("the change begins at another checker than that of the proof")
         known, old = change.known(self), self.certificate
+        tolerances = TOLERANCES if tolerance is None else (tolerance,)
         if known is None:
             return certify(
                 self.curve,
@@ -180,11 +180,7 @@ class StoredProof:
             self.curve,
             change.after,
             known,
-            tolerance=tolerance,
-            max_intervals=max_intervals,
-            joints=self.joint_tolerance,
-            obstacles=self.obstacle_tolerance,
-            record=record,
+            ProofLimits(tolerances, max_intervals, self.joint_tolerance, self.obstacle_tolerance, record),
         )
         if not old.constraints:
             return fresh

@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Obstacle, Scene
-from pinproof.collision.certificates.certificate import proven_millimetres, setup_hash
+from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.collision.certificates.identity import setup_hash
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm

@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 
+EVIDENCE_PAIR, EVIDENCE_DISTANCE = 2, 3
+"""Columns of :attr:`Certificate.evidence`."""
+
+
 class CertificateStatus(Enum):
     """The verdict over a whole curve: FREE, COLLIDING, VIOLATED (a constraint of the tcp) or UNDECIDED."""
 
@@ -342,7 +346,7 @@ def proven_motion(certificate: Certificate, curve: Curve, checker: CollisionChec
     return ProvenMotion(
         curve=curve,
         checker=checker,
-        evidence=np.empty((0, 7)) if evidence is None else np.asarray(evidence),
+        evidence=np.empty((0, 7)) if evidence is None else final_evidence(evidence),
         clearance=certificate.clearance,
         joint_tolerance=[] if tube is None else tube.joints.tolist(),
         obstacle_tolerance=0.0 if tube is None else tube.obstacles,
@@ -364,6 +368,15 @@ def free_sentence(proven: float, pairs: int, excluded: int) -> str:
 
 def _excluded(count: int) -> str:
     return "1 pair is excluded" if count == 1 else f"{count} pairs are excluded"
+
+
+def final_evidence(evidence: Array) -> Array:
+    """Return evidence (K, 7) sorted by pairs and time, without the intervals that were bisected for their pair."""
+    rows = evidence[np.lexsort([-evidence[:, 1], evidence[:, 0], evidence[:, EVIDENCE_PAIR]])]
+    same_pair = rows[:-1, EVIDENCE_PAIR] == rows[1:, EVIDENCE_PAIR]
+    bisected = np.zeros(len(rows), dtype=bool)
+    bisected[:-1] = same_pair & (rows[1:, 1] <= rows[:-1, 1])
+    return np.asarray(rows[~bisected])
 
 
 def parameter_text(curve: Curve, parameter: float) -> str:

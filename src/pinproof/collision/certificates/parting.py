@@ -114,26 +114,18 @@ def _free(
     obstacle_tolerance: float,
 ) -> Certificate:
     """Return the certificate of a curve whose parts are all proven."""
-    touching = _that_touch(separating_pairs, float(curve.bezier()[0][0]))
+    touching = _reported(separating_pairs, float(curve.bezier()[0][0]))
     partings = tuple(
-        Parting(
-            separating.bodies,
-            read_only(separating.departure.normal.copy()),
-            separating.gap,
-            separating.until,
-            separating.proof.end,
-        )
-        for separating in touching
+        Parting(each.bodies, read_only(each.departure.normal.copy()), each.gap, each.until, each.proof.end)
+        for each in touching
     )
     clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)
     message = "; ".join([free_sentence(clearance, len(checker.pairs), len(checker.excluded)), *map(str, partings)])
     slack = [c.tube.largest_obstacles for c in proven if c.tube is not None]
-    slack += [DEEPEST + separating.gap - obstacle_tolerance for separating in separating_pairs] + [
-        separating.slack for separating in separating_pairs
-    ]
+    slack += [min(DEEPEST + each.gap - obstacle_tolerance, each.slack) for each in separating_pairs]
     tube = MotionTube(read_only(np.zeros(checker.group.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
     complete = _on_complete_curve(curve, checker, proven[:-1], proven[-1])
-    intervals = complete.intervals + sum(separating.proof.intervals for separating in separating_pairs)
+    intervals = complete.intervals + sum(each.proof.intervals for each in separating_pairs)
     return replace(
         complete,
         message=message,
@@ -145,8 +137,11 @@ def _free(
     )
 
 
-def _that_touch(separating_pairs: Sequence[_SeparatingPair], start: float) -> list[_SeparatingPair]:
-    """Return the pairs within their margin after the start; for owners without any, the pair with the smallest gap."""
+def _reported(separating_pairs: Sequence[_SeparatingPair], start: float) -> list[_SeparatingPair]:
+    """Return the pairs that a certificate lists: those within their margin after the start.
+
+    For owners without such a pair, it is the pair with the smallest gap.
+    """
     touching = [separating for separating in separating_pairs if separating.until > start]
     named = {separating.bodies for separating in touching}
     others: dict[tuple[str, str], _SeparatingPair] = {}
@@ -458,7 +453,7 @@ def _start_contact_verdict(
         )
         return _on_complete_curve(curve, checker, [], replace(found, message=message))
     message = (
-        f"{one} and {other} are {_apart(start_contact.distance)} at the start (margin "
+        f"{one} and {other} are {_distance_text(start_contact.distance)} at the start (margin "
         f"{start_contact.margin * 1e3:g} mm), and no direction separates {other} from the convex hull of {one}; "
         f"model {one} by several convex shapes"
     )
@@ -470,7 +465,7 @@ def _start_contact_verdict(
     return _on_complete_curve(curve, checker, [], undecided)
 
 
-def _apart(distance: float) -> str:
+def _distance_text(distance: float) -> str:
     if distance > 0:
         return f"{distance * 1e3:.2f} mm apart"
     return f"{-distance * 1e3:.2f} mm in penetration" if distance < -5e-6 else "in contact"

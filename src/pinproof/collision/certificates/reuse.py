@@ -12,7 +12,13 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.certificates.certificate import Certificate, ProofLimits
+from pinproof.collision.certificates.certificate import (
+    EVIDENCE_DISTANCE,
+    EVIDENCE_PAIR,
+    Certificate,
+    ProofLimits,
+    final_evidence,
+)
 from pinproof.collision.certificates.certify import TOLERANCES, KnownPairs, certify, prove_rest
 from pinproof.collision.certificates.identity import Identity, checked_hash, mesh_files, notes_of
 from pinproof.collision.checking.checker import CollisionChecker
@@ -21,9 +27,6 @@ from pinproof.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
-
-EVIDENCE_PAIR, EVIDENCE_DISTANCE = 2, 3
-"""Columns of :attr:`pinproof.Certificate.evidence`."""
 
 
 def setup_differences(before: CollisionChecker, after: CollisionChecker) -> list[str]:
@@ -216,17 +219,11 @@ def _kept_pairs(before: CollisionChecker, after: CollisionChecker) -> list[tuple
 
 
 def _by_pair(evidence: Array, pairs: int, first: float, last: float) -> tuple[Array, Array]:
-    """Sort evidence by pairs and time, without intervals that were bisected.
+    """Return the final evidence, and (P,) the smallest proven distance (m) of each pair.
 
-    Returns
-    -------
-    The rows, and (P,) the smallest proven distance (m) of each pair; NaN if its intervals do not cover the curve.
+    The distance is NaN if the intervals of the pair do not cover the curve.
     """
-    rows = evidence[np.lexsort([-evidence[:, 1], evidence[:, 0], evidence[:, EVIDENCE_PAIR]])]
-    same_pair = rows[:-1, EVIDENCE_PAIR] == rows[1:, EVIDENCE_PAIR]
-    bisected = np.zeros(len(rows), dtype=bool)
-    bisected[:-1] = same_pair & (rows[1:, 1] <= rows[:-1, 1])
-    rows = rows[~bisected]
+    rows = final_evidence(evidence)
     lowest = np.full(pairs, np.nan)
     if not len(rows):
         return rows, lowest

@@ -286,26 +286,16 @@ class CollisionChecker(CheckedBodies):
     ) -> CollisionChecker:
         """Return a checker of the same bodies and pairs with other margins (m)."""
         common = self.margin if margin is None else checked_margin("margin", margin)
-
-        def with_margin() -> CollisionChecker:
-            other = copy(self)
-            other._set_margins(
-                self._margins._replace(common=common) if margins is None else Margins.checked(common, margins)
-            )
-            return other
-
-        return with_margin() if margins is not None else self._made_once(("margin", common), with_margin)
+        if margins is None:
+            replaced = self._margins._replace(common=common)
+            return self._changed(lambda other: other._set_margins(replaced), ("margin", common))
+        stated = Margins.checked(common, margins)
+        return self._changed(lambda other: other._set_margins(stated))
 
     def padded(self, by: float) -> CollisionChecker:
         """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
         by = checked_margin("by", by)
-
-        def padded() -> CollisionChecker:
-            other = copy(self)
-            other._set_margins(self._margins.padded(by))
-            return other
-
-        return self._made_once(("padded", by), padded)
+        return self._changed(lambda other: other._set_margins(self._margins.padded(by)), ("padded", by))
 
     def moved_obstacles(self, by: float) -> CollisionChecker:
         """Return a checker that allows obstacles to be displaced by up to ``by`` metres, by larger margins."""
@@ -382,13 +372,11 @@ class CollisionChecker(CheckedBodies):
         """
         dropped = frozenset(pairs)
 
-        def without() -> CollisionChecker:
+        def drop(other: CollisionChecker) -> None:
             kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
-            other = copy(self)
             other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
-            return other
 
-        return self._made_once(dropped, without)
+        return self._changed(drop, dropped)
 
     def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
         """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
@@ -426,21 +414,21 @@ class CollisionChecker(CheckedBodies):
     def _on(self, levels: Levels) -> CollisionChecker:
         """Return the checker with other levels of detail."""
 
-        def finer() -> CollisionChecker:
-            other = copy(self)
+        def refine(other: CollisionChecker) -> None:
             other._levels = levels
             other._assemble(self.scene, self.attached, self._allowed)
-            return other
 
-        return self._made_once(("levels", frozenset(levels.items())), finer)
+        return self._changed(refine, ("levels", frozenset(levels.items())))
 
-    def _made_once(self, key: Hashable, make: Callable[[], CollisionChecker]) -> CollisionChecker:
-        """Return a checker that is made from this one at its first use; those that were made last are kept."""
+    def _changed(self, change: Callable[[CollisionChecker], None], key: Hashable = None) -> CollisionChecker:
+        """Return a copy to which ``change`` was applied; with a key, it is made at its first use and kept."""
         other = self._kept.get(key)
         if other is None:
-            other = make()
-            kept = list(self._kept.items())[1 - CHECKERS_KEPT :]  # replaced as a whole: threads share this checker
-            self._kept = {**dict(kept), key: other}
+            other = copy(self)
+            change(other)
+            if key is not None:
+                kept = list(self._kept.items())[1 - CHECKERS_KEPT :]  # replaced as a whole: threads share this checker
+                self._kept = {**dict(kept), key: other}
         return other
 
     def _derived(
@@ -487,7 +475,7 @@ class CollisionChecker(CheckedBodies):
 
     @property
     def hollow(self) -> tuple[str, ...]:
-        """Exact meshes that are not watertight: being wholly inside one of them is not seen as contact."""
+        """The exact meshes that are not watertight: a body that is entirely inside one of them is not in contact."""
         return tuple(b.name for b in self.bodies if b.solid is not None and not b.solid.watertight)
 
     @property

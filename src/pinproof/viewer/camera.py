@@ -12,10 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision.geometry.inner_shapes import spiral_directions
 from pinproof.viewer.stage import DrawnObstacle, Stage, box_corners
 from pinproof.viewer.surfaces import Surface
 
@@ -108,6 +110,16 @@ class View:
     def radius(self) -> float:
         """Half the diagonal of the bounding box of the points, in metres."""
         return float(np.linalg.norm(self.points.max(axis=0) - self.points.min(axis=0))) / 2
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings from which the page computes the position of the camera for its canvas."""
+        return {
+            "direction": [round(float(v), 6) for v in self.direction],
+            "points": [[round(float(v), 4) for v in point] for point in self.points],
+            "fieldOfView": FIELD_OF_VIEW,
+            "leastDistance": LEAST_DISTANCE,
+            "margin": self.margin,
+        }
 
 
 def choose_view(
@@ -302,10 +314,7 @@ def _samples(surfaces: Sequence[Surface], count: int, rng: np.random.Generator) 
 
 def extremes(points: Array, directions: int = DIRECTIONS) -> Array:
     """The extreme points in some directions, which are distributed over the sphere by a Fibonacci spiral."""
-    k = np.arange(directions) + 0.5
-    z, turn = 1 - 2 * k / directions, np.pi * (1 + 5**0.5) * k
-    level = np.sqrt(1 - z * z)
-    outward = np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
+    outward = spiral_directions(directions)
     while len(points) > CHUNK:
         parts = (points[start : start + CHUNK] for start in range(0, len(points), CHUNK))
         points = np.concatenate([part[np.unique((outward @ part.T).argmax(axis=1))] for part in parts])

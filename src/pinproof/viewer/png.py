@@ -212,7 +212,7 @@ def write_png(
     )  # fmt: skip
     browser = find_browser()
     page = render_page(picture)
-    shown_time = page.start if time is None else time
+    shown_time = page.shown.start if time is None else time
     content = screenshot(page.text, f"#still&t={shown_time:.6f}", size, browser, Path(path).absolute().parent)
     try:
         write_bytes_whole(path, content)

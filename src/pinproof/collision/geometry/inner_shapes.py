@@ -140,6 +140,14 @@ class _Planes(NamedTuple):
         return cls(hull.equations[:, :3], -hull.equations[:, 3], support.radius, np.empty((0, 3)))
 
 
+def spiral_directions(count: int) -> Array:
+    """Return (count, 3) unit vectors that are distributed over the sphere by a Fibonacci spiral."""
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    across = np.sqrt(1 - z**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+
+
 def extremes(support: Support, *, with_ball: bool = False) -> Array:
     """Return (m, 3) extreme points of a convex body, with or without its ball, in some directions.
 
@@ -147,10 +155,7 @@ def extremes(support: Support, *, with_ball: bool = False) -> Array:
     """
     if with_ball and not (support.radius or support.disc_radii.any() or support.semi_axes.any()):
         return support.points
-    k = np.arange(DIRECTIONS) + 0.5
-    z, angle = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
-    across = np.sqrt(1 - z**2)
-    directions = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+    directions = spiral_directions(DIRECTIONS)
     flat = np.hypot(directions[:, 0], directions[:, 1])[:, None]
     reach = directions @ support.points.T + flat * support.disc_radii
     best = reach.argmax(axis=1)

@@ -125,19 +125,11 @@ class View:
 def choose_view(
     stage: Stage, poses: Array, points: Array, *, also: Array | None = None, tool: Array | None = None
 ) -> View:
-    """Choose the view of a motion.
+    """Choose the view of a motion with poses (F, L, 4, 4) ``root_from_link`` of the links of the stage.
 
-    Parameters
-    ----------
-    poses
-        (F, L, 4, 4) ``root_from_link`` of the stage's links over the motion.
-    points
-        (N, 3) further points that the picture must contain, such as the tcp path and contacts.
-    also
-        (k, L, 4, 4) further poses of the links that the picture must contain, but that do not affect the direction.
-    tool
-        (M, 3) points of the tool and of carried parts over the motion. The picture contains them and the obstacles near
-        them.
+    The picture also contains ``points`` (N, 3), such as the tcp path and contacts, further poses ``also`` (k, L, 4, 4)
+    of the links, which do not affect the direction, and the points ``tool`` (M, 3) of the tool and of carried parts
+    over the motion, with the obstacles near them.
     """
     rng = np.random.default_rng(0)
     drawn = [k for k, link in enumerate(stage.links) if link.surfaces]

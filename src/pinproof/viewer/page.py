@@ -158,20 +158,11 @@ def assemble(
     *,
     live: bool = False,
 ) -> str:
-    """The HTML of a page.
+    """The HTML of a page with a title in plain text, CSS, an HTML body and JavaScript.
 
-    Parameters
-    ----------
-    title
-        Plain text.
-    style, body, script
-        CSS, HTML and JavaScript. ``picture.js`` and ``player.js`` run before ``script``.
-    settings
-        The object ``settings`` of the scripts; references to arrays of ``commands`` become typed arrays.
-    commands
-        The commands to meshcat's viewer.
-    live
-        Whether the page may receive events from the server that sent it.
+    ``picture.js`` and ``player.js`` run before ``script``. The scripts have the object ``settings``, in which
+    references to arrays of ``commands`` (to the viewer of meshcat) become typed arrays. With ``live``, the page may
+    receive events from the server that sent it.
     """
     bundle, licences = _viewer_bundle()
     own = "\n".join([part("picture.js"), part("player.js"), script])

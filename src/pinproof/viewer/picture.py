@@ -232,13 +232,7 @@ class Layer:
 
 
 def checked_layers(names: Collection[str]) -> frozenset[str]:
-    """Names of layers as a set.
-
-    Raises
-    ------
-    UnknownNameError
-        If a name is not in :data:`LAYERS`.
-    """
+    """Names of layers as a set; UnknownNameError if a name is not in :data:`LAYERS`."""
     for name in [names] if isinstance(names, str) else names:
         if name not in LAYERS:
             raise UnknownNameError("layer", name, LAYERS, "layers")
@@ -297,12 +291,8 @@ class Picture:
     def render(self) -> RenderedPicture:
         """Create the drawing commands, the settings and the caption.
 
-        Raises
-        ------
-        InputError
-            If fields contradict each other.
-        ViewerError
-            If the robot has no geometry, or a shape cannot be drawn.
+        InputError if fields contradict each other; ViewerError if the robot has no geometry, or a shape cannot be
+        drawn.
         """
         require_type("arm", self.arm, JointGroup)
         require_type("scene", self.scene, Scene, NoneType)

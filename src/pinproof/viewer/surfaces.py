@@ -219,14 +219,8 @@ TUBE_SIDES = 10
 def link_surfaces(geometry: LinkGeometry) -> list[Surface]:
     """Surfaces of a ``<visual>`` or ``<collision>`` element in the frame of its link, one for each colour.
 
-    The colours of the mesh file take precedence over the material of the URDF; the default is grey.
-
-    Raises
-    ------
-    MeshError
-        If a mesh is missing or unusable.
-    ViewerError
-        If the viewer cannot draw this kind of geometry.
+    The colours of the mesh file take precedence over the material of the URDF; the default is grey. MeshError if a mesh
+    is missing or unusable; ViewerError if the viewer cannot draw this kind of geometry.
     """
     if geometry.kind == "mesh":
         surfaces = _mesh(_file_of(geometry), _three(geometry.size), geometry.rgba, LINK_GREY)
@@ -236,15 +230,7 @@ def link_surfaces(geometry: LinkGeometry) -> list[Surface]:
 
 
 def body_surfaces(geometry: LinkGeometry) -> list[Surface]:
-    """Surfaces of a ``<collision>`` element in the frame of its link; a mesh is drawn as its convex hull.
-
-    Raises
-    ------
-    MeshError
-        If a mesh is missing or unusable.
-    ViewerError
-        If the viewer cannot draw this kind of geometry.
-    """
+    """Surfaces of a ``<collision>`` element in the frame of its link, a mesh as its hull; errors as `link_surfaces`."""
     if geometry.kind != "mesh":
         surface = shade(*_primitive(geometry), COLLISION_AMBER)
     else:
@@ -268,15 +254,7 @@ def _hull_surface(mesh: TriangleMesh) -> Surface:
 
 
 def obstacle_surfaces(obstacle: Obstacle) -> list[Surface]:
-    """Surfaces of an obstacle in its own frame.
-
-    Raises
-    ------
-    MeshError
-        If its mesh is missing or unusable.
-    ViewerError
-        If the viewer cannot draw this shape.
-    """
+    """Surfaces of an obstacle in its own frame; MeshError if its mesh is missing, ViewerError for an unknown shape."""
     shape, rgba = obstacle.shape, obstacle.rgba
     if isinstance(shape, Mesh) and shape.path is not None:
         return _mesh(Path(shape.path), _three(shape.scale), rgba, OBSTACLE_SAND, own_colours=rgba is None)

@@ -68,17 +68,9 @@ def prove_parting(
 ) -> Certificate:
     """Return the certificate of a curve along which pairs separate that may touch at its start.
 
-    Parameters
-    ----------
-    names
-        Pairs of an obstacle and a link or attached object, in either order.
-    prove
-        The ordinary certification of a curve with a checker, within ``limits``.
-
-    Raises
-    ------
-    UnknownNameError, InputError
-        If a name is unknown, a pair is not an obstacle and a body of the robot, or is not checked.
+    ``names`` are pairs of an obstacle and a link or attached object, in either order; a name that is unknown, of
+    another kind or not checked is refused. ``prove`` is the ordinary certification of a curve with a checker, within
+    ``limits``.
     """
     knots, control = curve.bezier()
     motion = _Motion(curve, knots, control, limits)

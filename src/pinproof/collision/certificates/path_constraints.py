@@ -309,13 +309,7 @@ class UndecidedConstraint:
 
 
 def check_constraints(constraints: Sequence[PathConstraint]) -> tuple[PathConstraint, ...]:
-    """Return the constraints as a tuple.
-
-    Raises
-    ------
-    InputError
-        If one of them is not a constraint.
-    """
+    """Return the constraints as a tuple; InputError if one of them is not a constraint."""
     if isinstance(constraints, (Upright, Within, LookAt)):
         raise InputError("constraints must be a sequence of constraints; write constraints=[...]")
     for each in constraints:

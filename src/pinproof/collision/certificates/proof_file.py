@@ -74,10 +74,7 @@ class ProvenMotion(NamedTuple):
 def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any]]:
     """Return the table of intervals (T, 2) and, for each pair, its bodies, intervals and separating directions.
 
-    Raises
-    ------
-    NotProvenFree
-        If the verifier's bounds do not prove a pair apart on an interval, however small.
+    Raises NotProvenFree if the bounds of the verifier do not prove a pair apart on an interval, however small.
     """
     checker = proven.checker
     pair, spans, u = _leaves(proven, (proof.curve.low, proof.curve.high))
@@ -163,12 +160,8 @@ def write_proof(proven: ProvenMotion, path: str | Path) -> None:
 def proof_document(proven: ProvenMotion) -> dict[str, Any]:
     """Return the content of a proof file.
 
-    Raises
-    ------
-    InputError
-        If a body of a checked pair has no support function.
-    NotProvenFree
-        If the verifier cannot confirm the proof.
+    Raises InputError if a body of a checked pair has no support function, NotProvenFree if the verifier does not
+    confirm the proof.
     """
     curve, checker = proven.curve, proven.checker
     _refuse_surfaces(checker)
@@ -245,13 +238,7 @@ def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
 
 
 def _constraint_evidence(document: dict[str, Any], arm: Arm, proven: ProvenMotion) -> list[dict[str, Any]]:
-    """Return the constraints with the intervals on which the verifier proves them.
-
-    Raises
-    ------
-    NotProvenFree
-        If the verifier's bounds do not prove a constraint on an interval, however small.
-    """
+    """Return the constraints with the intervals on which the verifier proves them; NotProvenFree if it does not."""
     rows = [
         {**constraint_of(arm, each.constraint), "largest": each.constraint.tolerance, "intervals": []}
         for each in proven.constraints

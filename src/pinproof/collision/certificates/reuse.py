@@ -55,18 +55,8 @@ def setup_differences(before: CollisionChecker, after: CollisionChecker) -> list
 class SetupChange:
     """The pairs of a checker that are those of another checker in a different scene, and the pairs that are not.
 
-    Parameters
-    ----------
-    before
-        The checker for which motions were proven.
-    after
-        The checker for which they are to be proven.
-
-    Raises
-    ------
-    InputError
-        If the robot, its attached objects, its held joints or the margin differ, or an array of ``after`` was modified
-        in place.
+    Motions were proven for ``before`` and are to be proven for ``after``. InputError if the robot, its attached
+    objects, its held joints or the margin differ, or an array of ``after`` was modified in place.
     """
 
     def __init__(self, before: CollisionChecker, after: CollisionChecker) -> None:
@@ -122,17 +112,10 @@ class SetupChange:
 
 
 class StoredProof:
-    """A FREE certificate with its evidence sorted by pairs, for use in other scenes.
+    """A certificate with its evidence sorted by pairs, for use in other scenes.
 
-    Parameters
-    ----------
-    certificate
-        A FREE certificate of ``certify(..., record=True)``.
-
-    Raises
-    ------
-    InputError
-        If it is not FREE, has no evidence, or allows pairs to touch at the start (``parting``).
+    InputError if the certificate is not FREE, has no evidence (``record=True``), or allows pairs to touch
+    (``parting``).
     """
 
     def __init__(self, certificate: Certificate) -> None:
@@ -159,10 +142,7 @@ class StoredProof:
     ) -> Certificate:
         """Return the certificate of the same curve for ``change.after``; arguments as :func:`pinproof.certify`.
 
-        Raises
-        ------
-        InputError
-            If the proof is not for ``change.before``.
+        InputError if the proof is not for ``change.before``.
         """
         if change.before is not self.checker:
             raise InputError("the change begins at another checker than that of the proof")

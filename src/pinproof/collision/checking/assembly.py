@@ -37,10 +37,7 @@ class Margins(NamedTuple):
     def checked(cls, common: float, single: Mapping[tuple[str, str], float]) -> Margins:
         """Return margins that a caller states; a key of ``single`` is two names in either order.
 
-        Raises
-        ------
-        InputError
-            If a margin is negative or not finite, or a key is not two names.
+        InputError if a margin is negative or not finite, or a key is not two names.
         """
         pairs = {}
         for pair, margin in single.items():
@@ -53,10 +50,7 @@ class Margins(NamedTuple):
     def of(self, owners: Iterable[tuple[str, str]], count: int, names: Sequence[str]) -> Array:
         """Return (P,) the margins of ``count`` pairs; ``owners`` is read only if there are margins of single pairs.
 
-        Raises
-        ------
-        UnknownNameError
-            If a single margin is for a name that is not among ``names``.
+        UnknownNameError if a single margin is for a name that is not among ``names``.
         """
         for pair in self.single:
             for name in sorted(pair):
@@ -76,13 +70,7 @@ class Margins(NamedTuple):
 
 
 def checked_margin(name: str, margin: float) -> float:
-    """Return a margin as a number.
-
-    Raises
-    ------
-    InputError
-        If it is negative, not finite, or not a number.
-    """
+    """Return a margin as a number; InputError if it is negative, not finite, or not a number."""
     try:
         value = float(margin)
     except (TypeError, ValueError):
@@ -100,14 +88,9 @@ ROOT = -1
 
 
 def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> Geometry:
-    """Return the joints of an arm's robot, and the bodies on them.
+    """Return the joints of an arm's robot and the bodies on them, obstacles last.
 
-    Parameters
-    ----------
-    bodies
-        Obstacles last.
-    rounding
-        Allowance (m) for floating-point errors.
+    ``rounding`` is the allowance (m) for floating-point errors.
     """
     tree, links = _joints(arm)
     joints, placements = [], np.zeros((len(bodies), 4, 4))
@@ -165,13 +148,8 @@ def finer_levels(touching: Callable[[Levels], Collection[Pair]], levels: Levels)
 
     Each pair gets the coarsest level on which it does not touch, because convex bodies are checked in compiled code. A
     pair that touches on every level keeps its level: the contact is real, and finer bodies would only cost time.
-
-    Parameters
-    ----------
-    touching
-        Returns the pairs of owners in contact, for which finer bodies exist, at given levels.
-    levels
-        The present levels of pairs, where not 0.
+    ``touching`` returns the pairs in contact at given levels for which finer bodies exist; ``levels`` are the present
+    ones, where not 0.
     """
     found = dict(levels)
     open_pairs = set(touching(levels))
@@ -195,13 +173,7 @@ Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
 
 
 def only_arm(group: JointGroup) -> Arm:
-    """Return the arm of a joint group with one arm.
-
-    Raises
-    ------
-    InputError
-        If it has several.
-    """
+    """Return the arm of a joint group with one arm; InputError if it has several."""
     if isinstance(group, Arm):
         return group
     if len(group.ends) > 1:
@@ -243,13 +215,7 @@ class CheckedBodies:
 
     @property
     def arm(self) -> Arm:
-        """The arm.
-
-        Raises
-        ------
-        InputError
-            If the checker is for a joint group with several arms, which is :attr:`group`.
-        """
+        """The arm; InputError if the checker is for a joint group with several arms, which is :attr:`group`."""
         return only_arm(self._group)
 
     @property
@@ -308,13 +274,7 @@ def assemble(
     allowed: Sequence[tuple[str, str]],
     known: Known,
 ) -> Assembly:
-    """Assemble the links of an arm, its attached objects and a scene.
-
-    Raises
-    ------
-    InputError, MeshError, UnknownNameError
-        As :class:`pinproof.CollisionChecker` does.
-    """
+    """Assemble links, attached objects and a scene; errors are those of :class:`pinproof.CollisionChecker`."""
     if named := [obstacle.name for obstacle in scene.obstacles if obstacle.arm is not None]:
         raise InputError(f"the obstacles {', '.join(named)} of the scene name an arm; only attached objects have one")
     made: Known = {}

@@ -154,12 +154,7 @@ class CoalWorkspace:
 class PlainCoal:
     """Checks by Pinocchio and coal alone, with the margins of the checker; used in benchmarks and tests only.
 
-    Parameters
-    ----------
-    checker
-        Defines arm, bodies, pairs and margins.
-    broadphase
-        Use coal's dynamic bounding-box tree as a broad phase, instead of checking each pair.
+    ``broadphase`` uses the dynamic bounding-box tree of coal, instead of checking each pair.
     """
 
     def __init__(self, checker: CheckedBodies, *, broadphase: bool = False) -> None:

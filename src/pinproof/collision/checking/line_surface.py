@@ -58,14 +58,8 @@ class SurfacePoints(NamedTuple):
 class LineSurface:
     """The surface of a body as lines meet it, in the body's own frame.
 
-    Parameters
-    ----------
-    body
-        The body.
-    triangles
-        (F, 3, 3) its surface if it is a mesh; None for a convex body with a support function.
-    surface
-        A body of the surface alone, if ``body`` is larger: a hull that represents a mesh.
+    ``triangles`` (F, 3, 3) are the surface of a mesh, None for a convex body with a support function. ``surface`` is a
+    body of the surface alone, if ``body`` is larger: a hull that represents a mesh.
     """
 
     body: Body
@@ -74,13 +68,7 @@ class LineSurface:
 
     @classmethod
     def of_body(cls, body: Body) -> LineSurface:
-        """Return the surface of a body that is convex or an exact mesh.
-
-        Raises
-        ------
-        InputError
-            If the body is unbounded.
-        """
+        """Return the surface of a body that is convex or an exact mesh; InputError if it is unbounded."""
         if body.support is not None:
             return cls(body)
         corners = getattr(body.solid, "corners", None)
@@ -115,11 +103,8 @@ class LineSurface:
     def enter(self, origins: Array, direction: Array, after: Array | float = -np.inf) -> SurfacePoints:
         """Return where lines from origins (G, 3) along a unit direction (3,) first meet the surface.
 
-        Parameters
-        ----------
-        after
-            (G,) depths: points of a mesh before this depth are ignored. A line enters a convex body once, and misses it
-            if it leaves the body before this depth.
+        Points of a mesh before the depths ``after`` (G,) are ignored. A line enters a convex body once, and misses it
+        if it leaves the body before this depth.
         """
         start = np.broadcast_to(np.asarray(after, dtype=float), (len(origins),))
         if self.triangles is not None:

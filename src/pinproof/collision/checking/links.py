@@ -49,10 +49,7 @@ DEFAULT = "*"
 def meshes_of(links: Iterable[str], link_meshes: LinkMeshes | Mapping[str, LinkMeshes]) -> dict[str, LinkMeshes]:
     """Return the mesh representation of each link, from one value for all or a mapping; ``"*"`` is all other links.
 
-    Raises
-    ------
-    UnknownNameError
-        For an unknown representation or link.
+    UnknownNameError for an unknown representation or link.
     """
     links = tuple(links)
     stated: Mapping[str, LinkMeshes] = {DEFAULT: link_meshes} if isinstance(link_meshes, str) else link_meshes
@@ -70,12 +67,7 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
     """Return the bodies of one collision geometry of a link: several if its mesh is ``decomposed``, else one.
 
     A mesh that is not watertight has no inside. Its hull is used, or its ``surface`` if requested, and the remark of
-    the body states it.
-
-    Raises
-    ------
-    MeshError
-        If the mesh is missing or cannot be represented as requested.
+    the body states it. MeshError if the mesh is missing or cannot be represented as requested.
     """
     name, link, at = geometry.name, geometry.link, pin.SE3(np.array(geometry.origin))
 
@@ -128,19 +120,8 @@ def _convex_bodies(geometry: LinkGeometry, how: LinkMeshes, _stamp: FileStamp | 
 class LinkBodies:
     """The bodies of a robot's links, in the requested representation and, for some pairs, in finer ones.
 
-    Derived checkers share the bodies.
-
-    Parameters
-    ----------
-    geometries
-        The collision geometries of all links.
-    meshes
-        The representation of each link's meshes.
-
-    Raises
-    ------
-    MeshError
-        If a mesh is missing or cannot be represented as requested.
+    Derived checkers share the bodies. ``meshes`` is the representation of the meshes of each link. MeshError if a mesh
+    is missing or cannot be represented as requested.
     """
 
     def __init__(self, geometries: Sequence[LinkGeometry], meshes: Mapping[str, LinkMeshes]) -> None:

@@ -83,16 +83,9 @@ class Overlap(NamedTuple):
 
 
 class Overlaps:
-    """Estimates how often pairs of links of a robot touch; results are cached for all checkers of the robot.
+    """Estimates how often pairs of links of a robot touch, at a number of sampled configurations.
 
-    Parameters
-    ----------
-    robot
-        The robot.
-    links
-        The bodies of its links.
-    samples
-        Number of sampled configurations.
+    Results are cached for all checkers of the robot.
     """
 
     def __init__(self, robot: Robot, links: LinkBodies, samples: int = SAMPLES) -> None:

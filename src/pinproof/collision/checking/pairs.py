@@ -104,12 +104,8 @@ def choose_pairs(
 ) -> Pairs:
     """Return the pairs to check; ``levels`` are the levels of detail of pairs of owners, where not 0.
 
-    Raises
-    ------
-    UnknownNameError
-        If an allowed contact of the scene or of the caller names an unknown body.
-    InputError
-        If it names the same body twice, or the scene is for a robot with another root link.
+    UnknownNameError if an allowed contact of the scene or of the caller names an unknown body; InputError if it names
+    the same body twice, or the scene is for a robot with another root link.
     """
     robot = arm.robot
     if scene.frame and not _is_root_frame(robot, scene.frame):

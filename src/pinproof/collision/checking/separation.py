@@ -44,15 +44,7 @@ ONE_TRIANGLE = np.array([[0, 1, 2]])
 
 
 class MovingBody:
-    """A moving body of the robot: its placement at a configuration, and its support function.
-
-    Parameters
-    ----------
-    checker
-        The checker.
-    body
-        The index of a body that moves with a link.
-    """
+    """A body that moves with a link: its placement at a configuration, and its support function."""
 
     def __init__(self, checker: CollisionChecker, body: int) -> None:
         self._world, self._index = checker.world, body
@@ -153,24 +145,13 @@ def leave_facets(
 ) -> tuple[list[FacetGroup], float]:
     """Return groups of facets from which a body at its start separates, or which it does not approach at first.
 
-    Facets in no group need the ordinary proof. Directions along which the body separates come first; a group whose
-    proof has ``until`` at infinity has no such direction. Also returns the gap (m) at the facet with the deepest
-    penetration, along the best direction for that facet.
+    Facets in no group need the ordinary proof: those farther from the body than ``reach`` (m), and those that the body
+    penetrates by more than ``deepest`` (m) in every direction. Directions along which the body separates come first; a
+    group whose proof has ``until`` at infinity has no such direction. Also returns the gap (m) at the facet with the
+    deepest penetration, along the best direction for that facet.
 
-    Parameters
-    ----------
-    moving, body
-        The body that separates.
-    corners
-        (F, 3, 3) the triangles in the root frame.
-    directions
-        (d, 3) directions to try besides the normals of the facets; of equally good ones, the first is taken.
-    reach
-        Metres. Facets proven farther from the body than this are in no group.
-    deepest
-        Metres. Facets that the body penetrates by more than this in every direction are in no group.
-    follow
-        Follows the curve along a direction.
+    ``corners`` (F, 3, 3) are the triangles in the root frame, ``directions`` (d, 3) are tried besides the normals of
+    the facets, the first of equally good ones is used, and ``follow`` follows the curve along a direction.
     """
     near = np.flatnonzero(_near(moving, corners, directions, reach))
     if not len(near):

@@ -229,13 +229,7 @@ class Body:
 
 
 def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> list[Body]:
-    """Return the bodies of an obstacle or attached object: several for a mesh that is covered by convex pieces.
-
-    Raises
-    ------
-    MeshError, InputError
-        As :func:`shape_body` does.
-    """
+    """Return the bodies of an obstacle or attached object: several for a mesh of convex pieces, or for cells."""
     if isinstance(shape, PointCloud | OccupancyGrid):
         return _cell_bodies(name, link, shape, link_from_body)
     if not isinstance(shape, Mesh) or shape.hull is not None:
@@ -278,12 +272,8 @@ def _cell_bodies(
 def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:
     """Return a body of any shape.
 
-    Raises
-    ------
-    MeshError
-        If a mesh is unreadable, or cannot be represented as requested.
-    InputError
-        If points have no hull, a half-space is attached to a link, or the shape is unknown.
+    MeshError if a mesh is unreadable or cannot be represented as requested; InputError if points have no hull, a
+    half-space is attached to a link, or the shape is unknown.
     """
     file = _stamped(shape)[1] if isinstance(shape, Mesh) else None
     geometry, box, support, solid = _made(shape, owner, link)
@@ -451,13 +441,7 @@ def _surface(vertices: Array, triangles: npt.NDArray[np.int64]) -> tuple[Any, Ar
 
 
 def triangles_of(shape: Mesh) -> TriangleMesh:
-    """The triangles of a mesh, in metres.
-
-    Raises
-    ------
-    MeshError
-        If its file is missing or unreadable.
-    """
+    """Return the triangles of a mesh in metres; MeshError if its file is missing or unreadable."""
     if shape.path is None:
         return TriangleMesh(np.array(shape.vertices), np.array(shape.triangles))
     return read_mesh(shape.path, shape.scale)  # type: ignore[arg-type]  # made three numbers by Mesh

@@ -143,14 +143,9 @@ SAMPLES = 4000
 
 @dataclass(frozen=True, eq=False)
 class ConvexPieces:
-    """A cover of a mesh.
+    """A cover of a mesh: the points (V_i, 3) of each piece.
 
-    Parameters
-    ----------
-    points
-        The points (V_i, 3) of each piece.
-    excess
-        Metres: the largest distance by which the cover extends beyond the mesh, at about :data:`SAMPLES` points.
+    ``excess`` is the largest distance (m) by which it extends beyond the mesh, at about :data:`SAMPLES` points.
     """
 
     points: tuple[Array, ...]
@@ -160,17 +155,9 @@ class ConvexPieces:
 def convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPieces | None:
     """Cover a watertight mesh by at most ``most`` convex pieces.
 
-    Overlapping bodies are covered one by one, because no edges exist where their surfaces intersect. Returns None for a
-    mesh with more faces at reflex edges than 1.5 times ``most``, such as a bowl, which would need many more pieces.
-
-    Parameters
-    ----------
-    solid
-        The mesh.
-    most
-        Maximum number of pieces.
-    tolerance
-        Metres. A cell is not cut further if the distance between its surface and its hull is nowhere larger.
+    Overlapping bodies are covered one by one, because no edges exist where their surfaces intersect. A cell is not cut
+    further if the distance between its surface and its hull is at most ``tolerance`` (m). Returns None for a mesh with
+    more faces at reflex edges than 1.5 times ``most``, such as a bowl, which would need many more pieces.
     """
     corners = solid.corners
     size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))

@@ -70,12 +70,8 @@ SAMPLES = 400
 def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PIECES) -> list[Array]:
     """Return the points of each hull of a cover, from 1 to ``pieces`` arrays (V_i, 3).
 
-    Parameters
-    ----------
-    corners
-        (F, 3, 3) the corners of the triangles.
-    contains
-        Whether any of the points (N, 3) is inside the body; always false for a surface without an inside.
+    ``corners`` (F, 3, 3) are the triangles. ``contains`` states whether any of the points (N, 3) is inside the body; it
+    is always false for a surface without an inside.
     """
     flat = corners.reshape(-1, 3)
     # Cells share corners, and the test whether a corner is inside the body is slow.

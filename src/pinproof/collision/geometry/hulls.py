@@ -31,10 +31,7 @@ THICKENING = 10.0
 def convex_hull(points: Array, what: str) -> Any:
     """Return the coal shape of the hull of ``points`` (V, 3); ``what`` names them in errors.
 
-    Raises
-    ------
-    InputError
-        If they are flat, or Qhull or coal fails.
+    InputError if they are flat, or Qhull or coal fails.
     """
     refuse_flat(points, what)
     # buildConvexRepresentation would only label a mesh as convex and miss collisions; this computes the hull (Qhull).
@@ -74,13 +71,7 @@ def hull_of_any(points: Array) -> Any:
 
 
 def refuse_flat(points: Array, what: str) -> None:
-    """Refuse points (V, 3) that have no hull.
-
-    Raises
-    ------
-    InputError
-        If they lie in a plane, nearly so, or are too few.
-    """
+    """Raise InputError if points (V, 3) have no hull: they lie in a plane, nearly so, or are too few."""
     if len(points) == 0:
         raise InputError(f"{what} is empty, so it has no hull")
     _, _, low, high = _principal_box(points)

@@ -53,15 +53,9 @@ triangles."""
 class InnerShapes(NamedTuple):
     """Shapes inside a body, in its frame: balls, and a box with rounded edges if there is one.
 
-    Parameters
-    ----------
-    balls
-        (k, 4) centres and radii.
-    corners
-        (m, 3) points of the surface, spread over the corners of the body. They are balls without a radius.
-    box_centre, box_half, box_radius
-        The box: its centre (3,), its half sides (3,) along the axes of the body, and the radius of the ball that is
-        added to it; ``box_half`` is None if the body has no box.
+    ``balls`` (k, 4) are centres and radii. ``corners`` (m, 3) are points of the surface, spread over the corners of the
+    body: balls without a radius. The box has a centre (3,), half sides (3,) along the axes of the body (None if the
+    body has no box), and the radius of the ball that is added to it.
     """
 
     balls: Array

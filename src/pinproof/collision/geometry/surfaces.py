@@ -196,16 +196,10 @@ def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indice
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """What lies in occupied cells.
+    """The volume of occupied cells.
 
-    Parameters
-    ----------
-    cells
-        (K, 3) as :attr:`PointCloud.cells <pinproof.PointCloud.cells>` has them.
-    resolution
-        The side (m) of a cell.
-    witnesses
-        (W, 3) the middle of one cell of each part that hangs together by faces.
+    ``cells`` (K, 3) are those of :attr:`PointCloud.cells <pinproof.PointCloud.cells>`, ``resolution`` is their side
+    (m), and ``witnesses`` (W, 3) are the middles of one cell of each part that is connected by faces.
     """
 
     cells: Indices

@@ -40,12 +40,7 @@ LARGEST_INDEX = 2**53
 def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
     """Return the shape under one of the keys :data:`~pinproof.collision.scenes.scene_keys.SHAPES`.
 
-    Raises
-    ------
-    SceneError
-        For an unknown key; the message names file, place and the valid keys.
-    InputError
-        For invalid sizes.
+    SceneError for an unknown key, with file, place and the valid keys; InputError for invalid sizes.
     """
     if kind == "box":
         if not isinstance(stated, list):
@@ -88,10 +83,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
 def numbers_of(key: str, stated: object) -> Any:
     """Return one number, or nested lists of numbers, each as :func:`~pinproof.common.yaml_file.parse_number` reads it.
 
-    Raises
-    ------
-    InputError
-        If a value is not a number.
+    InputError if a value is not a number.
     """
     try:
         return [numbers_of(key, part) for part in stated] if isinstance(stated, list) else parse_number(stated)
@@ -102,13 +94,7 @@ def numbers_of(key: str, stated: object) -> Any:
 
 
 def pose_of(stated: Mapping[str, Any]) -> SE3:
-    """Return the pose given by ``xyz`` and ``rpy`` or ``quat_xyzw``.
-
-    Raises
-    ------
-    InputError
-        If they are invalid, or the angles can only be degrees.
-    """
+    """Return the pose given by ``xyz`` and ``rpy`` or ``quat_xyzw``; InputError if invalid, or clearly in degrees."""
     numbers = {key: numbers_of(key, value) for key, value in stated.items()}
     if "rpy" in numbers:
         refuse_degrees("rpy", finite("rpy", numbers["rpy"], (3,)).tolist())
@@ -163,13 +149,8 @@ class SceneContent(NamedTuple):
 def write_scene(scene: SceneContent, path: str | Path) -> None:
     """Write a scene file atomically; called by :meth:`pinproof.Scene.save`.
 
-    Sizes and positions are restored exactly, rotations (written as quaternions) to rounding.
-    Mesh paths are relative to the folder of the file if the mesh is inside it, otherwise absolute.
-
-    Raises
-    ------
-    SceneError
-        If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
+    Sizes and positions are restored exactly, rotations (written as quaternions) to rounding. Mesh paths are relative to
+    the folder of the file if the mesh is inside it, otherwise absolute.
     """
     folder = Path(path).resolve().parent
     content: dict[str, Any] = {"obstacles": [stated_obstacle(obstacle, folder) for obstacle in scene.obstacles]}
@@ -185,10 +166,7 @@ def write_scene(scene: SceneContent, path: str | Path) -> None:
 def read_scene(path: Path, content: LinedMapping) -> SceneContent:
     """Read the parsed YAML of a scene file in pinproof's own format; called by :meth:`pinproof.Scene.load`.
 
-    Raises
-    ------
-    SceneError
-        If the content is invalid; the message names file, line, obstacle and key.
+    SceneError if the content is invalid; the message names file, line, obstacle and key.
     """
     refuse_unknown(SceneError, path, "key", content, SCENE.names, "")
     if "obstacles" not in content:
@@ -233,10 +211,7 @@ def pairs_of(path: Path, content: LinedMapping, key: str, what: str) -> list[tup
 def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
     """Return the obstacle of a mapping in a file; ``number`` identifies it in messages if it has no name.
 
-    Raises
-    ------
-    SceneError
-        If it is invalid; the message names file, line, obstacle and key.
+    SceneError if it is invalid; the message names file, line, obstacle and key.
     """
     name = stated.get("name")
     if not isinstance(name, str) or not name:
@@ -284,10 +259,7 @@ def stated_pose(placement: pin.SE3) -> dict[str, Any]:
 def read_attached(path: Path) -> dict[str, Any]:
     """Return the fields of :class:`pinproof.collision.Attachments` that a file states; called by its ``load``.
 
-    Raises
-    ------
-    SceneError
-        If the content is invalid; the message names file, line and key.
+    SceneError if the content is invalid; the message names file, line and key.
     """
     content = read_yaml(path, ATTACHED.names, SceneError)
     refuse_unknown(SceneError, path, "key", content, ATTACHED.names, "")

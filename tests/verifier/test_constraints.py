@@ -89,6 +89,7 @@ FORGERIES = {
     "an unknown field": lambda row: row.update(comment="accepted"),
     "a tolerance of 0": lambda row: row.update(tolerance=0.0, largest=0.0),
     "a tolerance that is a text": lambda row: row.update(tolerance="1.3"),
+    "a missing vector": lambda row: row.pop("point" if row["kind"] == "region" else "axis"),
 }
 
 

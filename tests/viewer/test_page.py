@@ -9,7 +9,7 @@ from base64 import b64decode
 import numpy as np
 import pytest
 
-import pinproof.viewer.assembly as assembly
+import pinproof.viewer.page as page_module
 from pinproof.errors import InputError, ViewerError
 from pinproof.viewer import write_html
 from pinproof.viewer.page import render_page
@@ -41,7 +41,7 @@ def test_the_same_input_gives_the_same_bytes() -> None:
 def test_the_page_names_no_address_outside_its_licences_and_its_viewer() -> None:
     arm = small_arm()
     text = render_page(Picture(arm, None, swing(arm))).text
-    bundle, _ = assembly._viewer_bundle()
+    bundle, _ = page_module._viewer_bundle()
     own = text.replace(bundle, "").replace(embedded(text, "licences"), "")
     assert "://" not in own
     assert set(re.findall(r'https?://[^"\'\s]+', bundle)) == {"http://www.w3.org/1999/xhtml"}  # a name, not a place
@@ -79,7 +79,7 @@ def test_a_missing_folder_is_named(tmp_path) -> None:
 
 
 def test_a_missing_viewer_is_named(monkeypatch) -> None:
-    monkeypatch.setattr(assembly, "find_spec", lambda name: None)
+    monkeypatch.setattr(page_module, "find_spec", lambda name: None)
     with pytest.raises(ViewerError, match="meshcat is not installed"):
         render_page(Picture(small_arm(), None, None))
 

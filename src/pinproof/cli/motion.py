@@ -43,8 +43,8 @@ def check(
 
     Example: pinproof check ur5 --q home --scene robots/ur5/scene.yaml
     """
-    from pinproof.collision.certificates.certificate import notes_of
-    from pinproof.collision.checking.overlaps import overlap_hint
+    from pinproof.collision.certificates.identity import notes_of
+    from pinproof.collision.checking.checker import overlap_hint
 
     arm = chain.arm(robot, tool=tool)
     checker = scene_options.checker(arm, tool=tool)

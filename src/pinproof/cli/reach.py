@@ -141,7 +141,7 @@ def reach(
 
 def _checker(arm: pp.Arm, options: SceneOptions, tool: ToolOptions, world_from_root: SE3) -> pp.CollisionChecker:
     """The checker of the arm in its scene; links that touch at home or in every configuration are reported."""
-    from pinproof.collision.checking.overlaps import overlap_hint
+    from pinproof.collision.checking.checker import overlap_hint
 
     # The checker needs the scene in the frame of the robot's root.
     checker = options.checker(arm, options.load().transformed(world_from_root.inverse()), tool)

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free
-from pinproof.collision.certificates.certificate import checked_hash, mesh_files, notes_of
+from pinproof.collision.certificates.identity import checked_hash, mesh_files, notes_of
 from pinproof.common.display import html_block, html_of, html_table
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory

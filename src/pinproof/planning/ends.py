@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Contact, PathConstraint
-from pinproof.collision.checking.overlaps import overlap_hint
+from pinproof.collision.checking.checker import overlap_hint
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import JointGroup

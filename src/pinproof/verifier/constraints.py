@@ -3,15 +3,15 @@ r"""Constraints of the tcp in a proof file, and upper bounds of their errors on 
 A constraint states that a vector y stays in a convex set. It is an axis of the tcp (``direction``; in a cone about a
 direction of the root), a point of the tcp (``region``; near a box), or the position of a target relative to the tcp
 (``target``; in a cone about an axis of the tcp). In an interval the joints stay in a box about q, joint i within
-delta_i. With the notation of :mod:`.interval_bounds`, the joints moved one after another, beginning beside the set,
+delta_i. With the notation of :mod:`.interval_bounds`, and the joints moving one after the other from the set outward,
 
 .. math:: y' = y + \sum_i \theta_i v_i + z, \qquad
     |z| \le \sum_i |v_i| \, (b_i + \chi_i \sum_{l \text{ between the set and } i} \chi_l) ,
 
-where v_i is the velocity of y per rate of joint i at q, chi its chord and b its bend. The part without z is in the hull
-of its values at the control points. The distance from a box is convex and changes by |z| at most; the angle to the axis
-of a cone below 90 degrees is largest at a control point and changes by at most asin(|z| / c), with c the smallest
-component of the hull along the axis. An interval of several pieces has z alone, bounded by the chords.
+where v_i is the velocity of y per rate of joint i at q, chi its chord and b its second-order term. Without z, y' is in
+the hull of its values at the control points. The distance from a box is convex and changes by |z| at most; the angle to
+the axis of a cone below 90 degrees is largest at a control point and changes by at most asin(|z| / c), with c the
+smallest component of the hull along the axis. In an interval of several pieces the chords bound the whole change.
 """
 
 from __future__ import annotations
@@ -23,13 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .interval_bounds import IntervalBounds
-from .parts import LARGEST_PARAMETER, Joint, placement
+from .parts import LARGEST_PARAMETER, Joint, placement, unit_vector
 from .reading import Refused, check_fields, index, items, member, number, numbers, shown, text
 
 Array = npt.NDArray[np.float64]
-
-UNIT = 1e-9
-"""How far the length of a direction may be from 1; it is then normalised."""
 
 COMMON = ("name", "kind", "joint", "tolerance", "largest", "intervals")
 FIELDS = {
@@ -60,15 +57,11 @@ class Constraint:
             raise Refused(f"{where}: tolerance must be above 0, and largest from 0 to the tolerance")
         if self.unit == "rad" and not self.tolerance < pi / 2:
             raise Refused(f"{where}.tolerance: must be below pi/2")
+        keys = [key for key in FIELDS[self.kind] if key in ("axis", "direction", "point", "origin")]
         self.vectors = {
-            key: numbers(row, where, key, (3,)) for key in ("axis", "direction", "point", "origin") if key in row
+            key: unit_vector(row, where, key) if key in ("axis", "direction") else numbers(row, where, key, (3,))
+            for key in keys
         }
-        for key in ("axis", "direction"):
-            if key in self.vectors:
-                length = float(np.linalg.norm(self.vectors[key]))
-                if not abs(length - 1.0) <= UNIT:
-                    raise Refused(f"{where}.{key}: its length must be 1, not {length}")
-                self.vectors[key] = self.vectors[key] / length
         if self.kind == "region":
             self.rotation, self.translation = placement(row, where)
             self.low, self.high = (self._corner(row, key, end) for key, end in (("low", -np.inf), ("high", np.inf)))
@@ -78,11 +71,11 @@ class Constraint:
 
     @property
     def positions(self) -> list[Array]:
-        """The vectors (3,) of the constraint, whose size limits the accuracy of its errors."""
+        """The vectors (3,) of the constraint, whose size determines the rounding error."""
         return [*self.vectors.values(), *([self.translation] if self.kind == "region" else [])]
 
     def _corner(self, row: Any, key: str, end: float) -> Array:
-        """Three coordinates; null is a side without an end."""
+        """Return three coordinates; null is a side without an end."""
         values = items(row, self.where, key)
         if len(values) != 3:
             raise Refused(f"{self.where}.{key}: must be 3 numbers or null")
@@ -90,7 +83,7 @@ class Constraint:
         return np.where([value is None for value in values], end, numbers({key: known}, self.where, key, (3,)))
 
     def errors(self, bounds: IntervalBounds, joints: list[Joint], tolerance: Array, rounding: float) -> Array:
-        """(T,) upper bounds (rad or m) of the error in each interval, where joints deviate by ``tolerance`` (n,)."""
+        """Return (T,) upper bounds (rad or m) of the error in each interval; joints deviate by ``tolerance`` (n,)."""
         rotation, translation = bounds.placed(self.joint)
         cone: Array | None = None
         centre = np.zeros(3)

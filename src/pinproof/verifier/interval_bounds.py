@@ -1,22 +1,23 @@
 r"""Lower bounds of the distance of two bodies while the joints move within an interval of the curve.
 
 In an interval the joints stay in a box about q, joint i within delta_i. Let u be a unit vector fixed in a link L
-between bodies a and b: the gap of the two supports along u bounds their distance from below. Walk from L outward to b,
-over revolute joints about w_i through p_i at q. Moving first those nearest to L, each carries what lies beyond it as
-one rigid thing, so a point y of b goes to R_1 R_2 .. R_m y, with all R_i about the axes at q, and
+between bodies a and b: the gap of the two supports along u is a lower bound of their distance. Consider the revolute
+joints from L outward to b, about the axes w_i through p_i at q. If the joints nearest to L move first, each of them
+moves all links beyond it as one rigid body, so a point y of b moves to R_1 R_2 .. R_m y, with all R_i about the axes at
+q, and
 
 .. math:: u \cdot (R_1 \cdots R_m y - y) = \sum_i (\bar R_1 \cdots \bar R_{i-1})^T u \cdot (R_i y - y) .
 
-The rotations before joint i change u by no more than the sum of their chords 2 sin(delta / 2), and
+The rotations before joint i change u by at most the sum of their chords 2 sin(delta / 2), and
 
 .. math:: |R_i y - y| \le 2 \rho_i \sin(\delta_i / 2), \qquad |R_i y - y - \theta_i w_i \times (y - p_i)|
     = \rho_i \sqrt{(\theta_i - \sin \theta_i)^2 + (1 - \cos \theta_i)^2} ,
 
-rho_i being the largest distance at q of b from axis i. What remains is linear in y and in theta: its minimum over the
-body is a support in a slightly rotated direction, which is concave in theta, and so smallest at a control point of the
-curve. For a the same holds, walking from L to a. The chords alone bound the approach too; the better of the two counts.
-L is where the sum of the chords is smallest, for an obstacle the root. A prismatic joint has delta in place of its
-chord and no second-order term.
+where rho_i is the largest distance at q of b from axis i. The remaining term is linear in y and in theta: its minimum
+over the body is a support in a slightly rotated direction, which is concave in theta and therefore smallest at a
+control point of the curve. The same holds for a with the joints from L to a. The chords alone are a bound of the
+approach too; the better bound is used. L is the link with the smallest sum of chords, and the root for an obstacle. A
+prismatic joint has delta in place of its chord, and no second-order term.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 AT_ONCE = 1 << 12
-"""Bounds that are computed at once, which share the cost of the calls."""
+"""Number of bounds that are computed at once, which share the cost of the calls."""
 
 PRODUCTS = 1 << 20
 """Products of directions and points that are computed at once: 8 MB."""
@@ -43,11 +44,11 @@ FEW = 16
 """Smallest number of rows of one body that are computed separately, with one product of matrices."""
 
 MOST_NUMBERS = 1 << 27
-"""Of control points of all intervals, 1 GB: a proof has intervals of one piece, and few of many."""
+"""Largest number of coordinates of control points of all intervals, 1 GB; few intervals span several pieces."""
 
 
 class Mechanism(Protocol):
-    """What the bounds need of a proof: its joints, bodies and curve, and what is subtracted from every bound."""
+    """The parts of a proof from which the bounds are computed: joints, bodies, curve and allowances."""
 
     joints: list[Joint]
     bodies: list[Body]
@@ -56,11 +57,11 @@ class Mechanism(Protocol):
     rounding: float
 
     def joints_between(self, i: int, j: int) -> tuple[list[int], int]:
-        """The joints on the path from body i to body j, and how many of them, from the first, carry i."""
+        """Return the joints on the path from body i to body j, and how many of them, from the first, move i."""
 
 
 class IntervalBounds:
-    """T intervals of a curve: the box of the joints in each, and where axes and bodies are at its middle.
+    """The boxes of the joint values in T intervals of a curve, and the axes and bodies at their middles.
 
     Parameters
     ----------
@@ -72,44 +73,34 @@ class IntervalBounds:
 
     def __init__(self, proof: Mechanism, intervals: Array) -> None:
         self._proof = proof
-        low, high, control, self._single = _boxes(proof.curve, intervals)
+        low, high, control, self.single = _boxes(proof.curve, intervals)
+        """(T,) whether an interval is in a single piece of the curve."""
         self.q = (low + high) / 2
         """(T, n) centres of the boxes."""
-        self._half_width = (high - low) / 2 + np.finfo(float).eps * np.abs(self.q)
-        self._theta = control - self.q[:, None]
-        """(T, K, n) control points relative to q, valid where the interval lies in a single piece of the curve."""
+        self.half_width = (high - low) / 2 + np.finfo(float).eps * np.abs(self.q)
+        """(T, n) half of the sides of the boxes."""
+        self.theta = control - self.q[:, None]
+        """(T, K, n) control points relative to q, valid where :attr:`single`."""
         self._bodies = _BodyTable(proof.bodies)
         self._place_joints()
 
-    @property
-    def half_width(self) -> Array:
-        """(T, n) half of the sides of the boxes."""
-        return self._half_width
-
-    @property
-    def theta(self) -> Array:
-        """(T, K, n) control points relative to q, valid where :attr:`single`."""
-        return self._theta
-
-    @property
-    def single(self) -> npt.NDArray[np.bool_]:
-        """(T,) whether an interval is in a single piece of the curve."""
-        return self._single
-
     def placed(self, joint: int) -> tuple[Array, Array]:
-        """Rotation (T, 3, 3) and translation (T, 3) of a joint at q, in root; -1 is the root."""
-        return self._root(joint)
+        """Return rotation (T, 3, 3) and translation (T, 3) of a joint at q, in root; -1 is the root."""
+        if joint >= 0:
+            return self._at[joint]
+        count = len(self.q)
+        return np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
 
     def axis(self, joint: int) -> tuple[Array, Array]:
-        """Direction and a point (T, 3) each of the axis of a joint at q, in root."""
+        """Return direction and a point (T, 3) each of the axis of a joint at q, in root."""
         return self._axes[joint], self._at[joint][1]
 
     def _place_joints(self) -> None:
-        """Forward kinematics: rotation (T, 3, 3) and translation (T, 3) of each joint, and its axis (T, 3) in root."""
+        """Compute rotation (T, 3, 3) and translation (T, 3) of each joint, and its axis (T, 3), in root."""
         self._at: list[tuple[Array, Array]] = []
         self._axes: list[Array] = []
         for joint in self._proof.joints:
-            rotation, translation = self._root(joint.parent)
+            rotation, translation = self.placed(joint.parent)
             translation = rotation @ joint.translation + translation
             rotation = rotation @ joint.rotation
             axis, value = rotation @ joint.axis, joint.multiplier * self.q[:, joint.leader] + joint.offset
@@ -120,17 +111,11 @@ class IntervalBounds:
                 translation = translation + value[:, None] * axis
             self._at.append((rotation, translation))
 
-    def _root(self, joint: int) -> tuple[Array, Array]:
-        if joint >= 0:
-            return self._at[joint]
-        count = len(self.q)
-        return np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
-
     def distance(self, i: Indices, j: Indices, rows: Indices, u: Array) -> Array:
-        """(R,) lower bounds (m) of the distances of bodies ``i`` and ``j`` (R,), each valid in all of its interval.
+        """Return (R,) lower bounds (m) of the distances of bodies ``i`` and ``j`` (R,), valid in the whole interval.
 
-        ``rows`` (R,) are the intervals. ``u`` (R, 3) are unit vectors in root, from body i to body j; for a half-space
-        its own normal is taken. Pairs of bodies that move with the same two joints are bounded together.
+        ``rows`` (R,) are the intervals. ``u`` (R, 3) are unit vectors in root, from body i to body j; a half-space has
+        its own normal instead. Pairs of bodies that move with the same two joints are bounded together.
         """
         table, found = self._bodies, np.empty(len(rows))
         kinds = np.stack([table.joint[i], table.joint[j], table.half_space[j], table.obstacle[j]], axis=1)
@@ -143,7 +128,7 @@ class IntervalBounds:
         return found
 
     def _distance(self, i: Indices, j: Indices, rows: Indices, u: Array) -> Array:
-        """The bounds of pairs of bodies with the same joints; obstacles or not, and half-spaces or not."""
+        """Return the bounds of pairs of bodies with the same joints; all or none are obstacles, and half-spaces."""
         proof, first = self._proof, self._proof.bodies[j[0]]
         path, up = proof.joints_between(int(i[0]), int(j[0]))
         one, other = _Placed(self, i, rows), _Placed(self, j, rows)
@@ -156,7 +141,7 @@ class IntervalBounds:
         revolute = np.array([[joint.revolute] for joint in joints])
         share = np.array([[abs(joint.multiplier)] for joint in joints])
         leaders = [joint.leader for joint in joints]
-        delta = share * (self._half_width[rows][:, leaders].T + proof.tolerance[leaders][:, None])
+        delta = share * (self.half_width[rows][:, leaders].T + proof.tolerance[leaders][:, None])
         chord = np.where(revolute, 2.0 * np.sin(np.minimum(delta, pi) / 2.0), delta)
         bend = np.where(revolute, np.hypot(delta - np.sin(delta), 1.0 - np.cos(np.minimum(delta, pi))), 0.0)
         w = np.array([self._axes[k][rows] for k in path])
@@ -181,7 +166,7 @@ class IntervalBounds:
         g = np.where(revolute[..., None], np.cross(u, w), 0.0)
         away = np.where(np.arange(len(path)) < up, -1.0, 1.0)  # a positive theta moves i nearer and j away
         signed = away * np.array([joint.multiplier for joint in joints])
-        theta = signed[:, None, None] * np.moveaxis(self._theta[rows][:, :, leaders], 2, 0)
+        theta = signed[:, None, None] * np.moveaxis(self.theta[rows][:, :, leaders], 2, 0)
         along = np.where(revolute, -np.einsum("crx,crx->cr", g, p), np.einsum("rx,crx->cr", u, w))
         slope_i = np.einsum("crk,crx->rkx", theta * of_i[..., None], g)
         slope_j = np.einsum("crk,crx->rkx", theta * ~of_i[..., None], g)
@@ -190,7 +175,7 @@ class IntervalBounds:
             np.einsum("crk,cr->rk", theta, along) - one.reach(u[:, None] - slope_i) - other.reach(-u[:, None] - slope_j)
         )
         close = linear.min(axis=1) - rest - self._deviation(one, other, g, along, of_i, revolute, share, leaders)
-        close = np.where(self._single[rows], close, -np.inf)
+        close = np.where(self.single[rows], close, -np.inf)
         return np.asarray(np.maximum(gap - rough, close) - proof.rounding)
 
     def _deviation(
@@ -204,7 +189,7 @@ class IntervalBounds:
         share: Array,
         leaders: list[int],
     ) -> Array:
-        """(R,) metres by which the joint tolerances reduce the distance, to first order."""
+        """Return (R,) metres by which the joint tolerances reduce the distance, to first order."""
         total = np.zeros(g.shape[1])
         for c, leader in enumerate(leaders):
             tolerance = share[c, 0] * self._proof.tolerance[leader]
@@ -236,7 +221,7 @@ class _BodyTable:
         self._points = np.array([len(body.points) if body.convex else 0 for body in bodies], dtype=np.int64)
 
     def reach(self, which: Indices, directions: Array) -> Array:
-        """(R, K) the supports of bodies ``which`` (R,) in directions (R, K, 3) in their own frames."""
+        """Return (R, K) the supports of bodies ``which`` (R,) in directions (R, K, 3) in their own frames."""
         found = np.empty(directions.shape[:2])
         order = np.argsort(which, kind="stable")
         few = []
@@ -256,7 +241,7 @@ class _BodyTable:
         return found
 
     def _support(self, which: Indices, directions: Array) -> Array:
-        """The supports of bodies that have the same number of points."""
+        """Return the supports of bodies that have the same number of points."""
         bodies = [self._bodies[k] for k in which.tolist()]
         return support(
             directions,
@@ -268,7 +253,7 @@ class _BodyTable:
 
 
 def _parts(rows: Indices, products: int) -> list[Indices]:
-    """Rows that need so many products each, in parts of :data:`PRODUCTS` or a single row."""
+    """Divide rows into parts of at most :data:`PRODUCTS` products, or of a single row."""
     step = max(1, PRODUCTS // max(1, products))
     return [rows[begin : begin + step] for begin in range(0, len(rows), step)]
 
@@ -286,18 +271,18 @@ class _Placed:
         self._centre = self._translation + (self.rotation @ self._table.centre[which, :, None])[..., 0]
 
     def reach(self, directions: Array) -> Array:
-        """(R, K) the supports in directions (R, K, 3) in root."""
+        """Return (R, K) the supports in directions (R, K, 3) in root."""
         local = self._table.reach(self._which, directions @ self.rotation)
         return np.asarray(local + np.einsum("rkc,rc->rk", directions, self._translation))
 
     def radius(self, w: Array, p: Array) -> Array:
-        """(c, R) upper bounds of the distance of the bodies' points from the axes along w through p, both (c, R, 3)."""
+        """Return (c, R) upper bounds of the distance of the bodies from axes along w through p, both (c, R, 3)."""
         out = np.cross(w, self._centre - p)
         return np.asarray(np.linalg.norm(out, axis=-1) + self._table.ball[self._which])
 
 
 def _rotation(axis: Array, angle: Array) -> Array:
-    """(T, 3, 3) the rotations about a unit axis (3,) by angles (T,) (Rodrigues)."""
+    """Return (T, 3, 3) the rotations about a unit axis (3,) by angles (T,) (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, rest = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
@@ -305,11 +290,11 @@ def _rotation(axis: Array, angle: Array) -> Array:
 
 
 def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
-    """Smallest and largest joint values (T, n) each, control points (T, K, n), and whether these are all (T,).
+    """Return smallest and largest joint values (T, n), control points (T, K, n), and whether these are all (T,).
 
-    A piece of the curve stays in the hull of its control points; of a part of a piece these are its blossoms (de
-    Casteljau's algorithm, with u0 and u1 as the parameters). Where an interval spans several pieces, only those of the
-    first are returned.
+    A piece of the curve is in the hull of its control points; those of a part of a piece are its blossoms (de
+    Casteljau's algorithm, with u0 and u1 as the parameters). If an interval spans several pieces, only the control
+    points of the first are returned.
     """
     begins, ends = curve.knots[:-1], curve.knots[1:]
     first = np.clip(np.searchsorted(begins, intervals[:, 0], side="right") - 1, 0, None)

@@ -13,7 +13,7 @@ from .reading import Refused, check_fields, index, is_text, items, member, numbe
 Array = npt.NDArray[np.float64]
 
 RIGID = 1e-9
-"""How far the columns of a rotation, or an axis, may be from orthonormal; they are then made orthonormal."""
+"""Largest error of rotation matrices and unit vectors, which are then made orthonormal."""
 
 JUMP = 1e-12
 """rad or m between the end of a piece of the curve and the start of the next: rounding, not motion."""
@@ -26,17 +26,26 @@ FASTEST = 1e6
 readers that round parameters (trajectory messages have nanoseconds) would lose the piece, and its motion with it."""
 
 LEVELS = 3
-"""How many sets of bodies, from coarse to fine, may represent a geometry."""
+"""Number of levels of detail, from coarse to fine, on which bodies may represent a geometry."""
 
 
 def placement(row: Any, where: str) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,), from three rows of four."""
+    """Return rotation (3, 3) and translation (3,) of three rows of four numbers."""
     place = numbers(row, where, "placement", (3, 4))
     rotation, translation = place[:, :3], place[:, 3]
     off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
     if not off <= RIGID or np.linalg.det(rotation) < 0:
         raise Refused(f"{where}.placement: is not rigid (off by {off:.3g})")
     return rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation), translation  # one Newton step to the nearest
+
+
+def unit_vector(row: Any, where: str, key: str) -> Array:
+    """Return the unit vector (3,) of a key, normalised."""
+    vector = numbers(row, where, key, (3,))
+    length = float(np.linalg.norm(vector))
+    if not abs(length - 1.0) <= RIGID:
+        raise Refused(f"{where}.{key}: its length must be 1, not {length}")
+    return vector / length
 
 
 class Joint:
@@ -55,11 +64,7 @@ class Joint:
         self.parent = index(member(row, where, "parent"), -1, k, f"{where}.parent")
         self.leader = index(member(row, where, "leader"), 0, dof, f"{where}.leader")
         self.multiplier, self.offset = number(row, where, "multiplier"), number(row, where, "offset")
-        axis = numbers(row, where, "axis", (3,))
-        length = float(np.linalg.norm(axis))
-        if not abs(length - 1.0) <= RIGID:
-            raise Refused(f"{where}.axis: its length must be 1, not {length}")
-        self.axis = axis / length
+        self.axis = unit_vector(row, where, "axis")
         self.rotation, self.translation = placement(row, where)
 
 
@@ -111,14 +116,15 @@ class Body:
 
     @property
     def extent(self) -> float:
-        """Metres from the frame that the body is placed in to its farthest point; of a half-space, to its surface."""
+        """Distance (m) of its farthest point from the frame of its joint; of a half-space, of its surface."""
         ball = self.ball if self.convex else 0.0
         return float(np.linalg.norm(self.translation) + np.linalg.norm(self.centre)) + ball
 
     def reach(self, directions: Array) -> Array:
-        """The support function: the largest d . x of the body for directions d (..., 3) of any length, in its frame.
+        """Return the support function: the largest d . x of the body for directions d (..., 3), in its frame.
 
-        Supports of Minkowski sums add up; that of a hull is the largest of its points' (Rockafellar 1970, section 13).
+        Supports of Minkowski sums add up; the support of a hull is the largest one of its points (Rockafellar 1970,
+        section 13).
         """
         if self.half_space:
             return np.where(_straight_up(directions), 0.0, np.inf)
@@ -126,9 +132,9 @@ class Body:
 
 
 def support(directions: Array, points: Array, discs: Array, radius: float | Array, semi: Array) -> Array:
-    """The support function of one convex body, or of many: then all but ``directions`` (R, K, 3) have R as first side.
+    """Return the support function of one convex body, or of R bodies with ``directions`` (R, K, 3).
 
-    Those are points (R, V, 3), disc radii (R, 1, V), radius (R, 1) and semi-axes (R, 1, 3).
+    The arguments of R bodies are points (R, V, 3), disc radii (R, 1, V), radius (R, 1) and semi-axes (R, 1, 3).
     """
     most = directions @ np.swapaxes(points, -1, -2)
     if discs.any():
@@ -183,7 +189,7 @@ class Curve:
 
 
 def _digest(*parts: Any) -> str:
-    """SHA-256 over texts and numbers, these as little-endian doubles."""
+    """Return the SHA-256 hash of texts and of numbers as little-endian doubles."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(part.encode() if isinstance(part, str) else np.asarray(part, dtype="<f8").tobytes())
@@ -191,7 +197,7 @@ def _digest(*parts: Any) -> str:
 
 
 def body_digest(row: Any) -> str:
-    """The hash of a body: its joint, placement and the numbers of its shape, in the order of docs/formats/proof.md."""
+    """Return the hash of a body: joint, placement and numbers of its shape, in the order of docs/formats/proof.md."""
     shape = row["shape"]
     parts: list[Any] = [row["joint"], row["placement"]]
     if isinstance(shape, dict):
@@ -200,5 +206,5 @@ def body_digest(row: Any) -> str:
 
 
 def curve_digest(names: tuple[str, ...], knots: Array, control: Array) -> str:
-    """The hash of a curve: joint names and shape as text, knots, control points; certificates carry the same hash."""
+    """Return the hash of a curve: joint names and shape as text, knots, control points; certificates have it too."""
     return _digest(repr((names, control.shape)), knots, control)

@@ -31,14 +31,14 @@ Indices = npt.NDArray[np.int64]
 FORMAT, VERSION = "pinproof proof", 2
 
 ROUNDING = 1e-9
-"""Metres allowed for floating point for each metre of reach: about 10^7 roundings of numbers of that size."""
+"""Allowance (m) for floating-point error for each metre of reach: about 10^7 roundings of numbers of that size."""
 
 TURNING = 1e3
-"""rad or m: up to this sum of all joint values, their own rounding is within :data:`ROUNDING`; beyond, it grows in
-proportion (an angle of 10^3 rad is rounded by 10^-13 rad)."""
+"""rad or m: the rounding of joint values is within :data:`ROUNDING` up to this sum of all joint values, and
+proportional to the sum beyond it (an angle of 10^3 rad is rounded by 10^-13 rad)."""
 
 UNIT = 1e-3
-"""How far the length of a direction may be from 1: it is rounded in the file, and normalised here."""
+"""Largest error of the length of a direction, which is rounded in the file and normalised here."""
 
 FIELDS = ("format", "version", "made_by", "claim", "settings", "hashes", "robot", "curve", "joints", "bodies", "notes",
           "excluded", "intervals", "pairs", "constraints")  # fmt: skip
@@ -53,22 +53,22 @@ class ProofVerdict:
     reasons
         What is wrong, each beginning with the place in the file; empty if the proof holds.
     clearance
-        Metres, derived again: no two checked bodies come nearer than this, anywhere in the tube around the curve. NaN
-        if the proof does not hold, infinite if it checks no pair.
+        Metres, derived again: the distance of two checked bodies is larger everywhere in the tube around the curve. NaN
+        if the proof does not hold, infinite if it has no pair.
     margin
-        Metres required between any two bodies that have no separate margin.
+        Required distance (m) of any two owners without an individual margin.
     margins
-        (owner, owner, metres) of those with one.
+        (owner, owner, metres) of each individual margin.
     joint_tolerance, obstacle_tolerance
-        (n,) rad or m that joints, and metres that obstacles, may deviate.
+        (n,) rad or m by which joints may deviate, and metres by which obstacles may deviate.
     pairs, intervals
-        Number of body pairs proven, and of the intervals of all of them.
+        Number of proven body pairs, and of the intervals of all pairs.
     excluded
         (owner, owner, reason): pairs that the proof does not cover; the reasons are the maker's own and not checked.
     constraints
         (name, proven largest error, tolerance, unit) of each constraint of the tcp, derived again; unit rad or m.
     compared, not_compared
-        What was compared with the caller's own files, and what was not: there the file is trusted.
+        What was compared with the caller's own files, and what was not, for which the proof file is trusted.
     """
 
     reasons: tuple[str, ...]
@@ -86,7 +86,7 @@ class ProofVerdict:
 
     @property
     def ok(self) -> bool:
-        """Whether the proof holds, and matches everything it was compared with."""
+        """Whether the proof holds and matches everything with which it was compared."""
         return not self.reasons
 
     def __str__(self) -> str:
@@ -110,7 +110,7 @@ class ProofVerdict:
 
 
 def verify(document: Any) -> ProofVerdict:
-    """Whether the proof in a parsed file holds; a malformed document is refused with a reason and raises nothing."""
+    """Return whether the proof in a parsed file holds; a malformed document is refused, and raises no exception."""
     try:
         proof = Proof(document)
         proof.check_complete()
@@ -136,7 +136,7 @@ def verify(document: Any) -> ProofVerdict:
 
 
 class Proof:
-    """A proof file whose parts are well formed, each by itself.
+    """The parts of a proof file, each of which is well formed.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Proof:
     Raises
     ------
     Refused
-        With the place, where it is malformed.
+        If the document is malformed; the message begins with the place.
     """
 
     def __init__(self, document: Any) -> None:
@@ -208,7 +208,7 @@ class Proof:
             raise Refused(f"{where}: no body has the owner {shown(unknown[0])}")
 
     def _rounding(self) -> float:
-        """Metres by which distances may be off in floating point: in proportion to reach and to joint values."""
+        """Return the allowance (m) for floating-point error of distances, in proportion to reach and joint values."""
         largest = np.abs(self.curve.control).max(axis=(0, 1)) + self.tolerance
         values = [abs(joint.multiplier) * float(largest[joint.leader]) + abs(joint.offset) for joint in self.joints]
         travel = sum(value for joint, value in zip(self.joints, values, strict=True) if not joint.revolute)
@@ -219,7 +219,7 @@ class Proof:
         return ROUNDING * max(1.0, reach) * max(1.0, turning / TURNING)
 
     def members(self, k: int) -> tuple[int, int]:
-        """The two bodies of pair k; an obstacle is the second."""
+        """Return the two bodies of pair k; an obstacle is the second."""
         where, pair = f"pairs[{k}].bodies", items(self.pairs[k], f"pairs[{k}]", "bodies")
         if len(pair) != 2:
             raise Refused(f"{where}: must be two bodies")
@@ -230,19 +230,19 @@ class Proof:
         return i, j
 
     def margin_between(self, i: int, j: int) -> float:
-        """Metres required between two bodies where obstacles are in place."""
+        """Return the required distance (m) of two bodies, without the tolerance of obstacles."""
         return self._margin_of.get(frozenset((self.bodies[i].owner, self.bodies[j].owner)), self.margin)
 
     def tolerance_of(self, j: int) -> float:
-        """Metres by which body j may deviate from its place."""
+        """Return the distance (m) by which body j may deviate from its placement."""
         return self.obstacle_tolerance if self.bodies[j].kind == "obstacle" else 0.0
 
     def required(self, i: int, j: int) -> float:
-        """Metres to prove between two bodies: their margin, and the tolerance of an obstacle."""
+        """Return the distance (m) to be proven between two bodies: their margin plus the tolerance of an obstacle."""
         return self.margin_between(i, j) + self.tolerance_of(j)
 
     def joints_between(self, i: int, j: int) -> tuple[list[int], int]:
-        """The joints on the path from body i to body j, and how many of them, from the first, carry i."""
+        """Return the joints on the path from body i to body j, and how many of them, from the first, move i."""
         up: list[int] = []
         down: list[int] = []
         a, b = self.bodies[i].joint, self.bodies[j].joint
@@ -256,10 +256,10 @@ class Proof:
         return [*up, *reversed(down)], len(up)
 
     def check_complete(self) -> None:
-        """Refuses the proof if two bodies are neither checked nor excluded by their owners.
+        """Refuse the proof if two bodies are neither checked nor excluded by their owners.
 
-        Exempt are only two obstacles, and bodies of one owner, which are fixed to one joint. A geometry may be checked
-        on any one of its levels, with all of its bodies there.
+        Only pairs of obstacles, and of bodies of one owner, which are fixed to one joint, are exempt. A geometry may be
+        checked on any of its levels, with all of its bodies of that level.
         """
         geometries: dict[str, dict[str, dict[int, list[int]]]] = {}
         for i, body in enumerate(self.bodies):
@@ -278,7 +278,7 @@ class Proof:
                         raise Refused(f"pairs: {a} and {b} are neither checked nor excluded")
 
     def check_pairs(self) -> tuple[float, int]:
-        """The smallest proven distance (m) and the number of intervals; refuses a pair that is not proven."""
+        """Return the smallest proven distance (m) and the number of intervals; refuse a pair that is not proven."""
         covers: set[bytes] = set()
         least, count = np.inf, 0
         if self.pairs:
@@ -297,9 +297,9 @@ class Proof:
         return least, count
 
     def _read_pair(self, k: int, covers: set[bytes]) -> tuple[Indices, Array]:
-        """The intervals (R,) of a pair and its directions (R, 3).
+        """Return the intervals (R,) of a pair and its directions (R, 3).
 
-        ``covers`` are the lists of intervals known to cover the curve: many pairs have the same.
+        ``covers`` are the lists of intervals that are known to cover the curve: many pairs have the same list.
         """
         pair, where = self.pairs[k], self._name_of(k)
         check_fields(pair, where, ("bodies", "intervals", "directions"))
@@ -311,7 +311,7 @@ class Proof:
         return rows, numbers(pair, where, "directions", (len(rows), 3))
 
     def _check_distances(self, k: Indices, rows: Indices, u: Array) -> float:
-        """The smallest proven distance (m) of pairs ``k`` (R,) on intervals (R,); refuses one that is too small."""
+        """Return the smallest proven distance (m) of pairs ``k`` (R,) on intervals (R,); refuse a smaller one."""
         length = np.linalg.norm(u, axis=1)
         bad = k[~(np.abs(length - 1.0) <= UNIT)]
         if len(bad):
@@ -320,7 +320,7 @@ class Proof:
         i, j = np.array(bodies)[k].T
         bound = IntervalBounds(self, self.intervals).distance(i, j, rows, u / length[:, None])
         required = np.array([self.required(*pair) for pair in bodies])[k]
-        short = np.flatnonzero(~(bound > required))  # written so that NaN is short
+        short = np.flatnonzero(~(bound > required))  # also true for NaN
         if len(short):
             row = short[0]
             interval = "[{:.9g}, {:.9g}]".format(*self.intervals[rows[row]])
@@ -333,17 +333,17 @@ class Proof:
         return f"pairs[{k}] ({self.bodies[i].name} and {self.bodies[j].name})"
 
     def errors_of(self, constraint: Constraint, intervals: Array) -> Array:
-        """(T,) upper bounds (rad or m) of the error of a constraint on intervals (T, 2)."""
+        """Return (T,) upper bounds (rad or m) of the error of a constraint on intervals (T, 2)."""
         return constraint.errors(IntervalBounds(self, intervals), self.joints, self.tolerance, self.rounding)
 
     def check_constraints(self) -> tuple[tuple[str, float, float, str], ...]:
-        """Name, proven largest error, tolerance and unit of each constraint; refuses one that is not proven."""
+        """Return name, proven largest error, tolerance and unit of each constraint; refuse one that is not proven."""
         found = []
         for each in self.constraints:
             self._check_intervals(each.intervals, f"{each.where}.intervals")
             self._check_cover(each.intervals, each.where)
             errors = self.errors_of(each, each.intervals)
-            bad = np.flatnonzero(~(errors <= each.largest))  # written so that NaN is refused
+            bad = np.flatnonzero(~(errors <= each.largest))  # also true for NaN
             if len(bad):
                 interval = "[{:.9g}, {:.9g}]".format(*each.intervals[bad[0]])
                 stated = f"{each.largest:.17g} {each.unit} is claimed"
@@ -352,7 +352,7 @@ class Proof:
         return tuple(found)
 
     def _check_intervals(self, intervals: Array, where: str) -> None:
-        """Refuses intervals (T, 2) without a length or outside the curve."""
+        """Refuse intervals (T, 2) without a length or outside the curve."""
         start, end = intervals.T
         outside = ~((start >= self.curve.low) & (end <= self.curve.high))
         wrong = np.flatnonzero(outside | ~((start <= end) if self.curve.single else (start < end)))
@@ -360,7 +360,7 @@ class Proof:
             raise Refused(f"{where}[{wrong[0]}]: must have a length and lie on the curve")
 
     def _check_cover(self, intervals: Array, where: str) -> None:
-        """Refuses intervals (R, 2) that leave out a part of the curve."""
+        """Refuse intervals (R, 2) that do not cover the whole curve."""
         rows = intervals[np.argsort(intervals[:, 0], kind="stable")]
         reached = np.concatenate([[self.curve.low], np.maximum.accumulate(rows[:, 1])])
         begins = np.append(rows[:, 0], self.curve.high)

@@ -1,4 +1,4 @@
-"""Reads a proof file and its values; whatever is malformed is refused with its place in the file.
+"""Reads a proof file and its values, and refuses malformed values with their place in the file.
 
 Nothing is converted silently: a number is a JSON number (no boolean, no text), an integer is an integer, a text is a
 printable text, and a field that this version does not define is refused.
@@ -25,21 +25,21 @@ LARGEST = 1e6
 """Largest magnitude of a number by default: double precision is too coarse for a proof beyond it."""
 
 EXACT_INTEGER = 1 << 53
-"""Up to here every integer is a double."""
+"""Up to this number every integer is a double."""
 
 LONGEST_INTEGER = 20
-"""Digits of an integer in a file; longer ones are refused before they are converted."""
+"""Largest number of digits of an integer; longer integers are refused before they are converted."""
 
 LARGEST_FILE = 1 << 28
-"""Bytes, compressed or not: proofs have about a thousandth of it."""
+"""Largest size (bytes) of a file, compressed or not: about a thousand times that of a proof."""
 
 
 class Refused(ValueError):
-    """What is wrong with a proof, beginning with the place."""
+    """A fault of a proof; the message begins with the place in the file."""
 
 
 def load(path: str | Path) -> Any:
-    """The parsed JSON of a file, compressed with gzip or not.
+    """Return the parsed JSON of a file, compressed with gzip or not.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def load(path: str | Path) -> Any:
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A mapping; two readers could disagree about which of two equal keys counts."""
+    """Return a mapping, and refuse repeated keys, of which readers may use either."""
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
@@ -98,7 +98,7 @@ def _short_integer(literal: str) -> int:
 
 
 def shown(value: Any) -> str:
-    """A short text for messages, whatever the value is."""
+    """Return a short text of any value for messages."""
     if isinstance(value, int) and not -EXACT_INTEGER <= value <= EXACT_INTEGER:
         return f"an integer of {value.bit_length()} bits"
     return ascii(value) if isinstance(value, str) and len(value) < 80 else reprlib.repr(value)
@@ -109,7 +109,7 @@ def _place(where: str, key: str) -> str:
 
 
 def member(holder: Any, where: str, key: str) -> Any:
-    """The value of a key."""
+    """Return the value of a key."""
     if not isinstance(holder, dict):
         raise Refused(f"{where or 'proof'}: must be a mapping")
     if key not in holder:
@@ -118,14 +118,14 @@ def member(holder: Any, where: str, key: str) -> Any:
 
 
 def check_fields(holder: Any, where: str, known: tuple[str, ...]) -> None:
-    """Refuses a mapping with other keys than those known; what it means is not known either."""
+    """Refuse a mapping with an unknown key, because its meaning is not known."""
     unknown = [key for key in holder if key not in known] if isinstance(holder, dict) else []
     if unknown:
         raise Refused(f"{where or 'proof'}: unknown field {shown(unknown[0])}; known are {', '.join(known)}")
 
 
 def items(holder: Any, where: str, key: str) -> list[Any]:
-    """The list of a key."""
+    """Return the list of a key."""
     found = member(holder, where, key)
     if type(found) is not list:
         raise Refused(f"{_place(where, key)}: must be a list")
@@ -133,7 +133,7 @@ def items(holder: Any, where: str, key: str) -> list[Any]:
 
 
 def text(holder: Any, where: str, key: str) -> str:
-    """The printable text of a key: messages name it, and control characters could forge them."""
+    """Return the text of a key, which must be printable: control characters could forge messages that contain it."""
     found = member(holder, where, key)
     if not is_text(found):
         raise Refused(f"{_place(where, key)}: must be a printable text, not {shown(found)}")
@@ -146,7 +146,7 @@ def is_text(value: Any) -> bool:
 
 
 def rows_of_names(holder: Any, where: str, key: str) -> list[Any]:
-    """The list of a key, of rows of two different names and a third entry of any kind."""
+    """Return the list of a key, whose rows are two different names and a third entry of any kind."""
     rows = items(holder, where, key)
     for k, row in enumerate(rows):
         if type(row) is not list or len(row) != 3 or not all(map(is_text, row[:2])) or row[0] == row[1]:
@@ -156,18 +156,18 @@ def rows_of_names(holder: Any, where: str, key: str) -> list[Any]:
 
 
 def numbers(holder: Any, where: str, key: str, shape: tuple[int | None, ...], largest: float = LARGEST) -> Array:
-    """The finite numbers of a key as an array of the given shape; None stands for any length."""
+    """Return the finite numbers of a key as an array of the given shape; None is any length."""
     place, sizes = _place(where, key), list(shape)
     found: list[float] = []
     _collect(member(holder, where, key), place, sizes, 0, found)
     array = np.array(found, dtype=np.float64)
-    if not (np.abs(array) <= largest).all():  # written so that NaN is refused
+    if not (np.abs(array) <= largest).all():  # also true for NaN
         raise Refused(f"{place}: a number is not finite, or its magnitude is above {largest:g}")
     return array.reshape([size or 0 for size in sizes])
 
 
 def _collect(value: Any, place: str, sizes: list[int | None], depth: int, found: list[float]) -> None:
-    """Appends the numbers of nested lists; a size that is still open is that of the first list found."""
+    """Append the numbers of nested lists; a size of None is set by the first list."""
     if depth == len(sizes):
         _append([value], place, found)
         return
@@ -193,12 +193,12 @@ def _append(values: list[Any], place: str, found: list[float]) -> None:
 
 
 def number(holder: Any, where: str, key: str) -> float:
-    """The finite number of a key."""
+    """Return the finite number of a key."""
     return float(numbers(holder, where, key, ()))
 
 
 def index(value: Any, low: int, end: int, where: str) -> int:
-    """An integer from ``low`` to below ``end``."""
+    """Return an index, which must be an integer from ``low`` to below ``end``."""
     if type(value) is not int or not low <= value < end:
         raise Refused(f"{where}: must be an index from {low} to below {end}, not {shown(value)}")
     return value

@@ -87,13 +87,7 @@ class Film:
 
 
 def checked_motion(arm: JointGroup, motion: Trajectory) -> Trajectory:
-    """Return the motion after checking that it is a trajectory of this arm.
-
-    Raises
-    ------
-    InputError
-        If it has no timing or other joints.
-    """
+    """Return the motion; InputError if it has no timing or other joints than the arm."""
     if not hasattr(motion, "duration"):
         raise InputError(f"a {type(motion).__name__} has no timing; convert it to a trajectory with time_parametrise")
     if tuple(motion.joint_names) != arm.joint_names:
@@ -212,14 +206,8 @@ def tracks(
 ) -> list[dict[str, Any]]:
     """The tracks of all links and carried objects that move, in the form that meshcat's ``set_animation`` expects.
 
-    Parameters
-    ----------
-    commands
-        Stores the arrays.
-    places
-        The node of each carried object by name; objects without a node are left out.
-    rest
-        Seconds that the last pose is shown.
+    ``places`` is the node of each carried object by name; objects without a node are left out. ``rest`` is the time (s)
+    for which the last pose is shown.
     """
     if len(shown.times) < 2:
         return []

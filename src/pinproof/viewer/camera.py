@@ -12,10 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision.geometry.inner_shapes import spiral_directions
 from pinproof.viewer.stage import DrawnObstacle, Stage, box_corners
 from pinproof.viewer.surfaces import Surface
 
@@ -109,23 +111,25 @@ class View:
         """Half the diagonal of the bounding box of the points, in metres."""
         return float(np.linalg.norm(self.points.max(axis=0) - self.points.min(axis=0))) / 2
 
+    def settings(self) -> dict[str, Any]:
+        """Return the settings from which the page computes the position of the camera for its canvas."""
+        return {
+            "direction": [round(float(v), 6) for v in self.direction],
+            "points": [[round(float(v), 4) for v in point] for point in self.points],
+            "fieldOfView": FIELD_OF_VIEW,
+            "leastDistance": LEAST_DISTANCE,
+            "margin": self.margin,
+        }
+
 
 def choose_view(
     stage: Stage, poses: Array, points: Array, *, also: Array | None = None, tool: Array | None = None
 ) -> View:
-    """Choose the view of a motion.
+    """Choose the view of a motion with poses (F, L, 4, 4) ``root_from_link`` of the links of the stage.
 
-    Parameters
-    ----------
-    poses
-        (F, L, 4, 4) ``root_from_link`` of the stage's links over the motion.
-    points
-        (N, 3) further points that the picture must contain, such as the tcp path and contacts.
-    also
-        (k, L, 4, 4) further poses of the links that the picture must contain, but that do not affect the direction.
-    tool
-        (M, 3) points of the tool and of carried parts over the motion. The picture contains them and the obstacles near
-        them.
+    The picture also contains ``points`` (N, 3), such as the tcp path and contacts, further poses ``also`` (k, L, 4, 4)
+    of the links, which do not affect the direction, and the points ``tool`` (M, 3) of the tool and of carried parts
+    over the motion, with the obstacles near them.
     """
     rng = np.random.default_rng(0)
     drawn = [k for k, link in enumerate(stage.links) if link.surfaces]
@@ -302,10 +306,7 @@ def _samples(surfaces: Sequence[Surface], count: int, rng: np.random.Generator) 
 
 def extremes(points: Array, directions: int = DIRECTIONS) -> Array:
     """The extreme points in some directions, which are distributed over the sphere by a Fibonacci spiral."""
-    k = np.arange(directions) + 0.5
-    z, turn = 1 - 2 * k / directions, np.pi * (1 + 5**0.5) * k
-    level = np.sqrt(1 - z * z)
-    outward = np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
+    outward = spiral_directions(directions)
     while len(points) > CHUNK:
         parts = (points[start : start + CHUNK] for start in range(0, len(points), CHUNK))
         points = np.concatenate([part[np.unique((outward @ part.T).argmax(axis=1))] for part in parts])

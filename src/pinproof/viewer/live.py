@@ -125,12 +125,12 @@ class LiveView:
     def move_to(self, q: npt.ArrayLike) -> None:
         """Show the arm at the configuration q (n,). A motion or a collision check shown before is removed."""
         configuration = self._picture.arm.configuration(q)
-        if self._page.moving or self._picture.check is not None:
+        if self._page.shown.moving or self._picture.check is not None:
             self._show(
                 replace(self._picture, trajectory=None, certificate=None, check=None, q=configuration, elbow=None)
             )
             return
-        stage, frames = self._page.stage, self._page.frames
+        stage, frames = self._page.shown.stage, self._page.shown.frames
         names = [node_path("robot", link.name) for link in stage.links]
         names += [node_path("frames", name) for name in frames]
         placed = [*stage.link_poses(configuration), *stage.frame_poses(configuration, frames)]

@@ -113,12 +113,7 @@ def frame_names(stage: Stage) -> list[str]:
 def add_frames(commands: Commands, placed: Mapping[str, Array], reach: float) -> dict[str, Any]:
     """Place frames and return the settings from which the script of the page draws their axes and names.
 
-    Parameters
-    ----------
-    placed
-        ``root_from_frame`` (4, 4) by name.
-    reach
-        Radius of the picture in metres.
+    ``placed`` is ``root_from_frame`` (4, 4) by name, ``reach`` the radius (m) of the picture.
     """
     for name, pose in placed.items():
         commands.set_transform(node_path("frames", name), pose)
@@ -242,20 +237,9 @@ def copies(
 ) -> list[dict[str, Any]]:
     """The settings from which the script of the page draws transparent copies of links.
 
-    Parameters
-    ----------
-    commands
-        Stores the arrays.
-    poses
-        (k, L, 4, 4) ``root_from_link`` of the drawn links; NaN if a link is not copied.
-    into
-        The parent node of the copies.
-    opacity
-        Opacity from 0 to 1.
-    hues
-        Colours of the k copies, used cyclically. Default: the colours of the links.
-    own
-        (L, 4, 4) poses of the links themselves. A copy with the same pose as its link or another copy is left out.
+    ``poses`` (k, L, 4, 4) are ``root_from_link`` of the drawn links, NaN if a link is not copied; ``into`` is the
+    parent node of the copies. ``hues`` are the colours of the k copies, used cyclically, by default those of the links.
+    A copy with the same pose as another copy, or as its link at ``own`` (L, 4, 4), is left out.
     """
     found = []
     rgb = np.array([hues[k % len(hues)] for k in range(len(poses))], dtype=np.float32) if hues else None

@@ -1,12 +1,19 @@
-"""The HTML page of a robot or a motion: one file that needs no network connection."""
+"""The HTML page of a robot or a motion: one file that needs no network connection.
+
+It contains the viewer of meshcat, commands, scripts, styles and texts.
+"""
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
+from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy.typing as npt
 
@@ -17,38 +24,26 @@ from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
-from pinproof.viewer.assembly import assemble, fill, part
 from pinproof.viewer.overlays import ColouredPoints
-from pinproof.viewer.picture import Picture
+from pinproof.viewer.picture import Picture, RenderedPicture
 from pinproof.viewer.plots import PlotLimits, plots_html
-from pinproof.viewer.stage import Stage
+from pinproof.viewer.wire import Commands
 
 NO_FRAMES: Mapping[str, SE3] = MappingProxyType({})
 
 
-@dataclass(frozen=True, eq=False)
-class Page:
-    """The HTML text of a page and what it shows.
+# The page runs only the scripts that it contains; the browser blocks every network request.
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; worker-src blob:; connect-src {connect}; base-uri 'none'; form-action 'none'"
+)
 
-    Parameters
-    ----------
-    text
-        The HTML text.
-    stage
-        The links and obstacles.
-    moving
-        Whether it shows a motion.
-    frames
-        The links whose frames are drawn.
-    start
-        Time (s) at which the page opens.
-    """
+
+class Page(NamedTuple):
+    """The HTML text of a page, and the picture that it shows."""
 
     text: str
-    stage: Stage
-    moving: bool
-    frames: tuple[str, ...] = ()
-    start: float = 0.0
+    shown: RenderedPicture
 
 
 def write_html(
@@ -136,6 +131,8 @@ def render_page(picture: Picture, *, live: str | None = None, plot: PlotLimits |
     title = picture.title or picture.arm.robot.name
     settings = {**rendered.settings, "live": live}
     summary = " \u00b7 ".join(rendered.caption.summary)
+    motion = picture.trajectory
+    plots = "" if motion is None else plots_html(motion, plot or PlotLimits.of(picture.arm))
     body = fill(
         part("page.html"),
         {
@@ -143,16 +140,76 @@ def render_page(picture: Picture, *, live: str | None = None, plot: PlotLimits |
             "caption": rendered.caption.html(rendered.stage.notes),
             "tone": rendered.caption.tone,
             "summary": escape(summary),
-            "plots": _plots(picture, plot),
+            "plots": plots,
         },
     )
     style, script = part("common.css") + part("page.css"), part("layers.js") + part("page.js")
     text = assemble(title, style, body, script, settings, rendered.commands, live=live is not None)
-    return Page(text, rendered.stage, rendered.moving, rendered.frames, rendered.settings["start"] or 0.0)
+    return Page(text, rendered)
 
 
-def _plots(picture: Picture, plot: PlotLimits | None) -> str:
-    """The plots of the motion of a picture; empty without a motion."""
-    if picture.trajectory is None:
-        return ""
-    return plots_html(picture.trajectory, plot or PlotLimits.of(picture.arm))
+def assemble(
+    title: str,
+    style: str,
+    body: str,
+    script: str,
+    settings: Mapping[str, Any],
+    commands: Commands,
+    *,
+    live: bool = False,
+) -> str:
+    """The HTML of a page with a title in plain text, CSS, an HTML body and JavaScript.
+
+    ``picture.js`` and ``player.js`` run before ``script``. The scripts have the object ``settings``, in which
+    references to arrays of ``commands`` (to the viewer of meshcat) become typed arrays. With ``live``, the page may
+    receive events from the server that sent it.
+    """
+    bundle, licences = _viewer_bundle()
+    own = "\n".join([part("picture.js"), part("player.js"), script])
+    values = {
+        "title": escape(title),
+        "policy": POLICY.format(connect="'self'" if live else "'none'"),
+        "style": style,
+        "body": body,
+        "licences": _inside_script(licences),
+        "bundle": _inside_script(bundle),
+        "settings": json.dumps(settings, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+        "commands": commands.json(),
+        "pictures": commands.pictures_json(),
+        "buffers": commands.base64(),
+        "script": f'"use strict";\n(function () {{\n{own}\n}})();',
+    }
+    return fill(part("shell.html"), values)
+
+
+def fill(template: str, values: Mapping[str, str]) -> str:
+    """Replace each ``{{name}}`` of a template in a single pass, so that inserted text is never replaced again."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], template)
+
+
+def part(name: str, package: str = "pinproof.viewer") -> str:
+    """The text of a file in a package."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")
+
+
+def _viewer_bundle() -> tuple[str, str]:
+    """The viewer of meshcat (MIT licence; it includes three.js and dat.GUI) and the licences to distribute with it."""
+    spec = find_spec("meshcat")  # does not import the package; see pinproof.viewer.wire
+    if spec is None or spec.origin is None:
+        raise ViewerError("meshcat is not installed; pages need its viewer: pip install meshcat")
+    folder = Path(spec.origin).parent / "viewer"
+    try:
+        bundle = (folder / "dist" / "main.min.js").read_text(encoding="utf-8")
+        notices = [
+            (folder / name).read_text(encoding="utf-8")
+            for name in ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
+            if (folder / name).is_file()
+        ]
+    except OSError as error:
+        raise ViewerError(f"the installed meshcat has no viewer at {error.filename}: reinstall it") from error
+    return bundle, "\n\n".join(["The viewer below is meshcat's.", *notices])
+
+
+def _inside_script(text: str) -> str:
+    """Escape a text so that it cannot close the ``<script>`` element that contains it."""
+    return re.sub(r"<(?=/script|!--)", r"\\x3c", text, flags=re.IGNORECASE)

@@ -24,7 +24,6 @@ from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3, finite, matrix, rigid
 from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, film_of_elbow, still
-from pinproof.viewer.assembly import view_settings
 from pinproof.viewer.camera import View, choose_view, tool_points
 from pinproof.viewer.overlays import (
     GHOST_HUES,
@@ -233,13 +232,7 @@ class Layer:
 
 
 def checked_layers(names: Collection[str]) -> frozenset[str]:
-    """Names of layers as a set.
-
-    Raises
-    ------
-    UnknownNameError
-        If a name is not in :data:`LAYERS`.
-    """
+    """Names of layers as a set; UnknownNameError if a name is not in :data:`LAYERS`."""
     for name in [names] if isinstance(names, str) else names:
         if name not in LAYERS:
             raise UnknownNameError("layer", name, LAYERS, "layers")
@@ -271,6 +264,11 @@ class RenderedPicture:
     moving: bool
     frames: tuple[str, ...]
 
+    @property
+    def start(self) -> float:
+        """Time (s) at which the page opens."""
+        return float(self.settings["start"] or 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Picture:
@@ -293,12 +291,8 @@ class Picture:
     def render(self) -> RenderedPicture:
         """Create the drawing commands, the settings and the caption.
 
-        Raises
-        ------
-        InputError
-            If fields contradict each other.
-        ViewerError
-            If the robot has no geometry, or a shape cannot be drawn.
+        InputError if fields contradict each other; ViewerError if the robot has no geometry, or a shape cannot be
+        drawn.
         """
         require_type("arm", self.arm, JointGroup)
         require_type("scene", self.scene, Scene, NoneType)
@@ -335,7 +329,7 @@ class Picture:
         layers = self._layers(stage, shown, wanted, marks=len(marks), steps=len(steps), ghosts=len(ghost_poses))
         own = shown.poses[0]
         settings = {
-            **view_settings(view),
+            **view.settings(),
             "duration": float(shown.times[-1]),
             "start": caption.contact.time if caption.contact is not None else None,
             "parameter": None if curve is None else self._parameter(curve),

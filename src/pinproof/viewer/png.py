@@ -73,13 +73,7 @@ FLAGS = (
 
 
 def find_browser() -> str:
-    """The path of a Chromium-based browser.
-
-    Raises
-    ------
-    ViewerError
-        If no browser is found.
-    """
+    """The path of a Chromium-based browser; ViewerError if no browser is found."""
     stated = os.environ.get(BROWSER_VARIABLE)
     if stated:
         found = shutil.which(stated)
@@ -97,25 +91,10 @@ def find_browser() -> str:
 
 
 def screenshot(html: str, fragment: str, size: tuple[int, int], browser: str, fallback_folder: Path) -> bytes:
-    """Render a page as PNG.
+    """Render a page as PNG of a size in pixels; ``fragment`` is that of its URL, such as ``#still``.
 
-    Parameters
-    ----------
-    html
-        The page.
-    fragment
-        The fragment of its URL, such as ``#still``.
-    size
-        Width and height in pixels.
-    browser
-        The path of the browser.
-    fallback_folder
-        Where temporary files are created if the browser cannot access the folder of the system.
-
-    Raises
-    ------
-    ViewerError
-        If the browser fails, exceeds :data:`TIMEOUT`, or does not support WebGL.
+    Temporary files are created in ``fallback_folder`` if the browser cannot access the folder of the system.
+    ViewerError if the browser fails, exceeds :data:`TIMEOUT`, or does not support WebGL.
     """
     confined = "/snap/" in str(Path(browser).resolve()) or "/snap/" in browser  # a snap has a private /tmp
     with tempfile.TemporaryDirectory(
@@ -212,7 +191,7 @@ def write_png(
     )  # fmt: skip
     browser = find_browser()
     page = render_page(picture)
-    shown_time = page.start if time is None else time
+    shown_time = page.shown.start if time is None else time
     content = screenshot(page.text, f"#still&t={shown_time:.6f}", size, browser, Path(path).absolute().parent)
     try:
         write_bytes_whole(path, content)

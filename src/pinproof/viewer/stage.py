@@ -119,21 +119,10 @@ def box_corners(surfaces: Iterable[Surface]) -> Array:
 def set_stage(
     arm: JointGroup, scene: Scene | None, attached: Sequence[Obstacle] = (), *, bodies: bool = False
 ) -> Stage:
-    """Load the surfaces of an arm and a scene.
+    """Load the surfaces of an arm and a scene, and with ``bodies`` those of the collision geometry of the links too.
 
-    A mesh that cannot be loaded is left out and named in ``notes``.
-
-    Parameters
-    ----------
-    attached
-        Objects that are drawn with the link of the tcp; their pose is ``tcp_from_object``.
-    bodies
-        Whether to load the collision geometry of the links too.
-
-    Raises
-    ------
-    ViewerError
-        If a shape cannot be drawn.
+    A mesh that cannot be loaded is left out and named in ``notes``; ViewerError if a shape cannot be drawn.
+    ``attached`` are objects that are drawn with the link of the tcp; their pose is ``tcp_from_object``.
     """
     notes: list[str] = []
     visuals, collisions = _by_link(arm.robot.urdf.visuals), _by_link(arm.robot.urdf.collisions)

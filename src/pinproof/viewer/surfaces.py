@@ -35,9 +35,11 @@ from pinproof.collision import (
     Shape,
     Sphere,
 )
+from pinproof.collision.geometry import triangles as triangles_module
 from pinproof.collision.geometry.bodies import triangles_of
 from pinproof.collision.geometry.hulls import hull_triangles
 from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
+from pinproof.collision.geometry.triangles import connected_parts
 from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description import LinkGeometry, meshes
 from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, collada_unit, read_mesh, resolved, z_up
@@ -128,7 +130,8 @@ def shade(
     first_edge, second_edge = first_edge[smooth], second_edge[smooth]
     rows = np.concatenate([low_corner[first_edge], high_corner[first_edge]])
     columns = np.concatenate([low_corner[second_edge], high_corner[second_edge]])
-    total, label = _components(3 * count, rows, columns)
+    label = connected_parts(3 * count, rows, columns)
+    total = int(label.max(initial=-1)) + 1
 
     normals = np.zeros((total, 3))
     np.add.at(normals, label, np.repeat(cross, 3, axis=0))
@@ -143,24 +146,6 @@ def shade(
     source = vertex_uv[:, 0]
     corners = vertex.reshape(count, 3).astype(np.int64)
     return Surface(positions[source], normals[source], corners, rgba, vertex_uv[:, 1:] * UV_GRID, image)
-
-
-def _components(
-    count: int, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]
-) -> tuple[int, npt.NDArray[np.int64]]:
-    """The number of connected components of a graph of ``count`` nodes with edges, and the component of each node."""
-    label = np.arange(count)
-    while True:
-        least = np.minimum(label[rows], label[columns])
-        smaller = label.copy()
-        np.minimum.at(smaller, label[rows], least)
-        np.minimum.at(smaller, label[columns], least)
-        smaller = smaller[smaller]
-        if np.array_equal(smaller, label):
-            break
-        label = smaller
-    roots, component = np.unique(label, return_inverse=True)
-    return len(roots), component.reshape(-1)
 
 
 def merge_by_colour(surfaces: Sequence[Surface]) -> list[Surface]:
@@ -234,43 +219,31 @@ TUBE_SIDES = 10
 def link_surfaces(geometry: LinkGeometry) -> list[Surface]:
     """Surfaces of a ``<visual>`` or ``<collision>`` element in the frame of its link, one for each colour.
 
-    The colours of the mesh file take precedence over the material of the URDF; the default is grey.
-
-    Raises
-    ------
-    MeshError
-        If a mesh is missing or unusable.
-    ViewerError
-        If the viewer cannot draw this kind of geometry.
+    The colours of the mesh file take precedence over the material of the URDF; the default is grey. MeshError if a mesh
+    is missing or unusable; ViewerError if the viewer cannot draw this kind of geometry.
     """
     if geometry.kind == "mesh":
-        if geometry.mesh is None:
-            raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} names no file")
-        path = resolved(geometry.mesh, geometry.link)
-        surfaces = _mesh(path, _three(geometry.size), geometry.rgba, LINK_GREY)
+        surfaces = _mesh(_file_of(geometry), _three(geometry.size), geometry.rgba, LINK_GREY)
     else:
         surfaces = [shade(*_primitive(geometry), geometry.rgba or LINK_GREY)]
     return [surface.moved(geometry.origin) for surface in surfaces]
 
 
 def body_surfaces(geometry: LinkGeometry) -> list[Surface]:
-    """Surfaces of a ``<collision>`` element in the frame of its link; a mesh is drawn as its convex hull.
-
-    Raises
-    ------
-    MeshError
-        If a mesh is missing or unusable.
-    ViewerError
-        If the viewer cannot draw this kind of geometry.
-    """
+    """Surfaces of a ``<collision>`` element in the frame of its link, a mesh as its hull; errors as `link_surfaces`."""
     if geometry.kind != "mesh":
         surface = shade(*_primitive(geometry), COLLISION_AMBER)
-    elif geometry.mesh is None:
-        raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} names no file")
     else:
-        mesh = read_mesh(resolved(geometry.mesh, geometry.link), _three(geometry.size))
+        mesh = read_mesh(_file_of(geometry), _three(geometry.size))
         (surface,) = _stored("hull", content_digest(mesh.vertices, mesh.triangles), lambda: [_hull_surface(mesh)])
     return [surface.moved(geometry.origin)]
+
+
+def _file_of(geometry: LinkGeometry) -> Path:
+    """Return the mesh file of a link."""
+    if geometry.mesh is None:
+        raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} names no file")
+    return resolved(geometry.mesh, geometry.link)
 
 
 def _hull_surface(mesh: TriangleMesh) -> Surface:
@@ -281,15 +254,7 @@ def _hull_surface(mesh: TriangleMesh) -> Surface:
 
 
 def obstacle_surfaces(obstacle: Obstacle) -> list[Surface]:
-    """Surfaces of an obstacle in its own frame.
-
-    Raises
-    ------
-    MeshError
-        If its mesh is missing or unusable.
-    ViewerError
-        If the viewer cannot draw this shape.
-    """
+    """Surfaces of an obstacle in its own frame; MeshError if its mesh is missing, ViewerError for an unknown shape."""
     shape, rgba = obstacle.shape, obstacle.rgba
     if isinstance(shape, Mesh) and shape.path is not None:
         return _mesh(Path(shape.path), _three(shape.scale), rgba, OBSTACLE_SAND, own_colours=rgba is None)
@@ -506,7 +471,13 @@ def _stored(kind: str, key: str, make: Callable[[], list[Surface]]) -> list[Surf
             found |= {f"{number:04d} {name}": value for name, value in values.items()}
         return found
 
-    found = cached(kind, key, arrays, code=[__file__, meshes.__file__], libraries=["trimesh", "pycollada", "pillow"])
+    found = cached(
+        kind,
+        key,
+        arrays,
+        code=[__file__, meshes.__file__, triangles_module.__file__],
+        libraries=["trimesh", "pycollada", "pillow"],
+    )
     surfaces = []
     for number in sorted({name.split()[0] for name in found}):
         values = {name.split()[1]: value for name, value in found.items() if name.startswith(f"{number} ")}

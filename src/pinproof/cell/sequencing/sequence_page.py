@@ -18,9 +18,9 @@ from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model.limits import guess_note
 from pinproof.spatial import SE3, matrix
 from pinproof.viewer.animation import Film, pose_tracks, tracks
-from pinproof.viewer.assembly import assemble, fill, part, view_settings
 from pinproof.viewer.camera import choose_view, placed_points, tool_points
 from pinproof.viewer.overlays import ColouredPoints
+from pinproof.viewer.page import assemble, fill, part
 from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import Stage, box_corners, set_stage, simplified
 from pinproof.viewer.wire import Commands, node_path
@@ -140,7 +140,7 @@ def write_page(
         },
     )
     style = part("common.css") + part("sequence_page.css", __package__)
-    settings = {**view_settings(view), **content}
+    settings = {**view.settings(), **content}
     text = assemble(texts.title, style, body, part("sequence_page.js", __package__), settings, commands)
     try:
         write_text_whole(path, text)

@@ -22,15 +22,14 @@ from pinproof.collision.certificates.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
-    Identity,
     MotionTube,
+    ProofLimits,
     UndecidedSpan,
-    changes_since,
     free_sentence,
-    identity_of,
     parameter_text,
 )
-from pinproof.collision.certificates.constraint_proofs import with_constraints
+from pinproof.collision.certificates.constraint_proofs import RESOLUTION, with_constraints
+from pinproof.collision.certificates.identity import Identity, changes_since, identity_of
 from pinproof.collision.certificates.parting import prove_parting
 from pinproof.collision.certificates.path_constraints import PathConstraint, check_constraints
 from pinproof.collision.checking.assembly import only_arm
@@ -132,48 +131,35 @@ def certify(
     joints = _checked_tolerances(curve, checker, joint_tolerance, obstacle_tolerance)
     if parting and (joints.any() or record):
         raise InputError("parting cannot be combined with joint_tolerance or record")
-    n, constraints = checker.group.dof, check_constraints(constraints)
+    constraints, checked_curve, group = check_constraints(constraints), curve, checker.group
     checker.refuse_changes()
-    arm_curve, group = curve, checker.group
     if movers:
         if parting or obstacle_tolerance:
             raise InputError("movers cannot be combined with parting or obstacle_tolerance; Mover has a tolerance")
-        curve, checker, tolerances = with_movers(curve, checker, movers)
-        joints = np.concatenate([joints, np.zeros(len(tolerances) - n)]) + tolerances
+        curve, checker, of_movers = with_movers(curve, checker, movers)
+        joints = np.concatenate([joints, np.zeros(len(of_movers) - len(joints))]) + of_movers
+    tolerances = TOLERANCES if tolerance is None else (tolerance,)
+    limits = ProofLimits(tolerances, max_intervals, joints, float(obstacle_tolerance), record)
 
-    obstacles = float(obstacle_tolerance)
-
-    def at(each: float) -> Certificate:
-        def prove(part: Curve, judge: CollisionChecker) -> Certificate:
-            settings = _settings(each, max_intervals, obstacles, record)
-            # the hashes and notes of a part are those of the complete curve, which prove_parting states
-            return _Proof(part, judge, settings, joints, obstacles, constraints, identify=not parting).run()
-
+    def certified(each: ProofLimits) -> Certificate:
         if not parting:
-            return prove(curve, checker)
+            return _Proof(curve, checker, each, constraints).run()
+        # The hashes and notes of a part are those of the complete curve, which prove_parting states.
+        unnamed = Identity("", "", ())
         return prove_parting(
             curve,
             checker,
             parting,
-            prove,
-            tolerance=each,
-            max_intervals=max_intervals,
-            obstacle_tolerance=obstacles,
+            lambda part, rest: _Proof(part, rest, each, constraints, identity=unnamed).run(),
+            each,
         )
 
-    certificate = _at_finer_tolerances(at, tolerance, max_intervals)
+    certificate = _at_finer_tolerances(certified, limits)
     if not constraints:
         return certificate
-    return with_constraints(
-        certificate,
-        arm_curve,
-        only_arm(group),
-        constraints,
-        tolerance=tolerance,
-        max_intervals=max_intervals,
-        joint_tolerance=joints[:n],
-        record=record,
-    )
+    resolution = RESOLUTION if tolerance is None else tolerance
+    of_arm = limits._replace(tolerances=(resolution,), joints=joints[: group.dof])
+    return with_constraints(certificate, checked_curve, only_arm(group), constraints, of_arm)
 
 
 def _checked_tolerances(
@@ -219,94 +205,67 @@ class KnownPairs(NamedTuple):
     """rad or m by which all joints could deviate with the proof of the known pairs still valid."""
     obstacle_tube: float
     """Metres by which all obstacles could be displaced."""
-    curve: str
-    """The hash of the curve."""
-    setup: str
-    """The hash of the setup of the complete checker."""
-    notes: tuple[str, ...]
-    """The notes of the complete checker."""
+    identity: Identity
+    """The hashes of the curve and of the setup of the complete checker, and its notes."""
     evidence_with: Callable[[Array], Array]
     """The evidence (K, 7) of all pairs from that of the rest."""
 
 
-def prove_rest(
-    curve: Curve,
-    checker: CollisionChecker,
-    known: KnownPairs,
-    *,
-    tolerance: float | None,
-    max_intervals: int,
-    joints: Array,
-    obstacles: float,
-    record: bool,
-) -> Certificate:
-    """Return the certificate of a curve of which some pairs are known to be apart; arguments as :func:`certify`."""
-
-    def at(each: float) -> Certificate:
-        settings = _settings(each, max_intervals, obstacles, record)
-        return _Proof(curve, checker, settings, joints, obstacles, (), known).run()
-
-    return _at_finer_tolerances(at, tolerance, max_intervals)
-
-
-def _at_finer_tolerances(
-    at: Callable[[float], Certificate], tolerance: float | None, max_intervals: int
-) -> Certificate:
-    """Return the certificate at the first of :data:`TOLERANCES`, or at the only one given, that is not UNDECIDED."""
-    first, *finer = TOLERANCES if tolerance is None else (tolerance,)
-    certificate = at(first)
-    for each in finer:
-        if certificate.status is not CertificateStatus.UNDECIDED or certificate.intervals >= max_intervals:
-            break
-        certificate = at(each)
-    return certificate
-
-
-def _settings(tolerance: float, max_intervals: int, obstacles: float, record: bool) -> ProofSettings:
-    return ProofSettings(
-        tolerance=tolerance,
-        max_intervals=max_intervals,
-        obstacle_tolerance=obstacles,
-        goal_share=GOAL_SHARE,
-        look_ahead=LOOK_AHEAD,
-        wants_tubes=True,
-        record=record,
+def prove_rest(curve: Curve, checker: CollisionChecker, known: KnownPairs, limits: ProofLimits) -> Certificate:
+    """Return the certificate of a curve of which some pairs are known to be apart."""
+    return _at_finer_tolerances(
+        lambda each: _Proof(curve, checker, each, (), known, identity=known.identity).run(), limits
     )
 
 
+def _at_finer_tolerances(prove: Callable[[ProofLimits], Certificate], limits: ProofLimits) -> Certificate:
+    """Return the certificate at the first tolerance at which it is not UNDECIDED."""
+    for each in limits.tolerances:
+        certificate = prove(limits._replace(tolerances=(each,)))
+        if certificate.status is not CertificateStatus.UNDECIDED or certificate.intervals >= limits.max_intervals:
+            break
+    return certificate
+
+
 class _Proof:
-    """The certification of one curve at one tolerance; pairs are those of the judge."""
+    """The certification of one curve at one tolerance.
+
+    Indices of pairs are those of ``_judge``: the checker without the known pairs, and with displaced obstacles.
+    """
 
     def __init__(
         self,
         curve: Curve,
         checker: CollisionChecker,
-        settings: ProofSettings,
-        joints: Array,
-        obstacles: float,
+        limits: ProofLimits,
         constraints: Sequence[PathConstraint],
         known: KnownPairs | None = None,
         *,
-        identify: bool = True,
+        identity: Identity | None = None,
     ) -> None:
-        self._identify = identify
         self._curve, self._checker, self._constraints, self._known = curve, checker, constraints, known
+        self._limits, self._identity = limits, identity
         judge = checker if known is None else known.rest
-        self._judge = judge.moved_obstacles(obstacles) if obstacles > 0 else judge
-        self._joints, self._obstacles = joints, obstacles
+        self._judge = judge.moved_obstacles(limits.obstacles) if limits.obstacles > 0 else judge
         self._largest_margin = float(self._judge.margins.max(initial=0.0))
         self._knots, self._control = (np.ascontiguousarray(part) for part in curve.bezier())
-        self._settings, self._state = settings, ProofState()
-        if known is not None:
-            self._begin_with(known)
-
-    def _begin_with(self, known: KnownPairs) -> None:
-        state = self._state
+        self._settings = ProofSettings(
+            tolerance=limits.tolerance,
+            max_intervals=limits.max_intervals,
+            obstacle_tolerance=limits.obstacles,
+            goal_share=GOAL_SHARE,
+            look_ahead=LOOK_AHEAD,
+            wants_tubes=True,
+            record=limits.record,
+        )
+        self._state = state = ProofState()
+        if known is None:
+            return
         state.proven, state.joint_tube, state.obstacle_tube = known.proven, known.joint_tube, known.obstacle_tube
-        near = self._checker.workspace.nearest(self._control[0, 0])
+        near = checker.workspace.nearest(self._control[0, 0])
         if near.nearest >= 0:
             state.observed = near.upper
-            state.spare = near.upper - float(self._checker.margins[near.nearest])
+            state.spare = near.upper - float(checker.margins[near.nearest])
 
     def run(self) -> Certificate:
         first, last = float(self._knots[0]), float(self._knots[-1])
@@ -323,7 +282,7 @@ class _Proof:
             self._knots,
             self._control,
             self._settings,
-            self._joints,
+            self._limits.joints,
             CoalJudge(judge.workspace),
             self._state,
         )
@@ -372,8 +331,10 @@ class _Proof:
     def _contact(self, pair: int, measured: Distance) -> Contact:
         """Return the contact of a pair, with the distance reduced by the tolerance of obstacles."""
         contact = self._judge.contact(pair, measured)
-        moved = self._obstacles if self._judge.bodies[self._judge.pairs[pair][1]].link is None else 0.0
-        return replace(contact, distance=contact.distance - moved) if moved else contact
+        moved = self._limits.obstacles
+        if not moved or self._judge.bodies[self._judge.pairs[pair][1]].link is not None:
+            return contact
+        return replace(contact, distance=contact.distance - moved)
 
     def _check_fixed_pairs(self) -> UndecidedSpan | None:
         """Check once the pairs that no joint moves relative to each other; their contacts were found at the start."""
@@ -383,7 +344,7 @@ class _Proof:
         if len(judge.still_pairs):
             proven = judge.still.lower - judge.rounding
             state.observed = min(state.observed, judge.still.upper)
-            state.proven = min(state.proven, proven - self._obstacles)
+            state.proven = min(state.proven, proven - self._limits.obstacles)
             slack = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
             state.obstacle_tube = min(state.obstacle_tube, slack)
         return None
@@ -403,13 +364,13 @@ class _Proof:
     @property
     def _tolerances(self) -> str:
         """The allowed deviations as text; empty without any."""
-        deviations = []
-        if self._joints.any():
-            low, high = float(self._joints.min()), float(self._joints.max())
+        deviations, joints, obstacles = [], self._limits.joints, self._limits.obstacles
+        if joints.any():
+            low, high = float(joints.min()), float(joints.max())
             by = f"{high:g} rad or m" if low == high else "the given tolerances"
             deviations.append(f"joints may deviate by up to {by}")
-        if self._obstacles:
-            deviations.append(f"obstacles may deviate by up to {self._obstacles * 1e3:g} mm")
+        if obstacles:
+            deviations.append(f"obstacles may deviate by up to {obstacles * 1e3:g} mm")
         return " and ".join(deviations)
 
     def _colliding(self, time: float, q: Array, contact: Contact, proven_free_until: float) -> Certificate:
@@ -422,7 +383,7 @@ class _Proof:
         return self._certificate(CertificateStatus.COLLIDING, message, first_contact=first)
 
     def _undecided(self, span: UndecidedSpan) -> Certificate:
-        budget = self._settings.max_intervals
+        budget = self._limits.max_intervals
         spent = self._state.intervals >= budget
         limit = f"limit of {budget} intervals" if spent else f"tolerance of {self._settings.tolerance * 1e3:g} mm"
         message = (
@@ -445,11 +406,8 @@ class _Proof:
     ) -> Certificate:
         checker, state, known = self._checker, self._state, self._known
         free = status is CertificateStatus.FREE
-        if known is not None:
-            curve, setup, notes = known.curve, known.setup, known.notes
-        else:
-            curve, setup, notes = identity_of(self._curve, checker) if self._identify else Identity("", "", ())
-        evidence = state.evidence if self._settings.record else None
+        curve, setup, notes = identity_of(self._curve, checker) if self._identity is None else self._identity
+        evidence = state.evidence if self._limits.record else None
         if evidence is not None and known is not None:
             evidence = known.evidence_with(evidence)
         records = getattr(self._curve, "certified", ())  # of a trajectory that was read from a file
@@ -471,8 +429,8 @@ class _Proof:
             setup=setup,
             notes=(*notes, *changes),
             tube=MotionTube(
-                read_only(self._joints),
-                self._obstacles,
+                read_only(self._limits.joints),
+                self._limits.obstacles,
                 max(state.joint_tube, 0.0) if free else np.nan,
                 max(state.obstacle_tube, 0.0) if free else np.nan,
             ),

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import ConstraintSettings, prove_constraint
-from pinproof.collision.certificates.certificate import Certificate, CertificateStatus, parameter_text
+from pinproof.collision.certificates.certificate import Certificate, CertificateStatus, ProofLimits, parameter_text
 from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     ConstraintViolation,
@@ -47,27 +46,29 @@ def with_constraints(
     curve: Curve,
     arm: Arm,
     constraints: Sequence[PathConstraint],
-    *,
-    tolerance: float | None,
-    max_intervals: int,
-    joint_tolerance: Array,
-    record: bool,
+    limits: ProofLimits,
 ) -> Certificate:
-    """Return a certificate of collisions with the proofs of constraints on the same curve; arguments as `certify`."""
+    """Return a certificate of collisions with the proofs of constraints on the same curve of an arm."""
     settings = ConstraintSettings(
-        resolution=RESOLUTION if tolerance is None else tolerance,
-        max_intervals=max_intervals,
+        resolution=limits.tolerance,
+        max_intervals=limits.max_intervals,
         goal_share=GOAL_SHARE,
         look_ahead=LOOK_AHEAD,
-        record=record,
+        record=limits.record,
     )
     knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
     proofs: list[ConstraintProof] = []
     violations: list[ConstraintViolation] = []
     undecided: list[UndecidedConstraint] = []
     for each in constraints:
-        state = prove_constraint(arm.chain, each.compiled(), knots, control, settings, joint_tolerance)
-        proofs.append(_proof(each, state, record, _worst(each, arm, curve) if state.violation is not None else 0.0))
+        state = prove_constraint(arm.chain, each.compiled(), knots, control, settings, limits.joints)
+        observed = float(state.observed)
+        if state.violation is not None:  # samples show by how much the constraint is violated
+            samples = curve(np.linspace(*curve.domain, SAMPLES))
+            observed = max(observed, *(each.error(arm, q) for q in samples))
+        largest = float(state.proven) if state.satisfied else np.nan
+        evidence = read_only(state.evidence) if limits.record else None
+        proofs.append(ConstraintProof(each, largest, observed, int(state.intervals), evidence))
         if state.violation is not None:
             found, until = state.violation, state.violation.time if state.open is None else state.open.start
             violations.append(ConstraintViolation(each, found.time, np.array(found.q), found.error, until))
@@ -75,7 +76,7 @@ def with_constraints(
             undecided.append(UndecidedConstraint(state.open.start, state.open.end, each, state.open.error))
     violation = min(violations, key=lambda each: each.time, default=None)
     span = min(undecided, key=lambda each: each.start, default=None)
-    status, message = _verdict(certificate, curve, tuple(proofs), violation, span, max_intervals)
+    status, message = _verdict(certificate, curve, tuple(proofs), violation, span, limits.max_intervals)
     combined = replace(
         certificate,
         status=status,
@@ -84,18 +85,12 @@ def with_constraints(
         violation=violation,
         undecided_constraint=span,
     )
-    return combined if status is CertificateStatus.FREE else _without_proof(combined)
-
-
-def _worst(constraint: PathConstraint, arm: Arm, curve: Curve) -> float:
-    """The largest error (rad or m) at samples of a curve, which shows by how much it violates a constraint."""
-    return max(constraint.error(arm, q) for q in curve(np.linspace(*curve.domain, SAMPLES)))
-
-
-def _proof(constraint: PathConstraint, state: Any, record: bool, sampled: float) -> ConstraintProof:
-    largest = float(state.proven) if state.satisfied else np.nan
-    evidence = read_only(state.evidence) if record else None
-    return ConstraintProof(constraint, largest, max(float(state.observed), sampled), int(state.intervals), evidence)
+    if status is CertificateStatus.FREE:
+        return combined
+    tube = combined.tube
+    if tube is not None:
+        tube = replace(tube, largest_joints=np.nan, largest_obstacles=np.nan)
+    return replace(combined, clearance=np.nan, tube=tube)
 
 
 def _verdict(
@@ -107,7 +102,6 @@ def _verdict(
     max_intervals: int,
 ) -> tuple[CertificateStatus, str]:
     """The status of both proofs together, and its sentence. A contact is reported before a violation."""
-    parts = [certificate.message]
     status = certificate.status
     if violation is not None:
         worst = max(proof.observed for proof in proofs if proof.constraint is violation.constraint)
@@ -126,8 +120,7 @@ def _verdict(
         if status is CertificateStatus.FREE:
             return CertificateStatus.UNDECIDED, f"{words}; {certificate.message}"
         return status, f"{certificate.message}; also, {words}"
-    parts += map(str, proofs)
-    return status, "; ".join(parts)
+    return status, "; ".join([certificate.message, *map(str, proofs)])
 
 
 def _violation_text(violation: ConstraintViolation, worst: float, curve: Curve) -> str:
@@ -137,11 +130,3 @@ def _violation_text(violation: ConstraintViolation, worst: float, curve: Curve) 
         f"{constraint} is violated from {parameter_text(curve, violation.time)}: an error of "
         f"{amount(constraint, worst)} is reached, {excess} too much"
     )
-
-
-def _without_proof(certificate: Certificate) -> Certificate:
-    """The certificate without the numbers that only a FREE one has."""
-    tube = certificate.tube
-    if tube is not None:
-        tube = replace(tube, largest_joints=np.nan, largest_obstacles=np.nan)
-    return replace(certificate, clearance=np.nan, tube=tube)

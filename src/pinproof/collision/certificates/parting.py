@@ -23,11 +23,12 @@ from pinproof.collision.certificates.certificate import (
     FirstContact,
     MotionTube,
     Parting,
+    ProofLimits,
     UndecidedSpan,
     free_sentence,
-    identity_of,
     parameter_text,
 )
+from pinproof.collision.certificates.identity import identity_of
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.checking.coal_checks import Distance
 from pinproof.collision.checking.separation import (
@@ -63,29 +64,16 @@ def prove_parting(
     checker: CollisionChecker,
     names: Sequence[tuple[str, str]],
     prove: Prove,
-    *,
-    tolerance: float,
-    max_intervals: int,
-    obstacle_tolerance: float,
+    limits: ProofLimits,
 ) -> Certificate:
     """Return the certificate of a curve along which pairs separate that may touch at its start.
 
-    Parameters
-    ----------
-    names
-        Pairs of an obstacle and a link or attached object, in either order.
-    prove
-        The ordinary certification of a curve with a checker.
-    tolerance, max_intervals, obstacle_tolerance
-        As for :func:`pinproof.certify`.
-
-    Raises
-    ------
-    UnknownNameError, InputError
-        If a name is unknown, a pair is not an obstacle and a body of the robot, or is not checked.
+    ``names`` are pairs of an obstacle and a link or attached object, in either order; a name that is unknown, of
+    another kind or not checked is refused. ``prove`` is the ordinary certification of a curve with a checker, within
+    ``limits``.
     """
     knots, control = curve.bezier()
-    motion = _Motion(curve, knots, control, tolerance, max_intervals, obstacle_tolerance)
+    motion = _Motion(curve, knots, control, limits)
     separating_pairs, full, start_contact = _departures(checker, _indices(checker, names), motion)
     if start_contact is not None:
         return _start_contact_verdict(curve, checker, start_contact, prove)
@@ -97,7 +85,7 @@ def prove_parting(
         space = full.checker.placed(bezier.evaluate(knots, control, first)) if separated else None
         for separating in separated:
             attained = np.inf if space is None else space.measure(separating.pair).attained
-            if attained - obstacle_tolerance <= full.checker.margins[separating.pair]:
+            if attained - limits.obstacles <= full.checker.margins[separating.pair]:
                 not_separated = _not_separated(full.checker, separating, motion, prove)
                 return _on_complete_curve(curve, checker, proven, not_separated)
         # Pairs of bodies are omitted, not of owners: other bodies of the same owners are checked on the whole curve.
@@ -107,7 +95,7 @@ def prove_parting(
         proven.append(prove(_Part.of(curve, first, last), full.checker.without_pairs(apart) if apart else checker))
         if not proven[-1].free:
             return _on_complete_curve(curve, checker, proven[:-1], proven[-1])
-    return _free(curve, checker, proven, separating_pairs, obstacle_tolerance)
+    return _free(curve, checker, proven, separating_pairs, limits.obstacles)
 
 
 def _free(
@@ -118,26 +106,18 @@ def _free(
     obstacle_tolerance: float,
 ) -> Certificate:
     """Return the certificate of a curve whose parts are all proven."""
-    touching = _that_touch(separating_pairs, float(curve.bezier()[0][0]))
+    touching = _reported(separating_pairs, float(curve.bezier()[0][0]))
     partings = tuple(
-        Parting(
-            separating.bodies,
-            read_only(separating.departure.normal.copy()),
-            separating.gap,
-            separating.until,
-            separating.proof.end,
-        )
-        for separating in touching
+        Parting(each.bodies, read_only(each.departure.normal.copy()), each.gap, each.until, each.proof.end)
+        for each in touching
     )
     clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)
     message = "; ".join([free_sentence(clearance, len(checker.pairs), len(checker.excluded)), *map(str, partings)])
     slack = [c.tube.largest_obstacles for c in proven if c.tube is not None]
-    slack += [DEEPEST + separating.gap - obstacle_tolerance for separating in separating_pairs] + [
-        separating.slack for separating in separating_pairs
-    ]
+    slack += [min(DEEPEST + each.gap - obstacle_tolerance, each.slack) for each in separating_pairs]
     tube = MotionTube(read_only(np.zeros(checker.group.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
     complete = _on_complete_curve(curve, checker, proven[:-1], proven[-1])
-    intervals = complete.intervals + sum(separating.proof.intervals for separating in separating_pairs)
+    intervals = complete.intervals + sum(each.proof.intervals for each in separating_pairs)
     return replace(
         complete,
         message=message,
@@ -149,8 +129,11 @@ def _free(
     )
 
 
-def _that_touch(separating_pairs: Sequence[_SeparatingPair], start: float) -> list[_SeparatingPair]:
-    """Return the pairs within their margin after the start; for owners without any, the pair with the smallest gap."""
+def _reported(separating_pairs: Sequence[_SeparatingPair], start: float) -> list[_SeparatingPair]:
+    """Return the pairs that a certificate lists: those within their margin after the start.
+
+    For owners without such a pair, it is the pair with the smallest gap.
+    """
     touching = [separating for separating in separating_pairs if separating.until > start]
     named = {separating.bodies for separating in touching}
     others: dict[tuple[str, str], _SeparatingPair] = {}
@@ -169,9 +152,12 @@ class _Motion(NamedTuple):
     curve: Curve
     knots: Array
     control: Array
-    tolerance: float
-    max_intervals: int
-    obstacle_tolerance: float
+    limits: ProofLimits
+
+    @property
+    def obstacle_tolerance(self) -> float:
+        """The tolerance (m) of obstacles."""
+        return self.limits.obstacles
 
     @property
     def start(self) -> Array:
@@ -180,7 +166,7 @@ class _Motion(NamedTuple):
 
     def follow(self, departure: Departure, enough: float) -> DepartureProof:
         """Follow the curve while the body is proven not to approach."""
-        return departure.follow(self.knots, self.control, enough, self.tolerance, self.max_intervals)
+        return departure.follow(self.knots, self.control, enough, self.limits.tolerance, self.limits.max_intervals)
 
     def gap(self, departure: Departure, t: float) -> float:
         """Return the gap (m) at a parameter."""
@@ -459,7 +445,7 @@ def _start_contact_verdict(
         )
         return _on_complete_curve(curve, checker, [], replace(found, message=message))
     message = (
-        f"{one} and {other} are {_apart(start_contact.distance)} at the start (margin "
+        f"{one} and {other} are {_distance_text(start_contact.distance)} at the start (margin "
         f"{start_contact.margin * 1e3:g} mm), and no direction separates {other} from the convex hull of {one}; "
         f"model {one} by several convex shapes"
     )
@@ -471,7 +457,7 @@ def _start_contact_verdict(
     return _on_complete_curve(curve, checker, [], undecided)
 
 
-def _apart(distance: float) -> str:
+def _distance_text(distance: float) -> str:
     if distance > 0:
         return f"{distance * 1e3:.2f} mm apart"
     return f"{-distance * 1e3:.2f} mm in penetration" if distance < -5e-6 else "in contact"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +48,10 @@ class Upright:
         If the tolerance is out of its range, or a vector is zero or not finite.
     """
 
+    name: ClassVar[str] = "upright"
+    """The name in messages and files."""
+    unit: ClassVar[str] = "rad"
+    """The unit of the error and the tolerance."""
     tolerance: float
     axis_in_tcp: Vector = (0.0, 0.0, 1.0)
     up: Vector = (0.0, 0.0, 1.0)
@@ -62,16 +66,6 @@ class Upright:
         """The constraint with the axis of the tcp that points along ``up`` at q (n,): what is upright stays upright."""
         axis = arm.forward_kinematics(q).rotation.T @ np.array(_unit("up", up))
         return cls(tolerance=tolerance, axis_in_tcp=_vector(axis), up=_vector(up))
-
-    @property
-    def name(self) -> str:
-        """The name in messages and files."""
-        return "upright"
-
-    @property
-    def unit(self) -> str:
-        """The unit of the error and the tolerance."""
-        return "rad"
 
     def error(self, arm: Arm, q: npt.ArrayLike) -> float:
         """The angle (rad) at q (n,), by Pinocchio's forward kinematics."""
@@ -111,6 +105,10 @@ class Within:
         If the tolerance is out of its range, a number is not finite, or ``low`` exceeds ``high``.
     """
 
+    name: ClassVar[str] = "within"
+    """The name in messages and files."""
+    unit: ClassVar[str] = "m"
+    """The unit of the error and the tolerance."""
     tolerance: float
     base_from_region: SE3
     low: Vector
@@ -174,16 +172,6 @@ class Within:
             low=(0.0, 0.0, -np.inf), high=(0.0, 0.0, np.inf), point_in_tcp=_vector(point_in_tcp), shape="line",
         )  # fmt: skip
 
-    @property
-    def name(self) -> str:
-        """The name in messages and files."""
-        return "within"
-
-    @property
-    def unit(self) -> str:
-        """The unit of the error and the tolerance."""
-        return "m"
-
     def error(self, arm: Arm, q: npt.ArrayLike) -> float:
         """The distance (m) of the point from the region at q (n,), by Pinocchio's forward kinematics."""
         point = arm.forward_kinematics(q).act(np.array(self.point_in_tcp))
@@ -223,6 +211,10 @@ class LookAt:
         As :class:`Upright`.
     """
 
+    name: ClassVar[str] = "look_at"
+    """The name in messages and files."""
+    unit: ClassVar[str] = "rad"
+    """The unit of the error and the tolerance."""
     point: Vector
     tolerance: float
     axis_in_tcp: Vector = (0.0, 0.0, 1.0)
@@ -231,16 +223,6 @@ class LookAt:
         object.__setattr__(self, "point", _vector(finite("LookAt.point", self.point, (3,))))
         object.__setattr__(self, "tolerance", _angle("LookAt.tolerance", self.tolerance))
         object.__setattr__(self, "axis_in_tcp", _unit("LookAt.axis_in_tcp", self.axis_in_tcp))
-
-    @property
-    def name(self) -> str:
-        """The name in messages and files."""
-        return "look_at"
-
-    @property
-    def unit(self) -> str:
-        """The unit of the error and the tolerance."""
-        return "rad"
 
     def error(self, arm: Arm, q: npt.ArrayLike) -> float:
         """The angle (rad) at q (n,), by Pinocchio's forward kinematics; pi if the tcp is at the point."""
@@ -327,13 +309,7 @@ class UndecidedConstraint:
 
 
 def check_constraints(constraints: Sequence[PathConstraint]) -> tuple[PathConstraint, ...]:
-    """Return the constraints as a tuple.
-
-    Raises
-    ------
-    InputError
-        If one of them is not a constraint.
-    """
+    """Return the constraints as a tuple; InputError if one of them is not a constraint."""
     if isinstance(constraints, (Upright, Within, LookAt)):
         raise InputError("constraints must be a sequence of constraints; write constraints=[...]")
     for each in constraints:

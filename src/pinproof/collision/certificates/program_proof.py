@@ -54,6 +54,14 @@ TRACKING = 0.01
 SAME_END = 1e-6
 """rad: largest difference of the configuration at the end of a linear move from that of the text."""
 
+SEVERITY = [
+    CertificateStatus.FREE,
+    CertificateStatus.UNDECIDED,
+    CertificateStatus.VIOLATED,
+    CertificateStatus.COLLIDING,
+]
+"""The statuses of parts in increasing order; the status of a program is the last one that occurs."""
+
 SMALLEST_RADIUS = 0.0005
 """m: a blend with a smaller radius hardly differs from a stop."""
 
@@ -91,8 +99,9 @@ class ProgramCertificate:
     notes
         What the certificate assumes about the controller, and what it does not cover.
     overlaps
-        Lines of blends that may overlap with the blend before, so that a controller may skip a point, that are at the
-        first point, to which the move is not known, or that are before a linear move. The program is then UNDECIDED.
+        Lines of blends that cannot be covered: they may overlap with the previous blend, so that a controller may skip
+        a point, are at the first point, to which the move is not known, or are before a linear move. The program is
+        then UNDECIDED.
     outside_limits
         The points of the program that violate the position limits, and the linear moves on which a joint may do so.
     untraced
@@ -121,7 +130,7 @@ class ProgramCertificate:
         found = {part.certificate.status for part in self.parts}
         if self.overlaps or self.untraced:
             found.add(CertificateStatus.UNDECIDED)
-        return found.pop() if len(found) == 1 else max(found - {CertificateStatus.FREE}, key=_severity)
+        return max(found, key=SEVERITY.index)
 
     @property
     def clearance(self) -> float:
@@ -131,11 +140,8 @@ class ProgramCertificate:
     @property
     def hash(self) -> str:
         """The hash of curves, tolerances, setups and results of all parts, which the text of the program names."""
-        rows = [
-            [part.blend, each.curve, each.setup, each.status.name, str(each.tube)]
-            for part in self.parts
-            for each in [part.certificate]
-        ]
+        proofs = [(part.blend, part.certificate) for part in self.parts]
+        rows = [[blend, each.curve, each.setup, each.status.name, str(each.tube)] for blend, each in proofs]
         return hashlib.sha256(json.dumps(rows).encode("utf-8")).hexdigest()
 
     @property
@@ -157,7 +163,7 @@ class ProgramCertificate:
         return f"{self.status.name}: {part.name}: {part.certificate.message}"
 
     def or_raise(self) -> ProgramCertificate:
-        """The certificate itself; NotProvenFree if it is not FREE."""
+        """Return the certificate if it is FREE, otherwise raise NotProvenFree."""
         if not self.free:
             raise NotProvenFree(self.message)
         return self
@@ -167,10 +173,6 @@ class ProgramCertificate:
 
     def __repr__(self) -> str:
         return outline(f"ProgramCertificate({self.message})", (f"{p.name}: {p.certificate}" for p in self.parts))
-
-
-def _severity(status: CertificateStatus) -> int:
-    return [CertificateStatus.UNDECIDED, CertificateStatus.VIOLATED, CertificateStatus.COLLIDING].index(status)
 
 
 def certify_program(program: RobotProgram, checker: CollisionChecker) -> ProgramCertificate:
@@ -290,7 +292,7 @@ def export_program(
 
 
 def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
-    """The steps with longer durations of the moves that begin or end at a stop, as the limits of the arm require."""
+    """Return the steps, with the moves that begin or end at a stop as long as the limits of the arm require."""
     longer = list(steps)
     at: int | None = None
     for k, step in enumerate(steps):
@@ -311,7 +313,7 @@ def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
 
 
 def _smaller(blend: Blend | None) -> Blend | None:
-    """The next smaller blend; None, a stop, if no worthwhile one exists."""
+    """Return a blend of half the radius; None, which is a stop, if it would be too small."""
     if blend is None or blend.radius is None or blend.radius / 2 < SMALLEST_RADIUS:
         return None
     return Blend(blend.radius / 2)
@@ -338,7 +340,7 @@ def _steps(
 def _executed(
     program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]
 ) -> Iterator[tuple[str, int, bool, Curve, Array]]:
-    """The parts of a program: name, line, whether a blend, curve and tolerance (n,) of each joint."""
+    """Yield the parts of a program: name, line, whether it is a blend, curve, and tolerance (n,) of each joint."""
     even = np.full(arm.dof, program.deviation)
     names = program.joint_names
     moves = program.moves
@@ -366,7 +368,7 @@ def _executed(
 
 
 def _traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, LineTrace], tuple[str, ...]]:
-    """The program with the configurations at the ends of its linear moves, their traces by line, and what has none."""
+    """Return the program with the configurations at the ends of its linear moves, the traces by line, and failures."""
     steps, traces, untraced = list[Step](), dict[int, LineTrace](), list[str]()
     here: Array | None = None
     for step in program.steps:
@@ -386,7 +388,7 @@ def _traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, Li
 
 
 def _trace(step: LinearMove, here: Array | None, arm: Arm) -> tuple[LineTrace, str]:
-    """The trace of a linear move, and why it is not that of the text, if so."""
+    """Return the trace of a linear move, and the reason why it is not the move of the text, or an empty text."""
     stated = step.q  # a linear move states one of the two
     target = step.pose if step.pose is not None else arm.forward_kinematics(arm.home if stated is None else stated)
     if here is None:
@@ -399,7 +401,7 @@ def _trace(step: LinearMove, here: Array | None, arm: Arm) -> tuple[LineTrace, s
 
 
 def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]:
-    """The steps in which moves from stop to stop along a straight line of the tcp are one linear move."""
+    """Return the steps with one linear move for moves from stop to stop along a straight line of the tcp."""
     moves = [step for step in steps if isinstance(step, JointMove)]
     if len(moves) < len(steps):
         raise InputError("linear moves need a program of moves; remove period, or choose another language")
@@ -420,7 +422,7 @@ def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]
 
 
 def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
-    """The lines of blends that, by their upper bounds, use the same part of a move as the blend before.
+    """Yield the lines of blends that may use the same part of a move as the previous blend, by their upper bounds.
 
     A blend at the first point uses a part of the move to this point, which is not known.
     """
@@ -439,7 +441,7 @@ def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
 
 
 def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
-    """The violations of the position limits; a straight line between two points within the limits is within them.
+    """Yield the violations of the position limits; a line in joint space between two points within them is within them.
 
     On a linear move, all joint values that its trace allows must be within the limits.
     """
@@ -459,7 +461,7 @@ def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -
 
 
 def _share(blend: Blend, arm: Arm, at: Array, other: Array) -> float:
-    """An upper bound of the share of the move between two points that a blend at the first may use.
+    """Return an upper bound of the share of the move between two points that a blend at the first may use.
 
     For a blend with a radius it is the part of the move on which the tcp may be within the radius of its position at
     the point. The tcp moves by at most ``lever . |dq|`` between two samples.

@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof.collision.certificates.identity import content_hash
 from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     LookAt,
@@ -57,7 +57,7 @@ class ProvenMotion(NamedTuple):
     curve: Curve
     checker: CollisionChecker
     evidence: Array
-    """(K, 7) as in :class:`pinproof.Certificate`."""
+    """(K, 7) the final evidence; the columns are those of :class:`pinproof.Certificate`."""
     clearance: float
     """The proven lower bound (m) of every distance."""
     joint_tolerance: list[float]
@@ -74,10 +74,7 @@ class ProvenMotion(NamedTuple):
 def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any]]:
     """Return the table of intervals (T, 2) and, for each pair, its bodies, intervals and separating directions.
 
-    Raises
-    ------
-    NotProvenFree
-        If the verifier's bounds do not prove a pair apart on an interval, however small.
+    Raises NotProvenFree if the bounds of the verifier do not prove a pair apart on an interval, however small.
     """
     checker = proven.checker
     pair, spans, u = _leaves(proven, (proof.curve.low, proof.curve.high))
@@ -113,15 +110,8 @@ def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any
 
 
 def _leaves(proven: ProvenMotion, domain: tuple[float, float]) -> tuple[Indices, Array, Array]:
-    """Return the final evidence: pairs (K,), intervals (K, 2) and directions (K, 3), zeros where none is known.
-
-    An interval that was bisected for its pair is omitted, because its halves are proven too.
-    """
-    rows = np.asarray(proven.evidence)
-    rows = rows[np.lexsort([-rows[:, 1], rows[:, 0], rows[:, 2]])]
-    holds_next = np.zeros(len(rows), dtype=bool)
-    holds_next[:-1] = (rows[:-1, 2] == rows[1:, 2]) & (rows[1:, 1] <= rows[:-1, 1])
-    rows = rows[~holds_next]
+    """Return the evidence of all pairs: pairs (K,), intervals (K, 2) and directions (K, 3), zeros if not known."""
+    rows = proven.evidence
     still = proven.checker.still_pairs
     return (
         np.concatenate([rows[:, 2].astype(np.int64), still]),
@@ -131,7 +121,7 @@ def _leaves(proven: ProvenMotion, domain: tuple[float, float]) -> tuple[Indices,
 
 
 def _directions(checker: CollisionChecker, pairs: Indices, q: Array) -> Array:
-    """(K, 3) along which pairs (K,) are apart at configurations (K, n)."""
+    """Return (K, 3) unit vectors along which pairs (K,) are apart at configurations (K, n)."""
     found = np.empty((len(pairs), 3))
     for row, (pair, configuration) in enumerate(zip(pairs.tolist(), q, strict=True)):
         found[row] = checker.placed(configuration).measure(pair).normal
@@ -168,14 +158,10 @@ def write_proof(proven: ProvenMotion, path: str | Path) -> None:
 
 
 def proof_document(proven: ProvenMotion) -> dict[str, Any]:
-    """The mapping that a file holds.
+    """Return the content of a proof file.
 
-    Raises
-    ------
-    InputError
-        If a body of a checked pair has no support function.
-    NotProvenFree
-        If the verifier cannot confirm the proof.
+    Raises InputError if a body of a checked pair has no support function, NotProvenFree if the verifier does not
+    confirm the proof.
     """
     curve, checker = proven.curve, proven.checker
     _refuse_surfaces(checker)
@@ -227,7 +213,7 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
 
 
 def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
-    """A constraint with vectors of the tcp in the frame of the joint that carries it, and all others in the root."""
+    """Return a constraint for a file: vectors of the tcp in the frame of its joint, all others in the root frame."""
     frame = arm.model.frames[arm.model.getFrameId(arm.tcp, pin.FrameType.BODY)]
     joint_from_tcp, root_from_base = frame.placement, arm.root_from_base
     row: dict[str, Any] = {"name": str(constraint), "joint": int(frame.parentJoint) - 1}
@@ -252,13 +238,7 @@ def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
 
 
 def _constraint_evidence(document: dict[str, Any], arm: Arm, proven: ProvenMotion) -> list[dict[str, Any]]:
-    """The constraints with the intervals on which the verifier proves them.
-
-    Raises
-    ------
-    NotProvenFree
-        If the verifier's bounds do not prove a constraint on an interval, however small.
-    """
+    """Return the constraints with the intervals on which the verifier proves them; NotProvenFree if it does not."""
     rows = [
         {**constraint_of(arm, each.constraint), "largest": each.constraint.tolerance, "intervals": []}
         for each in proven.constraints
@@ -288,7 +268,7 @@ def _constraint_evidence(document: dict[str, Any], arm: Arm, proven: ProvenMotio
 
 
 def joints_of(arm: JointGroup) -> list[dict[str, Any]]:
-    """The joints that move with the arm's, followers too, each behind its parent."""
+    """Return the joints that move with the arm, mimic followers included, each after its parent."""
     model, rows = arm.model, []
     for k in range(1, model.njoints):
         axis, prismatic = joint_axis(model, k)
@@ -309,7 +289,7 @@ def joints_of(arm: JointGroup) -> list[dict[str, Any]]:
 
 
 def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
-    """The bodies of a checker, in its order."""
+    """Return the bodies of a checker in its order."""
     model, sources = checker.group.model, _sources(checker)
     rows = []
     for body in checker.bodies:
@@ -335,7 +315,7 @@ def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
 
 
 def _sources(checker: CollisionChecker) -> dict[str, dict[str, str]]:
-    """The kind and file of the shape that each geometry was made of, and the hash of its mesh file."""
+    """Return the kind and the mesh file of the shape of each geometry, with the hash of the file."""
     found: dict[str, dict[str, str]] = {}
     for geometry in checker.group.robot.urdf.collisions:
         found[geometry.name] = _source(geometry.kind, None if geometry.mesh is None else geometry.mesh.path)
@@ -349,12 +329,7 @@ def _source(kind: str, mesh: str | Path | None) -> dict[str, str]:
     if mesh is None:
         return {"source": kind}
     file = Path(mesh)
-    return {"source": f"{kind} {file.name}", "mesh_sha256": _file_hash(file, file.stat().st_mtime_ns)}
-
-
-@lru_cache(maxsize=256)
-def _file_hash(path: Path, _changed: int) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return {"source": f"{kind} {file.name}", "mesh_sha256": content_hash(file)}
 
 
 def _single_margins(checker: CollisionChecker) -> list[list[Any]]:
@@ -368,7 +343,7 @@ def _single_margins(checker: CollisionChecker) -> list[list[Any]]:
 
 
 def _scene_hash(checker: CollisionChecker) -> str:
-    """Of the obstacles' bodies, in order: names, places and numbers."""
+    """Return a hash of the bodies of the obstacles in their order."""
     digest = hashlib.sha256()
     for body in checker.bodies:
         if body.link is None:
@@ -396,7 +371,7 @@ def _placed(place: pin.SE3) -> list[list[float]]:
 
 
 def _refuse_surfaces(checker: CollisionChecker) -> None:
-    """Refuse surfaces: they have no support function, and a direction separates convex bodies only."""
+    """Refuse bodies without a support function, because a direction is evidence for convex bodies only."""
     met = {i for pair in checker.pairs for i in pair}
     surfaces = [b for i, b in enumerate(checker.bodies) if i in met and _shape(b) is None]
     if surfaces:
@@ -407,11 +382,11 @@ def _refuse_surfaces(checker: CollisionChecker) -> None:
             else "Mesh(hull=True), or boxes in its place"
         )
         names = ", ".join(body.name for body in surfaces)
-        raise InputError(f"a proof can hold convex bodies only, which {names} are not: use {remedy}")
+        raise InputError(f"a proof covers convex bodies only, and {names} are not convex: use {remedy}")
 
 
 def _text(document: dict[str, Any]) -> str:
-    """JSON with a line for each joint, body and pair, so that people can read it."""
+    """Return JSON with a line for each joint, body and pair, so that people can read it."""
 
     def line(value: Any) -> str:
         return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
@@ -498,7 +473,7 @@ def verify_proof(
         compared.append("the motion")
     return replace(
         verdict,
-        reasons=_few(reasons),
+        reasons=_first_reasons(reasons),
         clearance=np.nan if reasons else verdict.clearance,
         compared=tuple(compared),
         not_compared=tuple(not_compared),
@@ -506,19 +481,19 @@ def verify_proof(
 
 
 def _missing_constraints(document: dict[str, Any], arm: Arm, constraints: Sequence[PathConstraint]) -> list[str]:
-    """The required constraints that the proof does not have."""
+    """List the required constraints that the proof does not have."""
     found = []
     for each in constraints:
         mine = constraint_of(arm, each)
         keys = [key for key in mine if key not in ("name", "tolerance")]
-        rows = [row for row in document.get("constraints", []) if not _unlike(row, mine, keys)]
+        rows = [row for row in document.get("constraints", []) if not _different_keys(row, mine, keys)]
         if not any(row["tolerance"] <= each.tolerance for row in rows):
             stated = f", only with a tolerance of {rows[0]['tolerance']:g} {each.unit}" if rows else ""
             found.append(f"constraints: the proof does not have {each}{stated}")
     return found
 
 
-def _few(reasons: list[str]) -> tuple[str, ...]:
+def _first_reasons(reasons: list[str]) -> tuple[str, ...]:
     rest = len(reasons) - SHOWN
     return (*reasons[:SHOWN], *([f"and {rest} more"] if rest > 0 else []))
 
@@ -542,7 +517,7 @@ def _other_curve(proof: Proof, curve: Curve) -> list[str]:
 
 
 def _differences(document: dict[str, Any], proof: Proof, checker: CollisionChecker) -> list[str]:
-    """Where the proof's joints and bodies are not the checker's, and which of the checker's pairs it does not prove."""
+    """List the joints and bodies of the proof that differ from those of the checker, and the pairs that it lacks."""
     found: list[str] = []
     names = checker.group.joint_names
     if proof.curve.names != names:
@@ -551,7 +526,9 @@ def _differences(document: dict[str, Any], proof: Proof, checker: CollisionCheck
     if len(joints) != len(proof.joints):
         return [f"joints: the proof has {len(proof.joints)}, your robot {len(joints)} that move"]
     for k, (stated, mine) in enumerate(zip(document["joints"], joints, strict=True)):
-        found += [f"joints[{k}].{key}: differs from your {mine['name']}" for key in _unlike(stated, mine, JOINT)]
+        found += [
+            f"joints[{k}].{key}: differs from your {mine['name']}" for key in _different_keys(stated, mine, JOINT)
+        ]
     rows = {row["name"]: (i, row) for i, row in enumerate(document["bodies"])}
     index: list[int] = []
     for mine in bodies_of(checker):
@@ -560,7 +537,7 @@ def _differences(document: dict[str, Any], proof: Proof, checker: CollisionCheck
         if i < 0:
             found.append(f"bodies: your {mine['name']} is missing")
             continue
-        found += [f"bodies[{i}].{key}: differs from your {mine['name']}" for key in _unlike(stated, mine, BODY)]
+        found += [f"bodies[{i}].{key}: differs from your {mine['name']}" for key in _different_keys(stated, mine, BODY)]
     links = {body.name for body in checker.bodies if body.link is not None and body.link == body.owner}
     unknown = [body.name for body in proof.bodies if body.kind == "link" and body.name not in links]
     found += [f"bodies: your robot has no {name}" for name in unknown]
@@ -581,13 +558,13 @@ JOINT = ("type", "parent", "leader", "axis", "placement", "multiplier", "offset"
 BODY = ("owner", "kind", "geometry", "level", "joint", "placement", "shape")
 
 
-def _unlike(stated: dict[str, Any], mine: dict[str, Any], keys: Iterable[str]) -> list[str]:
-    return [key for key in keys if not _alike(stated.get(key), mine[key])]
+def _different_keys(stated: dict[str, Any], mine: dict[str, Any], keys: Iterable[str]) -> list[str]:
+    return [key for key in keys if not _equal(stated.get(key), mine[key])]
 
 
-def _alike(a: Any, b: Any) -> bool:
+def _equal(a: Any, b: Any) -> bool:
     if isinstance(b, dict):
-        return isinstance(a, dict) and all(_alike(a.get(key), b[key]) for key in b)
+        return isinstance(a, dict) and all(_equal(a.get(key), b[key]) for key in b)
     if isinstance(b, (str, bool)) or b is None:
         return bool(a == b)
     one, other = np.asarray(a, dtype=float), np.asarray(b, dtype=float)  # null becomes NaN: no end of a side

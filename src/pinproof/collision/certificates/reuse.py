@@ -12,17 +12,21 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.certificates.certificate import Certificate, checked_hash, mesh_files, notes_of
-from pinproof.collision.certificates.certify import KnownPairs, certify, prove_rest
+from pinproof.collision.certificates.certificate import (
+    EVIDENCE_DISTANCE,
+    EVIDENCE_PAIR,
+    Certificate,
+    ProofLimits,
+    final_evidence,
+)
+from pinproof.collision.certificates.certify import TOLERANCES, KnownPairs, certify, prove_rest
+from pinproof.collision.certificates.identity import Identity, checked_hash, mesh_files, notes_of
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
-
-EVIDENCE_PAIR, EVIDENCE_DISTANCE = 2, 3
-"""Columns of :attr:`pinproof.Certificate.evidence`."""
 
 
 def setup_differences(before: CollisionChecker, after: CollisionChecker) -> list[str]:
@@ -51,18 +55,8 @@ def setup_differences(before: CollisionChecker, after: CollisionChecker) -> list
 class SetupChange:
     """The pairs of a checker that are those of another checker in a different scene, and the pairs that are not.
 
-    Parameters
-    ----------
-    before
-        The checker for which motions were proven.
-    after
-        The checker for which they are to be proven.
-
-    Raises
-    ------
-    InputError
-        If the robot, its attached objects, its held joints or the margin differ, or an array of ``after`` was modified
-        in place.
+    Motions were proven for ``before`` and are to be proven for ``after``. InputError if the robot, its attached
+    objects, its held joints or the margin differ, or an array of ``after`` was modified in place.
     """
 
     def __init__(self, before: CollisionChecker, after: CollisionChecker) -> None:
@@ -79,7 +73,7 @@ class SetupChange:
         self.rest = after.without_pairs(self.kept_after.tolist())
         self._rest_pairs = np.setdiff1d(np.arange(len(after.pairs)), self.kept_after)
         files = mesh_files(after)
-        self._setup, self._notes = checked_hash(after, files), notes_of(after, files)
+        self._setup = checked_hash(after, files), notes_of(after, files)
         self._moved = np.array([after.bodies[after.pairs[k][1]].link is None for k in self.kept_after], dtype=bool)
         self._required = after.margins[self.kept_after] + max(after.rounding - before.rounding, 0.0)
 
@@ -102,9 +96,7 @@ class SetupChange:
             proven=float((lowest - obstacles * self._moved).min(initial=np.inf)) - more,
             joint_tube=max(proof.joint_tube - more, 0.0) if more else proof.joint_tube,
             obstacle_tube=max(proof.obstacle_tube - more, 0.0),
-            curve=proof.certificate.curve,
-            setup=self._setup,
-            notes=self._notes,
+            identity=Identity(proof.certificate.curve, *self._setup),
             evidence_with=lambda rest: self._merged(proof.leaves, rest),
         )
 
@@ -120,17 +112,10 @@ class SetupChange:
 
 
 class StoredProof:
-    """A FREE certificate with its evidence sorted by pairs, for use in other scenes.
+    """A certificate with its evidence sorted by pairs, for use in other scenes.
 
-    Parameters
-    ----------
-    certificate
-        A FREE certificate of ``certify(..., record=True)``.
-
-    Raises
-    ------
-    InputError
-        If it is not FREE, has no evidence, or allows pairs to touch at the start (``parting``).
+    InputError if the certificate is not FREE, has no evidence (``record=True``), or allows pairs to touch
+    (``parting``).
     """
 
     def __init__(self, certificate: Certificate) -> None:
@@ -157,14 +142,12 @@ class StoredProof:
     ) -> Certificate:
         """Return the certificate of the same curve for ``change.after``; arguments as :func:`pinproof.certify`.
 
-        Raises
-        ------
-        InputError
-            If the proof is not for ``change.before``.
+        InputError if the proof is not for ``change.before``.
         """
         if change.before is not self.checker:
             raise InputError("the change begins at another checker than that of the proof")
         known, old = change.known(self), self.certificate
+        tolerances = TOLERANCES if tolerance is None else (tolerance,)
         if known is None:
             return certify(
                 self.curve,
@@ -180,11 +163,7 @@ class StoredProof:
             self.curve,
             change.after,
             known,
-            tolerance=tolerance,
-            max_intervals=max_intervals,
-            joints=self.joint_tolerance,
-            obstacles=self.obstacle_tolerance,
-            record=record,
+            ProofLimits(tolerances, max_intervals, self.joint_tolerance, self.obstacle_tolerance, record),
         )
         if not old.constraints:
             return fresh
@@ -220,17 +199,11 @@ def _kept_pairs(before: CollisionChecker, after: CollisionChecker) -> list[tuple
 
 
 def _by_pair(evidence: Array, pairs: int, first: float, last: float) -> tuple[Array, Array]:
-    """Sort evidence by pairs and time, without intervals that were bisected.
+    """Return the final evidence, and (P,) the smallest proven distance (m) of each pair.
 
-    Returns
-    -------
-    The rows, and (P,) the smallest proven distance (m) of each pair; NaN if its intervals do not cover the curve.
+    The distance is NaN if the intervals of the pair do not cover the curve.
     """
-    rows = evidence[np.lexsort([-evidence[:, 1], evidence[:, 0], evidence[:, EVIDENCE_PAIR]])]
-    same_pair = rows[:-1, EVIDENCE_PAIR] == rows[1:, EVIDENCE_PAIR]
-    bisected = np.zeros(len(rows), dtype=bool)
-    bisected[:-1] = same_pair & (rows[1:, 1] <= rows[:-1, 1])
-    rows = rows[~bisected]
+    rows = final_evidence(evidence)
     lowest = np.full(pairs, np.nan)
     if not len(rows):
         return rows, lowest

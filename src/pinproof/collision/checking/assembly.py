@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof._core import Geometry, World
+from pinproof._core import Geometry, JointTree, World
 from pinproof.collision.checking.links import DECOMPOSED, EXACT
-from pinproof.collision.checking.packed import pack_geometry, pack_world
 from pinproof.collision.checking.pairs import ALLOWED_BY_CALLER, ExcludedPair, FinerPair, PairRules, Pairs, choose_pairs
 from pinproof.collision.geometry.bodies import Body, shape_bodies
 from pinproof.collision.geometry.shapes import Mesh, Obstacle
@@ -25,38 +25,32 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
-class Margins:
-    """Margins of pairs of owners of bodies (links, attached objects, obstacles).
+class Margins(NamedTuple):
+    """Margins of pairs of owners of bodies (links, attached objects, obstacles)."""
 
-    Parameters
-    ----------
-    common
-        Margin (m) of all pairs without an individual one.
-    single
-        Margins (m) of single pairs of owners, in either order.
+    common: float
+    """Margin (m) of all pairs without an individual one."""
+    single: Mapping[frozenset[str], float]
+    """Margins (m) of single pairs of owners."""
 
-    Raises
-    ------
-    InputError
-        If one is negative or not finite, or a pair is not two names.
-    """
+    @classmethod
+    def checked(cls, common: float, single: Mapping[tuple[str, str], float]) -> Margins:
+        """Return margins that a caller states; a key of ``single`` is two names in either order.
 
-    def __init__(self, common: float, single: Mapping[tuple[str, str], float]) -> None:
-        self.common = checked_margin("margin", common)
-        self.single: dict[frozenset[str], float] = {}
+        InputError if a margin is negative or not finite, or a key is not two names.
+        """
+        pairs = {}
         for pair, margin in single.items():
             names = frozenset(pair) if isinstance(pair, tuple) else frozenset()
             if len(names) != 2 or len(pair) != 2:
                 raise InputError(f"margins has the key {pair!r}; it must be two names")
-            self.single[names] = checked_margin(f"margins[{pair!r}]", margin)
+            pairs[names] = checked_margin(f"margins[{pair!r}]", margin)
+        return cls(checked_margin("margin", common), pairs)
 
     def of(self, owners: Iterable[tuple[str, str]], count: int, names: Sequence[str]) -> Array:
         """Return (P,) the margins of ``count`` pairs; ``owners`` is read only if there are margins of single pairs.
 
-        Raises
-        ------
-        UnknownNameError
-            If a single margin is for a name that is not among ``names``.
+        UnknownNameError if a single margin is for a name that is not among ``names``.
         """
         for pair in self.single:
             for name in sorted(pair):
@@ -66,38 +60,17 @@ class Margins:
             return np.full(count, self.common)
         return np.array([self.single.get(frozenset(pair), self.common) for pair in owners], dtype=float)
 
-    def under(self, common: float) -> Margins:
-        """Return the same margins of single pairs with another common margin."""
-        other = Margins(common, {})
-        other.single = dict(self.single)
-        return other
-
     def padded(self, by: float) -> Margins:
         """Return all margins increased by this (m)."""
-        more = checked_margin("by", by)
-        other = Margins(self.common + more, {})
-        other.single = {pair: margin + more for pair, margin in self.single.items()}
-        return other
+        return Margins(self.common + by, {pair: margin + by for pair, margin in self.single.items()})
 
     def without(self, names: set[str]) -> Margins:
         """Return the margins without those of pairs with one of these names."""
-        other = Margins(self.common, {})
-        other.single = {pair: margin for pair, margin in self.single.items() if not names & pair}
-        return other
-
-    def __repr__(self) -> str:
-        single = sorted((*sorted(pair), margin) for pair, margin in self.single.items())
-        return f"Margins({self.common!r}, {single!r})"
+        return self._replace(single={pair: margin for pair, margin in self.single.items() if not names & pair})
 
 
 def checked_margin(name: str, margin: float) -> float:
-    """Return a margin as a number.
-
-    Raises
-    ------
-    InputError
-        If it is negative, not finite, or not a number.
-    """
+    """Return a margin as a number; InputError if it is negative, not finite, or not a number."""
     try:
         value = float(margin)
     except (TypeError, ValueError):
@@ -105,6 +78,65 @@ def checked_margin(name: str, margin: float) -> float:
     if not math.isfinite(value) or value < 0:
         raise InputError(f"{name} = {margin}; it must be a distance in metres, 0 or more")
     return value
+
+
+ARMS_KEPT = 8
+"""Number of arms whose joints are kept; several checkers are often made for one arm."""
+
+ROOT = -1
+"""In place of a joint: the body does not move."""
+
+
+def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> Geometry:
+    """Return the joints of an arm's robot and the bodies on them, obstacles last.
+
+    ``rounding`` is the allowance (m) for floating-point errors.
+    """
+    tree, links = _joints(arm)
+    joints, placements = [], np.zeros((len(bodies), 4, 4))
+    for i, body in enumerate(bodies):
+        joint, place = ROOT, body.link_from_body
+        if body.link is not None:
+            joint, above = links[body.link]
+            place = above * place
+        joints.append(joint)
+        placements[i] = place.homogeneous
+    robot = sum(body.link is not None for body in bodies)
+    return Geometry(tree, [body.core_shape for body in bodies], joints, placements, robot, rounding)
+
+
+def pack_world(geometry: Geometry, pairs: Sequence[tuple[int, int]]) -> World:
+    """Return the world of these pairs of bodies, of which the first is the robot's, with margins of 0."""
+    return World(geometry, np.array(pairs, dtype=np.int64).reshape(-1, 2), np.zeros(len(pairs)))
+
+
+@lru_cache(maxsize=ARMS_KEPT)
+def _joints(arm: JointGroup) -> tuple[JointTree, dict[str, tuple[int, pin.SE3]]]:
+    """Return the joints, whose axis is z, and for each link the joint that moves it and its placement there."""
+    model = arm.model
+    data = model.createData()
+    columns = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, -1)
+    count = model.njoints - 1
+    prismatic = (~columns[3:].any(axis=0)).tolist()
+    leaders = np.abs(arm.scale).argmax(axis=1)
+    parents = [int(parent) - 1 for parent in model.parents[1:]]
+    aligned: list[pin.SE3] = []
+    placements = np.zeros((count, 4, 4))
+    for k in range(count):
+        axis = data.oMi[k + 1].rotation.T @ (columns[:3, k] if prismatic[k] else columns[3:, k])
+        turned = pin.SE3(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis), np.zeros(3))
+        aligned.append(turned)
+        above = pin.SE3.Identity() if parents[k] < 0 else aligned[parents[k]].inverse()
+        placements[k] = (above * model.jointPlacements[k + 1] * turned).homogeneous
+    multipliers = np.ascontiguousarray(arm.scale[np.arange(count), leaders])
+    offsets = np.ascontiguousarray(arm.offset, dtype=float)
+    tree = JointTree(placements, prismatic, leaders.tolist(), multipliers, offsets, parents, arm.dof)
+    links: dict[str, tuple[int, pin.SE3]] = {}
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and frame.name not in links:
+            k = int(frame.parentJoint) - 1
+            links[frame.name] = k, pin.SE3(frame.placement) if k < 0 else aligned[k].inverse() * frame.placement
+    return tree, links
 
 
 Pair = frozenset[str]
@@ -116,13 +148,8 @@ def finer_levels(touching: Callable[[Levels], Collection[Pair]], levels: Levels)
 
     Each pair gets the coarsest level on which it does not touch, because convex bodies are checked in compiled code. A
     pair that touches on every level keeps its level: the contact is real, and finer bodies would only cost time.
-
-    Parameters
-    ----------
-    touching
-        Returns the pairs of owners in contact, for which finer bodies exist, at given levels.
-    levels
-        The present levels of pairs, where not 0.
+    ``touching`` returns the pairs in contact at given levels for which finer bodies exist; ``levels`` are the present
+    ones, where not 0.
     """
     found = dict(levels)
     open_pairs = set(touching(levels))
@@ -146,13 +173,7 @@ Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
 
 
 def only_arm(group: JointGroup) -> Arm:
-    """Return the arm of a joint group with one arm.
-
-    Raises
-    ------
-    InputError
-        If it has several.
-    """
+    """Return the arm of a joint group with one arm; InputError if it has several."""
     if isinstance(group, Arm):
         return group
     if len(group.ends) > 1:
@@ -194,13 +215,7 @@ class CheckedBodies:
 
     @property
     def arm(self) -> Arm:
-        """The arm.
-
-        Raises
-        ------
-        InputError
-            If the checker is for a joint group with several arms, which is :attr:`group`.
-        """
+        """The arm; InputError if the checker is for a joint group with several arms, which is :attr:`group`."""
         return only_arm(self._group)
 
     @property
@@ -259,13 +274,7 @@ def assemble(
     allowed: Sequence[tuple[str, str]],
     known: Known,
 ) -> Assembly:
-    """Assemble the links of an arm, its attached objects and a scene.
-
-    Raises
-    ------
-    InputError, MeshError, UnknownNameError
-        As :class:`pinproof.CollisionChecker` does.
-    """
+    """Assemble links, attached objects and a scene; errors are those of :class:`pinproof.CollisionChecker`."""
     if named := [obstacle.name for obstacle in scene.obstacles if obstacle.arm is not None]:
         raise InputError(f"the obstacles {', '.join(named)} of the scene name an arm; only attached objects have one")
     made: Known = {}

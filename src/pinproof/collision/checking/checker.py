@@ -27,12 +27,14 @@ from pinproof.collision.checking.assembly import (
     finer_levels,
     keep_pairs,
     leave_out,
+    pack_geometry,
+    pack_world,
     warn_of_units,
 )
 from pinproof.collision.checking.coal_checks import Distance
 from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, meshes_of
-from pinproof.collision.checking.packed import pack_geometry, pack_world
-from pinproof.collision.checking.pairs import Overlaps, PairRules, Pairs, overlap_levels, unexplained_pairs
+from pinproof.collision.checking.overlaps import Overlaps
+from pinproof.collision.checking.pairs import PairRules, Pairs, overlap_levels, unexplained_pairs
 from pinproof.collision.checking.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.shapes import Obstacle
@@ -195,7 +197,7 @@ class CollisionChecker(CheckedBodies):
             **dict.fromkeys(unexplained, DECOMPOSED),
             **overlap_levels(self._link_bodies.of({}), arm, self._rules),
         }
-        self._margins, self._moved = Margins(margin, margins or {}), 0.0
+        self._margins, self._moved = Margins.checked(margin, margins or {}), 0.0
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
         scene = Scene() if scene is None else scene
         require_type("scene", scene, Scene)
@@ -284,24 +286,16 @@ class CollisionChecker(CheckedBodies):
     ) -> CollisionChecker:
         """Return a checker of the same bodies and pairs with other margins (m)."""
         common = self.margin if margin is None else checked_margin("margin", margin)
-
-        def with_margin() -> CollisionChecker:
-            other = copy(self)
-            other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
-            return other
-
-        return with_margin() if margins is not None else self._made_once(("margin", common), with_margin)
+        if margins is None:
+            replaced = self._margins._replace(common=common)
+            return self._changed(lambda other: other._set_margins(replaced), ("margin", common))
+        stated = Margins.checked(common, margins)
+        return self._changed(lambda other: other._set_margins(stated))
 
     def padded(self, by: float) -> CollisionChecker:
         """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
         by = checked_margin("by", by)
-
-        def padded() -> CollisionChecker:
-            other = copy(self)
-            other._set_margins(self._margins.padded(by))
-            return other
-
-        return self._made_once(("padded", by), padded)
+        return self._changed(lambda other: other._set_margins(self._margins.padded(by)), ("padded", by))
 
     def moved_obstacles(self, by: float) -> CollisionChecker:
         """Return a checker that allows obstacles to be displaced by up to ``by`` metres, by larger margins."""
@@ -378,13 +372,11 @@ class CollisionChecker(CheckedBodies):
         """
         dropped = frozenset(pairs)
 
-        def without() -> CollisionChecker:
+        def drop(other: CollisionChecker) -> None:
             kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
-            other = copy(self)
             other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
-            return other
 
-        return self._made_once(dropped, without)
+        return self._changed(drop, dropped)
 
     def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
         """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
@@ -422,21 +414,21 @@ class CollisionChecker(CheckedBodies):
     def _on(self, levels: Levels) -> CollisionChecker:
         """Return the checker with other levels of detail."""
 
-        def finer() -> CollisionChecker:
-            other = copy(self)
+        def refine(other: CollisionChecker) -> None:
             other._levels = levels
             other._assemble(self.scene, self.attached, self._allowed)
-            return other
 
-        return self._made_once(("levels", frozenset(levels.items())), finer)
+        return self._changed(refine, ("levels", frozenset(levels.items())))
 
-    def _made_once(self, key: Hashable, make: Callable[[], CollisionChecker]) -> CollisionChecker:
-        """Return a checker that is made from this one at its first use; those that were made last are kept."""
+    def _changed(self, change: Callable[[CollisionChecker], None], key: Hashable = None) -> CollisionChecker:
+        """Return a copy to which ``change`` was applied; with a key, it is made at its first use and kept."""
         other = self._kept.get(key)
         if other is None:
-            other = make()
-            kept = list(self._kept.items())[1 - CHECKERS_KEPT :]  # replaced as a whole: threads share this checker
-            self._kept = {**dict(kept), key: other}
+            other = copy(self)
+            change(other)
+            if key is not None:
+                kept = list(self._kept.items())[1 - CHECKERS_KEPT :]  # replaced as a whole: threads share this checker
+                self._kept = {**dict(kept), key: other}
         return other
 
     def _derived(
@@ -483,7 +475,7 @@ class CollisionChecker(CheckedBodies):
 
     @property
     def hollow(self) -> tuple[str, ...]:
-        """Exact meshes that are not watertight: being wholly inside one of them is not seen as contact."""
+        """The exact meshes that are not watertight: a body that is entirely inside one of them is not in contact."""
         return tuple(b.name for b in self.bodies if b.solid is not None and not b.solid.watertight)
 
     @property
@@ -659,3 +651,15 @@ def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") 
         raise InputError(f"the {name} must be a curve, such as a JointPath or a Trajectory, not {curve!r:.80}")
     if tuple(curve.joint_names) != checker.group.joint_names:
         raise InputError(f"the {name} has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")
+
+
+def overlap_hint(checker: CollisionChecker, q: Array, found: CheckResult) -> str:
+    """Return a remedy if links touch each other at the home configuration of an arm, else an empty text."""
+    links = set(checker.group.robot.urdf.links)
+    among_links = [contact for contact in found.contacts if links.issuperset(contact.bodies)]
+    if not among_links or not (q == checker.group.home).all():
+        return ""
+    return (
+        "if these links overlap by design, `pinproof info ROBOT --overlaps` lists all such pairs and "
+        "--write-srdf writes an SRDF that excludes them (pinproof.collision.sample_overlaps in Python)"
+    )

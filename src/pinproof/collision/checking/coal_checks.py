@@ -136,14 +136,10 @@ class CoalWorkspace:
     def one_inside_other(self, k: int) -> bool:
         """Whether a part of one body of pair k lies inside the exact watertight mesh of the other."""
         i, j = self._pairs[k]
-        return self._inside_of(i, j) or self._inside_of(j, i)
-
-    def _inside_of(self, outer: int, inner: int) -> bool:
-        solid, body = self._bodies[outer].solid, self._bodies[inner]
-        if solid is None or not solid.watertight:
-            return False
-        outer_from_inner = self._geometry_data.oMg[outer].actInv(self._geometry_data.oMg[inner])
-        return solid.contains(body.witnesses @ outer_from_inner.rotation.T + outer_from_inner.translation)
+        one, other, placed = self._bodies[i], self._bodies[j], self._geometry_data.oMg
+        return (one.is_exact and one.contains_part_of(other, placed[i].actInv(placed[j]))) or (
+            other.is_exact and other.contains_part_of(one, placed[j].actInv(placed[i]))
+        )
 
     def _set_requests(self) -> None:
         for k, margin in enumerate(self._margins.tolist()):
@@ -158,12 +154,7 @@ class CoalWorkspace:
 class PlainCoal:
     """Checks by Pinocchio and coal alone, with the margins of the checker; used in benchmarks and tests only.
 
-    Parameters
-    ----------
-    checker
-        Defines arm, bodies, pairs and margins.
-    broadphase
-        Use coal's dynamic bounding-box tree as a broad phase, instead of checking each pair.
+    ``broadphase`` uses the dynamic bounding-box tree of coal, instead of checking each pair.
     """
 
     def __init__(self, checker: CheckedBodies, *, broadphase: bool = False) -> None:

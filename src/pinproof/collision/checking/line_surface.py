@@ -35,10 +35,10 @@ CHUNK = 2_000_000
 """Pairs of a line and a triangle that are intersected at a time, which takes about 100 MB."""
 
 TOUCH = 1e-5
-"""Metres: bodies that are this near touch."""
+"""Metres: bodies at this distance or less touch."""
 
 MOST_ADVANCES = 2000
-"""Steps of a conservative advancement: enough to slide 20 mm past a surface at the distance of a touch."""
+"""Maximum number of steps of a conservative advancement: enough to pass 20 mm along a surface at that distance."""
 
 POINT_RADIUS = 1e-6
 """Metres: the radius of the ball by which coal measures how far a point is from a body."""
@@ -58,14 +58,8 @@ class SurfacePoints(NamedTuple):
 class LineSurface:
     """The surface of a body as lines meet it, in the body's own frame.
 
-    Parameters
-    ----------
-    body
-        The body.
-    triangles
-        (F, 3, 3) its surface if it is a mesh; None for a convex body with a support function.
-    surface
-        A body that is the surface alone, where ``body`` is larger: the hull that stands for a mesh.
+    ``triangles`` (F, 3, 3) are the surface of a mesh, None for a convex body with a support function. ``surface`` is a
+    body of the surface alone, if ``body`` is larger: a hull that represents a mesh.
     """
 
     body: Body
@@ -74,13 +68,7 @@ class LineSurface:
 
     @classmethod
     def of_body(cls, body: Body) -> LineSurface:
-        """The surface of a body that is convex or an exact mesh.
-
-        Raises
-        ------
-        InputError
-            For a body without an end.
-        """
+        """Return the surface of a body that is convex or an exact mesh; InputError if it is unbounded."""
         if body.support is not None:
             return cls(body)
         corners = getattr(body.solid, "corners", None)
@@ -90,7 +78,7 @@ class LineSurface:
 
     @classmethod
     def of_obstacle(cls, thing: Obstacle) -> LineSurface:
-        """The surface of an obstacle; of a mesh always its triangles, which its hull may not touch."""
+        """Return the surface of an obstacle; a mesh is represented by its triangles, also if its hull is checked."""
         shape = thing.shape
         if isinstance(shape, Mesh):
             mesh = triangles_of(shape)
@@ -107,19 +95,16 @@ class LineSurface:
         return cls.of_body(body)
 
     def reach(self, direction: Array) -> float:
-        """The largest ``direction . x`` over the body."""
+        """Return the largest ``direction . x`` over the body."""
         if self.triangles is not None:
             return float((self.triangles.reshape(-1, 3) @ direction).max())
         return float(_support(self.body).reach(direction))
 
     def enter(self, origins: Array, direction: Array, after: Array | float = -np.inf) -> SurfacePoints:
-        """Where lines from origins (G, 3) along a unit direction (3,) meet the surface first.
+        """Return where lines from origins (G, 3) along a unit direction (3,) first meet the surface.
 
-        Parameters
-        ----------
-        after
-            (G,) depths: of a mesh, only what lies at this depth or beyond counts. A convex body is entered once; it is
-            missed if the line has left it before.
+        Points of a mesh before the depths ``after`` (G,) are ignored. A line enters a convex body once, and misses it
+        if it leaves the body before this depth.
         """
         start = np.broadcast_to(np.asarray(after, dtype=float), (len(origins),))
         if self.triangles is not None:
@@ -139,21 +124,22 @@ def _support(body: Body) -> Support:
 
 
 def body_distance(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3) -> float:
-    """The distance (m) of two surfaces; below 0 where the bodies overlap, as deep as coal knows.
+    """Return the signed distance (m) of two surfaces; if they overlap, minus the penetration depth computed by coal.
 
-    A convex body that stands for a mesh (its hull) is measured as the hull, so the distance is never too large.
+    A mesh that is represented by its hull is measured as the hull, so the distance is never too large.
     """
     measured = MeasureConvex()(one.body, at.homogeneous, other.body, other_at.homogeneous).attained
-    if measured > 0 and (_inside(one, at, other, other_at) or _inside(other, other_at, one, at)):
+    a, b = one.body, other.body
+    if measured > 0 and (a.contains_part_of(b, at.actInv(other_at)) or b.contains_part_of(a, other_at.actInv(at))):
         return -measured
     return measured
 
 
 def travel_to_touch(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, motion: Array) -> float:
-    """The share of a straight ``motion`` (3,) after which a body comes within :data:`TOUCH` of another surface.
+    """Return the share of a straight ``motion`` (3,) after which a body is within :data:`TOUCH` of another surface.
 
-    At most 1, where it does not before the end; NaN where it is that near at the start, or after too many steps. By
-    conservative advancement (Mirtich, 1996): a body that moves less than its distance cannot touch.
+    1 if it does not come that near; NaN if it is that near at the start, or after too many steps. The method is
+    conservative advancement (Mirtich, 1996): a body that moves by less than its distance cannot touch.
     """
     length = float(np.linalg.norm(motion))
     measure, target, share = MeasureConvex(), other.surface or other.body, 0.0
@@ -169,10 +155,10 @@ def travel_to_touch(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3
 
 
 def point_distance(surface: LineSurface, point: Array) -> float:
-    """The distance (m) of a point (3,) in the body's frame to its surface, from outside or from inside.
+    """Return the distance (m) of a point (3,) in the frame of a body from its surface, from outside or from inside.
 
-    From inside it is the least along some directions, among them the axes of the body: exact for boxes and cylinders,
-    else an upper bound. (Coal's depth of a point in a cylinder is that to its side, however near its end is.)
+    From inside it is the smallest along 26 directions, among them the axes of the body: exact for boxes and cylinders,
+    otherwise an upper bound. (Coal's depth of a point in a cylinder is always that to its side.)
     """
     ball = LineSurface.of_obstacle(Obstacle("point", Sphere(radius=POINT_RADIUS)))
     apart = body_distance(ball, SE3(np.eye(3), point), surface, SE3.Identity()) + POINT_RADIUS
@@ -185,16 +171,8 @@ def point_distance(surface: LineSurface, point: Array) -> float:
     return min(abs(float(surface.enter(point[None], each).depth[0])) for each in directions)
 
 
-def _inside(outer: LineSurface, at: SE3, inner: LineSurface, inner_at: SE3) -> bool:
-    solid = outer.body.solid
-    if solid is None:
-        return False
-    relative = at.actInv(inner_at)
-    return bool(solid.contains(inner.body.witnesses @ relative.rotation.T + relative.translation))
-
-
 def outer_points(surface: LineSurface) -> Array:
-    """(V, 3) points in the body's frame whose convex hull holds all of it."""
+    """Return (V, 3) points in the frame of a body whose convex hull contains it."""
     if surface.body.support is None or surface.triangles is not None:
         return np.asarray((surface.triangles if surface.triangles is not None else np.empty((0, 3))).reshape(-1, 3))
     support = surface.body.support
@@ -243,7 +221,7 @@ def _convex_span(support: Support) -> Span:
 
 
 def _facets(points: Array) -> tuple[Array, Array]:
-    """The planes ``normals . x <= offsets`` of the hull of points (V, 3), each once."""
+    """Return the planes ``normals . x <= offsets`` of the hull of points (V, 3), without repetitions."""
     from scipy.spatial import ConvexHull
 
     planes = np.unique(np.round(ConvexHull(points).equations, 12), axis=0)
@@ -251,7 +229,7 @@ def _facets(points: Array) -> tuple[Array, Array]:
 
 
 def _planes(normals: Array, offsets: Array, origins: Array, direction: Array) -> tuple[Array, Array, Array]:
-    """Clipping of lines by half-spaces (Cyrus and Beck, 1978)."""
+    """Clip lines by half-spaces (Cyrus and Beck, 1978)."""
     slope = normals @ direction
     depths = offsets - origins @ normals.T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -278,7 +256,7 @@ def _ellipsoid(centre: Array, semi_axes: Array, origins: Array, direction: Array
 
 
 def _cylinder(ends: Array, radius: float, origins: Array, direction: Array) -> tuple[Array, Array, Array]:
-    """A cylinder about z between two ends (2, 3)."""
+    """Intersect lines with a cylinder about z between two ends (2, 3)."""
     o, d = origins[:, :2] - ends[0, :2], direction[:2]
     a, b, c = d @ d, o @ d, (o**2).sum(axis=1) - radius**2
     if a > PARALLEL**2:
@@ -300,7 +278,7 @@ def _cylinder(ends: Array, radius: float, origins: Array, direction: Array) -> t
 
 
 def _union(parts: Sequence[Span], origins: Array, direction: Array) -> tuple[Array, Array, Array]:
-    """The first entry and the last exit of bodies whose union is convex."""
+    """Return the first entry and the last exit of bodies whose union is convex."""
     found = [part(origins, direction) for part in parts]
     depths = np.array([each[0] for each in found])
     first, rows = depths.argmin(axis=0), np.arange(depths.shape[1])
@@ -317,7 +295,7 @@ def _unit(vectors: Array) -> Array:
 
 
 def _enter_triangles(corners: Array, origins: Array, direction: Array, start: Array) -> SurfacePoints:
-    """The first triangle (F, 3, 3) of each line at or beyond its start; either side of a triangle counts."""
+    """Return the first triangle (F, 3, 3) of each line at or beyond its start; both sides of a triangle count."""
     across = _frame(direction)
     flat, height = corners @ across.T, corners @ direction
     lines, along = origins @ across.T, origins @ direction
@@ -338,7 +316,7 @@ def _enter_triangles(corners: Array, origins: Array, direction: Array, start: Ar
 
 
 def _chunk(flat: Array, height: Array, lines: Array, along: Array, start: Array) -> tuple[Array, npt.NDArray[np.int64]]:
-    """The first of some triangles on each line: by barycentric coordinates in the plane across the lines."""
+    """Return the first of some triangles on each line, by barycentric coordinates in the plane across the lines."""
     a, b, c = flat[:, 0], flat[:, 1], flat[:, 2]
     e, f = b - a, c - a
     area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
@@ -354,7 +332,7 @@ def _chunk(flat: Array, height: Array, lines: Array, along: Array, start: Array)
 
 
 def _frame(direction: Array) -> Array:
-    """(2, 3) two unit vectors across a direction."""
+    """Return (2, 3) two unit vectors perpendicular to a direction."""
     least = np.eye(3)[np.abs(direction).argmin()]
     first = np.cross(direction, least)
     first /= np.linalg.norm(first)

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.geometry import decomposition, hulls
+from pinproof.collision.geometry import decomposition, hulls, triangles
 from pinproof.collision.geometry.bodies import MESHES_KEPT, Body, FileStamp, hull_body, shape_body
 from pinproof.collision.geometry.decomposition import clusters
 from pinproof.collision.geometry.hulls import Solid
-from pinproof.collision.geometry.shapes import Box, Capsule, Cylinder, Mesh, Sphere
+from pinproof.collision.geometry.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description import LinkGeometry
 from pinproof.description.meshes import read_mesh, resolved
@@ -28,6 +28,9 @@ convex hulls that cover it."""
 
 AS_REQUESTED, DECOMPOSED, EXACT = 0, 1, 2
 """Levels of detail: the representation that the caller requests, several hulls, the exact triangles."""
+
+GEOMETRY_NAMES = {DECOMPOSED: "several hulls", EXACT: "exact meshes"}
+"""The geometry of each level of detail, for messages."""
 
 COARSER: dict[int, tuple[LinkMeshes, ...]] = {DECOMPOSED: ("hull",), EXACT: ("hull", "decomposed")}
 """The requested representations that are coarser than each level."""
@@ -46,10 +49,7 @@ DEFAULT = "*"
 def meshes_of(links: Iterable[str], link_meshes: LinkMeshes | Mapping[str, LinkMeshes]) -> dict[str, LinkMeshes]:
     """Return the mesh representation of each link, from one value for all or a mapping; ``"*"`` is all other links.
 
-    Raises
-    ------
-    UnknownNameError
-        For an unknown representation or link.
+    UnknownNameError for an unknown representation or link.
     """
     links = tuple(links)
     stated: Mapping[str, LinkMeshes] = {DEFAULT: link_meshes} if isinstance(link_meshes, str) else link_meshes
@@ -67,44 +67,38 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
     """Return the bodies of one collision geometry of a link: several if its mesh is ``decomposed``, else one.
 
     A mesh that is not watertight has no inside. Its hull is used, or its ``surface`` if requested, and the remark of
-    the body states it.
-
-    Raises
-    ------
-    MeshError
-        If the mesh is missing or cannot be represented as requested.
+    the body states it. MeshError if the mesh is missing or cannot be represented as requested.
     """
-    at = pin.SE3(np.array(geometry.origin))
+    name, link, at = geometry.name, geometry.link, pin.SE3(np.array(geometry.origin))
+
+    def body_of(shape: Shape) -> Body:
+        return shape_body(name, link, link, shape, at)
+
     if geometry.kind != "mesh":
-        return [shape_body(geometry.name, geometry.link, geometry.link, KINDS[geometry.kind](*geometry.size), at)]
+        return [body_of(KINDS[geometry.kind](*geometry.size))]
     if geometry.mesh is None:
-        raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} has no file")
-    shape = Mesh(resolved(geometry.mesh, geometry.link), geometry.size, hull=True)  # type: ignore[arg-type]  # three
+        raise MeshError(name, f"the mesh of link {link!r} has no file")
+    path = resolved(geometry.mesh, link)
+    shape = Mesh(path, geometry.size, hull=True)  # type: ignore[arg-type]  # three
     if how == "hull":
-        return [shape_body(geometry.name, geometry.link, geometry.link, shape, at)]
-    file = _file(shape)
-    watertight = _is_watertight(*file)
+        return [body_of(shape)]
+    file = FileStamp.of(path)
+    mesh_file = path.absolute(), file, shape.scale
+    watertight = _is_watertight(*mesh_file)
     if how == "surface":
-        surface = replace(shape, hull=False, hollow=not watertight)
-        return [shape_body(geometry.name, geometry.link, geometry.link, surface, at)]
+        return [body_of(replace(shape, hull=False, hollow=not watertight))]
     if not watertight:
-        body = shape_body(geometry.name, geometry.link, geometry.link, shape, at)
-        return [replace(body, remark=f"{shape.path.name} is not watertight, so its convex hull is used")]  # type: ignore[union-attr]
+        return [replace(body_of(shape), remark=f"{path.name} is not watertight, so its convex hull is used")]
     if how == "mesh":
-        return [shape_body(geometry.name, geometry.link, geometry.link, replace(shape, hull=False), at)]
-    read = FileStamp.of(shape.path)  # type: ignore[arg-type]  # meshes of links have one
+        return [body_of(replace(shape, hull=False))]
     return [
-        replace(
-            part,
-            name=f"{geometry.name}_part_{i}",
-            owner=geometry.link,
-            link=geometry.link,
-            link_from_body=at,
-            file=read,
-        )
-        for i, part in enumerate(_parts(*file))
+        replace(part, name=f"{name}_part_{i}", owner=link, link=link, link_from_body=at, file=file)
+        for i, part in enumerate(_parts(*mesh_file))
     ]
 
+
+SOLID_CODE = (hulls.__file__, triangles.__file__)
+"""The modules that decide whether a mesh is watertight, for entries of the cache on disk."""
 
 GEOMETRIES_KEPT = 512
 """Number of collision geometries of links whose hulls and primitive shapes are kept."""
@@ -126,19 +120,8 @@ def _convex_bodies(geometry: LinkGeometry, how: LinkMeshes, _stamp: FileStamp | 
 class LinkBodies:
     """The bodies of a robot's links, in the requested representation and, for some pairs, in finer ones.
 
-    Derived checkers share the bodies.
-
-    Parameters
-    ----------
-    geometries
-        The collision geometries of all links.
-    meshes
-        The representation of each link's meshes.
-
-    Raises
-    ------
-    MeshError
-        If a mesh is missing or cannot be represented as requested.
+    Derived checkers share the bodies. ``meshes`` is the representation of the meshes of each link. MeshError if a mesh
+    is missing or cannot be represented as requested.
     """
 
     def __init__(self, geometries: Sequence[LinkGeometry], meshes: Mapping[str, LinkMeshes]) -> None:
@@ -202,38 +185,35 @@ def _finer_bodies(geometry: LinkGeometry, requested: LinkMeshes, level: int) -> 
     return [replace(body, name=body.name if level == DECOMPOSED else name, level=level) for body in bodies]
 
 
-def _file(shape: Mesh) -> tuple[Path, int, tuple[float, float, float]]:
-    """Return a cache key of a mesh: path, modification time and scale."""
-    path = Path(shape.path).absolute()  # type: ignore[arg-type]  # meshes of links have one
-    return path, path.stat().st_mtime_ns, shape.scale  # type: ignore[return-value]  # made three numbers by Mesh
+Scale = float | tuple[float, float, float]
 
 
 @lru_cache(maxsize=MESHES_KEPT)
-def _solid(path: Path, _changed: int, scale: tuple[float, float, float]) -> Solid:
-    mesh = read_mesh(path, scale)
+def _solid(path: Path, _file: FileStamp | None, scale: Scale) -> Solid:
+    mesh = read_mesh(path, scale)  # type: ignore[arg-type]  # made three numbers by Mesh
     return Solid(mesh.vertices, mesh.triangles)
 
 
 @lru_cache(maxsize=MESHES_KEPT)
-def _is_watertight(path: Path, changed: int, scale: tuple[float, float, float]) -> bool:
-    mesh = read_mesh(path, scale)
+def _is_watertight(path: Path, file: FileStamp | None, scale: Scale) -> bool:
+    mesh = read_mesh(path, scale)  # type: ignore[arg-type]  # made three numbers by Mesh
 
     def make() -> dict[str, npt.NDArray[Any]]:
-        return {"watertight": np.array(_solid(path, changed, scale).watertight)}
+        return {"watertight": np.array(_solid(path, file, scale).watertight)}
 
     key = content_digest(mesh.vertices, mesh.triangles)
-    return bool(cached("watertight", key, make, code=[hulls.__file__], libraries=["scipy"])["watertight"])
+    return bool(cached("watertight", key, make, code=SOLID_CODE, libraries=["scipy"])["watertight"])
 
 
 @lru_cache(maxsize=MESHES_KEPT)
-def _parts(path: Path, changed: int, scale: tuple[float, float, float]) -> tuple[Body, ...]:
+def _parts(path: Path, file: FileStamp | None, scale: Scale) -> tuple[Body, ...]:
     """Return convex hulls that cover a watertight mesh, without a link; this takes 0.05 s to some seconds."""
-    mesh = read_mesh(path, scale)
+    mesh = read_mesh(path, scale)  # type: ignore[arg-type]  # made three numbers by Mesh
 
     def make() -> dict[str, npt.NDArray[Any]]:
-        solid = _solid(path, changed, scale)
+        solid = _solid(path, file, scale)
         return {f"{number:04d}": part for number, part in enumerate(clusters(solid.corners, solid.contains))}
 
-    code = [decomposition.__file__, hulls.__file__]
+    code = [decomposition.__file__, *SOLID_CODE]
     found = cached("hulls", content_digest(mesh.vertices, mesh.triangles), make, code=code, libraries=["scipy", "coal"])
     return tuple(hull_body("", "", found[name], pin.SE3.Identity()) for name in sorted(found))

@@ -274,10 +274,7 @@ def _check_movers(
 def _covering(mover: Mover | Trajectory, duration: float) -> tuple[str, Trajectory]:
     """Return a name for messages, and the trajectory of a mover.
 
-    Raises
-    ------
-    InputError
-        If the mover ends before the motion, and does not rest there.
+    InputError if the mover ends before the motion, and does not rest there.
     """
     if isinstance(mover, Mover):
         name, trajectory, rests = f"mover {mover.name!r}", mover.trajectory, mover.rests

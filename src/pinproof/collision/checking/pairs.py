@@ -6,238 +6,28 @@ nearly all configurations, or if no joint of the arm moves them relative to each
 contacts. Other pairs that an SRDF or a planning scene disables, as ``Never`` in contact or without a reason, are
 checked unless the caller trusts them. Every exclusion is listed with its reason.
 
-Sampling is needed because a disabled pair is no evidence: ``Default`` in an SRDF means that the two touched in one
-configuration, ``Adjacent`` and ``User`` that the author disabled them. Collision models are often larger than the
-robot, and links that share a housing overlap by design; a pair that overlaps in nearly all configurations carries no
-information. If the hulls of two links overlap much more often than their exact meshes, the pair is checked with several
-hulls each, or with the exact meshes, instead.
+:mod:`pinproof.collision.checking.overlaps` samples how often links touch, and states why this is needed.
 """
 
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
-from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
+from typing import NamedTuple
 
-import coal
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.checking.links import AS_REQUESTED, DECOMPOSED, EXACT, LinkBodies
+from pinproof.collision.checking.links import DECOMPOSED, GEOMETRY_NAMES
+from pinproof.collision.checking.overlaps import Overlap, Overlaps
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.shapes import ANYTHING
 from pinproof.collision.scenes.scene import Scene
 from pinproof.description import UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import JointGroup, Robot
-
-Booleans = npt.NDArray[np.bool_]
-
-NEARLY_ALL = 0.95
-"""A pair that touches in this share of the samples is excluded: the share above which MoveIt's Setup Assistant regards
-a pair as always in collision (``min_collision_fraction``)."""
-
-MOST = 0.5
-"""A pair that touches in this share of the samples is also excluded if it is close in :data:`NEARLY_ALL` of them."""
-
-CLOSE_SHARE = 0.0025
-"""Share of the robot's size, a few millimetres: links at a smaller distance are close. Meshes are not more accurate;
-shoulder links whose meshes touch in three of four configurations and are never farther apart are adjacent."""
-
-COARSE = 0.05
-"""Bodies represent a pair well enough if the share of samples in which they touch, and the exact meshes do not, is no
-larger than this."""
-
-SAMPLES = 200
-"""Number of sampled configurations: a share of 0.95 is estimated within 0.03 in 19 of 20 cases."""
-
-SEED = 0
-"""Seed of the samples, so that every checker of a robot excludes the same pairs."""
-
-
-class Overlap(NamedTuple):
-    """How often two links, or objects attached to them, touch."""
-
-    touching: float
-    """The share of the samples in which they touch, with bodies of ``level``."""
-    near: float
-    """The share of the samples in which their distance is at most ``close``."""
-    close: float
-    """Distance (m) up to which they count as close."""
-    level: int = AS_REQUESTED
-    """The level of detail that the pair needs, see :mod:`pinproof.collision.checking.links`."""
-
-    @property
-    def nearly_all(self) -> bool:
-        """Whether they touch in nearly all configurations, so that contact does not distinguish configurations."""
-        return self.touching >= NEARLY_ALL or (self.touching >= MOST and self.near >= NEARLY_ALL)
-
-    def __str__(self) -> str:
-        text = f"in contact in {self.touching:.0%} of sampled configurations"
-        return text if self.touching >= NEARLY_ALL else f"{text}, within {self.close * 1e3:.2g} mm in {self.near:.0%}"
-
-
-class Overlaps:
-    """Estimates how often pairs of links of a robot touch; results are cached for all checkers of the robot.
-
-    Parameters
-    ----------
-    robot
-        The robot.
-    links
-        The bodies of its links.
-    samples
-        Number of sampled configurations.
-    """
-
-    def __init__(self, robot: Robot, links: LinkBodies, samples: int = SAMPLES) -> None:
-        self._robot, self._links, self._count = robot, links, samples
-        self._verdicts: dict[frozenset[str], Overlap] = {}  # included in a pickle
-
-    def of(self, a: str, b: str) -> Overlap:
-        """Return how often two links touch."""
-        pair = frozenset((a, b))
-        if pair not in self._verdicts:
-            known = _known(self._robot, self._count).overlaps
-            key = pair, *sorted((link, self._links.meshes_of(link)) for link in pair)
-            if key not in known:
-                known[key] = self._found(a, b)
-            self._verdicts[pair] = known[key]
-        return self._verdicts[pair]
-
-    def of_bodies(self, a: Sequence[Body], b: Sequence[Body]) -> Overlap:
-        """Return how often any of these bodies touch, each of which moves with a link; not cached."""
-        return self._overlap(a, b, self._touching(a, b), AS_REQUESTED)
-
-    def _found(self, a: str, b: str) -> Overlap:
-        requested, exact = self._on(AS_REQUESTED, a, b), self._on(EXACT, a, b)
-        coarse = self._touching(*requested)
-        if coarse.mean() <= COARSE or not any(map(self._links.can_be_finer, (a, b))):
-            return self._overlap(*requested, coarse, AS_REQUESTED)
-        true = self._touching(*exact, where=coarse)
-        found = self._overlap(*exact, true, EXACT)
-        if found.nearly_all:
-            return found
-        if coarse.mean() - true.mean() <= COARSE:
-            return self._overlap(*requested, coarse, AS_REQUESTED)
-        several = self._on(DECOMPOSED, a, b)
-        closer = self._touching(*several, where=coarse)
-        return self._overlap(*several, closer, DECOMPOSED) if closer.mean() - true.mean() <= COARSE else found
-
-    def _overlap(self, a: Sequence[Body], b: Sequence[Body], touching: Booleans, level: int) -> Overlap:
-        close, near = CLOSE_SHARE * self._robot.size_around(a[0].link or ""), touching
-        if MOST <= touching.mean() < NEARLY_ALL:
-            near = touching | self._touching(a, b, where=~touching, within=close)
-        return Overlap(float(touching.mean()), float(near.mean()), close, level)
-
-    def _on(self, level: int, a: str, b: str) -> tuple[Sequence[Body], Sequence[Body]]:
-        return self._links.on_level(a, level), self._links.on_level(b, level)
-
-    def _touching(
-        self, a: Sequence[Body], b: Sequence[Body], *, where: Booleans | None = None, within: float = 0.0
-    ) -> Booleans:
-        """Return (samples,) whether any bodies are ``within`` this distance (m), only at the samples ``where``."""
-        touching = np.zeros(self._count, dtype=bool)
-        samples = _known(self._robot, self._count)
-        for i in range(self._count) if where is None else np.flatnonzero(where).tolist():
-            placed = [[(body, samples.placement(i, body)) for body in bodies] for bodies in (a, b)]
-            touching[i] = any(_touch(*one, *other, within) for one in placed[0] for other in placed[1])
-        return touching
-
-    def __repr__(self) -> str:
-        return f"Overlaps({self._robot.name!r})"
-
-
-class _Samples:
-    """Random configurations of all joints of a robot, and the cached overlaps of its links."""
-
-    def __init__(self, robot: Robot, count: int) -> None:
-        self._model = robot.model
-        self.overlaps: dict[Any, Overlap] = {}
-        self._data = self._model.createData()
-        self._placements: dict[tuple[int, str | None], pin.SE3] = {}
-        rng = np.random.default_rng(SEED)
-        self._configurations = [_configuration(robot, rng) for _ in range(count)]
-        self._placed_at = -1
-        self._lock = threading.Lock()  # all threads share the workspace
-
-    def placement(self, i: int, body: Body) -> pin.SE3:
-        """``root_from_body`` of a body that moves with a link at sample ``i``."""
-        key = i, body.link
-        with self._lock:
-            if key not in self._placements:
-                if self._placed_at != i:
-                    pin.forwardKinematics(self._model, self._data, self._configurations[i])
-                    self._placed_at = i
-                frame = self._model.getFrameId(body.link, pin.FrameType.BODY)
-                self._placements[key] = pin.updateFramePlacement(self._model, self._data, frame).copy()
-        return self._placements[key] * body.link_from_body
-
-
-_KNOWN: WeakKeyDictionary[Robot, dict[int, _Samples]] = WeakKeyDictionary()
-
-
-def _known(robot: Robot, count: int) -> _Samples:
-    known = _KNOWN.setdefault(robot, {})
-    if count not in known:
-        known[count] = _Samples(robot, count)
-    return known[count]
-
-
-def _configuration(robot: Robot, rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """Return a random configuration of all joints: mimic joints follow their leaders, floating joints are neutral."""
-    model, joints = robot.model, robot.urdf.joints
-    q = pin.neutral(model)
-    values = {}
-    for name, joint in joints.items():
-        if joint.mimic is None and joint.type in ("revolute", "continuous", "prismatic"):
-            open_range = 1.0 if joint.type == "prismatic" else np.pi
-            lower = -open_range if joint.lower is None or joint.type == "continuous" else joint.lower
-            upper = open_range if joint.upper is None or joint.type == "continuous" else joint.upper
-            values[name] = rng.uniform(lower, upper)
-    for name, joint in joints.items():
-        if joint.mimic is not None and joint.mimic.leader in values:
-            value = joint.mimic.multiplier * values[joint.mimic.leader] + joint.mimic.offset
-        elif name in values:
-            value = values[name]
-        else:
-            continue
-        q[model.joints[model.getJointId(robot.urdf.model_joint(name))].idx_q] = value
-    return np.asarray(q)
-
-
-def _touch(a: Body, root_from_a: pin.SE3, b: Body, root_from_b: pin.SE3, within: float) -> bool:
-    """Whether two bodies are at most ``within`` (m) apart, or one is inside the watertight mesh of the other."""
-    offset = _middle(a, root_from_a) - _middle(b, root_from_b)
-    if offset @ offset > (_ball(a) + _ball(b) + within + 1e-6) ** 2:  # farther apart than their bounding balls
-        return False
-    request = coal.CollisionRequest()
-    request.security_margin = within
-    placed = [coal.Transform3s(at.rotation, at.translation) for at in (root_from_a, root_from_b)]
-    if coal.collide(a.geometry, placed[0], b.geometry, placed[1], request, coal.CollisionResult()):
-        return True
-    return _inside(a, root_from_a, b, root_from_b) or _inside(b, root_from_b, a, root_from_a)
-
-
-def _middle(body: Body, root_from_body: pin.SE3) -> npt.NDArray[np.float64]:
-    return np.asarray(root_from_body.rotation @ body.box.mean(axis=0) + root_from_body.translation)
-
-
-def _ball(body: Body) -> float:
-    return float(np.linalg.norm(body.box[1] - body.box[0])) / 2
-
-
-def _inside(outer: Body, root_from_outer: pin.SE3, inner: Body, root_from_inner: pin.SE3) -> bool:
-    if outer.solid is None or not outer.solid.watertight:
-        return False
-    outer_from_inner = root_from_outer.actInv(root_from_inner)
-    return outer.solid.contains(inner.witnesses @ outer_from_inner.rotation.T + outer_from_inner.translation)
-
 
 HOUSING_SHARE = 0.05
 """Default length of a joint housing as a share of the robot's size. Links that are separated only by links without
@@ -250,9 +40,6 @@ TOUCHING = ("adjacent", "always", "default", "user", "overlaps in every sampled 
 """Reasons, in lower case, with which an SRDF disables links that were found to touch: those of MoveIt's Setup Assistant
 (``Default``: they touch with every joint at its default; ``User``: disabled by hand) and that of the catalogue. None of
 them shows that two links touch in every configuration, so these pairs are sampled."""
-
-BY = {DECOMPOSED: "several hulls", EXACT: "exact meshes"}
-"""The geometry of each level of detail, for messages."""
 
 ALLOWED_BY_CALLER = "allowed by the caller"
 """Reason for excluding a pair that may touch."""
@@ -317,12 +104,8 @@ def choose_pairs(
 ) -> Pairs:
     """Return the pairs to check; ``levels`` are the levels of detail of pairs of owners, where not 0.
 
-    Raises
-    ------
-    UnknownNameError
-        If an allowed contact of the scene or of the caller names an unknown body.
-    InputError
-        If it names the same body twice, or the scene is for a robot with another root link.
+    UnknownNameError if an allowed contact of the scene or of the caller names an unknown body; InputError if it names
+    the same body twice, or the scene is for a robot with another root link.
     """
     robot = arm.robot
     if scene.frame and not _is_root_frame(robot, scene.frame):
@@ -356,7 +139,7 @@ def choose_pairs(
         pairs.checked.extend((min(i, j), max(i, j)) for i, j in product(*sides))
         if any(bodies[i].level for side in sides for i in side):
             reason = DISABLED if level == DECOMPOSED and key in unexplained else TOUCHED
-            pairs.finer.append(FinerPair((a, b), BY[level], reason))
+            pairs.finer.append(FinerPair((a, b), GEOMETRY_NAMES[level], reason))
     for a, b in (*combinations(sorted(carried), 2), *product(sorted(carried), fixed)):
         pairs.excluded.append(ExcludedPair((a, b), BOTH_OBSTACLES))
     pairs.checked.sort()
@@ -475,12 +258,13 @@ class _Neighbours:
         disabled = self._disabled.get(frozenset((a.owner, b.owner)))
         if disabled is not None:
             claim = _by_srdf(disabled)
-        elif solid_between or (up and down) or not self._in_one_place(moving, self._housing(a.link)):
-            return "", False
         else:
-            length, housing = self._length(moving) * 1e3, self._housing(a.link) * 1e3
+            # A prismatic joint moves its child link out of the housing.
+            length, housing = self._length(moving), self._housing(a.link)
+            if solid_between or (up and down) or length > housing or any(joint.type == "prismatic" for joint in moving):
+                return "", False
             claim = f"adjacent: only links without geometry between them ({', '.join(between)}), joints within "
-            claim += f"{length:.3g} mm (housing {housing:.3g} mm)"
+            claim += f"{length * 1e3:.3g} mm (housing {housing * 1e3:.3g} mm)"
         if not any(joint.name in self._own for joint in moving):
             return f"{claim}; {NOT_MOVED}", False
         return claim, True
@@ -497,15 +281,6 @@ class _Neighbours:
         """Return the length (m) of a joint housing of the robot that a link belongs to."""
         given = self._rules.housing
         return HOUSING_SHARE * self._robot.size_around(link) if given is None else given
-
-    def _in_one_place(self, line: Sequence[UrdfJoint], housing: float) -> bool:
-        """Whether all joints of a chain, listed from the tip, lie within one housing of this length (m).
-
-        A prismatic joint moves its child link out of the housing.
-        """
-        if any(joint.type == "prismatic" for joint in line):
-            return False
-        return self._length(line) <= housing
 
     def _length(self, line: Sequence[UrdfJoint]) -> float:
         """Return the length (m) of a chain of joints, listed from the tip: the sum of the distances between the joints.

@@ -37,12 +37,7 @@ class NearestBodies(NamedTuple):
 class PlacedBodies:
     """The bodies of a checker at one configuration; each thread needs its own instance.
 
-    Parameters
-    ----------
-    checker
-        The checker.
-    world
-        Its world, or a part of it.
+    ``world`` is the world of the checker, or a part of it.
     """
 
     def __init__(self, checker: CheckedBodies, world: World) -> None:

@@ -1,13 +1,13 @@
-"""Bodies that leave what they touch: the directions along which they leave it, and the facets of meshes.
+"""Bodies that separate from obstacles in contact: the directions of separation, and the facets of meshes.
 
-That a body never approaches an obstacle along one direction is proven in ``src/core/certificate/departure.h``. For an
-exact mesh, the facets close to the body at the start are grouped by the directions along which the body leaves them.
+``src/core/certificate/departure.h`` proves that a body never approaches an obstacle along one direction. For an exact
+mesh, the facets close to the body at the start are grouped by the directions along which the body separates from them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -21,22 +21,30 @@ from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.hulls import Solid, bvh
 from pinproof.spatial import matrix
 
-if TYPE_CHECKING:
-    from pinproof.collision.checking.checker import CollisionChecker
-
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Follow = Callable[[Departure], DepartureProof]
+
+FAILURES = 24
+"""Number of failed directions after which no more are tried for one pair."""
+
+MEASURED = 1000
+"""Maximum number of facets whose penetration direction is measured, the deepest first: 10 us each."""
+
+NORMALS = 200
+"""Maximum number of different facet normals that are tried."""
+
+SAME_DIRECTION = 1e-9
+"""Directions that differ by less are equal."""
+
+UNIT = 1e-6
+"""Tolerance of the length of a measured normal."""
+
+ONE_TRIANGLE = np.array([[0, 1, 2]])
 
 
 class MovingBody:
-    """A moving body of the robot: its placement at a configuration, and its support function.
-
-    Parameters
-    ----------
-    checker
-        The checker.
-    body
-        The index of a body that moves with a link.
-    """
+    """A body that moves with a link: its placement at a configuration, and its support function."""
 
     def __init__(self, checker: CollisionChecker, body: int) -> None:
         self._world, self._index = checker.world, body
@@ -51,7 +59,7 @@ class MovingBody:
         self.at = self._space.root_from_body(self._index)
 
     def departure(self, normal: Array, level: float) -> Departure:
-        """Its motion along ``normal`` (3,), away from something with the extent ``level`` (m) along it."""
+        """Return its motion along ``normal`` (3,), away from a body with the extent ``level`` (m) along it."""
         return Departure(self._world, self._index, self.shape.hull, normal, level)
 
     def reach(self, directions: Array) -> Array:
@@ -89,28 +97,6 @@ class BodySupport(NamedTuple):
         if self.points is None and self.body.support is not None:
             return np.asarray(origin + self.body.support.reach(local))
         return np.asarray(origin + (local @ np.asarray(self.points).T).max(axis=1))
-
-
-Indices = npt.NDArray[np.int64]
-Follow = Callable[[Departure], DepartureProof]
-
-FAILURES = 24
-"""Number of failed directions after which no more are tried for one pair."""
-
-MEASURED = 1000
-"""Maximum number of facets whose penetration direction is measured, the deepest first: 10 us each."""
-
-NORMALS = 200
-"""Maximum number of different facet normals that are tried."""
-
-SAME_DIRECTION = 1e-9
-"""Directions that differ by less are equal."""
-
-
-UNIT = 1e-6
-"""Tolerance of the length of a measured normal."""
-
-ONE_TRIANGLE = np.array([[0, 1, 2]])
 
 
 class FacetGroup(NamedTuple):
@@ -159,24 +145,13 @@ def leave_facets(
 ) -> tuple[list[FacetGroup], float]:
     """Return groups of facets from which a body at its start separates, or which it does not approach at first.
 
-    Facets in no group need the ordinary proof. Directions along which the body separates come first; a group whose
-    proof has ``until`` at infinity has no such direction. Also returns the gap (m) at the facet with the deepest
-    penetration, along the best direction for that facet.
+    Facets in no group need the ordinary proof: those farther from the body than ``reach`` (m), and those that the body
+    penetrates by more than ``deepest`` (m) in every direction. Directions along which the body separates come first; a
+    group whose proof has ``until`` at infinity has no such direction. Also returns the gap (m) at the facet with the
+    deepest penetration, along the best direction for that facet.
 
-    Parameters
-    ----------
-    moving, body
-        The body that separates.
-    corners
-        (F, 3, 3) the triangles in the root frame.
-    directions
-        (d, 3) directions to try besides the normals of the facets; of equally good ones, the first is taken.
-    reach
-        Metres. Facets proven farther from the body than this are in no group.
-    deepest
-        Metres. Facets that the body penetrates by more than this in every direction are in no group.
-    follow
-        Follows the curve along a direction.
+    ``corners`` (F, 3, 3) are the triangles in the root frame, ``directions`` (d, 3) are tried besides the normals of
+    the facets, the first of equally good ones is used, and ``follow`` follows the curve along a direction.
     """
     near = np.flatnonzero(_near(moving, corners, directions, reach))
     if not len(near):
@@ -241,10 +216,10 @@ def _extended(groups: list[FacetGroup], corners: Array) -> list[FacetGroup]:
 
 
 def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: float) -> Array:
-    """(k, 3) unit vectors from a body of the robot at q (n,) to the facets of an exact mesh within ``reach`` (m) of it.
+    """Return (k, 3) unit vectors from a body of the robot at q (n,) to the facets of a mesh within ``reach`` (m).
 
-    For each facet, against the direction along which the two are farthest apart, or overlap least. None for a mesh that
-    is farther away, and for an obstacle that has no facets.
+    Each is opposite to the direction along which body and facet are farthest apart, or overlap least. Empty for a mesh
+    that is farther away, and for an obstacle without facets.
     """
     a, b = checker.pairs[pair]
     body, at = checker.bodies[b], matrix(checker.bodies[b].link_from_body)
@@ -264,7 +239,7 @@ def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: 
 
 
 def _near(moving: MovingBody, corners: Array, directions: Array, reach: float) -> npt.NDArray[np.bool_]:
-    """(F,) the triangles that no direction tried shows farther than ``reach`` from the body."""
+    """Return (F,) whether triangles may be within ``reach`` of the body; some directions are tried to exclude it."""
     own = moving.at[:3, :3].T
     _, gaps = _gaps(moving, corners, np.concatenate([directions, own, -own]))
     near = gaps.max(axis=0) <= reach
@@ -318,9 +293,9 @@ def _measured(moving: MovingBody, body: Body, facets: Array) -> Array:
 
 
 def unit_vectors(directions: Array) -> Array:
-    """The rows (d, 3) that are unit vectors: where bodies overlap, coal's normals may be zero, denormal or not finite.
+    """Return the rows (d, 3) that are unit vectors; of overlapping bodies, coal's normals may be zero or not finite.
 
-    Along a vector without a length, every gap is 0 and nothing ever approaches: a proof of nothing.
+    Along a vector without a length, every gap is 0 and no body ever approaches, which would be a false proof.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         lengths = np.sqrt((directions * directions).sum(axis=1))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -188,6 +188,12 @@ class Body:
             return self.solid.witnesses
         return np.empty((0, 3)) if self.support is None else self.support.points[:1]
 
+    def contains_part_of(self, other: Body, own_from_other: pin.SE3) -> bool:
+        """Whether a part of another body is inside this exact watertight mesh; never if it is no such mesh."""
+        if self.solid is None or not self.solid.watertight:
+            return False
+        return self.solid.contains(other.witnesses @ own_from_other.rotation.T + own_from_other.translation)
+
     @property
     def is_exact(self) -> bool:
         """Whether coal reads the triangles of a mesh."""
@@ -223,24 +229,18 @@ class Body:
 
 
 def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> list[Body]:
-    """Return the bodies of an obstacle or attached object: several for a mesh that is covered by convex pieces.
-
-    Raises
-    ------
-    MeshError, InputError
-        As :func:`shape_body` does.
-    """
+    """Return the bodies of an obstacle or attached object: several for a mesh of convex pieces, or for cells."""
     if isinstance(shape, PointCloud | OccupancyGrid):
         return _cell_bodies(name, link, shape, link_from_body)
     if not isinstance(shape, Mesh) or shape.hull is not None:
         return [shape_body(name, name, link, shape, link_from_body)]
-    file = None if shape.path is None else FileStamp.of(shape.path)
-    made, remark = _own_shape(shape)
-    if len(made) == 1:
-        return [Body(name, name, link, made[0][0], link_from_body.copy(), *made[0][1:], remark, file=file)]
+    stamped, file = _stamped(shape)
+    made, remark = _own_shape(stamped, file)
+    names = [name] if len(made) == 1 else [f"{name}_part_{i}" for i in range(len(made))]
+    source = "" if len(made) == 1 else name
     return [
-        Body(f"{name}_part_{i}", name, link, part[0], link_from_body.copy(), *part[1:], remark, source=name, file=file)
-        for i, part in enumerate(made)
+        Body(part, name, link, each[0], link_from_body.copy(), *each[1:], remark, source=source, file=file)
+        for part, each in zip(names, made, strict=True)
     ]
 
 
@@ -272,14 +272,10 @@ def _cell_bodies(
 def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:
     """Return a body of any shape.
 
-    Raises
-    ------
-    MeshError
-        If a mesh is unreadable, or cannot be represented as requested.
-    InputError
-        If points have no hull, a half-space is attached to a link, or the shape is unknown.
+    MeshError if a mesh is unreadable or cannot be represented as requested; InputError if points have no hull, a
+    half-space is attached to a link, or the shape is unknown.
     """
-    file = FileStamp.of(shape.path) if isinstance(shape, Mesh) and shape.path is not None else None
+    file = _stamped(shape)[1] if isinstance(shape, Mesh) else None
     geometry, box, support, solid = _made(shape, owner, link)
     return Body(name, owner, link, geometry, link_from_body, box, support, solid, _remark(shape, solid), file=file)
 
@@ -315,11 +311,9 @@ def _made(shape: Shape, owner: str, link: str | None) -> Made:
     """Return geometry, box, support and enclosed volume of a shape; an unknown kind is refused."""
     if isinstance(shape, HalfSpace) and link is not None:
         raise InputError(f"{owner!r} is a HalfSpace, which is unbounded and cannot move with {link!r}; attach a Box")
-    if isinstance(shape, ConvexHull):
-        return _hull(np.asarray(shape.points), f"the hull {owner!r}")
     make = GEOMETRIES.get(type(shape))
     if make is None:
-        known = ", ".join(kind.__name__ for kind in (ConvexHull, *GEOMETRIES))
+        known = ", ".join(kind.__name__ for kind in GEOMETRIES)
         raise InputError(f"{owner!r} has the unknown shape {type(shape).__name__}; known are {known}")
     return make(shape)
 
@@ -379,46 +373,36 @@ def _height_map(shape: HeightMap) -> Made:
 
 
 def _mesh(shape: Mesh) -> Made:
-    if shape.path is None:
-        return _made_of_mesh(shape)
-    path = Path(shape.path).absolute()  # a relative path depends on the working directory
-    try:
-        status = path.stat()
-    except OSError:
-        return _made_of_mesh(shape)  # raises with the reason
-    return _made_of_file(path, shape.scale, shape.hull, shape.hollow, (status.st_mtime_ns, status.st_size))
+    return _made_of_mesh(*_stamped(shape))
 
 
-def _own_shape(shape: Mesh) -> tuple[tuple[Made, ...], str]:
-    """Return the bodies of a mesh that is represented as a solid, and a remark on simplifications."""
-    if shape.path is None:
-        return _made_of_own_shape(shape, None)
-    path = Path(shape.path).absolute()
-    try:
-        status = path.stat()
-    except OSError:
-        triangles_of(shape)  # raises, naming the file
-        raise
-    return _made_of_own_shape(replace(shape, path=path), (status.st_mtime_ns, status.st_size))
+def _stamped(shape: Mesh) -> tuple[Mesh, FileStamp | None]:
+    """Return a mesh with the absolute path of its file, which does not depend on the working directory, and its stamp.
+
+    The stamp is None for a mesh without a file, and for a missing file.
+    """
+    file = None if shape.path is None else FileStamp.of(shape.path)
+    return (shape if file is None else replace(shape, path=file.path)), file
 
 
 @lru_cache(maxsize=MESHES_KEPT)
-def _made_of_own_shape(shape: Mesh, _changed: tuple[int, int] | None) -> tuple[tuple[Made, ...], str]:
+def _own_shape(shape: Mesh, file: FileStamp | None) -> tuple[tuple[Made, ...], str]:
+    """Return the bodies of a mesh that is represented as a solid, and a remark on simplifications."""
     mesh = triangles_of(shape)
     what = "the mesh" if shape.path is None else Path(shape.path).name
     solid = Solid(mesh.vertices, mesh.triangles)
     if not solid.watertight:
         remark = f"{what} is not watertight, so it is replaced by its convex hull, which fills its openings"
-        return (_made_of_mesh(replace(shape, hull=True)),), remark
+        return (_made_of_mesh(replace(shape, hull=True), file),), remark
     cover = convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
     if cover is None or cover.excess > MOST_EXCESS:
         remark = (
             f"{what} is represented by its exact triangles, because {MOST_PIECES} convex pieces do not fit it within "
             f"{MOST_EXCESS * 1e3:g} mm; checks take longer, and proofs cannot be saved"
         )
-        return (_made_of_mesh(replace(shape, hull=False)),), remark
+        return (_made_of_mesh(replace(shape, hull=False), file),), remark
     if len(cover.points) == 1:
-        return (_made_of_mesh(replace(shape, hull=True)),), ""
+        return (_made_of_mesh(replace(shape, hull=True), file),), ""
     pieces = []
     for points in cover.points:
         geometry = hull_of_any(points)
@@ -431,11 +415,7 @@ def _made_of_own_shape(shape: Mesh, _changed: tuple[int, int] | None) -> tuple[t
 
 
 @lru_cache(maxsize=MESHES_KEPT)
-def _made_of_file(path: Any, scale: Any, hull: bool | None, hollow: bool, _changed: tuple[int, int]) -> Made:
-    return _made_of_mesh(Mesh(path, scale, hull=hull, hollow=hollow))
-
-
-def _made_of_mesh(shape: Mesh) -> Made:
+def _made_of_mesh(shape: Mesh, _file: FileStamp | None) -> Made:
     mesh = triangles_of(shape)
     what = "a mesh of arrays" if shape.path is None else shape.path
     if shape.hull:
@@ -461,13 +441,7 @@ def _surface(vertices: Array, triangles: npt.NDArray[np.int64]) -> tuple[Any, Ar
 
 
 def triangles_of(shape: Mesh) -> TriangleMesh:
-    """The triangles of a mesh, in metres.
-
-    Raises
-    ------
-    MeshError
-        If its file is missing or unreadable.
-    """
+    """Return the triangles of a mesh in metres; MeshError if its file is missing or unreadable."""
     if shape.path is None:
         return TriangleMesh(np.array(shape.vertices), np.array(shape.triangles))
     return read_mesh(shape.path, shape.scale)  # type: ignore[arg-type]  # made three numbers by Mesh
@@ -482,16 +456,6 @@ def _box_around(points: Array) -> Array:
     return np.array([points.min(axis=0), points.max(axis=0)])
 
 
-def boxes(bodies: Sequence[Body]) -> tuple[Array, Array]:
-    """Return centres (B, 3) and half sides (B, 3) of the bodies' boxes, each in its body's frame.
-
-    Not finite for an unbounded body.
-    """
-    stacked = np.array([body.box for body in bodies]).reshape(-1, 2, 3)
-    with np.errstate(invalid="ignore"):
-        return stacked.mean(axis=1), (stacked[:, 1] - stacked[:, 0]) / 2
-
-
 GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
     Box: _box,
     Sphere: _sphere,
@@ -500,6 +464,7 @@ GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
     Cone: _cone,
     Ellipsoid: _ellipsoid,
     HalfSpace: _half_space,
+    ConvexHull: lambda shape: _hull(np.asarray(shape.points), "the convex hull"),
     Mesh: _mesh,
     PointCloud: _cells,
     OccupancyGrid: _cells,

@@ -1,30 +1,28 @@
-"""Triangles, edges and convex cells cut in two by a plane.
+"""Watertight meshes as a few convex pieces that together contain them and hardly extend beyond them.
 
-A plane is ``[normal, offset]`` (4,): the points x with ``normal . x + offset = 0``. Points within ``snap`` metres of it
-lie in it.
+Space is divided into convex cells C by planes through the faces at the reflex edges of the mesh, such as the inner
+walls of a bin or the shoulder of a bracket. The solid S is covered, cell by cell, by the hull of the surface triangles
+clipped to C and of the corners of C next to which C is filled by S.
 
-Watertight meshes as a few convex pieces that together hold all of them and reach hardly beyond them.
-
-Space is cut into convex cells C by planes through the faces at the mesh's reflex edges: the inner walls of a bin, the
-shoulder of a bracket. The solid S is covered, cell by cell, by the hull of the surface triangles cut to C and of the
-corners of C next to which C is filled by S.
-
-Proof. Let K be the closure of the common interior of S and C, and x an extreme point of K (K lies in the hull of these;
-Rockafellar, 1970, "Convex analysis", corollary 18.5.1). If surface comes arbitrarily near to x within C, a triangle cut
-to C holds x. If not, C is filled by S next to x, so x is extreme in C too, and such a corner is taken. Planes are
-:data:`SNAP` thick, so a gap of that width may remain uncovered inside S between two pieces; every triangle of the
-surface is covered. So what touches S touches the cover, unless it is thinner than that gap and wholly inside S.
+Proof. Let K be the closure of the common interior of S and C, and x an extreme point of K (K is contained in their
+hull; Rockafellar, 1970, "Convex analysis", corollary 18.5.1). If points of the surface in C are arbitrarily near to x,
+a triangle clipped to C contains x. If not, C is filled by S next to x, so x is extreme in C too, and such a corner is
+used. Planes are :data:`SNAP` thick, so a gap of that width may remain uncovered inside S between two pieces; every
+triangle of the surface is covered. Hence a body that touches S touches the cover, unless it is thinner than that gap
+and entirely inside S.
 
 Cutting through faces gives the exact pieces of a body with flat faces (B. Chazelle, 1984, "Convex partitions of
 polyhedra", section 3: each reflex edge is removed by one cut). :mod:`pinproof.collision.geometry.decomposition` cuts
-across the axes only and serves the links of robots, which are round.
+across the axes only, for the links of robots, which are round.
+
+A plane is ``[normal, offset]`` (4,): the points x with ``normal . x + offset = 0``. Points within ``snap`` metres of it
+count as in the plane.
 """
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import combinations
@@ -34,6 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.geometry.hulls import Solid, bvh, inside
+from pinproof.collision.geometry.triangles import PointHull, cut_crossing, with_area
 
 Array = npt.NDArray[np.float64]
 
@@ -44,7 +43,7 @@ def _heights(points: Array, plane: Array, snap: float) -> Array:
 
 
 def split_triangles(corners: Array, plane: Array, snap: float) -> tuple[Array, Array]:
-    """The triangles below and above a plane, cut where they cross it; those in it go to the side of their material."""
+    """Return the triangles below and above a plane, cut where they cross it; those in it, where the material is."""
     h = _heights(corners, plane, snap)
     below, above = (h <= 0).all(axis=1), (h >= 0).all(axis=1)
     inside_plane = below & above
@@ -52,38 +51,21 @@ def split_triangles(corners: Array, plane: Array, snap: float) -> tuple[Array, A
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         up = normals @ plane[:3] > 0  # outward normal up: the material is below
         below, above = below & ~(inside_plane & ~up), above & ~(inside_plane & up)
-    lower, upper = [corners[below & (~above | inside_plane)]], [corners[above & (~below | inside_plane)]]
-    crossing = ~((h <= 0).all(axis=1) | (h >= 0).all(axis=1))
-    torn, h = corners[crossing], h[crossing]
-    if len(torn):
-        # Turn each so that its first corner is alone on its side; a corner in the plane counts to the other two.
-        s = np.sign(h)
-        alone = np.argmax(
-            [
-                (s[:, i] * s[:, j] <= 0) & (s[:, i] * s[:, k] <= 0) & (s[:, i] != 0)
-                for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-            ],
-            axis=0,
-        )
-        rows, order = np.arange(len(torn))[:, None], (alone[:, None] + np.arange(3)) % 3
-        (a, b, c), (ha, hb, hc) = np.moveaxis(torn[rows, order], 1, 0), h[rows, order].T
-        p, q = a + (ha / (ha - hb))[:, None] * (b - a), a + (ha / (ha - hc))[:, None] * (c - a)
-        tip = np.stack([a, p, q], axis=1)
-        rest = np.concatenate([np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)])
-        twice = np.tile(ha < 0, 2)
-        lower += [tip[ha < 0], rest[~twice]]
-        upper += [tip[ha > 0], rest[twice]]
-    return _with_area(np.concatenate(lower)), _with_area(np.concatenate(upper))
+    lower, upper = corners[below & (~above | inside_plane)], corners[above & (~below | inside_plane)]
+    cut_lower, cut_upper = cut_crossing(corners, h)
+    return _different_corners(np.concatenate([lower, cut_lower])), _different_corners(
+        np.concatenate([upper, cut_upper])
+    )
 
 
-def _with_area(corners: Array) -> Array:
-    """Those with three different corners: a corner in the plane of a cut gives triangles without."""
+def _different_corners(corners: Array) -> Array:
+    """Return the triangles with three different corners; a corner in the plane of a cut gives others."""
     a, b, c = np.moveaxis(corners, 1, 0)
     return corners[(a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)]
 
 
 def split_edges(edges: Array, planes: Array, plane: Array, snap: float) -> list[tuple[Array, Array]]:
-    """The edges below and above a plane, cut where they cross it; those in it are resolved."""
+    """Return the edges below and above a plane, cut where they cross it; edges in the plane are not reflex any more."""
     h = _heights(edges, plane, snap)
     halves = []
     for sign in (-1.0, 1.0):
@@ -99,7 +81,7 @@ def split_edges(edges: Array, planes: Array, plane: Array, snap: float) -> list[
 
 
 def split_cell(faces: list[Array], plane: Array, snap: float) -> tuple[list[Array], list[Array]]:
-    """The faces of a convex cell below and above a plane; the cut itself is a face of both."""
+    """Return the faces of a convex cell below and above a plane; the cross section is a face of both."""
     halves: tuple[list[Array], list[Array]] = ([], [])
     cap: list[Array] = []
     for polygon in faces:
@@ -127,7 +109,7 @@ def split_cell(faces: list[Array], plane: Array, snap: float) -> tuple[list[Arra
 
 
 def _around(points: Array, normal: Array) -> Array:
-    """The corners (N, 3) of a convex polygon in their order around it."""
+    """Return the corners (N, 3) of a convex polygon in their order around it."""
     off = points - points.mean(axis=0)
     one = off[np.linalg.norm(off, axis=1).argmax()]
     other = np.cross(normal, one)
@@ -150,13 +132,10 @@ AT = (
     np.array([(1, 1, 1), (18, 1, 1), (1, 18, 1), (1, 1, 18), (9, 9, 2), (9, 2, 9), (2, 9, 9)])
     / np.array([3, 20, 20, 20, 20, 20, 20])[:, None]
 )
-"""(7, 3) Where the samples of a triangle lie, as shares of its corners."""
+"""(7, 3) the barycentric coordinates of the samples of a triangle."""
 
 Samples = tuple[Array, Array]
 """Points (N, 3) of a surface and the outward unit normals (N, 3) there."""
-
-PRODUCTS = 2**20
-"""Products of a sample and a plane that are computed at once: 8 MB."""
 
 SAMPLES = 4000
 """Points on the surface of the cover at which its excess is measured."""
@@ -164,14 +143,9 @@ SAMPLES = 4000
 
 @dataclass(frozen=True, eq=False)
 class ConvexPieces:
-    """A cover of a mesh.
+    """A cover of a mesh: the points (V_i, 3) of each piece.
 
-    Parameters
-    ----------
-    points
-        The points (V_i, 3) of each piece.
-    excess
-        Metres: how far the cover reaches beyond the mesh, at the worst of about :data:`SAMPLES` points of its surface.
+    ``excess`` is the largest distance (m) by which it extends beyond the mesh, at about :data:`SAMPLES` points.
     """
 
     points: tuple[Array, ...]
@@ -181,17 +155,9 @@ class ConvexPieces:
 def convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPieces | None:
     """Cover a watertight mesh by at most ``most`` convex pieces.
 
-    Bodies that overlap are covered one by one, because their common surface has no edges to cut at. None for a mesh
-    with more faces at reflex edges than 1.5 times ``most``: a bowl, for example, would need many more pieces.
-
-    Parameters
-    ----------
-    solid
-        The mesh.
-    most
-        Pieces at most.
-    tolerance
-        Metres. A cell is not cut any more where no more space than this is between the surface and the hull.
+    Overlapping bodies are covered one by one, because no edges exist where their surfaces intersect. A cell is not cut
+    further if the distance between its surface and its hull is at most ``tolerance`` (m). Returns None for a mesh with
+    more faces at reflex edges than 1.5 times ``most``, such as a bowl, which would need many more pieces.
     """
     corners = solid.corners
     size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
@@ -216,46 +182,8 @@ class _Space:
     size: float
 
 
-class _Hull:
-    """A convex hull: the points on it (V, 3), its faces as planes (E, 4) and triangles, its volume; 0 if flat."""
-
-    def __init__(self, points: Array) -> None:
-        from scipy.spatial import ConvexHull, QhullError
-
-        self.points, self.planes, self.volume = points, np.empty((0, 4)), 0.0
-        self.triangles = np.empty((0, 3, 3))
-        if len(points) > 3:
-            with suppress(QhullError):
-                hull = ConvexHull(points)
-                self.points, self.planes, self.volume = points[hull.vertices], hull.equations, float(hull.volume)
-                self.triangles = points[hull.simplices]
-
-    def space(self, points: Array, normals: Array) -> Array:
-        """How far (m) it is from points (N, 3) in it along unit normals (N, 3) to its surface."""
-        space = np.zeros(len(points))
-        for rows in self._blocks(points):
-            space[rows] = self._block_space(points[rows], normals[rows])
-        return space
-
-    def has_space(self, points: Array, normals: Array, tolerance: float) -> bool:
-        """Whether it is farther than ``tolerance`` (m) from any of the points to its surface; stops at the first."""
-        return any((self._block_space(points[r], normals[r]) > tolerance).any() for r in self._blocks(points))
-
-    def _blocks(self, points: Array) -> list[slice]:
-        """Rows of points by blocks: a CAD mesh has 500,000 samples and 3,000 planes, and their product is 12 GB."""
-        if len(self.planes) == 0:
-            return []
-        rows = max(1, PRODUCTS // len(self.planes))
-        return [slice(i, i + rows) for i in range(0, len(points), rows)]
-
-    def _block_space(self, points: Array, normals: Array) -> Array:
-        height = np.maximum(-(points @ self.planes[:, :3].T + self.planes[:, 3]), 0.0)
-        slope = normals @ self.planes[:, :3].T
-        return np.asarray(np.where(slope > 1e-9, height / np.maximum(slope, 1e-9), np.inf).min(axis=1))
-
-
-def _cells(given: Sequence[_Cell], most: int, tolerance: float) -> list[tuple[_Hull, Samples]]:
-    """The hulls of the cells, each with samples of the surface in it, the worst cell cut first."""
+def _cells(given: Sequence[_Cell], most: int, tolerance: float) -> list[tuple[PointHull, Samples]]:
+    """Return the hulls of the cells, each with samples of its surface; the cell of the largest cost is cut first."""
     number = len(given)
     queue = [(-cell.cost, k, cell) for k, cell in enumerate(given)]
     heapq.heapify(queue)
@@ -275,18 +203,18 @@ def _cells(given: Sequence[_Cell], most: int, tolerance: float) -> list[tuple[_H
     return [(cell.hull, cell.samples) for cell in done]
 
 
-def _joined(cells: list[tuple[_Hull, Samples]], tolerance: float) -> list[_Hull]:
-    """Fewer pieces: two are joined where their common hull leaves no more space above the surface than is tolerated."""
+def _joined(cells: list[tuple[PointHull, Samples]], tolerance: float) -> list[PointHull]:
+    """Join two pieces while their common hull is nowhere farther than ``tolerance`` (m) from the surface."""
     alive = dict(enumerate(cells))
     number = len(cells)
     tried: set[tuple[int, int]] = set()
     while True:
-        best: tuple[float, int, int, _Hull] | None = None
+        best: tuple[float, int, int, PointHull] | None = None
         for i, j in combinations(alive, 2):
             if (i, j) in tried:
                 continue
             (one, samples_one), (other, samples_other) = alive[i], alive[j]
-            hull = _Hull(np.concatenate([one.points, other.points]))
+            hull = PointHull(np.concatenate([one.points, other.points]))
             more = hull.volume - one.volume - other.volume
             area = max(float(np.prod(np.ptp(hull.points, axis=0))) ** (2 / 3), 1e-12)
             deep = max(float(hull.space(*samples).max(initial=0.0)) for samples in (samples_one, samples_other))
@@ -312,7 +240,7 @@ class _Cell:
     faces: list[Array]
     edges: Array
     planes: Array
-    """(E, 2, 4) those of the faces at the reflex edges."""
+    """(E, 2, 4) the planes of the two faces at each reflex edge."""
 
     @cached_property
     def filled(self) -> Array:
@@ -329,17 +257,14 @@ class _Cell:
         return len(self.corners) == 0 and len(self.filled) == 0
 
     @cached_property
-    def hull(self) -> _Hull:
-        return _Hull(np.unique(np.concatenate([self.corners.reshape(-1, 3), self.filled]), axis=0))
+    def hull(self) -> PointHull:
+        return PointHull(np.unique(np.concatenate([self.corners.reshape(-1, 3), self.filled]), axis=0))
 
     @cached_property
     def samples(self) -> Samples:
         """Points of the surface, seven a triangle, and the outward normals there."""
-        across = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
-        twice = np.linalg.norm(across, axis=1)
-        some = twice > 0
-        points = np.einsum("ks,fsx->kfx", AT, self.corners[some])
-        normals = across[some] / twice[some, None]
+        corners, normals, _ = with_area(self.corners)
+        points = np.einsum("ks,fsx->kfx", AT, corners)
         return points.reshape(-1, 3), np.tile(normals, (len(AT), 1))
 
     @cached_property
@@ -348,20 +273,17 @@ class _Cell:
 
     @cached_property
     def deepest(self) -> float:
-        """The largest space (m) between surface and hull."""
+        """The largest distance (m) between surface and hull."""
         return float(self._space.max(initial=0.0))
 
     @cached_property
     def cost(self) -> float:
-        """The space between surface and hull, summed over the surface: m^3."""
-        areas = np.linalg.norm(
-            np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]), axis=1
-        )
-        areas = np.tile(areas[areas > 0] / 2, len(AT)) / len(AT)
+        """The integral over the surface of the distance to the hull (m^3)."""
+        areas = np.tile(with_area(self.corners)[2], len(AT)) / len(AT)
         return float(areas @ np.minimum(self._space, self.space.size))
 
     def best_cut(self) -> tuple[_Cell, _Cell]:
-        """The two halves that the cut leaves that leaves least cost."""
+        """Return the two halves of the cut with the smallest remaining cost."""
         best: tuple[float, tuple[_Cell, _Cell]] | None = None
         for plane in self.reflex_planes()[:PLANES_TRIED] or self._middles():
             halves = self._cut(plane)
@@ -373,7 +295,7 @@ class _Cell:
         return best[1] if best is not None else self._cut(self._middles()[0])
 
     def reflex_planes(self) -> list[Array]:
-        """The planes of the faces at reflex edges, those with the longest first."""
+        """Return the planes of the faces at reflex edges, in decreasing order of the length of their edges."""
         if len(self.edges) == 0:
             return []
         lengths = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1)
@@ -384,7 +306,7 @@ class _Cell:
         return [planes[first[k]] for k in order]
 
     def _middles(self) -> list[Array]:
-        """Planes across the axes through the middle of what is there."""
+        """Return planes across the axes through the middle of the hull, across its longest side first."""
         low, high = self.hull.points.min(axis=0), self.hull.points.max(axis=0)
         made = []
         for axis in np.argsort(low - high):
@@ -394,7 +316,7 @@ class _Cell:
         return made
 
     def _cut(self, plane: Array) -> tuple[_Cell, _Cell]:
-        """The cells on both sides of a plane, the one against its normal first."""
+        """Return the cells below and above a plane."""
         snap = self.space.snap
         lower, upper = split_triangles(self.corners, plane, snap)
         faces = split_cell(self.faces, plane, snap)
@@ -403,7 +325,7 @@ class _Cell:
 
 
 def _box(corners: Array) -> list[Array]:
-    """The faces of the box around triangles, as polygons."""
+    """Return the faces of the box around triangles, as polygons."""
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
     faces = []
     for axis in range(3):
@@ -417,10 +339,8 @@ def _box(corners: Array) -> list[Array]:
 
 
 def _reflex_edges(corners: Array, snap: float) -> tuple[Array, Array]:
-    """The edges (E, 2, 3) at which the surface is not convex, and the planes (E, 2, 4) of their faces."""
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    twice = np.linalg.norm(across, axis=1)
-    corners, normals = corners[twice > 0], across[twice > 0] / twice[twice > 0, None]
+    """Return the edges (E, 2, 3) at which the surface is not convex, and the planes (E, 2, 4) of their faces."""
+    corners, normals, _ = with_area(corners)
     planes = np.column_stack([normals, -np.einsum("fi,fi->f", normals, corners[:, 0])])
     places, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     # Half-edge 3 f + k starts at corner k of triangle f; its twin runs the other way in the neighbouring triangle.
@@ -441,12 +361,11 @@ def _reflex_edges(corners: Array, snap: float) -> tuple[Array, Array]:
     return ends[reflex], np.stack([planes[f], planes[g]], axis=1)[reflex]
 
 
-def _excess(hulls: list[_Hull], corners: Array, contains: Callable[[Array], bool]) -> float:
-    """How far (m) the hulls reach beyond the mesh, at points spread evenly over their surfaces."""
-    triangles = np.concatenate([np.empty((0, 3, 3)), *(hull.triangles for hull in hulls)])
+def _excess(hulls: list[PointHull], corners: Array, contains: Callable[[Array], bool]) -> float:
+    """Return how far (m) the hulls extend beyond the mesh, at points spread evenly over their surfaces."""
+    triangles, _, areas = with_area(np.concatenate([np.empty((0, 3, 3)), *(hull.triangles for hull in hulls)]))
     if len(triangles) == 0:
         return 0.0
-    areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     rng = np.random.default_rng(0)
     chosen = rng.choice(len(triangles), SAMPLES, p=areas / areas.sum())
     shares = rng.dirichlet(np.ones(3), SAMPLES)

@@ -18,7 +18,6 @@ volume of the hull, it decreases with every wall that is separated from a hollow
 from __future__ import annotations
 
 import heapq
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import combinations, product
@@ -26,6 +25,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+
+from pinproof.collision.geometry.triangles import PointHull, cut_crossing, with_area
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,12 +70,8 @@ SAMPLES = 400
 def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PIECES) -> list[Array]:
     """Return the points of each hull of a cover, from 1 to ``pieces`` arrays (V_i, 3).
 
-    Parameters
-    ----------
-    corners
-        (F, 3, 3) the corners of the triangles.
-    contains
-        Whether any of the points (N, 3) is inside the body; always false for a surface without an inside.
+    ``corners`` (F, 3, 3) are the triangles. ``contains`` states whether any of the points (N, 3) is inside the body; it
+    is always false for a surface without an inside.
     """
     flat = corners.reshape(-1, 3)
     # Cells share corners, and the test whether a corner is inside the body is slow.
@@ -90,34 +87,12 @@ def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PI
     return [hull.points for hull in halves]
 
 
-class _Hull:
-    """The convex hull of points (V, 3): those on it, its faces as planes (E, 4), and its volume, 0 where it is flat."""
-
-    def __init__(self, points: Array) -> None:
-        from scipy.spatial import ConvexHull, QhullError
-
-        self.points, self.planes, self.volume = points, np.empty((0, 4)), 0.0
-        if len(points) > 3:
-            with suppress(QhullError):
-                hull = ConvexHull(points)
-                self.points, self.planes, self.volume = points[hull.vertices], hull.equations, float(hull.volume)
-        self.box = np.array([points.min(axis=0), points.max(axis=0)])
-
-    def beside(self, other: _Hull) -> bool:
-        """Whether the boxes around both meet."""
-        return bool((self.box[0] <= other.box[1]).all() and (other.box[0] <= self.box[1]).all())
-
-    def with_other(self, other: _Hull) -> _Hull:
-        """The hull of both."""
-        return _Hull(np.concatenate([self.points, other.points]))
-
-
-def _cut_up(mesh_cell: _Cell, closely: bool, pieces: int) -> list[_Hull]:
+def _cut_up(mesh_cell: _Cell, closely: bool, pieces: int) -> list[PointHull]:
     """Return the hulls of the cells: cut at the best plane, or in halves, which suits round and hollow bodies."""
     least = WORTH * float(np.prod(np.ptp(mesh_cell.box, axis=0)))
     number = 0
     queue = [(-mesh_cell.space, number, mesh_cell)]
-    done: list[_Hull] = []
+    done: list[PointHull] = []
     while queue:
         cell = heapq.heappop(queue)[2]
         if len(queue) + len(done) + 1 >= max(CELLS, pieces) or cell.space <= least:
@@ -130,19 +105,19 @@ def _cut_up(mesh_cell: _Cell, closely: bool, pieces: int) -> list[_Hull]:
     return done
 
 
-def _joined(hulls: list[_Hull], pieces: int) -> list[_Hull]:
+def _joined(hulls: list[PointHull], pieces: int) -> list[PointHull]:
     """Merge hulls whose common hull is hardly larger; it contains both."""
-    idle = IDLE * _Hull(np.concatenate([hull.points for hull in hulls])).volume
-    both: dict[tuple[int, int], tuple[float, _Hull]] = {}
+    idle = IDLE * PointHull(np.concatenate([hull.points for hull in hulls])).volume
+    both: dict[tuple[int, int], tuple[float, PointHull]] = {}
     alive = dict(enumerate(hulls))
     while len(alive) > 1:
         pairs = list(combinations(alive, 2))
-        near = [(i, j) for i, j in pairs if alive[i].beside(alive[j])]
+        near = [(i, j) for i, j in pairs if _meet(alive[i], alive[j])]
         if not near and len(alive) <= pieces:
             break
         for i, j in near or pairs:
             if (i, j) not in both:
-                hull = alive[i].with_other(alive[j])
+                hull = PointHull(np.concatenate([alive[i].points, alive[j].points]))
                 both[i, j] = hull.volume - alive[i].volume - alive[j].volume, hull
         i, j = min(near or pairs, key=lambda pair: both[pair][0])
         more, hull = both[i, j]
@@ -151,6 +126,11 @@ def _joined(hulls: list[_Hull], pieces: int) -> list[_Hull]:
         del alive[i], alive[j]
         alive[max(i, j, *alive, *map(max, both)) + 1] = hull
     return list(alive.values())
+
+
+def _meet(one: PointHull, other: PointHull) -> bool:
+    """Whether the boxes around two hulls meet."""
+    return bool((one.box[0] <= other.box[1]).all() and (other.box[0] <= one.box[1]).all())
 
 
 @dataclass
@@ -173,9 +153,9 @@ class _Cell:
         return np.unique(np.concatenate([self.corners.reshape(-1, 3), self.inner]), axis=0)
 
     @cached_property
-    def hull(self) -> _Hull:
+    def hull(self) -> PointHull:
         """The hull that covers the body in this cell."""
-        return _Hull(self.points)
+        return PointHull(self.points)
 
     @property
     def middle(self) -> tuple[int, float]:
@@ -198,7 +178,7 @@ class _Cell:
 
     def _few(self) -> Array:
         """Return a subset of the triangles for choosing a cut: spread by area, and those of largest extent."""
-        corners, _, areas = _faces(self.corners)
+        corners, _, areas = with_area(self.corners)
         if len(corners) <= FEW:
             return corners
         flat = corners.reshape(-1, 3)
@@ -208,19 +188,16 @@ class _Cell:
     @cached_property
     def space(self) -> float:
         """The volume (m^3) between surface and hull, as defined above; 0 if the hull is flat."""
-        corners, normals, areas = _faces(self.corners)
+        corners, normals, areas = with_area(self.corners)
         # A face in a wall of the cell with its normal inward belongs to the part of the body in the next cell.
         for axis in range(3):
             low, high = ((corners[:, :, axis] == wall).all(axis=1) for wall in self.box[:, axis])
             areas = np.where((low & (normals[:, axis] > 0)) | (high & (normals[:, axis] < 0)), 0.0, areas)
         total = float(areas.sum())
-        planes = self.hull.planes
-        if total == 0 or len(planes) == 0:
+        if total == 0 or len(self.hull.planes) == 0:
             return 0.0
         chosen, times = np.unique(_spread(areas, SAMPLES), return_counts=True)
-        height = -(corners[chosen].mean(axis=1) @ planes[:, :3].T + planes[:, 3])
-        slope = normals[chosen] @ planes[:, :3].T
-        distance = np.where(slope > 1e-9, np.maximum(height, 0.0) / np.maximum(slope, 1e-9), np.inf).min(axis=1)
+        distance = self.hull.space(corners[chosen].mean(axis=1), normals[chosen])
         return float(np.minimum(distance, np.linalg.norm(np.ptp(self.points, axis=0))) @ times) * total / SAMPLES
 
     def cut(self, axis: int, place: float) -> tuple[_Cell, _Cell]:
@@ -238,18 +215,10 @@ def _spread(areas: Array, count: int) -> npt.NDArray[np.int64]:
     return np.minimum(here, len(areas) - 1)
 
 
-def _faces(corners: Array) -> tuple[Array, Array, Array]:
-    """The triangles (F, 3, 3) that have an area, their unit normals (F, 3) and areas (F,)."""
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    twice = np.linalg.norm(across, axis=1)
-    some = twice > 0
-    return corners[some], across[some] / twice[some, None], twice[some] / 2
-
-
 def _places(corners: Array, axis: int) -> list[float]:
     """Return the positions of cuts to try along an axis."""
     low, high = float(corners[:, :, axis].min()), float(corners[:, :, axis].max())
-    faces, normals, areas = _faces(corners)
+    faces, normals, areas = with_area(corners)
     across = np.abs(normals[:, axis]) > ACROSS
     planes, index = np.unique(faces[across, 0, axis], return_inverse=True)
     largest = np.argsort(-np.bincount(index.ravel(), areas[across], len(planes)), kind="stable")
@@ -258,29 +227,10 @@ def _places(corners: Array, axis: int) -> list[float]:
 
 
 def _split(corners: Array, axis: int, place: float) -> tuple[Array, Array]:
-    """The triangles below and above a plane; what crosses it is cut, what lies in it belongs to both."""
-    side = np.sign(corners[:, :, axis] - place)
-    below, above = (side <= 0).all(axis=1), (side >= 0).all(axis=1)
-    crossing = ~(below | above)
-    lower, upper = [corners[below]], [corners[above]]
-    # Turn each so that its first corner is alone on its side; a corner in the plane counts to the other two.
-    torn, signs = corners[crossing], side[crossing]
-    alone = np.argmax([(signs[:, i] * signs[:, j] <= 0) & (signs[:, i] * signs[:, k] <= 0) & (signs[:, i] != 0)
-                       for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))], axis=0)  # fmt: skip
-    rows = np.arange(len(torn))[:, None]
-    turned = torn[rows, (alone[:, None] + np.arange(3)) % 3]
-    a, b, c = np.moveaxis(turned, 1, 0)
-    with_a = signs[rows[:, 0], alone] < 0
-    p, q = (_between(a, end, axis, place) for end in (b, c))
-    tip, rest = np.stack([a, p, q], axis=1), [np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)]
-    lower += [tip[with_a], *(part[~with_a] for part in rest)]
-    upper += [tip[~with_a], *(part[with_a] for part in rest)]
-    return np.concatenate(lower), np.concatenate(upper)
-
-
-def _between(a: Array, b: Array, axis: int, place: float) -> Array:
-    """Where the lines from a to b (N, 3) cross the plane."""
-    share = (place - a[:, axis]) / (b[:, axis] - a[:, axis])
-    crossing = np.asarray(a + share[:, None] * (b - a))
-    crossing[:, axis] = place
-    return crossing
+    """Return the triangles below and above a plane, cut where they cross it; those in it belong to both."""
+    heights = corners[:, :, axis] - place
+    lower, upper = cut_crossing(corners, heights)
+    # Rounding must not move a corner beyond the plane.
+    lower[:, :, axis], upper[:, :, axis] = np.minimum(lower[:, :, axis], place), np.maximum(upper[:, :, axis], place)
+    below, above = (heights <= 0).all(axis=1), (heights >= 0).all(axis=1)
+    return np.concatenate([corners[below], lower]), np.concatenate([corners[above], upper])

@@ -13,6 +13,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision.geometry.triangles import connected_parts
 from pinproof.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -30,10 +31,7 @@ THICKENING = 10.0
 def convex_hull(points: Array, what: str) -> Any:
     """Return the coal shape of the hull of ``points`` (V, 3); ``what`` names them in errors.
 
-    Raises
-    ------
-    InputError
-        If they are flat, or Qhull or coal fails.
+    InputError if they are flat, or Qhull or coal fails.
     """
     refuse_flat(points, what)
     # buildConvexRepresentation would only label a mesh as convex and miss collisions; this computes the hull (Qhull).
@@ -73,13 +71,7 @@ def hull_of_any(points: Array) -> Any:
 
 
 def refuse_flat(points: Array, what: str) -> None:
-    """Refuse points (V, 3) that have no hull.
-
-    Raises
-    ------
-    InputError
-        If they lie in a plane, nearly so, or are too few.
-    """
+    """Raise InputError if points (V, 3) have no hull: they lie in a plane, nearly so, or are too few."""
     if len(points) == 0:
         raise InputError(f"{what} is empty, so it has no hull")
     _, _, low, high = _principal_box(points)
@@ -230,17 +222,12 @@ class _Edges:
         Bodies that touch, or share vertices or edges, are separate parts: an edge of more than two triangles, or of two
         in one direction, connects none.
         """
-        from scipy.sparse import coo_matrix
-        from scipy.sparse.csgraph import connected_components
-
         order = np.argsort(self.number, kind="stable")
         begins = np.flatnonzero(np.diff(self.number[order], prepend=-1))
         two = begins[np.diff(begins, append=len(order)) == 2]
         one, other = order[two], order[two + 1]
         joined = self.direction[one] != self.direction[other]
-        rows, columns = self.face[one[joined]], self.face[other[joined]]
-        graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-        labels = connected_components(graph, directed=False)[1]
+        labels = connected_parts(count, self.face[one[joined]], self.face[other[joined]])
         order = np.argsort(labels, kind="stable")
         return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if count else []
 

@@ -1,8 +1,7 @@
 """Balls and boxes inside bodies: if two of them share a point, so do the bodies.
 
-Bodies in contact can be proven to be in contact over a set of configurations by such shapes, as bounding volumes prove
-that bodies are apart. The radii are lower bounds: the distance to the planes of a convex body, or to the triangles of a
-watertight mesh.
+They prove that bodies are in contact over a set of configurations, as bounding volumes prove that bodies are apart. The
+radii are lower bounds: the distance from the planes of a convex body, or from the triangles of a watertight mesh.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from pinproof.collision.geometry.bodies import MOST_EXCESS, Body, Support
 from pinproof.collision.geometry.hulls import Solid, winding_number
+from pinproof.collision.geometry.triangles import with_area
 
 Array = npt.NDArray[np.float64]
 
@@ -42,19 +42,20 @@ ROUNDING = 1e-9
 HUGE = 1e3
 """Metres: half sides of the box that represents a half-space."""
 
+KEPT = 256
+"""Number of bodies whose shapes are kept."""
+
+CONVEX = 5
+"""A mesh is treated as convex if more than this fraction (1 / 5) of the box around it is behind all of its
+triangles."""
+
 
 class InnerShapes(NamedTuple):
     """Shapes inside a body, in its frame: balls, and a box with rounded edges if there is one.
 
-    Parameters
-    ----------
-    balls
-        (k, 4) centres and radii.
-    corners
-        (m, 3) points of the surface, spread over the corners of the body. They are balls without a radius.
-    box_centre, box_half, box_radius
-        The box: its centre (3,), its half sides (3,) along the axes of the body, and the radius of the ball that is
-        added to it; ``box_half`` is None if the body has no box.
+    ``balls`` (k, 4) are centres and radii. ``corners`` (m, 3) are points of the surface, spread over the corners of the
+    body: balls without a radius. The box has a centre (3,), half sides (3,) along the axes of the body (None if the
+    body has no box), and the radius of the ball that is added to it.
     """
 
     balls: Array
@@ -68,7 +69,7 @@ _KEPT: dict[bytes, InnerShapes] = {}
 
 
 def inner_shapes(body: Body) -> InnerShapes:
-    """Shapes inside a body; no shape if its volume is only known approximately, as for the hull of a link's mesh."""
+    """Return shapes inside a body; none if its volume is only known approximately, as for the hull of a link's mesh."""
     none = InnerShapes(np.empty((0, 4)), np.empty((0, 3)), np.zeros(3), None, 0.0)
     if isinstance(body.geometry, coal.Halfspace):
         return none._replace(box_centre=np.array([0.0, 0.0, -HUGE]), box_half=np.full(3, HUGE))
@@ -82,12 +83,8 @@ def inner_shapes(body: Body) -> InnerShapes:
     return _KEPT[key]
 
 
-KEPT = 256
-"""Number of bodies whose shapes are kept."""
-
-
 def _inner_shapes(body: Body, none: InnerShapes) -> InnerShapes:
-    # the pieces of a mesh may extend beyond it
+    # The pieces of a mesh may extend beyond it.
     less = ROUNDING + (MOST_EXCESS if body.file is not None and body.support is not None else 0.0)
     if isinstance(body.geometry, coal.Box) and body.support is not None:
         low, high = body.box
@@ -137,17 +134,22 @@ class _Planes(NamedTuple):
         return cls(hull.equations[:, :3], -hull.equations[:, 3], support.radius, np.empty((0, 3)))
 
 
-def extremes(support: Support, *, with_ball: bool = False) -> Array:
-    """(m, 3) points of a convex body, with or without its ball: the farthest ones in some directions.
+def spiral_directions(count: int) -> Array:
+    """Return (count, 3) unit vectors that are distributed over the sphere by a Fibonacci spiral."""
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    across = np.sqrt(1 - z**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
 
-    With the ball, those of a body that has no curved surface are all its points.
+
+def extremes(support: Support, *, with_ball: bool = False) -> Array:
+    """Return (m, 3) extreme points of a convex body, with or without its ball, in some directions.
+
+    With the ball, a body without a curved surface has all of its points.
     """
     if with_ball and not (support.radius or support.disc_radii.any() or support.semi_axes.any()):
         return support.points
-    k = np.arange(DIRECTIONS) + 0.5
-    z, angle = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
-    across = np.sqrt(1 - z**2)
-    directions = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+    directions = spiral_directions(DIRECTIONS)
     flat = np.hypot(directions[:, 0], directions[:, 1])[:, None]
     reach = directions @ support.points.T + flat * support.disc_radii
     best = reach.argmax(axis=1)
@@ -160,14 +162,14 @@ def extremes(support: Support, *, with_ball: bool = False) -> Array:
 
 
 def _candidates(box: Array) -> Array:
-    """(m, 3) points of a grid in a box (2, 3)."""
+    """Return (m, 3) points of a grid in a box (2, 3)."""
     shares = (np.arange(GRID) + 0.5) / GRID
     grid = np.stack(np.meshgrid(shares, shares, shares, indexing="ij"), axis=-1).reshape(-1, 3)
     return np.asarray(np.concatenate([[box.mean(axis=0)], box[0] + grid * (box[1] - box[0])]))
 
 
 def _in_polytope(planes: _Planes, box: Array) -> tuple[Array, Array]:
-    """Centres (m, 3) and radii (m,) of balls in a polytope with a ball added."""
+    """Return centres (m, 3) and radii (m,) of balls in a polytope to which a ball is added."""
     if len(planes.core):
         share = np.linspace(0.0, 1.0, 2 * GRID)[:, None]
         centres = planes.core[:1] + share * (planes.core[-1:] - planes.core[:1])
@@ -178,16 +180,13 @@ def _in_polytope(planes: _Planes, box: Array) -> tuple[Array, Array]:
 
 
 def _in_mesh(corners: Array, box: Array) -> tuple[Array, Array]:
-    """Centres (m, 3) and radii (m,) of balls in a watertight mesh of triangles (F, 3, 3).
+    """Return centres (m, 3) and radii (m,) of balls in a watertight mesh of triangles (F, 3, 3).
 
     A point behind the planes of all triangles is inside, since every triangle adds to its winding number; its smallest
     distance from the planes is the radius. Other meshes are not star-shaped, and their distances are to the triangles.
     """
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    kept = length > 0
-    normals = normals[kept] / length[kept, None]
-    offsets = np.einsum("ij,ij->i", normals, corners[kept, 0])
+    faces, normals, _ = with_area(corners)
+    offsets = np.einsum("ij,ij->i", normals, faces[:, 0])
     centres = _candidates(box)
     depth = (offsets - centres @ normals.T).min(axis=1)
     if (depth > 0).sum() > len(centres) // CONVEX:
@@ -197,12 +196,8 @@ def _in_mesh(corners: Array, box: Array) -> tuple[Array, Array]:
     return inside, radii
 
 
-CONVEX = 5
-"""A mesh is treated as convex if more than this fraction of the box around it is behind all of its triangles."""
-
-
 def _distance(point: Array, corners: Array) -> float:
-    """The distance of a point (3,) from triangles (F, 3, 3)."""
+    """Return the distance of a point (3,) from triangles (F, 3, 3)."""
     edges = np.roll(corners, -1, axis=1) - corners
     away = point - corners
     squares = np.maximum(np.einsum("ijk,ijk->ij", edges, edges), np.finfo(float).tiny)
@@ -216,7 +211,7 @@ def _distance(point: Array, corners: Array) -> float:
 
 
 def _far_apart(points: Array) -> Array:
-    """(m, 3) some of the points (k, 3), each as far as possible from those before it."""
+    """Return (m, 3) a subset of points (k, 3), each as far as possible from those before it."""
     if len(points) <= MOST_CORNERS:
         return points
     chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
@@ -228,7 +223,7 @@ def _far_apart(points: Array) -> Array:
 
 
 def _spread(centres: Array, radii: Array, less: float) -> Array:
-    """(k, 4) the largest of the balls, with their centres apart."""
+    """Return (k, 4) the largest of the balls, with their centres apart."""
     radii = radii - less
     chosen: list[Array] = []
     for i in np.argsort(-radii, kind="stable"):

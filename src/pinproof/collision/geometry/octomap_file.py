@@ -96,12 +96,8 @@ class OctomapLeaves:
 def read_octomap(path: str | Path, threshold: float = THRESHOLD) -> OctomapLeaves:
     """Return the known leaves of a ``.bt`` or ``.ot`` file.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is not a tree of occupancies, is truncated or damaged, or has no known leaf.
-    InputError
-        If a threshold is given for a ``.bt`` file, which states no occupancies, or is not between 0 and 1.
+    FileError if the file cannot be read, is not a tree of occupancies, is truncated or damaged, or has no known leaf;
+    InputError if a threshold is given for a ``.bt`` file, which states no occupancies, or is not between 0 and 1.
     """
     file = Path(path)
     if not 0.0 < threshold < 1.0:
@@ -129,27 +125,10 @@ def octomap_leaves(
 ) -> OctomapLeaves:
     """Return the known leaves of the data of a tree, as they are in files and in octomap_msgs/Octomap.
 
-    Parameters
-    ----------
-    file
-        The file that contains the data, for messages.
-    data
-        The nodes.
-    kind
-        The type of the tree, such as ``"OcTree"``.
-    resolution
-        The side (m) of a cell.
-    binary
-        Whether the data are those of a ``.bt`` file.
-    threshold
-        The occupancy from which the leaves of other data are occupied.
-    size
-        The number of nodes, if it is stated.
-
-    Raises
-    ------
-    FileError
-        If the data are truncated or damaged, are of another type of tree, or have no known leaf.
+    ``file`` is named in messages; ``kind`` is the type of the tree, such as ``"OcTree"``; ``resolution`` is the side
+    (m) of a cell. ``binary`` states whether the data are those of a ``.bt`` file; leaves of other data are occupied
+    from the occupancy ``threshold``. ``size`` is the number of nodes, if it is stated. FileError if the data are
+    truncated or damaged, are of another type of tree, or have no known leaf.
     """
     if not (0.0 < resolution < np.inf):
         raise FileError(file, f"states the resolution {resolution:g} m, which is not positive")

@@ -24,12 +24,7 @@ Reader = Callable[[Path], Numbers]
 def read_image(path: str | Path) -> Numbers:
     """Return the numbers of an image file: ``.npy``, ``.png``, or ``.exr`` with the extra ``sensor``.
 
-    Raises
-    ------
-    FileError
-        If it has another suffix or cannot be read.
-    InputError
-        If an extra is missing.
+    FileError if it has another suffix or cannot be read; InputError if an extra is missing.
     """
     return _read(path, "depth image", {".npy": _read_npy, ".png": _read_png, ".exr": _read_exr})
 

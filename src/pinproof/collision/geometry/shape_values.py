@@ -22,13 +22,7 @@ LARGEST_SIZE = 1e4
 
 
 def checked_size(name: str, value: object) -> float:
-    """Return a length as a number.
-
-    Raises
-    ------
-    InputError
-        If it is not a number from :data:`SMALLEST_SIZE` to :data:`LARGEST_SIZE`.
-    """
+    """Return a length as a number; InputError if it is not from :data:`SMALLEST_SIZE` to :data:`LARGEST_SIZE`."""
     try:
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
@@ -39,12 +33,9 @@ def checked_size(name: str, value: object) -> float:
 
 
 def coordinates(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
-    """Return a read-only copy of coordinates (m) of the given shape, as in :func:`pinproof.spatial.finite`.
+    """Return a read-only copy of coordinates (m) of the given shape, as :func:`pinproof.spatial.finite` does.
 
-    Raises
-    ------
-    InputError
-        If the shape is another, or a number is not finite or beyond :data:`LARGEST_SIZE`.
+    InputError if a number is not finite or beyond :data:`LARGEST_SIZE`.
     """
     array = finite(name, value, shape)
     if array.size and float(np.abs(array).max()) > LARGEST_SIZE:

@@ -180,10 +180,13 @@ class PointCloud(ByContent):
     def cells(self) -> npt.NDArray[np.int64]:
         """(K, 3) the occupied cells without repetition: cell c is the cube from c to c + 1, times the resolution."""
         cells = np.floor(self.points / self.resolution).astype(np.int64)
-        # One number for each cell sorts 50 times as fast as rows of three.
-        shifted = cells + GRID_CELLS
-        keys = (shifted[:, 0] * 2 * GRID_CELLS + shifted[:, 1]) * 2 * GRID_CELLS + shifted[:, 2]
-        return cells[np.unique(keys, return_index=True)[1]]
+        return cells[np.unique(cell_numbers(cells), return_index=True)[1]]  # 50 times as fast as sorting rows of three
+
+
+def cell_numbers(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return one number for each of the cells (K, 3), unique for less than :data:`GRID_CELLS` cells off the origin."""
+    shifted = cells + GRID_CELLS
+    return np.asarray((shifted[:, 0] * 2 * GRID_CELLS + shifted[:, 1]) * 2 * GRID_CELLS + shifted[:, 2])
 
 
 @named_arguments

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.geometry.occupancy import OccupancyGrid
-from pinproof.collision.geometry.shapes import GRID_CELLS, HeightMap, PointCloud
+from pinproof.collision.geometry.shapes import GRID_CELLS, HeightMap, PointCloud, cell_numbers
+from pinproof.collision.geometry.triangles import connected_parts
 
 Array = npt.NDArray[np.float64]
 
@@ -104,7 +105,7 @@ def _bare_cells(shape: CellShape, axis: int, side: int) -> Indices:
     if isinstance(shape, PointCloud):
         cells = shape.cells
         step = np.eye(3, dtype=np.int64)[axis] * (2 * side - 1)
-        return cells[~np.isin(_keys(cells + step), _keys(cells))]
+        return cells[~np.isin(cell_numbers(cells + step), cell_numbers(cells))]
     beside = np.moveaxis(np.zeros_like(shape.occupied), axis, 0)
     occupied = np.moveaxis(shape.occupied, axis, 0)
     if side:
@@ -195,16 +196,10 @@ def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indice
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """What lies in occupied cells.
+    """The volume of occupied cells.
 
-    Parameters
-    ----------
-    cells
-        (K, 3) as :attr:`PointCloud.cells <pinproof.PointCloud.cells>` has them.
-    resolution
-        The side (m) of a cell.
-    witnesses
-        (W, 3) the middle of one cell of each part that hangs together by faces.
+    ``cells`` (K, 3) are those of :attr:`PointCloud.cells <pinproof.PointCloud.cells>`, ``resolution`` is their side
+    (m), and ``witnesses`` (W, 3) are the middles of one cell of each part that is connected by faces.
     """
 
     cells: Indices
@@ -213,7 +208,7 @@ class Cells:
     _keys: Indices = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        keys = _keys(self.cells)
+        keys = cell_numbers(self.cells)
         object.__setattr__(self, "_keys", np.sort(keys))
         first = _first_of_each_part(self.cells, keys)
         object.__setattr__(self, "witnesses", (self.cells[first] + 0.5) * self.resolution)
@@ -227,31 +222,20 @@ class Cells:
         """Whether any of the points (N, 3) lies in an occupied cell."""
         cells = np.floor(points / self.resolution)
         cells = cells[(np.abs(cells) < GRID_CELLS).all(axis=1)].astype(np.int64)
-        return bool(np.isin(_keys(cells), self._keys).any())
+        return bool(np.isin(cell_numbers(cells), self._keys).any())
 
     def content(self) -> bytes:
         """Return its defining numbers, for a hash."""
         return self.cells.tobytes() + np.float64(self.resolution).tobytes()
 
 
-def _keys(cells: Indices) -> Indices:
-    """One number for each cell."""
-    shifted = cells + GRID_CELLS
-    return np.asarray((shifted[:, 0] * 2 * GRID_CELLS + shifted[:, 1]) * 2 * GRID_CELLS + shifted[:, 2])
-
-
 def _first_of_each_part(cells: Indices, keys: Indices) -> Indices:
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     order = np.argsort(keys)
     joined = []
     for axis in range(3):
-        beside = _keys(cells + np.eye(3, dtype=np.int64)[axis])
+        beside = cell_numbers(cells + np.eye(3, dtype=np.int64)[axis])
         place = np.minimum(np.searchsorted(keys[order], beside), len(keys) - 1)
         there = keys[order][place] == beside
         joined.append(np.stack([np.flatnonzero(there), order[place[there]]]))
-    rows, columns = np.concatenate(joined, axis=1)
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(cells), len(cells)))
-    labels = connected_components(graph, directed=False)[1]
+    labels = connected_parts(len(cells), *np.concatenate(joined, axis=1))
     return np.asarray(np.unique(labels, return_index=True)[1])

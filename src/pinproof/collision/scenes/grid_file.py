@@ -46,10 +46,7 @@ def read_grid(
 ) -> OccupancyGrid:
     """Return the grid of a mapping in the scene file ``path``; the functions read numbers and poses of such files.
 
-    Raises
-    ------
-    SceneError, InputError, FileError
-        If the mapping or an image that it names is invalid.
+    SceneError, InputError or FileError if the mapping, or an image that it names, is invalid.
     """
     source = [key for key in SOURCES if key in stated]
     if len(source) != 1:

@@ -59,17 +59,9 @@ def allowed_pairs(path: Path, matrix: Mapping[str, Any], parts: Mapping[str, tup
     """Return the pairs (robot link, obstacle) that may touch, and the pairs of robot links that the matrix disables.
 
     An entry of the matrix overrides the defaults, and a pair of two defaults needs both, as in MoveIt
-    (``AllowedCollisionMatrix::getAllowedCollision``). A pair whose two entries differ is not allowed.
-
-    Parameters
-    ----------
-    parts
-        The obstacles made of each object of the file; every other name is assumed to be a robot link.
-
-    Raises
-    ------
-    SceneError
-        If the matrix is not square.
+    (``AllowedCollisionMatrix::getAllowedCollision``). A pair whose two entries differ is not allowed. ``parts`` are the
+    obstacles made of each object of the file; every other name is assumed to be a robot link. SceneError if the matrix
+    is not square.
     """
     names = [str(name) for name in matrix.get("entry_names") or []]
     rows: list[Any] = [
@@ -156,10 +148,7 @@ def moveit_message(
 ) -> dict[str, Any]:
     """Return the fields of a planning scene that adds obstacles: a difference (``is_diff``) to the present scene.
 
-    Raises
-    ------
-    InputError
-        If the message has no shape for an obstacle.
+    InputError if the message has no shape for an obstacle.
     """
     header = {"frame_id": frame or WORLD[1]}
     objects = [
@@ -236,13 +225,7 @@ def _pose_fields(place: pin.SE3) -> dict[str, Any]:
 
 
 def read_moveit_scene(path: Path, content: LinedMapping) -> SceneContent:
-    """Return the content of a planning scene.
-
-    Raises
-    ------
-    SceneError
-        If it contains something that is not supported; the message names file, line and object.
-    """
+    """Return the content of a planning scene; SceneError, with file, line and object, if it is not supported."""
     try:
         return _scene(path, content)
     except InputError as error:

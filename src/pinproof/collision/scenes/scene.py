@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy.typing as npt
 import pinocchio as pin
@@ -14,10 +13,7 @@ from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.common.display import html_block, html_list, html_table, outline, shortened
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, SceneError, UnknownNameError
-from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
-
-if TYPE_CHECKING:
-    from pinproof.common.yaml_file import LinedMapping
+from pinproof.spatial import SE3, matrix, rigid, xyz_rpy
 
 SHAPE_WIDTH = 60
 """Largest number of characters of a shape in a table of obstacles."""
@@ -205,9 +201,6 @@ def _pairs(what: str, stated: Iterable[Sequence[str]]) -> tuple[tuple[str, str],
     return tuple(pairs)
 
 
-Value = TypeVar("Value")
-
-
 @dataclass(frozen=True, eq=False)
 class Attachments:
     """Bodies that the arm carries at its tcp: a tool, a part, or both.
@@ -249,28 +242,9 @@ class Attachments:
         SceneError
             If the file cannot be read or its content is invalid; the message names file, line and key.
         """
-        from pinproof.collision.scenes.scene_file import pairs_of, read_obstacle
-        from pinproof.collision.scenes.scene_keys import ATTACHED
-        from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown, require_list
+        from pinproof.collision.scenes.scene_file import read_attached
 
-        path = Path(path)
-        content = read_yaml(path, ATTACHED.names, SceneError)
-        refuse_unknown(SceneError, path, "key", content, ATTACHED.names, "")
-        if "attached" not in content:
-            raise SceneError(path, "has no attached bodies; list them under 'attached:'")
-        bodies: list[Obstacle] = []
-        for number, stated in enumerate(require_list(SceneError, path, "attached", content["attached"]), start=1):
-            if not isinstance(stated, LinedMapping):
-                raise SceneError(path, f"{stated!r} is not a body", f"key attached, #{number}")
-            bodies.append(read_obstacle(path, number, stated))
-            if any(bodies[-1].name == other.name for other in bodies[:-1]):
-                raise SceneError(path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}")
-        return cls(
-            tuple(bodies),
-            tuple(pairs_of(path, content, "allowed_contacts", "of names")),
-            _value(path, content, "held", _held),
-            _value(path, content, "tip", _tip),
-        )
+        return cls(**read_attached(Path(path)))
 
     def save(self, path: str | Path) -> None:
         """Write a file that :meth:`load` reads, atomically; mesh paths are as in :meth:`Scene.save`.
@@ -280,46 +254,6 @@ class Attachments:
         SceneError
             If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
         """
-        from pinproof.collision.scenes.scene_file import stated_obstacle, stated_pose
-        from pinproof.common.yaml_file import write_yaml
+        from pinproof.collision.scenes.scene_file import write_attached
 
-        folder = Path(path).resolve().parent
-        content: dict[str, Any] = {"attached": [stated_obstacle(body, folder) for body in self.bodies]}
-        if self.allowed:
-            content["allowed_contacts"] = [list(pair) for pair in self.allowed]
-        if self.held:
-            content["held"] = {name: float(value) for name, value in self.held.items()}
-        if not self.tip.isIdentity():
-            content["tip"] = stated_pose(self.tip)
-        write_yaml(path, content, SceneError)
-
-
-def _value(path: Path, content: LinedMapping, key: str, read: Callable[[Any], Value]) -> Value:
-    from pinproof.common.yaml_file import LinedMapping
-
-    stated = content.get(key, {})
-    try:
-        return read(stated)
-    except InputError as error:
-        line = f"line {stated.line}, " if isinstance(stated, LinedMapping) else ""
-        raise SceneError(path, str(error), f"{line}key {key}") from error
-
-
-def _held(stated: object) -> dict[str, float]:
-    from pinproof.collision.scenes.scene_file import numbers_of
-
-    if not isinstance(stated, dict):
-        raise InputError(f"holds {stated!r}, not a mapping of joint names to values")
-    return {str(name): float(finite(str(name), [numbers_of(str(name), v)], (1,))[0]) for name, v in stated.items()}
-
-
-def _tip(stated: object) -> SE3:
-    from pinproof.collision.scenes.scene_file import pose_of
-    from pinproof.collision.scenes.scene_keys import POSE
-
-    if not isinstance(stated, dict):
-        raise InputError(f"holds {stated!r}, not a mapping with the keys {', '.join(POSE.names)}")
-    for key in stated:
-        if key not in POSE.names:
-            raise UnknownNameError("key", key, POSE.names)
-    return pose_of(stated)
+        write_attached(path, self.bodies, self.allowed, self.held, self.tip)

@@ -19,16 +19,17 @@ import pinocchio as pin
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, Shape
 from pinproof.collision.scenes.grid_file import read_grid, stated_grid
-from pinproof.collision.scenes.scene_keys import OBSTACLE, POSE, SCENE, SHAPES
+from pinproof.collision.scenes.scene_keys import ATTACHED, OBSTACLE, POSE, SCENE, SHAPES
 from pinproof.common.files import is_file
 from pinproof.common.yaml_file import (
     LinedMapping,
     parse_number,
+    read_yaml,
     refuse_unknown,
     require_list,
     write_yaml,
 )
-from pinproof.errors import InputError, SceneError
+from pinproof.errors import InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, Array, finite, pose
 from pinproof.units import MOST_REACH, refuse_degrees
 
@@ -39,12 +40,7 @@ LARGEST_INDEX = 2**53
 def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
     """Return the shape under one of the keys :data:`~pinproof.collision.scenes.scene_keys.SHAPES`.
 
-    Raises
-    ------
-    SceneError
-        For an unknown key; the message names file, place and the valid keys.
-    InputError
-        For invalid sizes.
+    SceneError for an unknown key, with file, place and the valid keys; InputError for invalid sizes.
     """
     if kind == "box":
         if not isinstance(stated, list):
@@ -87,10 +83,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
 def numbers_of(key: str, stated: object) -> Any:
     """Return one number, or nested lists of numbers, each as :func:`~pinproof.common.yaml_file.parse_number` reads it.
 
-    Raises
-    ------
-    InputError
-        If a value is not a number.
+    InputError if a value is not a number.
     """
     try:
         return [numbers_of(key, part) for part in stated] if isinstance(stated, list) else parse_number(stated)
@@ -101,13 +94,7 @@ def numbers_of(key: str, stated: object) -> Any:
 
 
 def pose_of(stated: Mapping[str, Any]) -> SE3:
-    """Return the pose given by ``xyz`` and ``rpy`` or ``quat_xyzw``.
-
-    Raises
-    ------
-    InputError
-        If they are invalid, or the angles can only be degrees.
-    """
+    """Return the pose given by ``xyz`` and ``rpy`` or ``quat_xyzw``; InputError if invalid, or clearly in degrees."""
     numbers = {key: numbers_of(key, value) for key, value in stated.items()}
     if "rpy" in numbers:
         refuse_degrees("rpy", finite("rpy", numbers["rpy"], (3,)).tolist())
@@ -162,13 +149,8 @@ class SceneContent(NamedTuple):
 def write_scene(scene: SceneContent, path: str | Path) -> None:
     """Write a scene file atomically; called by :meth:`pinproof.Scene.save`.
 
-    Sizes and positions are restored exactly, rotations (written as quaternions) to rounding.
-    Mesh paths are relative to the folder of the file if the mesh is inside it, otherwise absolute.
-
-    Raises
-    ------
-    SceneError
-        If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
+    Sizes and positions are restored exactly, rotations (written as quaternions) to rounding. Mesh paths are relative to
+    the folder of the file if the mesh is inside it, otherwise absolute.
     """
     folder = Path(path).resolve().parent
     content: dict[str, Any] = {"obstacles": [stated_obstacle(obstacle, folder) for obstacle in scene.obstacles]}
@@ -184,30 +166,31 @@ def write_scene(scene: SceneContent, path: str | Path) -> None:
 def read_scene(path: Path, content: LinedMapping) -> SceneContent:
     """Read the parsed YAML of a scene file in pinproof's own format; called by :meth:`pinproof.Scene.load`.
 
-    Raises
-    ------
-    SceneError
-        If the content is invalid; the message names file, line, obstacle and key.
+    SceneError if the content is invalid; the message names file, line, obstacle and key.
     """
     refuse_unknown(SceneError, path, "key", content, SCENE.names, "")
     if "obstacles" not in content:
         raise SceneError(path, "has no obstacles; write 'obstacles: []' for an empty scene")
-    obstacles: list[Obstacle] = []
-    for number, stated in enumerate(require_list(SceneError, path, "obstacles", content["obstacles"]), start=1):
-        if not isinstance(stated, LinedMapping):
-            raise SceneError(
-                path, f"{stated!r} is not an obstacle; valid keys: {', '.join(OBSTACLE.names)}", f"#{number}"
-            )
-        obstacle = read_obstacle(path, number, stated)
-        if any(obstacle.name == other.name for other in obstacles):
-            raise SceneError(path, f"a second obstacle is named {obstacle.name!r}", f"line {stated.line}")
-        obstacles.append(obstacle)
+    obstacles = _read_bodies(path, content, "obstacles", "obstacle")
     allowed = pairs_of(path, content, "allowed_contacts", "[robot link, obstacle]")
     disabled = pairs_of(path, content, "disabled_pairs", "of robot links")
     frame = content.get("frame", "")
     if not isinstance(frame, str):
         raise SceneError(path, f"holds {frame!r}, not the name of a link", "key frame")
     return SceneContent(obstacles, allowed, disabled, frame, _far(obstacles))
+
+
+def _read_bodies(path: Path, content: LinedMapping, key: str, what: str) -> list[Obstacle]:
+    """Return the obstacles or attached bodies (``what``) under a key of a file."""
+    bodies: list[Obstacle] = []
+    for number, stated in enumerate(require_list(SceneError, path, key, content[key]), start=1):
+        if not isinstance(stated, LinedMapping):
+            valid = ", ".join(OBSTACLE.names)
+            raise SceneError(path, f"{stated!r} is not an {what}; valid keys: {valid}", f"key {key}, #{number}")
+        bodies.append(read_obstacle(path, number, stated))
+        if any(bodies[-1].name == other.name for other in bodies[:-1]):
+            raise SceneError(path, f"a second {what} is named {bodies[-1].name!r}", f"line {stated.line}")
+    return bodies
 
 
 def _far(obstacles: list[Obstacle]) -> list[str]:
@@ -228,10 +211,7 @@ def pairs_of(path: Path, content: LinedMapping, key: str, what: str) -> list[tup
 def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
     """Return the obstacle of a mapping in a file; ``number`` identifies it in messages if it has no name.
 
-    Raises
-    ------
-    SceneError
-        If it is invalid; the message names file, line, obstacle and key.
+    SceneError if it is invalid; the message names file, line, obstacle and key.
     """
     name = stated.get("name")
     if not isinstance(name, str) or not name:
@@ -274,3 +254,58 @@ def stated_pose(placement: pin.SE3) -> dict[str, Any]:
     if not np.array_equal(rotation, np.eye(3)):
         stated["quat_xyzw"] = pin.Quaternion(rotation).coeffs().tolist()
     return stated
+
+
+def read_attached(path: Path) -> dict[str, Any]:
+    """Return the fields of :class:`pinproof.collision.Attachments` that a file states; called by its ``load``.
+
+    SceneError if the content is invalid; the message names file, line and key.
+    """
+    content = read_yaml(path, ATTACHED.names, SceneError)
+    refuse_unknown(SceneError, path, "key", content, ATTACHED.names, "")
+    if "attached" not in content:
+        raise SceneError(path, "has no attached bodies; list them under 'attached:'")
+    bodies = _read_bodies(path, content, "attached", "attached body")
+    values = {}
+    for key, read in (("held", _held), ("tip", _tip)):
+        stated = content.get(key, {})
+        try:
+            values[key] = read(stated)
+        except InputError as error:
+            line = f"line {stated.line}, " if isinstance(stated, LinedMapping) else ""
+            raise SceneError(path, str(error), f"{line}key {key}") from error
+    return {"bodies": bodies, "allowed": pairs_of(path, content, "allowed_contacts", "of names"), **values}
+
+
+def _held(stated: object) -> dict[str, float]:
+    if not isinstance(stated, dict):
+        raise InputError(f"holds {stated!r}, not a mapping of joint names to values")
+    return {str(name): float(finite(str(name), [numbers_of(str(name), v)], (1,))[0]) for name, v in stated.items()}
+
+
+def _tip(stated: object) -> SE3:
+    if not isinstance(stated, dict):
+        raise InputError(f"holds {stated!r}, not a mapping with the keys {', '.join(POSE.names)}")
+    for key in stated:
+        if key not in POSE.names:
+            raise UnknownNameError("key", key, POSE.names)
+    return pose_of(stated)
+
+
+def write_attached(
+    path: str | Path,
+    bodies: Sequence[Obstacle],
+    allowed: Sequence[tuple[str, str]],
+    held: Mapping[str, float],
+    tip: pin.SE3,
+) -> None:
+    """Write a file of attached bodies atomically; called by :meth:`pinproof.collision.Attachments.save`."""
+    folder = Path(path).resolve().parent
+    content: dict[str, Any] = {"attached": [stated_obstacle(body, folder) for body in bodies]}
+    if allowed:
+        content["allowed_contacts"] = [list(pair) for pair in allowed]
+    if held:
+        content["held"] = {name: float(value) for name, value in held.items()}
+    if not tip.isIdentity():
+        content["tip"] = stated_pose(tip)
+    write_yaml(path, content, SceneError)

@@ -48,8 +48,10 @@ ONE_ORIENTATION = {"not": {"required": ["rpy", "quat_xyzw"]}}
 POSE = KeyTable("pose", "A position and an orientation.", *POSE_KEYS, rules=ONE_ORIENTATION)
 
 
-def _sizes(title: str, text: str, **sizes: str) -> KeyTable:
-    return KeyTable(title, text, *(required(k, SIZE, words, "m") for k, words in sizes.items()))
+def _shape(name: str, text: str, *keys: FileKey, about: str = "", **sizes: str) -> FileKey:
+    """Return the key of a shape, whose table has ``keys`` and lengths, and the text ``about`` if it differs."""
+    lengths = (required(key, SIZE, words, "m") for key, words in sizes.items())
+    return FileKey(name, KeyTable(name, about or f"{text[0].upper()}{text[1:]}.", *keys, *lengths), text)
 
 
 MESH = KeyTable(
@@ -103,11 +105,7 @@ VIEW = KeyTable(
     required("camera", POSE, "root_from_camera: x to the right, y downwards, z forward"),
     FileKey("depth_scale", POSITIVE, "metres per unit of the image, which images of integers need", "m"),
     FileKey(
-        "depth_uncertainty",
-        {"$ref": NUMBER, "minimum": 0},
-        "largest error of a measured depth",
-        "m",
-        DEPTH_UNCERTAINTY,
+        "depth_uncertainty", {"$ref": NUMBER, "minimum": 0}, "largest error of a measured depth", "m", DEPTH_UNCERTAINTY
     ),
     FileKey(
         "pixel_margin",
@@ -164,80 +162,46 @@ SHAPES: dict[str, FileKey] = {
     key.name: key
     for key in (
         FileKey("box", numbers(3, SIZE), "the full sides x, y, z of a box", "m"),
-        FileKey("sphere", _sizes("sphere", "A sphere.", radius="radius"), "a sphere"),
-        FileKey(
-            "cylinder",
-            _sizes("cylinder", "A cylinder about z.", radius="radius", length="length from end to end"),
-            "a cylinder about z",
-        ),
-        FileKey(
+        _shape("sphere", "a sphere", radius="radius"),
+        _shape("cylinder", "a cylinder about z", radius="radius", length="length from end to end"),
+        _shape(
             "capsule",
-            _sizes(
-                "capsule",
-                "A cylinder about z with two hemispherical caps.",
-                radius="radius",
-                length="length of the cylinder, without the caps",
-            ),
             "a cylinder about z with two hemispherical caps",
+            radius="radius",
+            length="length of the cylinder, without the caps",
         ),
-        FileKey(
-            "cone",
-            _sizes(
-                "cone", "A cone about z; its tip is at z = length / 2.", radius="radius of the base", length="height"
-            ),
-            "a cone about z; its tip is at z = length / 2",
-        ),
-        FileKey(
-            "ellipsoid",
-            _sizes(
-                "ellipsoid", "An ellipsoid.", rx="semi-axis along x", ry="semi-axis along y", rz="semi-axis along z"
-            ),
-            "an ellipsoid",
-        ),
-        FileKey(
+        _shape("cone", "a cone about z; its tip is at z = length / 2", radius="radius of the base", length="height"),
+        _shape("ellipsoid", "an ellipsoid", rx="semi-axis along x", ry="semi-axis along y", rz="semi-axis along z"),
+        _shape(
             "half_space",
-            KeyTable("half_space", "A half-space; it has no keys."),
             "all points below z = 0 of the obstacle's frame are solid, such as a floor; write `half_space: {}`",
+            about="A half-space; it has no keys.",
         ),
-        FileKey(
+        _shape(
             "convex_hull",
-            KeyTable(
-                "convex_hull",
-                "The convex hull of points.",
-                required("points", list_of(POINT, 4), "the points, which are not all in one plane", "m"),
-            ),
             "the convex hull of points",
+            required("points", list_of(POINT, 4), "the points, which are not all in one plane", "m"),
         ),
-        FileKey(
+        _shape(
             "point_cloud",
-            KeyTable(
-                "point_cloud",
-                "The points of a sensor.",
-                required("points", list_of(POINT, 1), "the points", "m"),
-                required(
-                    "resolution", SIZE, "side of the cells of the grid; each cell that contains a point is solid", "m"
-                ),
-            ),
             "the points of a sensor; each cell of a grid that contains a point is solid",
+            required("points", list_of(POINT, 1), "the points", "m"),
+            about="The points of a sensor.",
+            resolution="side of the cells of the grid; each cell that contains a point is solid",
         ),
-        FileKey(
+        _shape(
             "height_map",
-            KeyTable(
-                "height_map",
-                "Ground over a rectangle about the origin.",
-                required(
-                    "heights",
-                    list_of(list_of(COORDINATE, 2), 2),
-                    "rows of z at the points of a regular grid; row 0 is at y = -y / 2, column 0 at x = -x / 2",
-                    "m",
-                ),
-                required("x", SIZE, "full side of the rectangle along x", "m"),
-                required("y", SIZE, "full side of the rectangle along y", "m"),
-                FileKey(
-                    "bottom", NUMBER, f"z of the underside; by default {BELOW_LOWEST} m below the lowest point", "m"
-                ),
-            ),
             "ground over a rectangle, solid from its surface down to its underside",
+            required(
+                "heights",
+                list_of(list_of(COORDINATE, 2), 2),
+                "rows of z at the points of a regular grid; row 0 is at y = -y / 2, column 0 at x = -x / 2",
+                "m",
+            ),
+            required("x", SIZE, "full side of the rectangle along x", "m"),
+            required("y", SIZE, "full side of the rectangle along y", "m"),
+            FileKey("bottom", NUMBER, f"z of the underside; by default {BELOW_LOWEST} m below the lowest point", "m"),
+            about="Ground over a rectangle about the origin.",
         ),
         FileKey(
             "occupancy_grid", GRID, "space that depth images prove free or a map states free; everything else is solid"

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, Mover, Upright, certify
-from pinproof.collision.certificates.certificate import curve_hash, setup_hash
+from pinproof.collision.certificates.identity import curve_hash, setup_hash
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import Trajectory
 from pinproof.picks.input.conveyor import Conveyor

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Upright, certify
-from pinproof.collision.certificates.certificate import curve_hash
+from pinproof.collision.certificates.identity import curve_hash
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import (
     BlendedPath,

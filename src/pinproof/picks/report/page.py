@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Obstacle, Scene
-from pinproof.collision.certificates.certificate import proven_millimetres, setup_hash
+from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.collision.certificates.identity import setup_hash
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm
@@ -29,9 +30,9 @@ from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickVerdict
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import Film, Phase, film, still, tracks
-from pinproof.viewer.assembly import assemble, fill, part, view_settings
 from pinproof.viewer.camera import View, choose_view, extremes, placed_points, tool_points
 from pinproof.viewer.overlays import LONGEST, PoseMarkers, arrow
+from pinproof.viewer.page import assemble, fill, part
 from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import DrawnLink, Stage, box_corners, set_stage, simplified
 from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
@@ -507,7 +508,7 @@ def _render(
         reason = "are omitted to limit the size of the page; JSON and CSV have them."
         notes = [*notes, f"The stages and parts of {shortened:,} rows {reason}"]
     settings = {
-        **view_settings(view),
+        **view.settings(),
         "entries": entries,
         "kinds": {name: kind.css for name, kind in KINDS.items()},
         "marked": marked,

@@ -87,14 +87,21 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "upright_axis": lambda value: tuple(finite("upright_axis", numbers_of("upright_axis", value), (3,)).tolist()),
         "payload": lambda value: payload_of("payload", value, OBJECT_PAYLOAD),
         "speed": _speed,
-        "arm": lambda value: _text("arm", value),
+        "arm": lambda value: text_of(value, "arm"),
     }
     settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
     return Pick(name, **_moves(stated), **settings)
 
 
+def text_of(stated: object, key: str = "") -> str:
+    """Check that a value is a text that is not empty, and return it."""
+    if not isinstance(stated, str) or not stated:
+        raise InputError(f"{f'{key}: ' if key else ''}{stated!r} is not a name")
+    return stated
+
+
 def mapping_of(key: str, stated: object, table: KeyTable) -> dict[str, Any]:
-    """Check that a value is a mapping with known keys and all required ones, and return it."""
+    """Check that a value is a mapping with known keys and all required ones, and return a copy."""
     if not isinstance(stated, dict):
         raise InputError(f"holds {stated!r}, not a mapping of {', '.join(table.names)}")
     for each in stated:
@@ -102,7 +109,7 @@ def mapping_of(key: str, stated: object, table: KeyTable) -> dict[str, Any]:
             raise UnknownNameError(f"key of {key}" if key else "key", each, table.names)
     if missing := [each for each in table.required if each not in stated]:
         raise InputError(f"{f'{key} ' if key else ''}does not state {' and '.join(missing)}")
-    return stated
+    return dict(stated)
 
 
 def _moves(stated: Mapping[str, Any]) -> dict[str, Any]:
@@ -110,7 +117,7 @@ def _moves(stated: Mapping[str, Any]) -> dict[str, Any]:
     settings: dict[str, Any] = {}
     for key in (*POSE.names, "frame", *MOVE_KEYS):
         if key in stated:
-            settings[key] = _text(key, stated[key]) if key.endswith("frame") else numbers_of(key, stated[key])
+            settings[key] = text_of(stated[key], key) if key.endswith("frame") else numbers_of(key, stated[key])
     placed = pose_of({key: settings.pop(key) for key in POSE.names if key in settings})
     refuse_millimetres("xyz", placed.translation.tolist())
     return {"pose": placed, **settings}
@@ -154,7 +161,7 @@ def _tolerance(stated: object) -> GraspTolerance:
 def _object(stated: object, path: Path) -> Obstacle | str:
     """The name of an obstacle, or a shape with its pose in the tip's frame."""
     if not isinstance(stated, dict):
-        return _text("object", stated)
+        return text_of(stated, "object")
     named = LinedMapping({"name": "object", **stated})
     named.line = getattr(stated, "line", 0)
     try:
@@ -164,7 +171,7 @@ def _object(stated: object, path: Path) -> Obstacle | str:
 
 
 def _place(stated: object) -> PlaceTarget:
-    settings = dict(mapping_of("place", stated, PLACE))
+    settings = mapping_of("place", stated, PLACE)
     support = _support(settings.pop("support"), "place") if "support" in settings else None
     tip = [key for key in POSE.names if key in settings]
     if "object_pose" not in settings:
@@ -187,7 +194,7 @@ def payload_of(key: str, stated: object, table: KeyTable) -> Payload:
         numbers_of(f"{key}.mass".lstrip("."), settings["mass"]),
         numbers_of(f"{key}.center_of_mass", settings.get("center_of_mass", [0.0, 0.0, 0.0])),
         None if inertia is None else numbers_of(f"{key}.inertia", inertia),
-        None if frame is None else _text(f"{key}.frame", frame),
+        None if frame is None else text_of(frame, f"{key}.frame"),
     )
 
 
@@ -243,9 +250,3 @@ def _shifted(first: Pick, index: tuple[int, ...], shift: list[float]) -> Pick:
         pose=SE3(first.pose.rotation, first.pose.translation + np.array(shift)),
         carried=carried,
     )
-
-
-def _text(key: str, stated: object) -> str:
-    if not isinstance(stated, str) or not stated:
-        raise InputError(f"{key}: {stated!r} is not a name")
-    return stated

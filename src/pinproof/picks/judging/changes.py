@@ -262,7 +262,7 @@ def _keeps_place(task: Task, pick: Pick) -> bool:
 def turns(task: Task, pick: Pick) -> list[Candidate]:
     """The pick turned about its approach direction."""
     return [
-        _turn_candidate(task, pick, sign * degrees, _approach_axis(task), (sign,), degrees in EARLY_TURNS)
+        _turn_candidate(task, pick, sign * degrees, task.pick.axis_in(task.pick.pose), (sign,), degrees in EARLY_TURNS)
         for degrees in TURNS
         for sign in (1, -1)
         if sign * degrees != -180
@@ -271,7 +271,7 @@ def turns(task: Task, pick: Pick) -> list[Candidate]:
 
 def tilts(task: Task, pick: Pick) -> list[Candidate]:
     """The pick tilted about the axes of the tip that are most nearly across its approach direction."""
-    across = np.delete(np.arange(3), int(np.argmax(np.abs(_approach_axis(task)))))
+    across = np.delete(np.arange(3), int(np.argmax(np.abs(task.pick.axis_in(task.pick.pose)))))
     return [
         _turn_candidate(task, pick, sign * degrees, np.eye(3)[axis], (sign, int(axis)), degrees in EARLY_TILTS)
         for degrees in TILTS
@@ -372,9 +372,3 @@ def _detail(task: Task, members: int) -> tuple[tuple[int, ...], int]:
 def members(task: Task) -> list[Member]:
     """The grasps that are screened: those that are not shifted within the tolerance."""
     return task.nearest_group
-
-
-def _approach_axis(task: Task) -> Array:
-    """(3,) the approach direction in the tip's axes."""
-    axis = np.array(task.pick.approach_direction)
-    return axis if task.pick.approach_frame == TIP else np.asarray(task.pick.pose.rotation.T @ axis)

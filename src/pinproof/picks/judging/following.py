@@ -81,7 +81,7 @@ def follow_belt(task: Task, member: Member, q: Array, belt: Conveyor) -> Followi
         The pick with all poses at the time at which the tracking begins.
     """
     grasp = task.grasp(member)
-    lines = tuple(end.translation - grasp.translation for end in (task.approach_end(grasp), task.retreat_end(grasp)))
+    lines = tuple(end.translation - grasp.translation for end in (task.pick.before(grasp), task.pick.after(grasp)))
     into, out = (max(float(np.linalg.norm(line)) / LINE_SPEED, SHORTEST) for line in lines)
     durations = np.array([SHORTEST, into, out, SHORTEST])
     reason = ""

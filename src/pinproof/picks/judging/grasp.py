@@ -427,11 +427,9 @@ def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, 
         grasp, pick = task.grasp(member), task.pick
         found = _branches_refuted(task, grasp, task.at_grasp, "the grasp", seed)
         if not found and pick.approach:
-            found = _branches_refuted(task, task.approach_end(grasp), task.at_grasp, "the end of the approach", seed)
+            found = _branches_refuted(task, pick.before(grasp), task.at_grasp, "the end of the approach", seed)
         if not found and pick.retreat:
-            found = _branches_refuted(
-                task, task.retreat_end(grasp), task.carrying(member), "the end of the retreat", seed
-            )
+            found = _branches_refuted(task, pick.after(grasp), task.carrying(member), "the end of the retreat", seed)
         if not found and (where := _unreachable_between(task, member)):
             found = [f"{NO_SOLUTION} {where}"]
         if not found:
@@ -466,12 +464,13 @@ def _unreachable_between(task: Task, member: Member) -> str:
     grasp, position, orientation = task.grasp(member), *LINE_DEVIATION
     if not is_provable(task.arm):
         return ""
-    lines = (task.pick.approach, task.approach_to, "approach"), (task.pick.retreat, task.retreat_to, "retreat")
+    pick = task.pick
+    lines = (pick.approach, pick.before, "approach"), (pick.retreat, pick.after, "retreat")
     for length, pose_at, name in lines:
         for share in BETWEEN if length else ():
             proof = prove_unreachable(
                 task.arm,
-                task.target(pose_at(grasp, share * length)),
+                task.target(pose_at(grasp, share)),
                 position_tolerance=position,
                 orientation_tolerance=orientation,
                 budget=BETWEEN_BOXES,

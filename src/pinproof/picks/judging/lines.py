@@ -115,7 +115,7 @@ def along(task: Task, candidate: Candidate) -> Attempt:
 
 def line_in(task: Task, candidate: Candidate) -> Line:
     """The approach, planned from the grasp outwards, so that both lines share exactly the same configuration."""
-    end, q = task.approach_end(task.grasp(candidate.member)), candidate.q
+    end, q = task.pick.before(task.grasp(candidate.member)), candidate.q
     into = line(Stage.APPROACH, task, task.at_grasp, q, end, task.pick.approach)
     return passing(into, task.passing, q)
 
@@ -141,7 +141,7 @@ def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:
     member, q = candidate.member, candidate.q
     carrying = task.carrying(member)
     parting = task.supports(carrying, q, task.pick.support)
-    end = task.retreat_end(task.grasp(member))
+    end = task.pick.after(task.grasp(member))
     return line(Stage.RETREAT, task, carrying, q, end, task.pick.retreat, parting), parting
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from pinproof.ik import Clik
 from pinproof.motion import BlendedPath, CubicPath, JointPath
-from pinproof.picks.input.pick import Member, PlaceTarget, moved
+from pinproof.picks.input.pick import Member, PlaceTarget
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch
 from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
@@ -143,11 +143,9 @@ class Placer:
         if asked is None or not len(here):
             return _Ahead(here, none, after)
         release = task.release(member)
-        above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
-        off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
-        if len(behind := every_branch(task, off, exact and asked.retreat > 0)):
+        if len(behind := every_branch(task, asked.after(release), exact and asked.retreat > 0)):
             after = least_seconds(arm, here, behind).min(axis=1)
-        if len(before := every_branch(task, above, exact and asked.approach > 0)):
+        if len(before := every_branch(task, asked.before(release), exact and asked.approach > 0)):
             return _Ahead(before, least_seconds(arm, before, here), after)
         return _Ahead(here, none, after)
 
@@ -299,14 +297,12 @@ def release_lines(task: Task, asked: PlaceTarget, member: Member, q: Array) -> R
     if not free_hand.is_free(q):
         return Release(q, 0, f"at the release: {'; '.join(contact_words(free_hand.check(q)))}")
     parting = task.supports(carrying, q, asked.support)
-    above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
-    down = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting, start="the release")
+    down = line(Stage.PLACE, task, carrying, q, asked.before(release), asked.approach, parting, start="the release")
     if not down.result.ok:
         return Release(q, DOWN, f"approach to the place: {down.result.message}")
     if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
         return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
-    off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
-    leave = line(Stage.PLACE, task, free_hand, q, off, asked.retreat, start="the release")
+    leave = line(Stage.PLACE, task, free_hand, q, asked.after(release), asked.retreat, start="the release")
     leave = passing(leave, task.passing_off(member), q)
     if not leave.result.ok:
         return Release(q, OFF, f"retreat from the place: {leave.result.message}")

@@ -113,7 +113,7 @@ def _sum(parts: dict[str, Array], task: Task) -> Array:
 def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool) -> Array:
     """(k,) lower bound (s) of the time of a complete motion with the grasp at q (k, n)."""
     arm, home, grasp = task.arm, task.cell.home[None], task.grasp(member)
-    ends = (task.approach_end(grasp), task.pick.approach), (task.retreat_end(grasp), task.pick.retreat)
+    ends = (task.pick.before(grasp), task.pick.approach), (task.pick.after(grasp), task.pick.retreat)
     before, after = (every_branch(task, pose, exact and length > 0) for pose, length in ends)
     into = least_seconds(arm, home, q)[0]
     if len(before):

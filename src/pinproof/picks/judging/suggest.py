@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.picks.input.pick import ROOT, Pick, moved
+from pinproof.picks.input.pick import ROOT, Pick
 from pinproof.picks.judging.changes import (
     REMARK,
     Candidate,
@@ -40,7 +40,6 @@ from pinproof.picks.judging.configurations import configurations
 from pinproof.picks.judging.lines import Attempt, line_in, line_out
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult
-from pinproof.spatial import SE3
 
 Array = npt.NDArray[np.float64]
 Judge = Callable[[Pick], PickVerdict]
@@ -201,15 +200,9 @@ def _screened(task: Task, candidates: list[Candidate]) -> list[Candidate]:
     fractions = FRACTIONS if task.cell.closed_form and pick.approach > 0 else ()
     at = np.arange(len(changed.owner))
     for fraction in (0.0, *fractions):
-        at = at[_has_free(task, changed.targets(partial(_on_approach, fraction))[at])]
+        at = at[_has_free(task, changed.targets(fraction)[at])]
     left = [candidates[i] for i in sorted(set(changed.owner[at].tolist()))]
     return left if task.place is None else _screened_places(task, left)
-
-
-def _on_approach(fraction: float, task: Task, root_from_tip: SE3) -> SE3:
-    """The pose of the tip at a fraction of the approach away from a grasp."""
-    pick = task.pick
-    return moved(root_from_tip, -fraction * pick.approach, pick.approach_direction, pick.approach_frame)
 
 
 def _screened_places(task: Task, candidates: list[Candidate]) -> list[Candidate]:
@@ -234,17 +227,17 @@ class _ChangedPoses:
         shifts = [rotation @ getattr(each.displacement, which) if each.displacement else still for each in candidates]
         self._shifts = np.array(shifts).reshape(-1, 3)[self.owner]
 
-    def targets(self, pose_of: Callable[[Task, SE3], SE3] = lambda _, pose: pose) -> Array:
-        """(N, 4, 4) ``base_from_tcp`` at a pose of the tip that is derived from each of them."""
-        stated = self._of(self._task, pose_of)
-        each = (self._of(self._changed[i], pose_of) if i in self._changed else stated for i in range(self._count))
+    def targets(self, share: float = 0.0) -> Array:
+        """(N, 4, 4) ``base_from_tcp`` at each of them, or at a share of the approach before it."""
+        stated = self._of(self._task, share)
+        each = (self._of(self._changed[i], share) if i in self._changed else stated for i in range(self._count))
         found = np.concatenate([*each, np.empty((0, 4, 4))])
         found[:, :3, 3] += self._shifts
         return found
 
-    def _of(self, task: Task, pose_of: Callable[[Task, SE3], SE3]) -> Array:
+    def _of(self, task: Task, share: float) -> Array:
         at = task.grasp if self._which == "grasp" else task.release
-        return task.targets([pose_of(task, at(member)) for member in members(task)])
+        return task.targets([task.pick.before(at(member), share) for member in members(task)])
 
 
 def _retreat_ends_free(task: Task, pick: Pick) -> bool:
@@ -253,7 +246,7 @@ def _retreat_ends_free(task: Task, pick: Pick) -> bool:
     grasps = members(changed)
     if len(grasps) > 1:  # each needs a separate checker
         return True
-    _, q = configurations(task.arm, task.targets([changed.retreat_end(changed.grasp(grasps[0]))]), task.cell.home, 0)
+    _, q = configurations(task.arm, task.targets([changed.pick.after(changed.grasp(grasps[0]))]), task.cell.home, 0)
     return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
 
 

@@ -23,7 +23,6 @@ from pinproof.picks.input.pick import (
     Picks,
     PlaceTarget,
     family,
-    moved,
     root_from_frame,
     support_names,
 )
@@ -193,7 +192,7 @@ class Task:
         if pick.upright is not None and cell.budget.planner not in CONSTRAINED_PLANNERS:
             valid = ", ".join(CONSTRAINED_PLANNERS)
             raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use {valid}")
-        self.name = carried.name if isinstance(carried, Obstacle) else carried
+        self.name = pick.object_name
         self.place = None if pick.place is None else self._place_of_tip(pick.place)
         self._carrying: dict[str, CollisionChecker] = {}
         self._letting_go: dict[str, CollisionChecker] = {}
@@ -209,10 +208,7 @@ class Task:
 
     def groups(self) -> Iterator[list[Member]]:
         """The grasps of the family in groups of increasing displacement."""
-        axis = np.array(self.pick.approach_direction)
-        if self.pick.approach_frame != TIP:
-            axis = self.pick.pose.rotation.T @ axis
-        return family(self.pick.spin, self.pick.tolerance, axis)
+        return family(self.pick.spin, self.pick.tolerance, self.pick.axis_in(self.pick.pose))
 
     @cached_property
     def nearest_group(self) -> list[Member]:
@@ -240,22 +236,6 @@ class Task:
     def targets(self, poses: list[SE3]) -> Array:
         """``base_from_tcp`` (N, 4, 4) for many poses of the tip."""
         return np.array([matrix(self.target(pose)) for pose in poses]).reshape(-1, 4, 4)
-
-    def approach_end(self, root_from_tip: SE3) -> SE3:
-        """``root_from_tip`` at the start of the approach to a grasp."""
-        return self.approach_to(root_from_tip, self.pick.approach)
-
-    def approach_to(self, root_from_tip: SE3, distance: float) -> SE3:
-        """``root_from_tip`` on the approach to a grasp, at a distance (m) from it."""
-        return moved(root_from_tip, -distance, self.pick.approach_direction, self.pick.approach_frame)
-
-    def retreat_end(self, root_from_tip: SE3) -> SE3:
-        """``root_from_tip`` at the end of the retreat from a grasp."""
-        return self.retreat_to(root_from_tip, self.pick.retreat)
-
-    def retreat_to(self, root_from_tip: SE3, distance: float) -> SE3:
-        """``root_from_tip`` on the retreat from a grasp, at a distance (m) from it."""
-        return moved(root_from_tip, distance, self.pick.retreat_direction, self.pick.retreat_frame)
 
     def constraints(self, member: Member) -> tuple[Upright, ...]:
         """The constraints of the tcp while the object is carried."""
@@ -301,10 +281,7 @@ class Task:
     def grip(self, member: Member) -> GripResult:
         """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
         if member.words not in self._grips:
-            along = np.array(self.pick.approach_direction)
-            if self.pick.approach_frame != TIP:
-                along = self.grasp(member).rotation.T @ along
-            held = self.holding(member)
+            along, held = self.pick.axis_in(self.grasp(member)), self.holding(member)
             # picks of equal parts often have the same grasp of the part
             key = held.name, held.shape, matrix(held.pose).tobytes(), along.tobytes()
             self._grips[member.words] = self.cell.grips.get(key) or self._judge_grip(held, along)

@@ -286,8 +286,7 @@ class PickVerdict:
                 f"pick {self.pick.name!r} takes its part from a moving conveyor, whose clock a program does not have; "
                 "save the motion instead (save_motion)"
             )
-        carried = self.pick.carried
-        name = (carried.name if isinstance(carried, Obstacle) else carried) or ""
+        name = self.pick.object_name or ""
         pending = [("grip", _clock(self.grasp_time), grip_dwell)]
         if self.release_time is not None:
             pending.append(("release", _clock(self.release_time), release_dwell))

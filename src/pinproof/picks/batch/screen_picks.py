@@ -17,7 +17,7 @@ from pinproof.model import Arm
 from pinproof.picks.batch.screening import ScreenedPoses, Screening, ScreenResult, ScreenStatus, code_of, in_chunks
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Pick, PickProblem, Picks, family
 from pinproof.picks.input.sources import PickSource, as_source
-from pinproof.picks.judging.configurations import limit_margins
+from pinproof.picks.judging.configurations import limit_margin
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.setup import check_held_joints
 from pinproof.picks.judging.task import Cell, Task
@@ -235,7 +235,7 @@ def screen_picks(
 def _result(names: Sequence[str], arm: Arm, found: ScreenedPicks, complete: bool, reasons: _Reasons) -> ScreenResult:
     screened, free = found.screened, found.screened.codes == code_of(ScreenStatus.FREE)
     margins = np.full(len(free), np.nan)
-    margins[free] = np.clip(limit_margins(arm, screened.q[free]), 0.0, 1.0)
+    margins[free] = limit_margin(arm, screened.q[free])
     figures = margins, screened.manipulability, screened.clearance
     return ScreenResult(names, arm.joint_names, screened.codes, screened.q, found.member, *figures, complete, reasons)
 

@@ -25,7 +25,7 @@ from pinproof.picks.judging.grasp import Candidate, reach, screen
 from pinproof.picks.judging.lines import Attempt, Pairs, along, passing_at
 from pinproof.picks.judging.place import Placer, Placing, Release
 from pinproof.picks.judging.task import Cell, Task
-from pinproof.picks.judging.timing import MotionPart, timed_curve
+from pinproof.picks.judging.timing import MotionPart, part_of, timed_curve
 from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.planning.among_movers import plan_among_movers
 from pinproof.planning.ends import with_turns
@@ -345,11 +345,9 @@ class _Moment:
         if placing is None:
             raise _Refused(*stages[1:], result)
         task, member = self.task, self.member
-        carrying, kept = task.carrying(member), task.constraints(member)
-        self._move(timeline, MotionPart("transfer", (placing.transfer,), carrying, constraints=kept), stages)
+        self._move(timeline, part_of(task, member, "transfer", (placing.transfer,)), stages)
         if placing.lift is not None:
-            down = (placing.lift.reversed(),)
-            self._move(timeline, MotionPart("place", down, carrying, placing.parting, constraints=kept), stages)
+            self._move(timeline, part_of(task, member, "place", (placing.lift.reversed(),), placing.parting), stages)
         here, names = timeline.motions[-1].trajectory.end, task.arm.joint_names
         still = Trajectory(
             [0.0, max(self.belt.dwell, INSTANT)], np.array([here, here]), np.zeros((2, len(here))), names
@@ -357,13 +355,10 @@ class _Moment:
         opened = timeline.prove(still, task.opening(member) if task.cell.fingers else task.letting_go(member))
         if not opened.free:
             raise _Refused(*stages[1:], StageResult(Stage.PLACE, False, f"at the release: {opened.message}"))
-        timeline.add("release", still, carrying, opened)
+        timeline.add("release", still, task.carrying(member), opened)
         release = timeline.now - self.start_time
         if placing.leave is not None:
-            passing = task.passing_off(member)
-            self._move(
-                timeline, MotionPart("leave", (placing.leave,), task.letting_go(member), passing=passing), stages
-            )
+            self._move(timeline, part_of(task, member, "leave", (placing.leave,)), stages)
         return release, result
 
     def _move(self, timeline: _Timeline, part: MotionPart, stages: tuple[StageResult, ...]) -> None:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik import Clik
 from pinproof.motion import BlendedPath, CubicPath, JointPath
 from pinproof.picks.input.pick import Member, PlaceTarget
 from pinproof.picks.judging.configurations import configurations, least_seconds
-from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch
+from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch, out_of_reach
 from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
 from pinproof.picks.judging.motion_limits import torque_limits
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import Task, once_per_grasp
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify
 from pinproof.planning.ends import with_turns
@@ -94,30 +94,20 @@ class _Ahead(NamedTuple):
 class Placer:
     """Plans the place of grasped objects; what does not depend on the attempt is computed once.
 
-    Parameters
-    ----------
-    task
-        The pick.
-    seed
-        Seed of the IK search at the release for arms without a closed form.
+    ``seed`` is that of the IK search at the release for arms without a closed form.
     """
 
     def __init__(self, task: Task, seed: int) -> None:
         self._task, self._seed = task, seed
-        self._releases: dict[str, Array] = {}
-        self._downs: dict[tuple[str, int], Release] = {}
-        self._ahead: dict[tuple[str, bool], _Ahead] = {}
-        self._clearances: dict[str, Array] = {}
+        self.kept: dict[tuple[Hashable, ...], Any] = {}
 
+    @once_per_grasp
     def releases(self, member: Member) -> Array:
         """(m, n) the configurations of a family member at the release; empty without a place."""
         task = self._task
         if task.place is None:
             return np.empty((0, task.arm.dof))
-        if member.words not in self._releases:
-            target = task.targets([task.release(member)])
-            self._releases[member.words] = configurations(task.arm, target, task.cell.home, self._seed)[1]
-        return self._releases[member.words]
+        return configurations(task.arm, task.targets([task.release(member)]), task.cell.home, self._seed)[1]
 
     def rest(self, member: Member, q: Array, exact: bool = True) -> Array:
         """(k,) lower bound (s) of the time from each of q (k, n), after the retreat, to the end; 0 without a place.
@@ -130,13 +120,8 @@ class Placer:
         to_end = (ahead.down + ahead.after).min(axis=1)
         return np.asarray((least_seconds(self._task.arm, q, ahead.first) + to_end).min(axis=1))
 
+    @once_per_grasp
     def _what_is_ahead(self, member: Member, exact: bool) -> _Ahead:
-        key = member.words, exact
-        if key not in self._ahead:
-            self._ahead[key] = self._find_what_is_ahead(member, exact)
-        return self._ahead[key]
-
-    def _find_what_is_ahead(self, member: Member, exact: bool) -> _Ahead:
         task, arm, here = self._task, self._task.arm, self.releases(member)
         after, asked = np.zeros(len(here)), task.place
         none = np.where(np.eye(len(here), dtype=bool), 0.0, np.inf)
@@ -152,31 +137,27 @@ class Placer:
     def _bounds(self, asked: PlaceTarget, attempt: Attempt, tried: list[int], scores: Scores) -> list[float]:
         """Upper bounds of the score through each of the releases, before their lines are planned."""
         task, member = self._task, attempt.candidate.member
-        if member.words not in self._clearances:
-            q, free_hand = self.releases(member), task.letting_go(member)
-            free = free_hand.is_free_batch(q)
-            clearances = np.where(free, np.inf, 0.0)
-            if asked.retreat > 0:  # otherwise there is no line with the empty hand, whose clearance counts
-                clearances[free] = free_hand.clearance_batch(q[free])
-            self._clearances[member.words] = clearances
-        ahead = self._what_is_ahead(member, exact=True)
+        ahead = self._what_is_ahead(member, True)
         there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
         seconds = there.min(axis=0) + ahead.after - SLACK_SECONDS
-        clearances = self._clearances[member.words] + SLACK
+        clearances = self._clearances(member, asked.retreat > 0) + SLACK
         return scores.without_lines(clearances[tried], np.maximum(seconds, 0.0)[tried]).tolist()
+
+    @once_per_grasp
+    def _clearances(self, member: Member, retreats: bool) -> Array:
+        """(m,) the clearances of the empty hand at the releases, which count if it retreats; 0 if in contact."""
+        q, free_hand = self.releases(member), self._task.letting_go(member)
+        free = free_hand.is_free_batch(q)
+        clearances = np.where(free, np.inf, 0.0)
+        if retreats:
+            clearances[free] = free_hand.clearance_batch(q[free])
+        return clearances
 
     def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Placing | None]:
         """Plan the place of a grasped object at the release that gives the best complete motion.
 
-        Parameters
-        ----------
-        attempt
-            The attempt, from home to the end of the retreat.
-        seeds
-            Seeds of the planner and of the shortening.
-        scores
-            Scores and upper bounds; neither the lines of a release nor its transfer are planned if its bound does not
-            exceed the best score.
+        ``seeds`` are those of the planner and of the shortening. Neither the lines of a release nor its transfer are
+        planned if the bound of its score does not exceed the best score.
         """
         task, member = self._task, attempt.candidate.member
         if task.place is None:
@@ -196,7 +177,7 @@ class Placer:
             if best is not None and -bound <= best[0]:
                 break
             if down is None:
-                down = self._down(task.place, member, tried[order])
+                down = self._lines(member, tried[order], task.place)
                 if down.why:
                     without_lines[order] = _failure(down)
                 else:
@@ -225,22 +206,16 @@ class Placer:
         if task.place is None:
             return True
         free = np.flatnonzero(task.letting_go(member).is_free_batch(many)).tolist() if len(many) else []
-        return any(not self._down(task.place, member, index).why for index in free)
+        return any(not self._lines(member, index, task.place).why for index in free)
 
     def _out_of_reach(self, member: Member) -> StageResult:
-        task = self._task
-        nearest = Clik().solve(task.arm, task.target(task.release(member)), task.cell.home, rng=self._seed)
-        error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
-        message = f"the release is out of reach: the nearest configuration found is {error} from it"
-        figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
-        return StageResult(Stage.PLACE, False, message, figures)
+        target = self._task.target(self._task.release(member))
+        return out_of_reach(self._task, Stage.PLACE, target, self._seed, "the release is out of reach", "it")
 
-    def _down(self, asked: PlaceTarget, member: Member, index: int) -> Release:
+    @once_per_grasp
+    def _lines(self, member: Member, index: int, asked: PlaceTarget) -> Release:
         """The lines of one of the releases."""
-        key = member.words, index
-        if key not in self._downs:
-            self._downs[key] = release_lines(self._task, asked, member, self.releases(member)[index])
-        return self._downs[key]
+        return release_lines(self._task, asked, member, self.releases(member)[index])
 
     def transfer(
         self, asked: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], *, turns: bool = True

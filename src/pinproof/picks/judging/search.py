@@ -33,17 +33,14 @@ import numpy.typing as npt
 from pinproof.model import Arm
 from pinproof.motion import Curve, JointPath
 from pinproof.picks.input.pick import Member
-from pinproof.picks.judging.configurations import TURN, at_full_speed, least_seconds
-from pinproof.picks.judging.grasp import AMPLE, Candidate, every_branch, limit_margin
+from pinproof.picks.judging.configurations import TURN, at_full_speed, joint_margins, least_seconds, limit_margin
+from pinproof.picks.judging.grasp import Candidate, every_branch, score_parts, weighed
 from pinproof.picks.judging.lines import Attempt, Crossing, along, full_rotations, transit
 from pinproof.picks.judging.place import Placer, Placing, Release
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 
 Array = npt.NDArray[np.float64]
-
-INSTANT = 0.1
-"""Seconds that are added to durations before they are compared, so that small differences have little weight."""
 
 TURNS = range(-2, 3)
 """Numbers of full rotations at which a joint is searched within its limits."""
@@ -82,32 +79,20 @@ class Scoring:
         least = float(seconds.min(initial=np.inf))
         margins = _widest(task.arm, np.array([candidate.q for candidate in candidates]).reshape(-1, task.arm.dof))
         clearances = np.array([candidate.clearance for candidate in candidates])
-        volumes = np.array([candidate.parts["manipulability"] for candidate in candidates])
-        return cls(task, _sum(_parts(least, clearances, margins, volumes, seconds), task), least)
+        volumes = np.array([candidate.manipulability for candidate in candidates])
+        parts = score_parts(least, clearances, margins, volumes, seconds)
+        return cls(task, weighed(parts, task.cell.weights), least)
 
     def scores(self, clearance: float | Array, margins: Array, manipulability: float, seconds: Array) -> Array:
         """(k,) the weighted sums of the parts."""
-        return _sum(_parts(self.least, np.array(clearance), margins, np.array(manipulability), seconds), self.task)
+        parts = score_parts(self.least, np.array(clearance), margins, np.array(manipulability), seconds)
+        return weighed(parts, self.task.cell.weights)
 
     def parts(self, clearance: float, margin: float, manipulability: float, seconds: float) -> dict[str, float]:
         """The four parts (0 to 1), and their weighted sum as ``score``."""
-        arrays = (np.array(each) for each in (clearance, margin, manipulability, seconds))
-        parts = _parts(self.least, *arrays)
-        return {**{name: float(part) for name, part in parts.items()}, "score": float(_sum(parts, self.task))}
-
-
-def _parts(least: float, clearance: Array, margin: Array, manipulability: Array, seconds: Array) -> dict[str, Array]:
-    return {
-        "clearance": np.clip(clearance, 0.0, AMPLE) / AMPLE,
-        "limit_margin": margin,
-        "manipulability": manipulability,
-        "duration": (least + INSTANT) / (seconds + INSTANT),
-    }
-
-
-def _sum(parts: dict[str, Array], task: Task) -> Array:
-    weights = task.cell.weights
-    return np.asarray(sum(getattr(weights, name) * part for name, part in parts.items()))
+        parts = score_parts(self.least, *map(np.array, (clearance, margin, manipulability, seconds)))
+        parts["score"] = weighed(parts, self.task.cell.weights)
+        return {name: float(part) for name, part in parts.items()}
 
 
 def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool) -> Array:
@@ -125,15 +110,8 @@ def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, 
 
 def _widest(arm: Arm, q: Array) -> Array:
     """(k,) upper bound of :func:`limit_margin` for each of q (k, n), at any full rotations within the limits."""
-    limits = arm.limits
-    half = (limits.upper - limits.lower) / 2
-    best = np.full(q.shape, -np.inf)
-    for turns in TURNS:
-        at = q + turns * TURN * arm.periodic
-        with np.errstate(invalid="ignore", divide="ignore"):
-            share = np.minimum(at - limits.lower, limits.upper - at) / half
-        best = np.maximum(best, np.where(np.isfinite(share), share, 1.0))
-    return np.asarray(np.clip(best.min(axis=1, initial=1.0), 0.0, 1.0))
+    turned = (q + turns * TURN * arm.periodic for turns in TURNS)
+    return np.asarray(np.max([joint_margins(arm, at, at) for at in turned], axis=0).min(axis=1, initial=1.0))
 
 
 Key = tuple[float, int, int]
@@ -338,9 +316,9 @@ class BestFirst:
         far = np.abs(attempt.entrance + shifts - self._task.cell.home)
         seconds = (far / arm.limits.velocity).max(axis=1) + self._rest(attempt)
         seconds += sum(at_full_speed(arm, each) for each in _points([attempt.approach, attempt.retreat], arm.dof))
-        margins = limit_margin(self._task, low + shifts, high + shifts)
+        margins = limit_margin(arm, low + shifts, high + shifts)
         clearance = min(attempt.candidate.clearance, attempt.clearance)
-        return self._scoring.scores(clearance, margins, attempt.candidate.parts["manipulability"], seconds)
+        return self._scoring.scores(clearance, margins, attempt.candidate.manipulability, seconds)
 
     def _rest(self, attempt: Attempt) -> float:
         """Lower bound (s) of the time after the retreat."""
@@ -352,12 +330,12 @@ class _Completions:
 
     def __init__(self, scoring: Scoring, task: Task, attempt: Attempt, crossing: Crossing) -> None:
         self._scoring, self._task = scoring, task
-        self._manipulability = attempt.candidate.parts["manipulability"]
+        self._manipulability = attempt.candidate.manipulability
         self._clearance = min(attempt.candidate.clearance, attempt.clearance, crossing.clearance)
         points = [attempt.q[None], *_points([crossing.path, attempt.line_in(), attempt.line_out()], task.arm.dof)]
         self._seconds = sum(at_full_speed(task.arm, each) for each in points)
         self._low, self._high = (bound(np.vstack(points), axis=0) for bound in (np.min, np.max))
-        self._margin = limit_margin(task, self._low, self._high)
+        self._margin = limit_margin(task.arm, self._low, self._high)
 
     def before_place(self, rest: float) -> float:
         """The upper bound with any place; ``rest`` is a lower bound (s) of the time after the retreat."""
@@ -384,7 +362,7 @@ class _Completions:
         for each in points:
             seconds += at_full_speed(arm, each)
         every = np.vstack([self._low, self._high, *points])
-        margin = limit_margin(self._task, every.min(axis=0), every.max(axis=0))
+        margin = limit_margin(arm, every.min(axis=0), every.max(axis=0))
         return self._score(min(self._clearance, placing.clearance), margin, seconds)
 
     def _score(self, clearance: float, margin: Array, seconds: float) -> dict[str, float]:

@@ -14,7 +14,8 @@ import pytest
 import pinproof as pp
 
 INTERNAL = {"__main__", "_core"}
-PACKAGES = sorted(f"pinproof.{each.name}" for each in pkgutil.iter_modules(pp.__path__) if each.name not in INTERNAL)
+TOP = (f"pinproof.{each.name}" for each in pkgutil.iter_modules(pp.__path__) if each.name not in INTERNAL)
+PACKAGES = sorted([*TOP, "pinproof.execution.ros2"])
 
 # fmt: off
 CONTRACT = {

@@ -31,7 +31,7 @@ def copy_of_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     rows.code_here.cache_clear()
 
 
-def told_anew() -> str:
+def recomputed_version() -> str:
     rows.code_here.cache_clear()
     return rows.code_here()
 
@@ -44,20 +44,20 @@ def test_the_code_version_names_the_package_and_the_libraries() -> None:
 
 
 def test_any_change_of_the_judging_code_changes_its_version(copy_of_the_package: Path) -> None:
-    before = told_anew()
-    kernel = copy_of_the_package / "collision" / "certify.py"
-    kernel.write_text(kernel.read_text() + "\n# mended\n")
-    mended = told_anew()
-    assert mended != before
+    before = recomputed_version()
+    module = copy_of_the_package / "collision" / "certificates" / "certify.py"
+    module.write_text(module.read_text() + "\n# changed\n")
+    changed = recomputed_version()
+    assert changed != before
     (copy_of_the_package / "picks" / "new.py").touch()
-    assert told_anew() not in (before, mended)
+    assert recomputed_version() not in (before, changed)
 
 
 def test_help_texts_do_not_change_the_code_version(copy_of_the_package: Path) -> None:
-    before = told_anew()
+    before = recomputed_version()
     page = copy_of_the_package / "cli" / "pick.py"
-    page.write_text(page.read_text() + "\n# mended\n")
-    assert told_anew() == before
+    page.write_text(page.read_text() + "\n# changed\n")
+    assert recomputed_version() == before
 
 
 @pytest.mark.slow

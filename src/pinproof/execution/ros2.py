@@ -27,6 +27,22 @@ from pinproof.motion import Trajectory
 from pinproof.motion.trajectory_files import Reader, from_message, to_message
 from pinproof.spatial import finite
 
+__all__ = [
+    "CertifiedExecution",
+    "Reply",
+    "display_trajectory",
+    "joint_trajectory",
+    "planning_scene",
+    "point_cloud2",
+    "read_display_trajectory",
+    "read_joint_state",
+    "read_joint_trajectory",
+    "read_planning_scene",
+    "read_point_cloud2",
+    "read_robot_trajectory",
+    "robot_trajectory",
+]
+
 Array = npt.NDArray[np.float64]
 Message = dict[str, Any]
 

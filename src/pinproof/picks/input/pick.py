@@ -21,7 +21,7 @@ from pinproof.model.dynamics import checked_payloads
 from pinproof.motion import ToolLimits
 from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3, finite, frozen, pose, rigid, xyz_rpy
+from pinproof.spatial import SE3, finite, frozen, pose, rigid, translated, xyz_rpy
 
 Array = npt.NDArray[np.float64]
 
@@ -290,12 +290,12 @@ class StraightLines:
     def before(self, tip: SE3, share: float = 1.0) -> SE3:
         """The pose of the tip on the approach, from 0 at ``tip`` to 1 at the start of the line."""
         along = self.approach_direction if self.approach_frame == ROOT else tip.rotation @ self.approach_direction
-        return SE3(tip.rotation, tip.translation + -share * self.approach * np.asarray(along))
+        return translated(tip, -share * self.approach * np.asarray(along))
 
     def after(self, tip: SE3, share: float = 1.0) -> SE3:
         """The pose of the tip on the retreat, from 0 at ``tip`` to 1 at the end of the line."""
         along = self.retreat_direction if self.retreat_frame == ROOT else tip.rotation @ self.retreat_direction
-        return SE3(tip.rotation, tip.translation + share * self.retreat * np.asarray(along))
+        return translated(tip, share * self.retreat * np.asarray(along))
 
     def axis_in(self, tip: SE3) -> Array:
         """(3,) the approach direction in the axes of the tip."""

@@ -9,8 +9,6 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pinproof.collision import Obstacle
 from pinproof.collision.scenes.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.collision.scenes.scene_keys import POSE
@@ -40,7 +38,7 @@ from pinproof.picks.input.picks_keys import (
     STAGE_SPEEDS,
     TOLERANCE,
 )
-from pinproof.spatial import SE3, finite
+from pinproof.spatial import finite, translated
 from pinproof.units import ANGLE_UNITS, parse_angle, refuse_degrees, refuse_millimetres
 
 MOVE_KEYS = tuple(f"{move}{part}" for move in MOVES for part in ("", "_direction", "_frame"))
@@ -244,9 +242,4 @@ def _shifted(first: Pick, index: tuple[int, ...], shift: list[float]) -> Pick:
         for letter, place in zip("ijk", index, strict=False):
             carried = carried.replace(f"{{{letter}}}", str(place))
     name = f"{first.name}[{','.join(map(str, index))}]"
-    return replace(
-        first,
-        name=name,
-        pose=SE3(first.pose.rotation, first.pose.translation + np.array(shift)),
-        carried=carried,
-    )
+    return replace(first, name=name, pose=translated(first.pose, shift), carried=carried)

@@ -34,7 +34,7 @@ from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.input.pick import Pick, PickProblem, Picks
 from pinproof.picks.input.pick_row import picks_of_row
 from pinproof.picks.input.picks_keys import COLUMNS
-from pinproof.spatial import SE3, finite, frozen, rigid
+from pinproof.spatial import SE3, finite, frozen, rigid, translated
 
 
 class PickSource(ABC):
@@ -170,11 +170,10 @@ class _GridPart:
     stop: int
 
     def __iter__(self) -> Iterator[Pick]:
-        corner = self.first.pose
         for number in range(self.start, self.stop):
             index = np.array(np.unravel_index(number, self.counts))
-            placed = SE3(corner.rotation, corner.translation + index * self.step)
-            yield replace(self.first, name="_".join([self.first.name, *map(str, index)]), pose=placed)
+            name = "_".join([self.first.name, *map(str, index)])
+            yield replace(self.first, name=name, pose=translated(self.first.pose, index * self.step))
 
 
 def as_source(picks: Picks | PickSource) -> PickSource:

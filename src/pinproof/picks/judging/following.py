@@ -24,7 +24,7 @@ from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.task import Task
 from pinproof.planning.follow import RouteFollower
 from pinproof.planning.route import Route
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, translated
 
 Array = npt.NDArray[np.float64]
 
@@ -148,7 +148,7 @@ class _Phases:
 
     def target(self, offset: Array) -> SE3:
         """``base_from_tcp`` for a displacement (3,) of the tip."""
-        return self.task.target(SE3(self.grasp.rotation, self.grasp.translation + offset))
+        return self.task.target(translated(self.grasp, offset))
 
 
 def _smooth(u: float) -> tuple[float, float]:

@@ -39,7 +39,7 @@ from pinproof.description.urdf import moved_by
 from pinproof.model import Arm
 from pinproof.picks.input.pick import GripperFingers
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, translated
 
 Array = npt.NDArray[np.float64]
 
@@ -529,7 +529,7 @@ def _earlier_contact(
     start, end = -finger.travel, gap if np.isfinite(gap) else 0.0
     if end <= start:
         return np.inf
-    at = SE3(tcp_from_body.rotation, tcp_from_body.translation + start * finger.direction)
+    at = translated(tcp_from_body, start * finger.direction)
     share = travel_to_touch(surface, at, part.surface, part.pose, (end - start) * finger.direction)
     touch = start + share * (end - start)
     return touch if share < 1.0 and gap - touch > NOTICED else np.inf

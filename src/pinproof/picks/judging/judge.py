@@ -28,7 +28,7 @@ from pinproof.picks.judging.grasp import (
     screen,
     unreached,
 )
-from pinproof.picks.judging.intercept import judge_on_conveyor, on_conveyor
+from pinproof.picks.judging.intercept import VALID, judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.lines import Attempt
 from pinproof.picks.judging.search import BestFirst, CompleteMotion
 from pinproof.picks.judging.suggest import suggest
@@ -86,15 +86,14 @@ def _failed(task: Task, groups: list[_GroupVerdict], tried: int, members: int) -
 
 def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVerdict:
     """The verdict on a group of grasps with equal displacement from the nominal grasp."""
-    valid = StageResult(Stage.INPUT, True, "valid")
     reached = reach(task, group, seeds[0])
     if not len(reached.q):
-        return _not_good(task, (valid, *reached.stages), 0, reached.refuted)
+        return _not_good(task, (VALID, *reached.stages), 0, reached.refuted)
     screened = screen(task, group, reached)
     failed = task.arm.dof == REDUNDANT and not screened.candidates and not screened.not_held and not task.cell.trial
     if failed and (between := reach_between(task, group, reached)) is not None:
         reached, screened = between, screen(task, group, between)
-    stages, tried = (valid, *reached.stages, *screened.stages), len(reached.q)
+    stages, tried = (VALID, *reached.stages, *screened.stages), len(reached.q)
     if screened.candidates:
         return _search(task, group, screened.candidates, stages, tried, seeds)
     if screened.not_held:

@@ -90,16 +90,10 @@ def code_of(status: ScreenStatus) -> int:
 
 @dataclass(frozen=True, eq=False)
 class ScreenedPoses:
-    """The screening results of N poses.
+    """The screening results of N poses: ``codes`` (N,) are indices into :data:`CODES`.
 
-    Parameters
-    ----------
-    codes
-        (N,) indices into :data:`CODES`.
-    q
-        (N, n) the best free configuration found, otherwise one in contact; NaN if none was found.
-    manipulability, clearance
-        (N,) values of free poses, otherwise NaN; the clearance (m) is also NaN if it was not requested.
+    ``q`` (N, n) is the best free configuration found, otherwise one in contact; NaN if none was found. Manipulability
+    and clearance (m) (N,) are those of free poses, otherwise NaN; the clearance also if it was not requested.
     """
 
     codes: npt.NDArray[np.int8]
@@ -190,8 +184,9 @@ class Screening:
             if len(found.q):
                 self._judge(rows[found.row], found.q, reached, free, own, q, volume)
         codes = np.where(outside, code_of(ScreenStatus.LIMITS), code_of(ScreenStatus.REACH))
-        contact = np.where(own, code_of(ScreenStatus.CONTACT), code_of(ScreenStatus.SELF))
-        codes = np.where(reached, contact if self._why else code_of(ScreenStatus.CONTACT), codes)
+        in_contact = own | (not self._why)
+        codes[reached] = code_of(ScreenStatus.SELF)
+        codes[reached & in_contact] = code_of(ScreenStatus.CONTACT)
         codes[free] = code_of(ScreenStatus.FREE)
         if not (free | known).all():
             self._known = False

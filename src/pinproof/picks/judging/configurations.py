@@ -51,22 +51,10 @@ def has_closed_form(arm: Arm, most: int = 6) -> bool:
 
 
 def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.NDArray[np.int64], Array]:
-    """Configurations within the limits, each with the full rotations nearest to q0.
+    """Configurations within the limits at targets ``base_from_tcp`` (N, 4, 4).
 
-    Parameters
-    ----------
-    arm
-        The arm.
-    targets
-        (N, 4, 4) ``base_from_tcp``.
-    q0
-        (n,) the reference for the choice of full rotations.
-    rng
-        Seed of the search for arms without a closed form.
-
-    Returns
-    -------
-    (k,) index of the target of each configuration, ascending; and (k, n) the configurations.
+    Returns the index (k,) of the target of each configuration, ascending, and the configurations (k, n), each with the
+    full rotations nearest to q0 (n,). ``rng`` is the seed of the search for arms without a closed form.
     """
     if has_closed_form(arm, most=7):
         found = SWEEP.solve_all_batch(arm, targets, q0)

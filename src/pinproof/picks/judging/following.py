@@ -52,16 +52,10 @@ ANY_SPEED = 1e3
 
 @dataclass(frozen=True, eq=False)
 class Following:
-    """The motion from rest to rest, in three parts with the times (s) of their ends from its start.
+    """The motion from rest to the part, on the belt while the gripper closes, and until the tool rests with the part.
 
-    Parameters
-    ----------
-    approach, tracking, retreat
-        From rest until the tool is at the part, while the gripper closes, and until the tool rests with the part.
-    before
-        Seconds from the start to the begin of the tracking.
-    position_deviation, rotation_deviation
-        Upper bounds (m, rad) of the deviation of the tcp from its pose on the belt while tracking, at every instant.
+    The tracking begins ``before`` seconds after the start. The deviations (m, rad) are upper bounds, at every instant,
+    of the distance of the tcp from its pose on the belt while tracking.
     """
 
     approach: Trajectory
@@ -75,10 +69,7 @@ class Following:
 def follow_belt(task: Task, member: Member, q: Array, belt: Conveyor) -> Following | str:
     """The motion of a tool that is at the grasp with q (n,) when the tracking begins, or why it is not possible.
 
-    Parameters
-    ----------
-    task
-        The pick with all poses at the time at which the tracking begins.
+    ``task`` has all poses at the time at which the tracking begins.
     """
     grasp = task.grasp(member)
     lines = tuple(end.translation - grasp.translation for end in (task.pick.before(grasp), task.pick.after(grasp)))

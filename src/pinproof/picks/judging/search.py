@@ -53,12 +53,7 @@ MANY = 64
 class Scoring:
     """The scores of complete motions from given configurations.
 
-    Parameters
-    ----------
-    bounds
-        (k,) upper bounds of the score of complete motions from each configuration, at any full rotations.
-    least
-        T_0, in seconds.
+    ``bounds`` (k,) are upper bounds of the score from each configuration, at any full rotations; ``least`` is T_0 (s).
     """
 
     task: Task
@@ -145,19 +140,10 @@ class _OpenAttempt:
 
 
 class BestFirst:
-    """The branch-and-bound search for the best motion.
+    """The branch-and-bound search for the best motion through one of the configurations at the grasp.
 
-    Parameters
-    ----------
-    task
-        The pick.
-    candidates
-        The collision-free configurations at the grasp.
-    seeds
-        Seeds of the planner and of the shortening.
-    bounded
-        Whether the search stops when no bound exceeds the best score; otherwise all motions within the budget are
-        planned.
+    ``seeds`` are those of the planner and of the shortening. Unless ``bounded``, all motions within the budget are
+    planned, not only those whose bound exceeds the best score.
     """
 
     def __init__(
@@ -338,7 +324,7 @@ class _Completions:
         self._margin = limit_margin(task.arm, self._low, self._high)
 
     def before_place(self, rest: float) -> float:
-        """The upper bound with any place; ``rest`` is a lower bound (s) of the time after the retreat."""
+        """The upper bound with any place; ``rest`` (s) is a lower bound of the time after the retreat."""
         return self._score(self._clearance, self._margin, rest + self._seconds)["score"]
 
     def without_lines(self, clearances: Array, seconds: Array) -> Array:

@@ -22,7 +22,7 @@ from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import PickProblem, Picks
 from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickMotion, PickVerdict, StageResult
+from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.picks.report.report_keys import SCHEMA
 from pinproof.spatial import xyz_rpy
 
@@ -72,8 +72,8 @@ def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
 
 def problem_row(problem: PickProblem) -> dict[str, Any]:
     """A row of the picks file that could not be read, as plain values for JSON."""
-    row = {"name": problem.name, "verdict": "unreadable", "failed_at": "input", "reason": problem.reason}
-    return {**row, "row": problem.row}
+    judged = {"verdict": PickStatus.UNREADABLE.value, "failed_at": Stage.INPUT.value}
+    return {"name": problem.name, **judged, "reason": problem.reason, "row": problem.row}
 
 
 def _stage(result: StageResult) -> dict[str, Any]:
@@ -83,18 +83,7 @@ def _stage(result: StageResult) -> dict[str, Any]:
 
 def _grip(grip: GripResult) -> dict[str, Any]:
     """How a part is held, as plain values; lengths in metres, areas in square metres."""
-    contacts = [
-        {
-            "finger": each.finger,
-            "closing_direction": list(each.closing_direction),
-            "contact_area": each.contact_area,
-            "overlap": each.overlap,
-            "gap": _finite(each.gap),
-            "open_distance": each.open_distance,
-            "closed_distance": each.closed_distance,
-        }
-        for each in grip.contacts
-    ]
+    contacts = [{**asdict(each), "gap": _finite(each.gap)} for each in grip.contacts]
     cup = None if grip.cup is None else {key: _finite(value) for key, value in asdict(grip.cup).items()}
     return {"contacts": contacts, "tip_distance": grip.tip_distance, "cup": cup}
 
@@ -207,12 +196,8 @@ class PickReport:
     def summary(self) -> str:
         """One line: the number of good picks, and the stages at which the others fail."""
         total = len(self.verdicts) + len(self.problems) + self.not_judged
-        stages: dict[str, int] = {}
-        for verdict in self.verdicts:
-            if verdict.failed is not None:
-                stages[verdict.failed.value] = stages.get(verdict.failed.value, 0) + 1
-        if self.problems:
-            stages["input"] = stages.get("input", 0) + len(self.problems)
+        stages = Counter(verdict.failed.value for verdict in self.verdicts if verdict.failed is not None)
+        stages += Counter(input=len(self.problems))
         failed = ", ".join(f"{count} at {stage}" for stage, count in stages.items())
         left = f"; {self.not_judged} not judged, because the run was interrupted" if self.not_judged else ""
         return f"{len(self.good)} of {total} picks good" + (f"; failed: {failed}" if failed else "") + left
@@ -221,8 +206,7 @@ class PickReport:
         """The rows of the table with the columns :data:`COLUMNS`; unreadable rows are last."""
         table: list[tuple[str, ...]] = []
         for verdict in self.verdicts:
-            clearances = [certificate.clearance for certificate in proofs(verdict)]
-            clearance = proven_millimetres(min(clearances)) if clearances else ""
+            clearance = proven_millimetres(verdict.clearance) if verdict.motions else ""
             duration = "" if verdict.trajectory is None else f"{verdict.trajectory.duration:.2f} s"
             stage = "" if verdict.failed is None else verdict.failed.value
             first = (verdict.pick.name, verdict.status.value, stage, clearance, duration)
@@ -356,15 +340,13 @@ REPORT_SUFFIXES = (*TEXTS, ".html")
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:
     """The values of a row by column."""
-    placed = zip(POSE_COLUMNS, (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)
     score = {name if name == "score" else f"{name}_part": value for name, value in row.get("score", {}).items()}
-    motions = " ".join(motion["name"] for motion in row.get("motions", ()))
     return {
         **row,
-        **dict(placed),
+        **dict(zip(POSE_COLUMNS, (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)),
         "score": None,
         **score,
-        "motions": motions,
+        "motions": " ".join(motion["name"] for motion in row.get("motions", ())),
         "refuted": "\n".join(row.get("refuted", ())),
     }
 

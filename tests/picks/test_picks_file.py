@@ -285,7 +285,7 @@ def test_a_held_joint_has_one_value_or_an_open_and_a_closed_one(write) -> None:
         ("place: {xyz: [0, 0, 0], rpy: [0, 0, 0]}", "a place or a support but no object"),
         ("object: a, place: {xyz: [0, 0, 0]}", "place does not state"),
         ("object: {box: [1, 1]}", "box must have the shape (3,)"),
-        ("pattern: {grid: {counts: [2, 0, 1], step: [1, 1, 1]}}", "an integer above 0"),
+        ("pattern: {grid: {counts: [2, 0, 1], step: [1, 1, 1]}}", "an integer of at least 1"),
         ("pattern: {ring: 3}", "unknown key of pattern 'ring'"),
     ],
 )

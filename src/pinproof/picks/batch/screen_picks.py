@@ -60,15 +60,7 @@ class _Open:
 
 
 class GraspScreening:
-    """Screens picks of a cell; safe to use from several threads.
-
-    Parameters
-    ----------
-    cell
-        The cell in which the picks are judged.
-    attempts, rng, clearance
-        As for :class:`~pinproof.picks.batch.screening.Screening`.
-    """
+    """Screens picks of a cell; safe to use from several threads. The arguments are those of :func:`screen_picks`."""
 
     def __init__(self, cell: Cell, *, attempts: int, rng: int, clearance: bool) -> None:
         def screening(checker: CollisionChecker) -> Screening:

@@ -120,21 +120,9 @@ class ScreenedPoses:
 class Screening:
     """Screens poses with one checker; safe to use from several threads.
 
-    Parameters
-    ----------
-    checker
-        The arm in its scene, with its tool attached.
-    home
-        (n,) the configuration near which 2 pi windings are chosen and from which searches start.
-    attempts
-        Number of start configurations of the search, for arms without closed-form IK.
-    rng
-        Seed of the searches.
-    why
-        Whether to distinguish LIMITS from REACH, and SELF from CONTACT, at additional cost. Otherwise every contact is
-        CONTACT, and LIMITS is reported only if the closed form gives it at no cost.
-    clearance
-        Whether to compute the clearance of free configurations.
+    2 pi windings are those nearest to ``home`` (n,). Without ``why``, which takes time, every contact is CONTACT, and
+    LIMITS is reported only if the closed form gives it at no cost. The other arguments are those of
+    :func:`pinproof.screen_picks`.
     """
 
     def __init__(

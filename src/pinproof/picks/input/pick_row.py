@@ -13,6 +13,7 @@ from pinproof.collision import Obstacle
 from pinproof.collision.scenes.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.collision.scenes.scene_keys import POSE
 from pinproof.common.file_keys import KeyTable
+from pinproof.common.validation import require_integer
 from pinproof.common.yaml_file import LinedMapping
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.model import Payload
@@ -129,7 +130,8 @@ def _spin(stated: object) -> GraspSpin:
         settings = mapping_of("spin", stated, SPIN_RANGE)
         first, last = finite("spin.range", numbers_of("spin.range", settings["range"]), (2,)).tolist()
         refuse_degrees("spin.range", (first, last))
-        return GraspSpin.between(first, last, _count("spin.steps", settings.get("steps", STEPS)))
+        require_integer("spin.steps", steps := settings.get("steps", STEPS), 1)
+        return GraspSpin.between(first, last, steps)
     try:
         angles = numbers_of("spin", stated)
     except InputError as error:
@@ -215,24 +217,16 @@ def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
 def _pattern(stated: object) -> Iterator[tuple[tuple[int, ...], list[float]]]:
     """The indices of a grid and the offset (m) of each from the first, along the axes of the pick's frame."""
     grid = mapping_of("pattern.grid", mapping_of("pattern", stated, PATTERN)["grid"], GRID)
-    counts = [_count("pattern.grid.counts", count) for count in _three("counts", grid["counts"])]
+    counts = grid["counts"]
+    if not isinstance(counts, list) or len(counts) != 3:
+        raise InputError(f"pattern.grid.counts is {counts!r}; it must have three numbers")
+    for count in counts:
+        require_integer("pattern.grid.counts", count, 1)
     step = finite("pattern.grid.step", numbers_of("pattern.grid.step", grid["step"]), (3,)).tolist()
     if prod(counts) > LARGEST_PATTERN:  # math.prod, because that of NumPy overflows
         raise InputError(f"pattern.grid has {prod(counts)} picks; at most {LARGEST_PATTERN} are allowed")
     for index in product(*map(range, counts)):
         yield index if counts[2] > 1 else index[:2], [k * d for k, d in zip(index, step, strict=True)]
-
-
-def _three(key: str, stated: object) -> list[Any]:
-    if not isinstance(stated, list) or len(stated) != 3:
-        raise InputError(f"pattern.grid.{key} is {stated!r}; it must have three numbers")
-    return stated
-
-
-def _count(key: str, stated: object) -> int:
-    if isinstance(stated, bool) or not isinstance(stated, int) or stated < 1:
-        raise InputError(f"{key} is {stated!r}; it must be an integer above 0")
-    return stated
 
 
 def _shifted(first: Pick, index: tuple[int, ...], shift: list[float]) -> Pick:

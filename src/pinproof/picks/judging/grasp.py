@@ -235,9 +235,13 @@ def closing_words(task: Task, result: CheckResult) -> str:
     for contact in result.contacts:
         first, second = (finger_of.get(name, name) for name in contact.bodies)
         by_pair.setdefault(frozenset((first, second)), contact_text(replace(contact, bodies=(first, second))))
-    words = list(by_pair.values())
-    more = f"; and {len(words) - MOST_CONTACTS} more" if len(words) > MOST_CONTACTS else ""
-    return f"while the fingers move: {'; '.join(words[:MOST_CONTACTS])}{more}"
+    return f"while the fingers move: {_first_of(list(by_pair.values()))}"
+
+
+def _first_of(contacts: list[str]) -> str:
+    """The first :data:`MOST_CONTACTS` contacts as one text."""
+    more = f"; and {len(contacts) - MOST_CONTACTS} more" if len(contacts) > MOST_CONTACTS else ""
+    return "; ".join(contacts[:MOST_CONTACTS]) + more
 
 
 AMPLE = 0.05
@@ -361,10 +365,7 @@ def _all_in_contact(checker: CollisionChecker, members: list[Member], reached: R
     # if some have no self-collision, the reason describes one of these
     eligible = [i for i in range(len(found)) if stage is Stage.SELF or not own[i]]
     best = max(eligible, key=lambda i: min((c.distance for c in found[i].contacts), default=-np.inf))
-    words = contact_words(found[best])
-    message = "; ".join(words[:MOST_CONTACTS])
-    if len(words) > MOST_CONTACTS:
-        message += f"; and {len(words) - MOST_CONTACTS} more"
+    message = _first_of(contact_words(found[best]))
     if len(found) > 1:
         message += f"; all {len(found)} IK solutions collide{_other_pairs(found, found[best])}"
     figures = {"configurations": float(len(found)), "distance": min(c.distance for c in found[best].contacts)}
@@ -443,7 +444,7 @@ def refuted_at_release(task: Task, members: list[Member], seed: int) -> tuple[st
 
 
 LINE_DEVIATION = 1e-3, 1e-2
-"""M and rad: the deviation of the tcp from the pose on a straight line that :func:`plan_linear` permits."""
+"""Metres and rad: the deviation of the tcp from the pose on a straight line that :func:`plan_linear` permits."""
 
 BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
 """Shares of a line at which its poses are tested."""

@@ -23,7 +23,7 @@ from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.following import Following, follow_belt
 from pinproof.picks.judging.grasp import Candidate, reach, screen
 from pinproof.picks.judging.lines import Attempt, Pairs, along, passing_at
-from pinproof.picks.judging.place import Placer, Placing, Release
+from pinproof.picks.judging.place import Placer, Scores
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.picks.judging.timing import MotionPart, part_of, timed_curve
 from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
@@ -324,7 +324,7 @@ class _Moment:
         if self.task.place is None:
             return None, StageResult(Stage.PLACE, True, "none requested")
         there = replace(attempt, retreat=None, candidate=replace(attempt.candidate, q=followed.retreat.end))
-        result, placing = Placer(self.then, self.seeds[1]).place(there, self.seeds[1:3], _AnyPlace())
+        result, placing = Placer(self.then, self.seeds[1]).place(there, self.seeds[1:3], Scores())
         if placing is None:
             raise _Refused(*self.stages, result)
         task, member = self.task, self.member
@@ -397,19 +397,3 @@ def _with_lowered(checker: CollisionChecker, pairs: Pairs) -> CollisionChecker:
         ]
         scene = replace(scene.add(lower), allowed=(*scene.allowed, *same))
     return checker.with_scene(scene).allowing(*pairs)
-
-
-class _AnyPlace:
-    """The :class:`~pinproof.picks.judging.place.Scores` of which the first possible place is the best."""
-
-    def without_lines(self, clearances: Array, seconds: Array) -> Array:
-        del seconds
-        return np.zeros(len(clearances))
-
-    def with_lines(self, release: Release, seconds: float) -> float:
-        del release, seconds
-        return 0.0
-
-    def placed(self, placing: Placing) -> float:
-        del placing
-        return 0.0

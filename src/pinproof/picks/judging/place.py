@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,20 +24,26 @@ from pinproof.planning.ends import with_turns
 Array = npt.NDArray[np.float64]
 
 
-class Scores(Protocol):
-    """The scores of the complete motions with one transit and one grasp, and their upper bounds."""
+class Scores:
+    """The scores of the complete motions with one transit and one grasp, and their upper bounds.
+
+    Here all are equal, so that the first possible place is the best.
+    """
 
     def without_lines(self, clearances: Array, seconds: Array) -> Array:
         """(m,) upper bounds for releases whose lines are not planned.
 
         ``clearances`` (m,) are those at the releases, ``seconds`` (m,) lower bounds of the time after the retreat.
         """
+        return np.zeros_like(clearances + seconds)
 
-    def with_lines(self, release: Release, seconds: float) -> float:
+    def with_lines(self, release: Release, seconds: float) -> float:  # noqa: ARG002
         """The upper bound for a release; ``seconds`` is a lower bound (s) of the transfer time."""
+        return 0.0
 
-    def placed(self, placing: Placing) -> float:
+    def placed(self, placing: Placing) -> float:  # noqa: ARG002
         """The score with a placing."""
+        return 0.0
 
 
 SLACK, SLACK_SECONDS = 1e-8, 1e-6

@@ -24,19 +24,19 @@ Econometrica 28(3).
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.model import Arm
-from pinproof.motion import Curve, JointPath
+from pinproof.motion import JointPath
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.configurations import TURN, at_full_speed, joint_margins, least_seconds, limit_margin
 from pinproof.picks.judging.grasp import Candidate, every_branch, score_parts, weighed
-from pinproof.picks.judging.lines import Attempt, Crossing, along, full_rotations, transit
-from pinproof.picks.judging.place import Placer, Placing, Release
+from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, transit
+from pinproof.picks.judging.place import Placer, Placing, Release, Scores
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 
@@ -301,7 +301,7 @@ class BestFirst:
         arm, (low, high) = self._task.arm, attempt.span()
         far = np.abs(attempt.entrance + shifts - self._task.cell.home)
         seconds = (far / arm.limits.velocity).max(axis=1) + self._rest(attempt)
-        seconds += sum(at_full_speed(arm, each) for each in _points([attempt.approach, attempt.retreat], arm.dof))
+        seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, attempt.approach, attempt.retreat))
         margins = limit_margin(arm, low + shifts, high + shifts)
         clearance = min(attempt.candidate.clearance, attempt.clearance)
         return self._scoring.scores(clearance, margins, attempt.candidate.manipulability, seconds)
@@ -311,14 +311,14 @@ class BestFirst:
         return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
 
 
-class _Completions:
+class _Completions(Scores):
     """The :class:`Scores` of the motions with one crossing and the lines of its attempt."""
 
     def __init__(self, scoring: Scoring, task: Task, attempt: Attempt, crossing: Crossing) -> None:
         self._scoring, self._task = scoring, task
         self._manipulability = attempt.candidate.manipulability
         self._clearance = min(attempt.candidate.clearance, attempt.clearance, crossing.clearance)
-        points = [attempt.q[None], *_points([crossing.path, attempt.line_in(), attempt.line_out()], task.arm.dof)]
+        points = [attempt.q[None], *control_points(task.arm.dof, crossing.path, attempt.line_in(), attempt.line_out())]
         self._seconds = sum(at_full_speed(task.arm, each) for each in points)
         self._low, self._high = (bound(np.vstack(points), axis=0) for bound in (np.min, np.max))
         self._margin = limit_margin(task.arm, self._low, self._high)
@@ -333,7 +333,7 @@ class _Completions:
 
     def with_lines(self, release: Release, seconds: float) -> float:
         arm = self._task.arm
-        seconds += sum(at_full_speed(arm, each) for each in _points([release.lift, release.leave], arm.dof))
+        seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, release.lift, release.leave))
         return self._score(min(self._clearance, release.clearance), self._margin, seconds + self._seconds)["score"]
 
     def placed(self, placing: Placing) -> float:
@@ -344,7 +344,7 @@ class _Completions:
         if placing is None:
             return self._score(self._clearance, self._margin, self._seconds)
         arm, seconds = self._task.arm, self._seconds
-        points = [*_points([placing.transfer, placing.lift, placing.leave], arm.dof)]
+        points = [*control_points(arm.dof, placing.transfer, placing.lift, placing.leave)]
         for each in points:
             seconds += at_full_speed(arm, each)
         every = np.vstack([self._low, self._high, *points])
@@ -353,10 +353,3 @@ class _Completions:
 
     def _score(self, clearance: float, margin: Array, seconds: float) -> dict[str, float]:
         return self._scoring.parts(clearance, float(margin), self._manipulability, seconds)
-
-
-def _points(curves: Sequence[Curve | None], n: int) -> Iterator[Array]:
-    """(k, n) the control points of each curve that is not None."""
-    for curve in curves:
-        if curve is not None:
-            yield curve.bezier()[1].reshape(-1, n)

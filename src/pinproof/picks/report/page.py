@@ -475,9 +475,7 @@ def _render(
 
 def _chips(kinds: Mapping[str, int]) -> str:
     """A button for each verdict that occurs, with its colour and number of rows; it filters the table."""
-    known = [name for name in VERDICT_COLOURS if kinds.get(name)] + [
-        name for name in kinds if name not in VERDICT_COLOURS
-    ]
+    known = [name for name in dict.fromkeys((*VERDICT_COLOURS, *kinds)) if kinds.get(name)]
     return "".join(
         f'<button type="button" class="chip" data-verdict="{escape(name)}" aria-pressed="false">'
         f'<span class="swatch" style="background:{VERDICT_COLOURS.get(name, "#51606f")}"></span>'

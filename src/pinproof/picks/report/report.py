@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +15,7 @@ import numpy as np
 from pinproof.collision import Certificate, Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
-from pinproof.common.files import csv_text, file_stems, json_text, unknown_suffix, write_text_whole
-from pinproof.errors import InputError
+from pinproof.common.files import csv_text, file_stems, json_text, save_as
 from pinproof.model import Arm
 from pinproof.model.limits import guess_note
 from pinproof.motion import MotionProgram
@@ -30,17 +30,12 @@ if TYPE_CHECKING:
     from pinproof.picks.report.page import PageContent
 
 
-def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
-    """The certificates of a verdict, one for each part of its motion; empty unless the pick is good."""
-    return tuple(motion.certificate for motion in verdict.motions)
-
-
 def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
     """A verdict as plain values for JSON; lengths in metres, angles in radians, times in seconds.
 
     A clearance of None with a number under ``pairs_proven`` is unbounded: no pair of bodies can touch.
     """
-    certificates, trajectory, pick = proofs(verdict), verdict.trajectory, verdict.pick
+    certificates, trajectory, pick = [each.certificate for each in verdict.motions], verdict.trajectory, verdict.pick
     placed = [float(value) + 0.0 for value in xyz_rpy(pick.pose)]  # + 0.0: no negative zeros
     left_out = dict.fromkeys((*pair.owners, pair.reason) for each in certificates for pair in each.excluded)
     return {
@@ -101,7 +96,7 @@ def _motion(motion: PickMotion) -> dict[str, Any]:
     }
 
 
-def _proven(certificates: tuple[Certificate, ...]) -> dict[str, Any]:
+def _proven(certificates: Sequence[Certificate]) -> dict[str, Any]:
     """The combined values of certificates."""
     return {
         "clearance_proven": _least([each.clearance for each in certificates]),
@@ -281,15 +276,13 @@ class PickReport:
         FileError
             If the file cannot be written.
         """
-        kind = Path(path).suffix.lower()
-        if kind not in REPORT_SUFFIXES:
-            raise InputError(f"{path}: {unknown_suffix(Path(path), REPORT_SUFFIXES)}")
-        if kind == ".html":
+
+        def page() -> None:
             from pinproof.picks.report.page import write_page
 
             write_page(path, self._page_content(), self.setup, arm=arm, scene=scene, picks=picks, title=title)
-        else:
-            write_text_whole(path, TEXTS[kind](self))
+
+        save_as(path, {**{suffix: partial(text, self) for suffix, text in TEXTS.items()}, ".html": page})
 
     def programs(self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0) -> tuple[MotionProgram, ...]:
         """The programs of the good picks, with the dwell times of :meth:`pinproof.picks.PickVerdict.program`."""

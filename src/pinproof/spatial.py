@@ -32,6 +32,7 @@ __all__ = [
     "rigid",
     "rigid_many",
     "rigid_matrix",
+    "translated",
     "twist_size",
     "xyz_rpy",
 ]
@@ -156,6 +157,11 @@ def interpolate(a: pin.SE3, b: pin.SE3, share: float) -> pin.SE3:
     """Interpolate from a (``share`` = 0) to b (1): the origin on a line, the orientation about one fixed axis."""
     turn = pin.exp3(share * pin.log3(a.rotation.T @ b.rotation))
     return pin.SE3(a.rotation @ turn, a.translation + share * (b.translation - a.translation))
+
+
+def translated(transform: pin.SE3, by: npt.ArrayLike) -> pin.SE3:
+    """Return a transform whose origin is displaced by (3,) metres along the axes of its parent frame."""
+    return pin.SE3(transform.rotation, transform.translation + np.asarray(by))
 
 
 def twist_size(a: pin.SE3, b: pin.SE3) -> tuple[float, float]:

@@ -70,7 +70,7 @@ def test_limits_can_be_tightened_by_name_and_replaced():
     assert robot.arm(limits=tight.limits).limits.upper[2] == 3.0
     with pytest.raises(pp.UnknownNameError, match="elbow_joint"):
         robot.arm(limits={"elbow": (0.0, 1.0)})
-    with pytest.raises(pp.InputError, match="at most limits.upper"):
+    with pytest.raises(pp.InputError, match=r"at most limits\.upper"):
         robot.arm(limits={"elbow_joint": (1.0, 0.0)})
     with pytest.raises(pp.InputError, match=r"elbow_joint.*\(lower, upper\)"):
         robot.arm(limits={"elbow_joint": 3.0})

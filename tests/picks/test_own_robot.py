@@ -89,7 +89,7 @@ def test_a_limits_file_with_an_unknown_joint_is_refused_with_its_line(tmp_path):
     [
         ("srdf: none.srdf", "there is no file .*none.srdf"),
         ("limits: none.yaml", "there is no file .*none.yaml"),
-        ("limits: 5", "holds 5"),
+        ("limits: 5", "5 is not a name"),
         ("package_dirs: [nowhere]", "there is no folder .*nowhere"),
         ("package_dirs: 5", "not a list of folders"),
         ("xacro_args: {a: 1}", r"ends in \.xacro"),

@@ -135,8 +135,12 @@ def test_an_orientation_is_required(write) -> None:
         ("defaults: {approach: -1}", "line 1, column 1, key defaults", "approach"),
         ("defaults: {name: x}", "line 1, column 1, key defaults", "unknown key 'name'"),
         ("defaults: [1]", "key defaults", "not a mapping"),
-        ("robot: 5", "key robot", "holds 5, not a name"),
+        ("robot: 5", "key robot", "5 is not a name"),
         ("scene: [a]", "key scene", "not a name"),
+        ("cup: ", "key cup", "holds None, not a mapping"),
+        ("cup: {radius: 0.01}\nheld: {a: {open: 0, grip: 1}}", "", "a cup and fingers"),
+        ("conveyor: {speed: 0.1, parts: 5}", "key conveyor", "conveyor.parts is 5"),
+        ("conveyor: {speed: 0.1, parts: [a, a]}", "key conveyor", "names an obstacle twice"),
         ("tool: {name: x}", "key tool", "not a list"),
         ("tool: [{name: x, box: [1, 1]}]", "line 1, obstacle 'x'", "box must have the shape (3,)"),
         (
@@ -281,7 +285,7 @@ def test_a_held_joint_has_one_value_or_an_open_and_a_closed_one(write) -> None:
         ("place: {xyz: [0, 0, 0], rpy: [0, 0, 0]}", "a place or a support but no object"),
         ("object: a, place: {xyz: [0, 0, 0]}", "place does not state"),
         ("object: {box: [1, 1]}", "box must have the shape (3,)"),
-        ("pattern: {grid: {counts: [2, 0, 1], step: [1, 1, 1]}}", "an integer above 0"),
+        ("pattern: {grid: {counts: [2, 0, 1], step: [1, 1, 1]}}", "an integer of at least 1"),
         ("pattern: {ring: 3}", "unknown key of pattern 'ring'"),
     ],
 )

@@ -10,7 +10,7 @@ import pytest
 import pinproof as pp
 from pinproof.model import JointLimits
 from pinproof.picks.input.pick import PickProblem
-from pinproof.picks.judging.configurations import limit_margins
+from pinproof.picks.judging.configurations import limit_margin
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import SE3, matrix
@@ -75,7 +75,7 @@ def test_free_poses_are_reached_and_collision_free(name, arms, cells) -> None:
         assert not arm.limits.violations(found.q[i], arm.joint_names)
         assert checker.is_free(found.q[i])
         assert found.clearance[i] == pytest.approx(checker.clearance(found.q[i]))
-    np.testing.assert_allclose(found.limit_margin[found.free], limit_margins(arm, found.q[found.free]), atol=1e-12)
+    np.testing.assert_allclose(found.limit_margin[found.free], limit_margin(arm, found.q[found.free]), atol=1e-12)
     assert np.isnan(found.manipulability[~found.free]).all()
     assert np.isnan(found.clearance[~found.free]).all()
 

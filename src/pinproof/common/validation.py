@@ -64,6 +64,16 @@ def require_integer(name: str, value: int, smallest: int) -> None:
         raise InputError(f"{name} must be an integer of at least {smallest}, not {value!r}")
 
 
+def unique_names(what: str, stated: object) -> tuple[str, ...]:
+    """Return the names of a name or a list of names; raise InputError for anything else, or if a name is repeated."""
+    names = (stated,) if isinstance(stated, str) else tuple(stated) if isinstance(stated, (list, tuple)) else ()
+    if not names or not all(isinstance(name, str) and name for name in names):
+        raise InputError(f"{what} is {stated!r}; it must be the name of an obstacle or a list of names")
+    if len(set(names)) < len(names):
+        raise InputError(f"{what} names an obstacle twice: {', '.join(names)}")
+    return names
+
+
 def freeze_arrays(owner: object, *names: str) -> None:
     """Replace the array fields ``names`` of a frozen dataclass by read-only copies; None stays None."""
     for name in names:

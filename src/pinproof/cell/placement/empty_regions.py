@@ -33,7 +33,7 @@ from pinproof.cell.placement.screening import REACH, PlacementScreening
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.model import Arm, JointLimits
 from pinproof.picks.batch.proposals import Span
-from pinproof.picks.input.pick import TIP, GraspTolerance, Picks, family
+from pinproof.picks.input.pick import GraspTolerance, Picks, family
 from pinproof.spatial import matrix, rigid
 
 Array = npt.NDArray[np.float64]
@@ -196,11 +196,8 @@ def pick_targets(screening: PlacementScreening, number: int) -> list[Target]:
     pick = screening.picks.picks[number]
     tip = screening.picks.tip.inverse()
     lever = float(np.linalg.norm(tip.translation))
-    axis = np.array(pick.approach_direction)
     pose = rigid("pose of a pick", screening.table.nominal[number])
-    if pick.approach_frame != TIP:
-        axis = pose.rotation.T @ axis
-    members = next(family(pick.spin, GraspTolerance(), axis))
+    members = next(family(pick.spin, GraspTolerance(), pick.axis_in(pose)))
     half_step = 0.0
     if pick.spin.sampled and len(members) > 1:
         angles = np.sort(pick.spin.angles)

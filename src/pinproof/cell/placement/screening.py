@@ -21,7 +21,7 @@ from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
 from pinproof.picks.batch.screening import ScreenStatus, code_of
-from pinproof.picks.input.pick import Member, Picks, moved
+from pinproof.picks.input.pick import Member, Picks
 from pinproof.picks.judging.configurations import TURN, manipulability
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import matrix
@@ -124,15 +124,11 @@ class GraspTable:
 def _stations(task: Task, member: Member) -> list[Array]:
     tip = task.cell.shared.tip.inverse()
     grasp = task.grasp(member)
-    poses = [task.approach_end(grasp), grasp, task.retreat_end(grasp)]
+    poses = [task.pick.before(grasp), grasp, task.pick.after(grasp)]
     if task.place is None:
         return [*(matrix(pose * tip) for pose in poses), *(np.full((4, 4), np.nan),) * 3]
     place, release = task.place, task.release(member)
-    poses += [
-        moved(release, -place.approach, place.approach_direction, place.approach_frame),
-        release,
-        moved(release, place.retreat, place.retreat_direction, place.retreat_frame),
-    ]
+    poses += [place.before(release), release, place.after(release)]
     return [matrix(pose * tip) for pose in poses]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from pinproof.collision import Scene
 from pinproof.common.display import outline
 from pinproof.errors import InputError
 from pinproof.motion import Trajectory
@@ -103,7 +102,6 @@ def _after(cell: Cell, verdict: PickVerdict) -> Cell:
         raise InputError("a pick without a motion does not change the cell")
     rest = tuple(part for part in belt.parts if part != name)
     shared = replace(cell.shared, conveyor=replace(belt, parts=rest) if rest else None)
-    scene: Scene = last.scene if verdict.release_time is not None and name in last.scene.names else cell.checker.scene
-    if verdict.release_time is None or name not in last.scene.names:
-        scene = scene.remove(name)
+    placed = verdict.release_time is not None and name in last.scene.names
+    scene = last.scene if placed else cell.checker.scene.remove(name)
     return replace(cell, checker=cell.checker.with_scene(scene), shared=shared, home=verdict.trajectory.end)

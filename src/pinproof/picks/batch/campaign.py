@@ -206,13 +206,9 @@ class CampaignResult:
         path = Path(folder) / ROWS
         if not path.exists():
             started = (Path(folder) / JOURNAL).exists()
-            raise CampaignError(
-                f"{folder}: " + ("this campaign is not finished; run it again" if started else "no rows")
-            )
+            raise CampaignError(f"{folder}: {'this campaign is not finished; run it again' if started else 'no rows'}")
         header = read_header(path)
-        verdicts: Counter[str] = Counter()
-        failed_at: Counter[str] = Counter()
-        to_retry = 0
+        verdicts, failed_at, to_retry = Counter[str](), Counter[str](), 0
         for row in _rows(path):
             verdicts[str(row.get("verdict"))] += 1
             if row.get("failed_at") is not None:
@@ -471,7 +467,8 @@ class Campaign:
             with closing(work) as outcomes:
                 for outcome in outcomes:
                     journal.append(outcome.start, self._lines(outcome))
-                    timings.append(to_line(_timing(outcome)))
+                    timing = {"seconds": round(outcome.seconds, 6), "worker": outcome.worker}
+                    timings.append(to_line({"start": outcome.start, "stop": outcome.stop, **timing}))
                     there += outcome.stop - outcome.start
                     if progress is not None:
                         progress(there, len(self))
@@ -508,12 +505,3 @@ class Campaign:
         if len(lines) != outcome.stop - outcome.start:
             raise InputError(f"the source gave {len(lines)} picks for {outcome.start} to {outcome.stop - 1}")
         return lines
-
-
-def _timing(outcome: Outcome) -> dict[str, Any]:
-    return {
-        "start": outcome.start,
-        "stop": outcome.stop,
-        "seconds": round(outcome.seconds, 6),
-        "worker": outcome.worker,
-    }

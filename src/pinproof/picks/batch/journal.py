@@ -172,15 +172,9 @@ def row_checker(header: bytes) -> Callable[[bytes], dict[str, Any] | None]:
 
 
 class Journal:
-    """The journal of a campaign, new or resumed.
+    """The journal of a campaign in a folder, new or resumed.
 
-    Parameters
-    ----------
-    folder
-        The folder of the campaign.
-    header
-        The content of the first line; ``header["picks"]`` is the number of rows, ``header["setup"]`` identifies the
-        campaign.
+    In its header, ``header["picks"]`` is the number of rows, and ``header["setup"]`` identifies the campaign.
 
     Raises
     ------
@@ -203,7 +197,7 @@ class Journal:
         self._file = LineFile(self.path)
         try:
             if self._file.size:
-                self._go_on(header)
+                self._read(header)
             else:
                 self._begin()
         except BaseException:
@@ -216,7 +210,7 @@ class Journal:
             raise CampaignError(f"{self.path}: does not belong to a campaign; choose another folder")
         self._file.append(self._header)
 
-    def _go_on(self, header: Mapping[str, Any]) -> None:
+    def _read(self, header: Mapping[str, Any]) -> None:
         """Read the existing rows."""
         with os_errors(self.path), self.path.open("rb") as file:
             refuse_foreign(self.path, _parsed_header(self.path, file.readline()), header)
@@ -327,23 +321,18 @@ def _parsed_header(path: Path, line: bytes) -> dict[str, Any]:
 
 def refuse_foreign(path: Path, there: Mapping[str, Any], header: Mapping[str, Any]) -> None:
     """Raise :class:`CampaignError` if the header of a file differs from ``header``; names the differences."""
-    different = differences(there, header)
-    if different:
-        raise CampaignError(
-            f"{path}: belongs to another campaign, which differs in {'; '.join(different)}. Choose another folder, or "
-            "remove this one to start again"
-        )
-
-
-def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """The differences of two headers as text."""
-    a, b = (dict(header.get("setup", {})) for header in (there, here))
-    named = [
+    if to_line(there) == to_line(header):
+        return
+    a, b = (dict(each.get("setup", {})) for each in (there, header))
+    different = [
         f"{name} ({a.get(name, 'nothing')} there, {b.get(name, 'nothing')} here)"
         for name in dict.fromkeys([*b, *a])
         if a.get(name) != b.get(name)
     ]
-    return named or (["its header"] if to_line(there) != to_line(here) else [])
+    raise CampaignError(
+        f"{path}: belongs to another campaign, which differs in {'; '.join(different) or 'its header'}. Choose another "
+        "folder, or remove this one to start again"
+    )
 
 
 def _content(path: Path) -> bytes:

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum, auto
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik import AnalyticIk, Clik
+from pinproof.ik import AnalyticIk, Clik, IkBranchesBatch
 from pinproof.model import Arm
 from pinproof.picks.judging.configurations import SWEEP, has_closed_form, turned_inside, widened
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
 
 FINEST_SPAN = 1e-6
 """Metres: a tolerance larger than the position error of a solved pose."""
@@ -38,7 +41,7 @@ class Span:
         self._first = joints[0]
         self._last = np.linalg.inv(chain.tool)[:, 3]
 
-    def may_reach(self, targets: Array) -> npt.NDArray[np.bool_]:
+    def may_reach(self, targets: Array) -> Mask:
         """(N,) whether targets (N, 4, 4) are within the bound; all others are proven to be out of reach."""
         away = (targets @ self._last)[:, :3] - self._first
         return np.asarray(np.linalg.norm(away, axis=1) <= self._longest + FINEST_SPAN)
@@ -49,9 +52,6 @@ class Span:
         away = float(np.linalg.norm((target @ self._last)[:3] - self._first))
         return away - position - 2.0 * np.sin(min(rotation, np.pi) / 2.0) * lever > self._longest + FINEST_SPAN
 
-
-Mask = npt.NDArray[np.bool_]
-Indices = npt.NDArray[np.int64]
 
 RESTARTS = 8
 """Restarts of the search for one pose. They are sufficient for all but a few poses in a thousand, and a pose out of
@@ -76,18 +76,10 @@ class Wanted(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Proposed:
-    """The configurations found in a round.
+    """The configurations q (k, n) within the limits that a round finds, and the index (k,) of the target of each.
 
-    Parameters
-    ----------
-    row
-        (k,) index of the target of each configuration.
-    q
-        (k, n) configurations within the limits that reach the targets.
-    outside
-        (N,) for each target, whether a configuration was found that only the limits exclude.
-    complete
-        (N,) for each target, whether the configurations are proven to be all.
+    For each target (N,), ``outside`` states whether a configuration was found that only the limits exclude, and
+    ``complete`` whether the configurations are proven to be all.
     """
 
     row: Indices
@@ -96,24 +88,22 @@ class Proposed:
     complete: Mask
 
 
-class Proposals:
+class Proposals(Protocol):
     """Configurations for poses of an arm.
 
     ``complete``: the first round gives all configurations, except at singular targets (see :class:`Proposed`).
     """
 
-    complete = False
+    complete: bool = False
 
     def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
         """The poses of each round, and its number.
 
         With ``why``, there are additional rounds that only determine why no configuration was found.
         """
-        raise NotImplementedError
 
     def propose(self, number: int, targets: Array) -> Proposed:
         """The configurations that a round finds for targets (N, 4, 4), ``base_from_tcp``."""
-        raise NotImplementedError
 
 
 def proposals_for(arm: Arm, home: Array, *, attempts: int, rng: int) -> Proposals:
@@ -137,9 +127,7 @@ class _Closed(Proposals):
 
     def propose(self, number: int, targets: Array) -> Proposed:
         del number
-        found = AnalyticIk().solve_all_batch(self._arm, targets, self._home)
-        row, column = np.nonzero(np.arange(found.q.shape[1]) < found.count[:, None])
-        return Proposed(row, found.q[row, column], found.outside > 0, found.complete)
+        return _branches(AnalyticIk().solve_all_batch(self._arm, targets, self._home))
 
 
 class _Swept(Proposals):
@@ -168,9 +156,7 @@ class _Swept(Proposals):
         if number == self._search:
             return _searched(self._arm, targets, self._home, self._rng, self._span)
         values = self._groups[number] if number < self._search else self._beyond
-        found = SWEEP.solve_all_batch(self._arm, targets, self._home, redundant_values=values)
-        row, column = np.nonzero(np.arange(found.q.shape[1]) < found.count[:, None])
-        return Proposed(row, found.q[row, column], found.outside > 0, found.complete)
+        return _branches(SWEEP.solve_all_batch(self._arm, targets, self._home, redundant_values=values))
 
 
 class _Searched(Proposals):
@@ -197,6 +183,11 @@ class _Searched(Proposals):
         inside = self._arm.limits.inside(q)
         outside[wide.row[~inside]] = True
         return Proposed(wide.row[inside], np.ascontiguousarray(q[inside]), outside, np.zeros(len(targets), dtype=bool))
+
+
+def _branches(found: IkBranchesBatch) -> Proposed:
+    row, column = np.nonzero(np.arange(found.q.shape[1]) < found.count[:, None])
+    return Proposed(row, found.q[row, column], found.outside > 0, found.complete)
 
 
 def _searched(arm: Arm, targets: Array, start: Array, rng: int, span: Span) -> Proposed:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.common.files import csv_text, figure, unknown_suffix, write_bytes_whole, write_text_whole
+from pinproof.common.files import csv_text, figure, save_as
 from pinproof.common.validation import Rng, freeze_arrays, require_integer
 from pinproof.errors import FileError, InputError
 from pinproof.ik import Clik
@@ -27,6 +27,9 @@ from pinproof.spatial import SE3, matrix, rigid, rigid_many
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+
+SCHEMA = "pinproof/reach/1"
+ARRAYS = ("orientations", "reachable", "free", "manipulability", "clearance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +74,7 @@ class ReachMap:
 
     def __post_init__(self) -> None:
         count = len(self.region), len(self.orientations)
-        for name in ("orientations", "reachable", "free", "manipulability", "clearance"):
+        for name in ARRAYS:
             freeze_arrays(self, name)
             wanted = (count[1], 3, 3) if name == "orientations" else count
             if getattr(self, name).shape != wanted:
@@ -120,7 +123,23 @@ class ReachMap:
         FileError
             If the file cannot be written.
         """
-        _write_map(path, self)
+        save_as(path, {".csv": self._csv, ".npz": self._npz, ".png": self._png})
+
+    def _csv(self) -> str:
+        columns = ("x", "y", "z", "reach_share", "free_share", "best_manipulability", "best_clearance")
+        figures = self.reach_share, self.free_share, self.best_manipulability, self.best_clearance
+        return _table(columns, self.region.points, *figures)
+
+    def _npz(self) -> bytes:
+        content: dict[str, Any] = {"schema": SCHEMA, "title": self.title, "complete": self.complete}
+        content |= {"points": self.region.points, **{name: getattr(self, name) for name in ARRAYS}}
+        content |= {} if self.region.axes is None else dict(zip("xyz", self.region.axes, strict=True))
+        out = io.BytesIO()
+        np.savez_compressed(out, **content)
+        return out.getvalue()
+
+    def _png(self) -> bytes:
+        return slices(self.region, self.free_share, self.title, "share of orientations reachable and free")
 
     @classmethod
     def load(cls, path: str | Path) -> ReachMap:
@@ -131,7 +150,19 @@ class ReachMap:
         FileError
             If the file cannot be read; the message names the file and the reason.
         """
-        return _read_map(path)
+        try:
+            with np.load(path, allow_pickle=False) as content:
+                if str(content["schema"]) != SCHEMA:
+                    raise FileError(path, f"holds {str(content['schema'])!r}, not a reach map ({SCHEMA!r})")
+                axes = (content["x"], content["y"], content["z"]) if "x" in content else None
+                return cls(
+                    ReachRegion(content["points"], axes),
+                    **{name: content[name] for name in ARRAYS},
+                    complete=bool(content["complete"]),
+                    title=str(content["title"]),
+                )
+        except (OSError, zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
+            raise FileError(path, f"is not a reach map in .npz format: {error}") from error
 
     def same_question(self, other: ReachMap) -> str:
         """The reason why two maps cannot be compared; empty if they have the same poses."""
@@ -190,11 +221,8 @@ class ReachComparison:
             if counts.any():
                 where = self.before.region.points[int(counts.argmax())]
                 words.append(f"most {name} at ({', '.join(f'{v:.3f}' for v in where)}): {counts.max()} orientations")
-        words += (
-            []
-            if self.before.complete and self.after.complete
-            else ["poses that are not free were searched, not proven"]
-        )
+        if not (self.before.complete and self.after.complete):
+            words.append("poses that are not free were searched, not proven")
         return "; ".join(words)
 
     def save(self, path: str | Path) -> None:
@@ -209,7 +237,17 @@ class ReachComparison:
         FileError
             If the file cannot be written.
         """
-        _write_comparison(path, self)
+        save_as(path, {".csv": self._csv, ".png": self._png})
+
+    def _csv(self) -> str:
+        shares = self.before.free_share, self.after.free_share, self.won.mean(axis=1), self.lost.mean(axis=1)
+        return _table(("x", "y", "z", "before", "after", "won", "lost"), self.before.region.points, *shares)
+
+    def _png(self) -> bytes:
+        title = f"before: {self.before.title}\nafter: {self.after.title}"
+        label = "share of orientations won (blue) less lost (red)"
+        change = self.won.mean(axis=1) - self.lost.mean(axis=1)
+        return slices(self.before.region, change, title, label, colours=WON_AND_LOST)
 
 
 def _share(mask: npt.NDArray[np.bool_], total: int) -> str:
@@ -257,9 +295,9 @@ def slices(
     wide = int(np.ceil(np.sqrt(len(places))))
     tall = int(np.ceil(len(places) / wide))
     a, b = (region.axes[k] for k in across)
-    figure = Figure(figsize=(3.4 * wide + 1.6, 3.2 * tall + 1.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(tall, wide, squeeze=False, sharex=True, sharey=True).ravel()
+    picture = Figure(figsize=(3.4 * wide + 1.6, 3.2 * tall + 1.0), layout="constrained")
+    FigureCanvasAgg(picture)
+    panels = picture.subplots(tall, wide, squeeze=False, sharex=True, sharey=True).ravel()
     half = [0.5 * (axis[1] - axis[0]) for axis in (a, b)]
     extent = (a[0] - half[0], a[-1] + half[0], b[0] - half[1], b[-1] + half[1])
     names = "xyz"
@@ -271,77 +309,17 @@ def slices(
         panel.plot(0.0, 0.0, "+", color="black", markersize=9) if through == 2 else None
     for panel in panels[len(places) :]:
         panel.set_visible(False)
-    figure.supxlabel(f"{names[across[0]]} [m]")
-    figure.supylabel(f"{names[across[1]]} [m]")
-    figure.suptitle(title, fontsize=11)
-    figure.colorbar(image, ax=panels.tolist(), label=label, shrink=0.8)
+    picture.supxlabel(f"{names[across[0]]} [m]")
+    picture.supylabel(f"{names[across[1]]} [m]")
+    picture.suptitle(title, fontsize=11)
+    picture.colorbar(image, ax=panels.tolist(), label=label, shrink=0.8)
     out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
+    picture.savefig(out, format="png", dpi=110, metadata={"Software": None})
     return out.getvalue()
 
 
-SCHEMA = "pinproof/reach/1"
-ARRAYS = ("orientations", "reachable", "free", "manipulability", "clearance")
-COLUMNS = ("x", "y", "z", "reach_share", "free_share", "best_manipulability", "best_clearance")
-
-
-def _write_map(path: str | Path, reach: ReachMap) -> None:
-    """Write a map in the format given by the suffix."""
-    kind = _kind(path, (".csv", ".npz", ".png"))
-    if kind == ".csv":
-        figures = reach.reach_share, reach.free_share, reach.best_manipulability, reach.best_clearance
-        write_text_whole(path, _csv(COLUMNS, np.column_stack([reach.region.points, *figures])))
-    elif kind == ".png":
-        share = reach.free_share
-        write_bytes_whole(path, slices(reach.region, share, reach.title, "share of orientations reachable and free"))
-    else:
-        content: dict[str, Any] = {"schema": SCHEMA, "title": reach.title, "complete": reach.complete}
-        content |= {"points": reach.region.points, **{name: getattr(reach, name) for name in ARRAYS}}
-        content |= {} if reach.region.axes is None else dict(zip("xyz", reach.region.axes, strict=True))
-        out = io.BytesIO()
-        np.savez_compressed(out, **content)
-        write_bytes_whole(path, out.getvalue())
-
-
-def _write_comparison(path: str | Path, change: ReachComparison) -> None:
-    """Write a comparison in the format given by the suffix."""
-    points, won, lost = change.before.region.points, change.won.mean(axis=1), change.lost.mean(axis=1)
-    if _kind(path, (".csv", ".png")) == ".csv":
-        shares = change.before.free_share, change.after.free_share
-        columns = ("x", "y", "z", "before", "after", "won", "lost")
-        write_text_whole(path, _csv(columns, np.column_stack([points, *shares, won, lost])))
-        return
-    title = f"before: {change.before.title}\nafter: {change.after.title}"
-    label = "share of orientations won (blue) less lost (red)"
-    write_bytes_whole(path, slices(change.before.region, won - lost, title, label, colours=WON_AND_LOST))
-
-
-def _read_map(path: str | Path) -> ReachMap:
-    """Read an ``.npz`` file written by :func:`_write_map`."""
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            if str(content["schema"]) != SCHEMA:
-                raise FileError(path, f"holds {str(content['schema'])!r}, not a reach map ({SCHEMA!r})")
-            axes = ReachRegion.along([content[name] for name in "xyz"]) if "x" in content else None
-            return ReachMap(
-                ReachRegion(content["points"], axes),
-                **{name: content[name] for name in ARRAYS},
-                complete=bool(content["complete"]),
-                title=str(content["title"]),
-            )
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
-        raise FileError(path, f"is not a reach map in .npz format: {error}") from error
-
-
-def _kind(path: str | Path, known: tuple[str, ...]) -> str:
-    kind = Path(path).suffix.lower()
-    if kind not in known:
-        raise InputError(f"{path}: {unknown_suffix(Path(path), known)}")
-    return kind
-
-
-def _csv(columns: tuple[str, ...], rows: npt.NDArray[np.float64]) -> str:
-    return csv_text(columns, (map(figure, row) for row in rows.tolist()))
+def _table(columns: tuple[str, ...], points: Array, *figures: Array) -> str:
+    return csv_text(columns, (map(figure, row) for row in np.column_stack([points, *figures]).tolist()))
 
 
 def attainable_orientations(
@@ -362,10 +340,16 @@ def attainable_orientations(
     arm, orientations, tip, world_from_root, rng
         As for :func:`reach_map`.
     """
-    tcp_from_tip = matrix(rigid("tip", SE3.Identity() if tip is None else tip))
-    place = rigid("world_from_root", SE3.Identity() if world_from_root is None else world_from_root)
-    targets = np.linalg.inv(matrix(place * arm.root_from_base)) @ _frames(orientations) @ np.linalg.inv(tcp_from_tip)
+    before, after = _base_and_tip(arm, tip, world_from_root)
+    targets = before @ _frames(orientations) @ after
     return np.asarray(Clik().solve_batch(arm, targets, rng=rng, task="orientation").ok)
+
+
+def _base_and_tip(arm: Arm, tip: SE3 | npt.ArrayLike | None, place: SE3 | npt.ArrayLike | None) -> tuple[Array, Array]:
+    """``base_from_world`` and ``tip_from_tcp`` (4, 4), between which a target is ``world_from_tip``."""
+    tcp_from_tip = SE3.Identity() if tip is None else rigid("tip", tip)
+    world_from_root = SE3.Identity() if place is None else rigid("world_from_root", place)
+    return matrix((world_from_root * arm.root_from_base).inverse()), matrix(tcp_from_tip.inverse())
 
 
 def reach_map(
@@ -416,9 +400,7 @@ def reach_map(
     require_integer("threads", threads, 1)
     frames = _frames(orientations)
     arm = checker.arm
-    tcp_from_tip = matrix(rigid("tip", SE3.Identity() if tip is None else tip))
-    place = rigid("world_from_root", SE3.Identity() if world_from_root is None else world_from_root)
-    before, after = np.linalg.inv(matrix(place * arm.root_from_base)), np.linalg.inv(tcp_from_tip)
+    before, after = _base_and_tip(arm, tip, world_from_root)
     screening = Screening(checker, arm.home, attempts=attempts, rng=rng, why=False, clearance=True)
     points, m = len(region), len(frames)
     total = points * m
@@ -444,18 +426,19 @@ def reach_map(
         figures[:, 0].reshape(shape),
         figures[:, 1].reshape(shape),
         screening.complete,
-        _title(checker, tcp_from_tip, place),
+        _title(checker, tip, world_from_root),
     )
 
 
-def _title(checker: CollisionChecker, tcp_from_tip: Array, place: SE3) -> str:
+def _title(checker: CollisionChecker, tip: SE3 | npt.ArrayLike | None, place: SE3 | npt.ArrayLike | None) -> str:
     """The robot, tool and scene, as text."""
     arm, tool = checker.arm, ", ".join(body.name for body in checker.attached)
-    tip, base = tcp_from_tip[:3, 3], place.translation
     words = [f"{arm.robot.name}, {arm.base} to {arm.tcp}", f"{len(checker.scene.obstacles)} obstacles"]
     words += [f"with {tool}"] if tool else []
-    words += [f"tip {_metres(tip)} m from the tcp"] if tip.any() else []
-    words += [f"the robot at {_metres(base)} m"] if base.any() else []
+    if tip is not None and (offset := rigid("tip", tip).translation).any():
+        words.append(f"tip {_metres(offset)} m from the tcp")
+    if place is not None and (base := rigid("world_from_root", place).translation).any():
+        words.append(f"the robot at {_metres(base)} m")
     return ", ".join(words)
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -108,7 +107,7 @@ class ReachRegion:
     """
 
     points: Array
-    axes: tuple[Array, Array, Array] | None = field(default=None)
+    axes: tuple[Array, Array, Array] | None = None
 
     def __post_init__(self) -> None:
         points = finite("points", self.points, (None, 3))
@@ -160,9 +159,3 @@ class ReachRegion:
 
     def __repr__(self) -> str:
         return f"ReachRegion({' x '.join(map(str, self.shape))} points)"
-
-    @staticmethod
-    def along(values: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """The three axes of a grid as arrays read from a file."""
-        x, y, z = (np.array(axis, dtype=float) for axis in values)
-        return x, y, z

@@ -15,9 +15,9 @@ from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.picks.batch.screening import ScreenedPoses, Screening, ScreenResult, ScreenStatus, code_of, in_chunks
-from pinproof.picks.input.pick import TIP, GraspSpin, GraspTolerance, Pick, PickProblem, Picks, family
+from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Pick, PickProblem, Picks, family
 from pinproof.picks.input.sources import PickSource, as_source
-from pinproof.picks.judging.configurations import limit_margins
+from pinproof.picks.judging.configurations import limit_margin
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.setup import check_held_joints
 from pinproof.picks.judging.task import Cell, Task
@@ -50,25 +50,17 @@ class ScreenedPicks:
 
 @dataclass(eq=False)
 class _Open:
-    """A pick with the grasps that are not screened yet, ring by ring, and the object that the hand may touch."""
+    """A pick with the grasps that are not screened yet, in groups, and the object that the hand may touch."""
 
     index: int
     pose: Array
-    rings: list[Array]
+    groups: list[Array]
     object: str | None
     done: int = 0
 
 
 class GraspScreening:
-    """Screens picks of a cell; safe to use from several threads.
-
-    Parameters
-    ----------
-    cell
-        The cell in which the picks are judged.
-    attempts, rng, clearance
-        As for :class:`~pinproof.picks.batch.screening.Screening`.
-    """
+    """Screens picks of a cell; safe to use from several threads. The arguments are those of :func:`screen_picks`."""
 
     def __init__(self, cell: Cell, *, attempts: int, rng: int, clearance: bool) -> None:
         def screening(checker: CollisionChecker) -> Screening:
@@ -89,14 +81,14 @@ class GraspScreening:
         return self._screening.screen(self._targets(poses))
 
     def picks(self, part: Iterable[Pick | PickProblem]) -> ScreenedPicks:
-        """Screen picks; the grasps of a family are checked ring by ring until one is free."""
+        """Screen picks; the grasps of a family are checked group by group until one is free."""
         items = list(part)
         best, member = ScreenedPoses.nothing(len(items), self._cell.arm.dof), np.zeros(len(items), dtype=np.int64)
         left = list(self._readable(items))
         while left:
-            sizes = np.array([len(each.rings[0]) for each in left])
+            sizes = np.array([len(each.groups[0]) for each in left])
             owner, starts = np.repeat(np.arange(len(left)), sizes), np.cumsum(sizes) - sizes
-            poses = np.concatenate([each.pose @ each.rings[0] for each in left])
+            poses = np.concatenate([each.pose @ each.groups[0] for each in left])
             screened = self._screen_poses(poses, [each.object for each in left], owner)
             order = np.lexsort((-np.nan_to_num(screened.manipulability), -screened.codes, owner))
             top, index = order[starts], np.array([each.index for each in left])
@@ -105,8 +97,8 @@ class GraspScreening:
             member[index[better]] = (done + top - starts)[better]
             best.put(index[better], screened, top[better])
             for each in left:
-                each.done += len(each.rings.pop(0))
-            left = [each for each in left if best.codes[each.index] != FREE and each.rings]
+                each.done += len(each.groups.pop(0))
+            left = [each for each in left if best.codes[each.index] != FREE and each.groups]
         return ScreenedPicks(tuple(item.name for item in items), best, member)
 
     def _targets(self, poses: Array) -> Array:
@@ -123,10 +115,9 @@ class GraspScreening:
                 except InputError:
                     continue
                 pick, taken = task.pick, task.name if task.from_scene and self._hand else None
-            axis = pick.approach_direction
-            if pick.approach_frame != TIP and pick.spin.angles != (0.0,):
-                axis = tuple((pick.pose.rotation.T @ axis).tolist())
-            yield _Open(index, matrix(pick.pose), list(_rings(pick.spin, pick.tolerance, axis)), taken)
+            # without a spin the axis does not matter, and a fixed one finds the grasps in the cache
+            axis = pick.approach_direction if pick.spin.angles == (0.0,) else tuple(pick.axis_in(pick.pose).tolist())
+            yield _Open(index, matrix(pick.pose), list(_groups(pick.spin, pick.tolerance, axis)), taken)
 
     def _screen_poses(self, poses: Array, objects: Sequence[str | None], owner: Indices) -> ScreenedPoses:
         """Screen poses of the picks ``owner`` (N,), where the hand may touch the object of its pick.
@@ -146,10 +137,12 @@ class GraspScreening:
 
 
 @lru_cache(maxsize=64)
-def _rings(spin: GraspSpin, tolerance: GraspTolerance, axis: tuple[float, float, float]) -> tuple[Array, ...]:
-    """``nominal_from_tip`` (m, 4, 4) ring by ring; the first grasp, which is usually free, is a separate ring."""
-    rings = [np.array([matrix(each.nominal_from_tip) for each in r]) for r in family(spin, tolerance, np.array(axis))]
-    return tuple(ring for ring in (rings[0][:1], rings[0][1:], *rings[1:]) if len(ring))
+def _groups(spin: GraspSpin, tolerance: GraspTolerance, axis: tuple[float, float, float]) -> tuple[Array, ...]:
+    """``nominal_from_tip`` (m, 4, 4) of each group; the first grasp, which is usually free, is a separate group."""
+    first, *rest = (
+        np.array([matrix(each.nominal_from_tip) for each in group]) for group in family(spin, tolerance, np.array(axis))
+    )
+    return tuple(group for group in (first[:1], first[1:], *rest) if len(group))
 
 
 def screen_picks(
@@ -234,7 +227,7 @@ def screen_picks(
 def _result(names: Sequence[str], arm: Arm, found: ScreenedPicks, complete: bool, reasons: _Reasons) -> ScreenResult:
     screened, free = found.screened, found.screened.codes == code_of(ScreenStatus.FREE)
     margins = np.full(len(free), np.nan)
-    margins[free] = np.clip(limit_margins(arm, screened.q[free]), 0.0, 1.0)
+    margins[free] = limit_margin(arm, screened.q[free])
     figures = margins, screened.manipulability, screened.clearance
     return ScreenResult(names, arm.joint_names, screened.codes, screened.q, found.member, *figures, complete, reasons)
 
@@ -243,7 +236,7 @@ class _Poses(PickSource):
     """Poses as picks without approach and retreat."""
 
     def __init__(self, poses: Array) -> None:
-        self.poses, self.shared = poses, Picks(())
+        self.poses, self.shared, self.with_object = poses, Picks(()), frozenset([False])
         self.names = _Numbered(len(poses))
 
     def __len__(self) -> int:
@@ -254,10 +247,6 @@ class _Poses(PickSource):
 
     def digest(self) -> str:
         raise NotImplementedError
-
-    @property
-    def with_object(self) -> frozenset[bool]:
-        return frozenset([False])
 
 
 class _Numbered(Sequence[str]):

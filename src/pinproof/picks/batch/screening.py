@@ -90,16 +90,10 @@ def code_of(status: ScreenStatus) -> int:
 
 @dataclass(frozen=True, eq=False)
 class ScreenedPoses:
-    """The screening results of N poses.
+    """The screening results of N poses: ``codes`` (N,) are indices into :data:`CODES`.
 
-    Parameters
-    ----------
-    codes
-        (N,) indices into :data:`CODES`.
-    q
-        (N, n) the best free configuration found, otherwise one in contact; NaN if none was found.
-    manipulability, clearance
-        (N,) values of free poses, otherwise NaN; the clearance (m) is also NaN if it was not requested.
+    ``q`` (N, n) is the best free configuration found, otherwise one in contact; NaN if none was found. Manipulability
+    and clearance (m) (N,) are those of free poses, otherwise NaN; the clearance also if it was not requested.
     """
 
     codes: npt.NDArray[np.int8]
@@ -126,21 +120,9 @@ class ScreenedPoses:
 class Screening:
     """Screens poses with one checker; safe to use from several threads.
 
-    Parameters
-    ----------
-    checker
-        The arm in its scene, with its tool attached.
-    home
-        (n,) the configuration near which 2 pi windings are chosen and from which searches start.
-    attempts
-        Number of start configurations of the search, for arms without closed-form IK.
-    rng
-        Seed of the searches.
-    why
-        Whether to distinguish LIMITS from REACH, and SELF from CONTACT, at additional cost. Otherwise every contact is
-        CONTACT, and LIMITS is reported only if the closed form gives it at no cost.
-    clearance
-        Whether to compute the clearance of free configurations.
+    2 pi windings are those nearest to ``home`` (n,). Without ``why``, which takes time, every contact is CONTACT, and
+    LIMITS is reported only if the closed form gives it at no cost. The other arguments are those of
+    :func:`pinproof.screen_picks`.
     """
 
     def __init__(
@@ -190,8 +172,9 @@ class Screening:
             if len(found.q):
                 self._judge(rows[found.row], found.q, reached, free, own, q, volume)
         codes = np.where(outside, code_of(ScreenStatus.LIMITS), code_of(ScreenStatus.REACH))
-        contact = np.where(own, code_of(ScreenStatus.CONTACT), code_of(ScreenStatus.SELF))
-        codes = np.where(reached, contact if self._why else code_of(ScreenStatus.CONTACT), codes)
+        in_contact = own | (not self._why)
+        codes[reached] = code_of(ScreenStatus.SELF)
+        codes[reached & in_contact] = code_of(ScreenStatus.CONTACT)
         codes[free] = code_of(ScreenStatus.FREE)
         if not (free | known).all():
             self._known = False

@@ -46,27 +46,18 @@ _known: dict[str, Task] = {}
 
 
 class Answer(NamedTuple):
-    """The reply of a worker."""
+    """The reply of a worker, its host and process; if it did not know the task, nothing was computed."""
 
     known: bool
-    """Whether the worker had the task; if not, nothing was computed."""
     result: Any = None
     seconds: float = 0.0
     worker: str = ""
-    """Host and process."""
 
 
 def work(key: str, package: bytes | None, start: int, part: Any) -> Answer:
-    """Process one chunk.
+    """Run the task with a key for one chunk; ``package`` is the pickled task, None if the worker should have it.
 
-    Parameters
-    ----------
-    key
-        The key of the task.
-    package
-        The pickled task; None if the worker is expected to have it.
-    start, part
-        The arguments of the task. With None as ``part``, the task is only stored.
+    With None as ``part``, the task is only stored.
     """
     here = f"{platform.node()}:{os.getpid()}"
     task = _known.get(key)
@@ -189,18 +180,10 @@ class Outcome:
 
 
 class ChunkQueue:
-    """Divides ranges of picks into chunks of about :data:`CHUNK_SECONDS`.
+    """Divides ranges (start, stop) of picks into chunks of about :data:`CHUNK_SECONDS`, or of a fixed ``size``.
 
-    The division does not affect any result, because each pick is judged independently.
-
-    Parameters
-    ----------
-    ranges
-        The ranges (start, stop) of the picks, in order.
-    slots
-        Number of chunks that may be pending. Chunks become smaller towards the end to keep all workers busy.
-    size
-        A fixed number of picks per chunk; by default the number is adapted to the measured durations.
+    The division does not affect any result, because each pick is judged independently. Chunks become smaller towards
+    the end to keep all workers busy; ``slots`` is the number of chunks that may be pending.
     """
 
     def __init__(self, ranges: Iterable[tuple[int, int]], slots: int, size: int | None = None) -> None:
@@ -230,8 +213,7 @@ FAILED_STARTS = 3
 """Number of consecutive executors that may break before they have received the task; the run then fails."""
 
 
-@dataclass(frozen=True)
-class TaskPackage:
+class TaskPackage(NamedTuple):
     """The data sent to workers: the pickled task with its key, and a function that gives the picks of a chunk."""
 
     key: str
@@ -246,14 +228,8 @@ class TrackedExecutor:
     groups, one group at a time. A group that breaks the executor is halved until it is a single chunk, and the death is
     attributed to that chunk. All other chunks are completed in the process. New chunks wait until then.
 
-    Parameters
-    ----------
-    make
-        Creates the executor. Called again after it has broken.
-    width
-        Number of chunks that are pending at a time.
-    callers_own
-        Whether the executor belongs to the caller. It is then never shut down, and not replaced if it breaks.
+    ``make`` creates the executor, also after it has broken, and ``width`` chunks are pending at a time. An executor of
+    the caller (``callers_own``) is never shut down, and not replaced if it breaks.
     """
 
     def __init__(self, make: Callable[[], Executor], *, width: int, callers_own: bool = False) -> None:
@@ -435,23 +411,8 @@ def do_chunks(
 ) -> Generator[Outcome, None, None]:
     """Run ``task(start, part(start, stop))`` for chunks that cover the ranges; yields in order of completion.
 
-    Parameters
-    ----------
-    task
-        The task; it is sent to each worker once and must be picklable.
-    part
-        Returns the picks with indices from ``start`` (included) to ``stop`` (excluded), which must be picklable.
-    ranges
-        The ranges (start, stop) of the picks.
-    executor
-        The executor, a function that creates it, or local processes to keep; the default is ``workers`` local
-        processes, which end with the call.
-    workers
-        The number of local processes, if no executor is given; the default is one per core.
-    in_flight
-        The number of chunks pending in ``executor`` at a time.
-    chunk
-        The number of picks per chunk; the default is about one second of work.
+    The task, which is sent to each worker once, and the parts must be picklable. ``executor`` may also be local processes
+    to keep. The other arguments are those of :meth:`pinproof.picks.Campaign.run`.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinproof.collision import Mover
-from pinproof.common.validation import require_positive
+from pinproof.common.validation import require_positive, unique_names
 from pinproof.errors import InputError
 from pinproof.spatial import finite
 
@@ -56,11 +56,7 @@ class Conveyor:
             require_positive(f"{name} of the conveyor", getattr(self, name))
         for name in ("dwell", "tolerance"):
             require_positive(f"{name} of the conveyor", getattr(self, name), zero=True)
-        parts = (self.parts,) if isinstance(self.parts, str) else tuple(self.parts)
-        if not parts or not all(isinstance(name, str) and name for name in parts):
-            raise InputError(f"the conveyor has the parts {self.parts!r}; name the obstacles that it moves")
-        if doubled := sorted({name for name in parts if parts.count(name) > 1}):
-            raise InputError(f"the conveyor names {', '.join(doubled)} twice")
+        parts = unique_names("conveyor.parts", self.parts)
         along = finite("the direction of the conveyor", self.direction, (3,))
         if not (length := float(np.linalg.norm(along))) > 0.0:
             raise InputError("the direction of the conveyor is zero")

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Obstacle, Scene, Upright
 from pinproof.common.display import html_block, html_list, html_table, outline
-from pinproof.common.validation import ReadOnlyDict, require_positive
+from pinproof.common.validation import ReadOnlyDict, require_positive, unique_names
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, load_robot
@@ -21,7 +21,7 @@ from pinproof.model.dynamics import checked_payloads
 from pinproof.motion import ToolLimits
 from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3, finite, frozen, pose, rigid, xyz_rpy
+from pinproof.spatial import SE3, finite, frozen, pose, rigid, translated, xyz_rpy
 
 Array = npt.NDArray[np.float64]
 
@@ -59,7 +59,8 @@ class GraspSpin:
     @classmethod
     def free(cls, steps: int = STEPS) -> GraspSpin:
         """Any rotation about the approach direction, sampled in ``steps``."""
-        return cls(tuple(sorted((2 * np.pi * k / steps for k in _outwards(steps)), key=abs)), sampled=True)
+        outwards = ((k + 1) // 2 * (1 if k % 2 else -1) for k in range(steps))  # 0, 1, -1, 2, -2, ...
+        return cls(tuple(2 * np.pi * k / steps for k in outwards), sampled=True)
 
     @classmethod
     def between(cls, first: float, last: float, steps: int = STEPS) -> GraspSpin:
@@ -102,17 +103,17 @@ class GraspTolerance:
         """Groups of displacements with increasing size: each as text and as ``nominal_from_moved``."""
         yield [("", SE3.Identity())]
         for share in SHARES:
-            ring = []
+            group = []
             for axis, side in enumerate(self.position):
                 for shift in (share * side, -share * side) if side else ():
                     words = f"{shift * 1e3:+.1f} mm along the tip's {'xyz'[axis]}"
-                    ring.append((words, pose(xyz=[shift * (axis == k) for k in range(3)])))
+                    group.append((words, pose(xyz=[shift * (axis == k) for k in range(3)])))
             for axis in (0, 1) if self.tilt else ():
                 for turn in (share * self.tilt, -share * self.tilt):
                     words = f"tilted by {np.degrees(turn):+.1f} deg about the tip's {'xy'[axis]}"
-                    ring.append((words, pose(rpy=[turn * (axis == k) for k in range(3)])))
-            if ring:
-                yield ring
+                    group.append((words, pose(rpy=[turn * (axis == k) for k in range(3)])))
+            if group:
+                yield group
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,22 +125,16 @@ class Member:
 
 
 def family(spin: GraspSpin, tolerance: GraspTolerance, axis: Array) -> Iterator[list[Member]]:
-    """The members in groups of increasing displacement; the nominal grasp and its rotations are the first group.
+    """The grasps in groups of increasing displacement; the nominal grasp and its rotations are the first group.
 
-    Parameters
-    ----------
-    spin, tolerance
-        The allowed differences from the nominal grasp.
-    axis
-        (3,) unit vector of the spin axis in the tip frame.
+    ``axis`` (3,) is the unit vector of the spin axis in the tip frame.
     """
-    for ring in tolerance.groups():
+    turns = [(SE3(rotation_about(axis, angle), np.zeros(3)), _spun(angle)) for angle in spin.angles]
+    for group in tolerance.groups():
         yield [
-            Member(
-                SE3(rotation_about(axis, angle), np.zeros(3)) * shift, ", ".join(filter(None, [_spun(angle), words]))
-            )
-            for words, shift in ring
-            for angle in spin.angles
+            Member(turn * shift, ", ".join(filter(None, [spun, words])))
+            for words, shift in group
+            for turn, spun in turns
         ]
 
 
@@ -154,11 +149,6 @@ def rotation_about(axis: Array, angle: float) -> Array:
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
-
-
-def _outwards(steps: int) -> list[int]:
-    """The first ``steps`` numbers of 0, 1, -1, 2, -2, ..."""
-    return [(k + 1) // 2 * (1 if k % 2 else -1) for k in range(steps)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,8 +277,34 @@ LONGEST_MOVE = 20.0
 """Metres: the largest approach or retreat. Larger values are probably stated in millimetres."""
 
 
+class StraightLines:
+    """The straight lines of a pick or a place; ``tip`` is the pose of the tip at the grasp or the release."""
+
+    approach: float
+    approach_direction: Direction
+    approach_frame: str
+    retreat: float
+    retreat_direction: Direction
+    retreat_frame: str
+
+    def before(self, tip: SE3, share: float = 1.0) -> SE3:
+        """The pose of the tip on the approach, from 0 at ``tip`` to 1 at the start of the line."""
+        along = self.approach_direction if self.approach_frame == ROOT else tip.rotation @ self.approach_direction
+        return translated(tip, -share * self.approach * np.asarray(along))
+
+    def after(self, tip: SE3, share: float = 1.0) -> SE3:
+        """The pose of the tip on the retreat, from 0 at ``tip`` to 1 at the end of the line."""
+        along = self.retreat_direction if self.retreat_frame == ROOT else tip.rotation @ self.retreat_direction
+        return translated(tip, share * self.retreat * np.asarray(along))
+
+    def axis_in(self, tip: SE3) -> Array:
+        """(3,) the approach direction in the axes of the tip."""
+        direction = np.array(self.approach_direction)
+        return direction if self.approach_frame == TIP else np.asarray(tip.rotation.T @ direction)
+
+
 @dataclass(frozen=True, eq=False)
-class PlaceTarget:
+class PlaceTarget(StraightLines):
     """Where the grasped object is put down.
 
     Parameters
@@ -366,7 +382,7 @@ class ToolSpeed:
 
 
 @dataclass(frozen=True, eq=False)
-class Pick:
+class Pick(StraightLines):
     """One grasp, or a family of them, with its straight approach and retreat.
 
     Parameters
@@ -470,8 +486,9 @@ class Pick:
     def __repr__(self) -> str:
         x, y, z = self.pose.translation
         frame = f" in {self.frame}" if self.frame else ""
-        carried = self.carried.name if isinstance(self.carried, Obstacle) else self.carried
-        what = "" if carried is None else f", object {carried}{'' if self.place is None else ', placed'}"
+        what = (
+            "" if self.object_name is None else f", object {self.object_name}{'' if self.place is None else ', placed'}"
+        )
         lines = f"approach {self.approach * 1e3:g} mm, retreat {self.retreat * 1e3:g} mm"
         return f"Pick({self.name!r} at ({x:.4g}, {y:.4g}, {z:.4g}) m{frame}, {lines}{what})"
 
@@ -480,17 +497,21 @@ class Pick:
         poses += [] if self.place is None else [("place", self.place)]
         rows = [(kind, *xyz_rpy(each.pose), each.frame or "root", each.approach, each.retreat) for kind, each in poses]
         columns = ("pose", "x", "y", "z", "roll", "pitch", "yaw", "frame", "approach", "retreat")
-        carried = self.carried.name if isinstance(self.carried, Obstacle) else self.carried
-        carries = "" if carried is None else f", object {carried}"
+        carries = "" if self.object_name is None else f", object {self.object_name}"
         return html_block(f"Pick {self.name}{carries} (m, rad)", html_table(columns, rows))
+
+    @property
+    def object_name(self) -> str | None:
+        """The name of the grasped object; None without one."""
+        return self.carried.name if isinstance(self.carried, Obstacle) else self.carried
 
     def approach_pose(self) -> SE3:
         """``frame_from_tip`` at the start of the approach."""
-        return moved(self.pose, -self.approach, self.approach_direction, self.approach_frame)
+        return self.before(self.pose)
 
     def retreat_pose(self) -> SE3:
         """``frame_from_tip`` at the end of the retreat."""
-        return moved(self.pose, self.retreat, self.retreat_direction, self.retreat_frame)
+        return self.after(self.pose)
 
 
 _Target = TypeVar("_Target", Pick, PlaceTarget)
@@ -506,12 +527,6 @@ def _transformed(target: _Target, placement: SE3) -> _Target:
     return replace(target, pose=pose, **directions)  # type: ignore[arg-type]  # three numbers each
 
 
-def moved(pose: SE3, distance: float, direction: Direction, frame: str) -> SE3:
-    """The pose shifted by ``distance`` (m) along a direction in its own axes (``"tip"``) or in its parent frame."""
-    along = np.array(direction)
-    return SE3(pose.rotation, pose.translation + distance * (pose.rotation @ along if frame == TIP else along))
-
-
 def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
     """The names of the obstacles that support an object; None if they are determined automatically.
 
@@ -520,15 +535,7 @@ def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
     InputError
         If the value is not a name or a list of names, or if a name is repeated.
     """
-    if stated is None:
-        return None
-    names = (stated,) if isinstance(stated, str) else tuple(stated) if isinstance(stated, (list, tuple)) else ()
-    where = f" of {of}" if of else ""
-    if not names or not all(isinstance(name, str) and name for name in names):
-        raise InputError(f"support{where} is {stated!r}; it must be the name of an obstacle or a list of names")
-    if len(set(names)) < len(names):
-        raise InputError(f"support{where} names an obstacle twice: {', '.join(names)}")
-    return names
+    return None if stated is None else unique_names(f"support of {of}" if of else "support", stated)
 
 
 def _check_move(thing: Pick | PlaceTarget, move: str, of: str) -> None:

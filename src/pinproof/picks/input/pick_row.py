@@ -9,12 +9,11 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pinproof.collision import Obstacle
 from pinproof.collision.scenes.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.collision.scenes.scene_keys import POSE
 from pinproof.common.file_keys import KeyTable
+from pinproof.common.validation import require_integer
 from pinproof.common.yaml_file import LinedMapping
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.model import Payload
@@ -40,7 +39,7 @@ from pinproof.picks.input.picks_keys import (
     STAGE_SPEEDS,
     TOLERANCE,
 )
-from pinproof.spatial import SE3, finite
+from pinproof.spatial import finite, translated
 from pinproof.units import ANGLE_UNITS, parse_angle, refuse_degrees, refuse_millimetres
 
 MOVE_KEYS = tuple(f"{move}{part}" for move in MOVES for part in ("", "_direction", "_frame"))
@@ -87,14 +86,21 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "upright_axis": lambda value: tuple(finite("upright_axis", numbers_of("upright_axis", value), (3,)).tolist()),
         "payload": lambda value: payload_of("payload", value, OBJECT_PAYLOAD),
         "speed": _speed,
-        "arm": lambda value: _text("arm", value),
+        "arm": lambda value: text_of(value, "arm"),
     }
     settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
     return Pick(name, **_moves(stated), **settings)
 
 
+def text_of(stated: object, key: str = "") -> str:
+    """Check that a value is a text that is not empty, and return it."""
+    if not isinstance(stated, str) or not stated:
+        raise InputError(f"{f'{key}: ' if key else ''}{stated!r} is not a name")
+    return stated
+
+
 def mapping_of(key: str, stated: object, table: KeyTable) -> dict[str, Any]:
-    """Check that a value is a mapping with known keys and all required ones, and return it."""
+    """Check that a value is a mapping with known keys and all required ones, and return a copy."""
     if not isinstance(stated, dict):
         raise InputError(f"holds {stated!r}, not a mapping of {', '.join(table.names)}")
     for each in stated:
@@ -102,7 +108,7 @@ def mapping_of(key: str, stated: object, table: KeyTable) -> dict[str, Any]:
             raise UnknownNameError(f"key of {key}" if key else "key", each, table.names)
     if missing := [each for each in table.required if each not in stated]:
         raise InputError(f"{f'{key} ' if key else ''}does not state {' and '.join(missing)}")
-    return stated
+    return dict(stated)
 
 
 def _moves(stated: Mapping[str, Any]) -> dict[str, Any]:
@@ -110,7 +116,7 @@ def _moves(stated: Mapping[str, Any]) -> dict[str, Any]:
     settings: dict[str, Any] = {}
     for key in (*POSE.names, "frame", *MOVE_KEYS):
         if key in stated:
-            settings[key] = _text(key, stated[key]) if key.endswith("frame") else numbers_of(key, stated[key])
+            settings[key] = text_of(stated[key], key) if key.endswith("frame") else numbers_of(key, stated[key])
     placed = pose_of({key: settings.pop(key) for key in POSE.names if key in settings})
     refuse_millimetres("xyz", placed.translation.tolist())
     return {"pose": placed, **settings}
@@ -124,7 +130,8 @@ def _spin(stated: object) -> GraspSpin:
         settings = mapping_of("spin", stated, SPIN_RANGE)
         first, last = finite("spin.range", numbers_of("spin.range", settings["range"]), (2,)).tolist()
         refuse_degrees("spin.range", (first, last))
-        return GraspSpin.between(first, last, _count("spin.steps", settings.get("steps", STEPS)))
+        require_integer("spin.steps", steps := settings.get("steps", STEPS), 1)
+        return GraspSpin.between(first, last, steps)
     try:
         angles = numbers_of("spin", stated)
     except InputError as error:
@@ -154,7 +161,7 @@ def _tolerance(stated: object) -> GraspTolerance:
 def _object(stated: object, path: Path) -> Obstacle | str:
     """The name of an obstacle, or a shape with its pose in the tip's frame."""
     if not isinstance(stated, dict):
-        return _text("object", stated)
+        return text_of(stated, "object")
     named = LinedMapping({"name": "object", **stated})
     named.line = getattr(stated, "line", 0)
     try:
@@ -164,7 +171,7 @@ def _object(stated: object, path: Path) -> Obstacle | str:
 
 
 def _place(stated: object) -> PlaceTarget:
-    settings = dict(mapping_of("place", stated, PLACE))
+    settings = mapping_of("place", stated, PLACE)
     support = _support(settings.pop("support"), "place") if "support" in settings else None
     tip = [key for key in POSE.names if key in settings]
     if "object_pose" not in settings:
@@ -187,7 +194,7 @@ def payload_of(key: str, stated: object, table: KeyTable) -> Payload:
         numbers_of(f"{key}.mass".lstrip("."), settings["mass"]),
         numbers_of(f"{key}.center_of_mass", settings.get("center_of_mass", [0.0, 0.0, 0.0])),
         None if inertia is None else numbers_of(f"{key}.inertia", inertia),
-        None if frame is None else _text(f"{key}.frame", frame),
+        None if frame is None else text_of(frame, f"{key}.frame"),
     )
 
 
@@ -210,24 +217,16 @@ def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
 def _pattern(stated: object) -> Iterator[tuple[tuple[int, ...], list[float]]]:
     """The indices of a grid and the offset (m) of each from the first, along the axes of the pick's frame."""
     grid = mapping_of("pattern.grid", mapping_of("pattern", stated, PATTERN)["grid"], GRID)
-    counts = [_count("pattern.grid.counts", count) for count in _three("counts", grid["counts"])]
+    counts = grid["counts"]
+    if not isinstance(counts, list) or len(counts) != 3:
+        raise InputError(f"pattern.grid.counts is {counts!r}; it must have three numbers")
+    for count in counts:
+        require_integer("pattern.grid.counts", count, 1)
     step = finite("pattern.grid.step", numbers_of("pattern.grid.step", grid["step"]), (3,)).tolist()
     if prod(counts) > LARGEST_PATTERN:  # math.prod, because that of NumPy overflows
         raise InputError(f"pattern.grid has {prod(counts)} picks; at most {LARGEST_PATTERN} are allowed")
     for index in product(*map(range, counts)):
         yield index if counts[2] > 1 else index[:2], [k * d for k, d in zip(index, step, strict=True)]
-
-
-def _three(key: str, stated: object) -> list[Any]:
-    if not isinstance(stated, list) or len(stated) != 3:
-        raise InputError(f"pattern.grid.{key} is {stated!r}; it must have three numbers")
-    return stated
-
-
-def _count(key: str, stated: object) -> int:
-    if isinstance(stated, bool) or not isinstance(stated, int) or stated < 1:
-        raise InputError(f"{key} is {stated!r}; it must be an integer above 0")
-    return stated
 
 
 def _shifted(first: Pick, index: tuple[int, ...], shift: list[float]) -> Pick:
@@ -237,15 +236,4 @@ def _shifted(first: Pick, index: tuple[int, ...], shift: list[float]) -> Pick:
         for letter, place in zip("ijk", index, strict=False):
             carried = carried.replace(f"{{{letter}}}", str(place))
     name = f"{first.name}[{','.join(map(str, index))}]"
-    return replace(
-        first,
-        name=name,
-        pose=SE3(first.pose.rotation, first.pose.translation + np.array(shift)),
-        carried=carried,
-    )
-
-
-def _text(key: str, stated: object) -> str:
-    if not isinstance(stated, str) or not stated:
-        raise InputError(f"{key}: {stated!r} is not a name")
-    return stated
+    return replace(first, name=name, pose=translated(first.pose, shift), carried=carried)

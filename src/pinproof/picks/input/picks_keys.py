@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pinproof.collision.scenes.scene_keys import BODY, OBSTACLE, ONE_ORIENTATION, POSE, POSE_KEYS, VECTOR
 from pinproof.common.file_keys import (
     ANGLE,
@@ -52,31 +54,24 @@ ORIENTATION = (
 SUPPORT = any_of(TEXT, {**list_of(TEXT, 1), "uniqueItems": True})
 
 
-def _ways(owner: type, begin: str, end: str) -> tuple[FileKey, ...]:
+def _field(owner: type, name: str, value: Any, text: str, unit: str = "") -> FileKey:
+    """A key with the name and the default of a field of a dataclass."""
+    return FileKey(name, value, text, unit, default_of(owner, name))
+
+
+def _line_keys(owner: type, begin: str, end: str) -> tuple[FileKey, ...]:
     """The keys of the straight lines of a pick or a place."""
     keys: list[FileKey] = []
+    length = {**POSITIVE, "maximum": LONGEST_MOVE}
     for move, text in (("approach", begin), ("retreat", end)):
         keys += (
-            FileKey(
-                move,
-                {"$ref": NUMBER, "minimum": 0, "maximum": LONGEST_MOVE},
-                f"length of the straight line {text}; 0 for none",
-                "m",
-                default_of(owner, move),
-            ),
-            FileKey(
-                f"{move}_direction",
-                VECTOR,
-                f"direction of the {move}; it is normalised",
-                "",
-                default_of(owner, f"{move}_direction"),
-            ),
-            FileKey(
+            _field(owner, move, length, f"length of the straight line {text}; 0 for none", "m"),
+            _field(owner, f"{move}_direction", VECTOR, f"direction of the {move}; it is normalised"),
+            _field(
+                owner,
                 f"{move}_frame",
                 {"enum": [TIP, ROOT]},
                 f"the frame of `{move}_direction`: the tip of the tool or the root link of the robot",
-                "",
-                default_of(owner, f"{move}_frame"),
             ),
         )
     return tuple(keys)
@@ -110,7 +105,7 @@ PLACE = KeyTable(
         "pose that the object has in the scene file, or in `object`, as its own frame",
     ),
     FileKey("frame", TEXT, "the frame of the pose, as for a pick; by default the root link of the robot"),
-    *_ways(PlaceTarget, "to the release", "of the empty tool after the release"),
+    *_line_keys(PlaceTarget, "to the release", "of the empty tool after the release"),
     FileKey(
         "support",
         SUPPORT,
@@ -174,7 +169,7 @@ SPEED = KeyTable(
 STAGE_SPEEDS = KeyTable(
     "stage_speeds",
     "Limits of the tcp on parts of the motion of a pick. A number is a linear speed in m/s.",
-    *tuple(
+    *(
         FileKey(part, any_of(ABOVE_ZERO, SPEED), text)
         for part, text in zip(
             PARTS,
@@ -200,7 +195,7 @@ _PICK_KEYS = (
         "the frame of the pose: one of `frames`, an obstacle, or a link that does not move; by default the root link "
         "of the robot",
     ),
-    *_ways(Pick, "before the grasp", "after the grasp"),
+    *_line_keys(Pick, "before the grasp", "after the grasp"),
     FileKey(
         "spin",
         any_of({"const": "free"}, NUMBER, list_of(NUMBER, 1), SPIN_RANGE),
@@ -274,12 +269,11 @@ FINGERS = KeyTable(
     "Two fingers of a parallel gripper that are not part of the robot.",
     required("opening", POSITIVE, "distance between their faces before the grasp", "m"),
     required("grip", POSITIVE, "distance between their faces on the object", "m"),
-    FileKey(
+    _field(
+        GripperFingers,
         "axis",
         VECTOR,
         "opening direction of the first finger, in the tcp frame; the second moves in the opposite direction",
-        "",
-        default_of(GripperFingers, "axis"),
     ),
     required("bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body"),
 )
@@ -289,21 +283,15 @@ CUP = KeyTable(
     "cup",
     "The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip.",
     required("radius", NUMBER, "radius of the face, above 0", "m"),
-    FileKey(
+    _field(
+        SuctionCup,
         "gap",
         NUMBER,
         "largest distance of any point of the rim from the surface of the object along the axis; bellows allow "
         "more than a flat cup",
         "m",
-        default_of(SuctionCup, "gap"),
     ),
-    FileKey(
-        "tilt",
-        NUMBER,
-        "largest angle between the face and the surface at its rim",
-        "rad",
-        default_of(SuctionCup, "tilt"),
-    ),
+    _field(SuctionCup, "tilt", NUMBER, "largest angle between the face and the surface at its rim", "rad"),
 )
 
 
@@ -313,49 +301,41 @@ CONVEYOR = KeyTable(
     "those of the parts in the scene file, are at time 0.",
     required("speed", ABOVE_ZERO, "speed of the belt, above 0", "m/s"),
     required("parts", list_of(TEXT, 1), "the obstacles that move"),
-    FileKey(
-        "direction",
-        VECTOR,
-        "direction of the motion in the frame of the root link; it is normalised",
-        "",
-        default_of(Conveyor, "direction"),
-    ),
-    FileKey(
-        "dwell",
-        POSITIVE,
-        "time for which the tool follows the part while the gripper closes",
-        "s",
-        default_of(Conveyor, "dwell"),
-    ),
-    FileKey("duration", ABOVE_ZERO, "time for which the belt runs", "s", default_of(Conveyor, "duration")),
-    FileKey(
+    _field(Conveyor, "direction", VECTOR, "direction of the motion in the frame of the root link; it is normalised"),
+    _field(Conveyor, "dwell", POSITIVE, "time for which the tool follows the part while the gripper closes", "s"),
+    _field(Conveyor, "duration", ABOVE_ZERO, "time for which the belt runs", "s"),
+    _field(
+        Conveyor,
         "tolerance",
         POSITIVE,
         "how far a part may be ahead or behind on the belt; the certificates include it",
         "m",
-        default_of(Conveyor, "tolerance"),
     ),
 )
-
-
-def _limit(name: str, text: str, unit: str) -> FileKey:
-    return FileKey(name, POSITIVE, text, unit, default_of(GripLimits, name))
 
 
 GRIP_LIMITS = KeyTable(
     "grip_limits",
     "The criteria for holding an object.",
-    _limit("area", "smallest contact area of each finger", "m²"),
-    _limit("overlap", "smallest extent of each contact along the finger", "m"),
-    _limit(
+    _field(GripLimits, "area", POSITIVE, "smallest contact area of each finger", "m²"),
+    _field(GripLimits, "overlap", POSITIVE, "smallest extent of each contact along the finger", "m"),
+    _field(
+        GripLimits,
         "angle",
+        POSITIVE,
         "largest angle between a contact normal and the closing direction, and half angle of the friction cones",
         "rad",
     ),
-    _limit("gap", "largest distance of a closed finger from the object", "m"),
-    _limit("depth", "largest penetration of a closed finger into the object", "m"),
-    _limit("compliance", "compliance of pads and object; above 0", "m"),
-    _limit("tip", "largest distance of the tip of a tool without fingers from the surface of the object", "m"),
+    _field(GripLimits, "gap", POSITIVE, "largest distance of a closed finger from the object", "m"),
+    _field(GripLimits, "depth", POSITIVE, "largest penetration of a closed finger into the object", "m"),
+    _field(GripLimits, "compliance", POSITIVE, "compliance of pads and object; above 0", "m"),
+    _field(
+        GripLimits,
+        "tip",
+        POSITIVE,
+        "largest distance of the tip of a tool without fingers from the surface of the object",
+        "m",
+    ),
 )
 
 _ROBOT_KEYS = (
@@ -450,13 +430,12 @@ PICKS = KeyTable(
         "",
         default_of(PickBudget, "motion"),
     ),
-    FileKey(
+    _field(
+        Picks,
         "straight",
         {"$ref": NUMBER, "exclusiveMinimum": 0, "maximum": 1},
         "share of each approach and retreat, next to the part, that is a straight line; the arm may leave out the rest "
         "to pass without a stop. All of it is straight where `speed` limits the stage",
-        "",
-        default_of(Picks, "straight"),
     ),
     FileKey(
         "robots",

@@ -14,6 +14,7 @@ are skipped. A pick without a name is named after its row. The columns are in
 from __future__ import annotations
 
 import csv
+import os
 from abc import ABC, abstractmethod
 from array import array
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
@@ -22,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from math import prod
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -33,13 +34,7 @@ from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.input.pick import Pick, PickProblem, Picks
 from pinproof.picks.input.pick_row import picks_of_row
 from pinproof.picks.input.picks_keys import COLUMNS
-from pinproof.spatial import SE3, finite, frozen, rigid
-
-
-class Part(Protocol):
-    """A range of picks that pickles compactly; the picks are created when it is iterated."""
-
-    def __iter__(self) -> Iterator[Pick | PickProblem]: ...
+from pinproof.spatial import SE3, finite, frozen, rigid, translated
 
 
 class PickSource(ABC):
@@ -47,6 +42,9 @@ class PickSource(ABC):
 
     shared: Picks
     """Shared settings: tip, tool, margin, home, and robot and scene if they are stated. Its list of picks is empty."""
+
+    with_object: frozenset[bool]
+    """Which of True and False occur: picks that state an object, and picks that do not."""
 
     @abstractmethod
     def __len__(self) -> int:
@@ -59,11 +57,6 @@ class PickSource(ABC):
     @abstractmethod
     def digest(self) -> str:
         """A hash of all picks."""
-
-    @property
-    @abstractmethod
-    def with_object(self) -> frozenset[bool]:
-        """Which of True and False occur: picks that state an object, and picks that do not."""
 
     def transformed(self, root_from_picks: SE3) -> PickSource:
         """The same picks, transformed as by :meth:`Picks.transformed`."""
@@ -92,23 +85,16 @@ class _TransformedSource(PickSource):
 
     def __init__(self, source: PickSource, placement: SE3) -> None:
         self._source, self._placement = source, placement
-        self.shared = source.shared.transformed(placement)
+        self.shared, self.with_object = source.shared.transformed(placement), source.with_object
 
     def __len__(self) -> int:
         return len(self._source)
 
     def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
-        """The picks from index ``start`` to ``stop`` (exclusive)."""
         return _TransformedPart(self._source.part(start, stop), self._placement)
 
     def digest(self) -> str:
-        """A hash of all picks."""
         return digest((self._source.digest(), self._placement))
-
-    @property
-    def with_object(self) -> frozenset[bool]:
-        """Which of True and False occur: picks that state an object, and picks that do not."""
-        return self._source.with_object
 
 
 class PickList(PickSource):
@@ -117,6 +103,7 @@ class PickList(PickSource):
     def __init__(self, picks: Picks) -> None:
         self.shared = replace(picks, picks=(), problems=())
         self._items: tuple[Pick | PickProblem, ...] = (*picks.picks, *picks.problems)
+        self.with_object = frozenset(pick.carried is not None for pick in picks.picks)
 
     def __len__(self) -> int:
         return len(self._items)
@@ -128,11 +115,6 @@ class PickList(PickSource):
     def digest(self) -> str:
         """A hash of all picks."""
         return digest_many(self._items)
-
-    @property
-    def with_object(self) -> frozenset[bool]:
-        """Which of True and False occur: picks that state an object, and picks that do not."""
-        return frozenset(pick.carried is not None for pick in self._items if isinstance(pick, Pick))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +147,7 @@ class PickGrid(PickSource):
         object.__setattr__(self, "counts", counts)
         object.__setattr__(self, "step", tuple(finite("step of a grid", self.step, (3,)).tolist()))
         object.__setattr__(self, "shared", replace(self.shared, picks=(), problems=()))
+        object.__setattr__(self, "with_object", frozenset([self.first.carried is not None]))
 
     def __len__(self) -> int:
         return prod(self.counts)
@@ -177,11 +160,6 @@ class PickGrid(PickSource):
         """A hash of all picks."""
         return digest((self.first, self.counts, self.step))
 
-    @property
-    def with_object(self) -> frozenset[bool]:
-        """Which of True and False occur: picks that state an object, and picks that do not."""
-        return frozenset([self.first.carried is not None])
-
 
 @dataclass(frozen=True, eq=False)
 class _GridPart:
@@ -192,14 +170,10 @@ class _GridPart:
     stop: int
 
     def __iter__(self) -> Iterator[Pick]:
-        _, along_y, along_z = self.counts
-        corner = self.first.pose
-        for index in range(self.start, self.stop):
-            row, k = divmod(index, along_z)
-            i, j = divmod(row, along_y)
-            shift = [n * step for n, step in zip((i, j, k), self.step, strict=True)]
-            placed = SE3(corner.rotation, corner.translation + shift)
-            yield replace(self.first, name=f"{self.first.name}_{i}_{j}_{k}", pose=placed)
+        for number in range(self.start, self.stop):
+            index = np.array(np.unravel_index(number, self.counts))
+            name = "_".join([self.first.name, *map(str, index)])
+            yield replace(self.first, name=name, pose=translated(self.first.pose, index * self.step))
 
 
 def as_source(picks: Picks | PickSource) -> PickSource:
@@ -240,7 +214,7 @@ class PickTable(PickSource):
         self.shared = replace(named, picks=(), problems=())
         self._defaults = dict(defaults or {})
         content = blake2b(digest_size=16)
-        self._with_object: set[bool] = set()
+        with_object: set[bool] = set()
         self._begin, names = array("q"), array("Q")
         refuse_unreadable(self.path, PicksError, largest=None)
         with os_errors(self.path, "cannot be read", PicksError), self.path.open("rb") as file:
@@ -253,15 +227,16 @@ class PickTable(PickSource):
             self._where = _where(self._columns)
             for line in self._lines(file):
                 content.update(line)
-                if _counts(line):
+                if _is_row(line):
                     cells = _cells(line)
                     self._begin.append(at)
-                    self._with_object.add(bool(_cell(self._where, "object", cells)))
-                    names.append(_short(self._name(cells, len(self._begin))))
+                    with_object.add("object" in self._defaults or bool(_cell(self._where, "object", cells)))
+                    names.append(_short(_name(self._where, cells, len(self._begin))))
                 at += len(line)
         if not self._begin:
             raise PicksError(self.path, "contains no picks")
         self._begin.append(at)
+        self.with_object = frozenset(with_object)
         self._digest = f"{content.hexdigest()} {digest(self._defaults)}"
         self._repeated = self._repeats(np.frombuffer(names, dtype=np.uint64))
 
@@ -272,13 +247,8 @@ class PickTable(PickSource):
         """A hash of all picks."""
         return digest(self._digest)
 
-    @property
-    def with_object(self) -> frozenset[bool]:
-        """Which of True and False occur: rows that state an object, and rows that do not."""
-        return frozenset([True]) if "object" in self._defaults else frozenset(self._with_object)
-
     def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
-        """Those from place ``start`` up to ``stop``.
+        """The picks from index ``start`` to ``stop`` (exclusive).
 
         Raises
         ------
@@ -291,8 +261,8 @@ class PickTable(PickSource):
                 raise PicksError(self.path, "was changed while its picks were being judged")
             file.seek(self._begin[start])
             text = file.read(self._begin[stop] - self._begin[start])
-        repeated = self._repeated & set(range(start, stop)) if self._repeated else frozenset()
-        return _TablePart(self.path, self._columns, self._defaults, text, start, frozenset(repeated))
+        repeated = frozenset(index for index in self._repeated if start <= index < stop)
+        return _TablePart(self.path, self._columns, self._defaults, text, start, repeated)
 
     def _header(self, file: Any, content: Any) -> tuple[tuple[str, ...], int]:
         """The columns, and the offset of the line after them."""
@@ -300,7 +270,7 @@ class PickTable(PickSource):
         for number, line in enumerate(self._lines(file), start=1):
             content.update(line)
             at += len(line)
-            if not _counts(line):
+            if not _is_row(line):
                 continue
             try:
                 if line.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
@@ -317,9 +287,6 @@ class PickTable(PickSource):
             if len(line) == LONGEST_LINE and not line.endswith(b"\n"):
                 raise PicksError(self.path, f"has a line of more than {LONGEST_LINE} bytes; this is not a table")
             yield line
-
-    def _name(self, cells: list[str] | None, number: int) -> str:
-        return _name(self._where, cells, number)
 
     def _repeats(self, hashes: np.ndarray[Any, Any]) -> frozenset[int]:
         """The indices of picks whose name an earlier pick has."""
@@ -350,7 +317,7 @@ class _TablePart:
 
     def __iter__(self) -> Iterator[Pick | PickProblem]:
         where = _where(self.columns)
-        lines = (line for line in self.text.split(b"\n") if _counts(line))  # the same splitting as in the index
+        lines = (line for line in self.text.split(b"\n") if _is_row(line))  # the same splitting as in the index
         for place, line in enumerate(lines, start=self.start):
             cells = _cells(line)
             name = _name(where, cells, place + 1)
@@ -428,7 +395,7 @@ def _cell(where: Mapping[str, list[int]], key: str, cells: list[str] | None) -> 
     return cells[at].strip() if cells is not None and 0 <= at < len(cells) else ""
 
 
-def _counts(line: bytes) -> bool:
+def _is_row(line: bytes) -> bool:
     text = line.strip()
     return bool(text) and not text.startswith(b"#")
 
@@ -438,7 +405,6 @@ def _short(name: str) -> int:
 
 
 def _stamp(file: Any) -> tuple[int, int]:
-    from os import fstat
-
-    found = fstat(file.fileno())
+    """Size and time of the last change, by which a file that was changed is recognised."""
+    found = os.fstat(file.fileno())
     return found.st_size, found.st_mtime_ns

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.inner_shapes import inner_shapes
+from pinproof.description.urdf import moved_by
 from pinproof.ik import Overlap, ReachProof, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.spatial import SE3
@@ -23,14 +24,8 @@ Array = npt.NDArray[np.float64]
 BOXES = 3000
 """Largest number of boxes of a proof; each takes 10 to 40 microseconds."""
 
-LOOKED_AT = 12
+EXAMINED = 12
 """Number of configurations whose contacts are used."""
-
-PROBES = 4
-"""Number of random configurations at which it is determined by which joints a body is moved."""
-
-AS_RIGID = 1e-9
-"""Largest difference of two poses (m, and entries of the rotation) of bodies that are rigidly connected."""
 
 
 def blocked_words(checker: CollisionChecker, target: SE3, q: Array) -> str:
@@ -42,16 +37,10 @@ def blocked_words(checker: CollisionChecker, target: SE3, q: Array) -> str:
 
 
 def prove_blocked(checker: CollisionChecker, target: SE3, q: Array) -> ReachProof | None:
-    """Try to prove that every configuration at a target is in collision; None if it is not proven.
+    """Try to prove that every configuration at a target ``base_from_tcp`` is in collision; None if it is not proven.
 
-    Parameters
-    ----------
-    checker
-        The bodies. Only penetration counts, not the margin.
-    target
-        ``base_from_tcp``.
-    q
-        (k, n) configurations at the target, all in collision, whose contacts show which bodies may block.
+    The contacts at the known configurations q (k, n), all in collision, show which bodies may block. Only penetration
+    counts, not the margin.
     """
     arm = checker.arm
     if not is_provable(arm) or not len(q) or checker.is_free_batch(q).any():
@@ -67,7 +56,7 @@ def _overlaps(checker: CollisionChecker, q: Array) -> list[Overlap]:
     """The overlaps of shapes inside the bodies that penetrate each other at some of the configurations q (k, n)."""
     bare = checker.with_margin(0.0, {})
     pairs: dict[tuple[str, str], tuple[Body, Body, tuple[str, str]]] = {}
-    for each in q[:: max(len(q) // LOOKED_AT, 1)]:
+    for each in q[:: max(len(q) // EXAMINED, 1)]:
         exact = bare.exact_at(each)  # overlap of convex hulls is no proof of contact
         for k in exact._in_contact(each):
             first, second = (exact.bodies[i] for i in exact.pairs[k])
@@ -82,31 +71,30 @@ def _overlaps(checker: CollisionChecker, q: Array) -> list[Overlap]:
 
 
 class _Carriers:
-    """The links of a chain by which bodies are carried."""
+    """The links of a chain that carry bodies: link k follows joint k, and link 0 is the base."""
 
     def __init__(self, arm: Arm) -> None:
-        low, high = arm.limits.sampling_range()
-        self._arm = arm
-        self._probes = np.random.default_rng(0).uniform(low, high, (PROBES, arm.dof))
-        self._base_from_links = [_along(arm, each) for each in self._probes]
-        self._known: dict[str | None, tuple[int, Array] | None] = {
-            None: (0, np.linalg.inv(arm.root_from_base.homogeneous))
-        }
+        self._arm, self._base_from_links = arm, _along(arm, arm.home)
 
     def of(self, body: Body) -> tuple[int, Array] | None:
-        """The number of the link that carries a body, and link_from_body; None if it is rigid with none of them."""
-        if body.link not in self._known:
-            self._known[body.link] = self._carrier(str(body.link))
-        carrier = self._known[body.link]
-        return None if carrier is None else (carrier[0], carrier[1] @ body.link_from_body.homogeneous)
+        """The number of the link that carries a body, and link_from_body; None if a mimic joint moves the body."""
+        arm = self._arm
+        if body.link is None:
+            return 0, (arm.root_from_base.inverse() * body.link_from_body).homogeneous
+        joint = moving_joint(arm, body.link)
+        if joint and joint not in arm.joint_names:
+            return None
+        number = arm.joint_names.index(joint) + 1 if joint else 0
+        base_from_body = (arm.frame_placement(arm.home, body.link) * body.link_from_body).homogeneous
+        return number, np.linalg.inv(self._base_from_links[number]) @ base_from_body
 
-    def _carrier(self, frame: str) -> tuple[int, Array] | None:
-        poses = np.array([self._arm.frame_placement(q, frame).homogeneous for q in self._probes])
-        for number in range(self._arm.dof + 1):
-            from_link = np.array([np.linalg.inv(links[number]) for links in self._base_from_links]) @ poses
-            if np.abs(from_link - from_link[0]).max() < AS_RIGID:
-                return number, from_link[0]
-        return None
+
+def moving_joint(arm: Arm, link: str) -> str:
+    """The last of the joints between the root and a link that move with the arm; empty if the link does not move.
+
+    Links with the same joint are rigidly connected.
+    """
+    return moved_by(arm.robot.urdf, link, (*arm.joint_names, *arm.followers))
 
 
 def _along(arm: Arm, q: Array) -> list[Array]:

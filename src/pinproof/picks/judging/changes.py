@@ -19,7 +19,7 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from itertools import product
 from typing import NamedTuple
 
@@ -29,11 +29,11 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.motion.curve import read_only
-from pinproof.picks.input.pick import ROOT, TIP, Member, Pick, rotation_about
+from pinproof.picks.input.pick import ROOT, TIP, Pick, rotation_about
 from pinproof.picks.judging.configurations import has_closed_form
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, translated
 
 Array = npt.NDArray[np.float64]
 
@@ -50,7 +50,7 @@ _MOVE = re.compile(rf"move the (pick|place) (?:{_SHIFT}) {_FRAME}(?: and the (pl
 _AXIS = rf"the ([xyz]) axis|\(({_NUMBER}), ({_NUMBER}), ({_NUMBER})\)"
 _TURN = re.compile(rf"turn the pick( and the place)? by ({_NUMBER}) deg about (?:{_AXIS}) of the tip")
 _SHORTEN = re.compile(rf"shorten the (approach|retreat) from ({_NUMBER}) mm to ({_NUMBER}) mm")
-_UPWARDS = "retreat straight up, along +z (base frame)"
+UPWARDS = "retreat straight up, along +z (base frame)"
 
 
 def apply_suggestion(pick: Pick, suggestion: str) -> Pick:
@@ -69,7 +69,7 @@ def apply_suggestion(pick: Pick, suggestion: str) -> Pick:
         If the text is not a suggestion, or does not match the pick (another frame or length, or no place).
     """
     text = suggestion.partition(REMARK)[0].strip()
-    if text == _UPWARDS:
+    if text == UPWARDS:
         return replace(pick, retreat_direction=(0.0, 0.0, 1.0), retreat_frame=ROOT)
     if found := _MOVE.fullmatch(text):
         groups = found.groups()
@@ -119,11 +119,6 @@ def shorten_words(move: str, before: float, after: float) -> str:
     return f"shorten the {move} from {round(before * 1e3, 2):.10g} mm to {round(after * 1e3, 2):.10g} mm"
 
 
-def upwards_words() -> str:
-    """The text of a retreat along +z of the base frame."""
-    return _UPWARDS
-
-
 def _shift_words(by: Array) -> str:
     stated = (np.round(np.asarray(by, dtype=float), 2) + 0.0).tolist()
     axes = [k for k in range(3) if stated[k]]
@@ -151,7 +146,7 @@ def _apply_move(pick: Pick, text: str, what: str, *stated: str | None) -> Pick:
         by = np.array([float(distance) * (1 if axis[0] == "+" else -1) * (axis[1] == name) for name in "xyz"])
     else:
         by = np.array([float(value or "nan") for value in (x, y, z)])
-    moved = replace(thing, pose=SE3(thing.pose.rotation, thing.pose.translation + by / 1e3))
+    moved = replace(thing, pose=translated(thing.pose, by / 1e3))
     return moved if isinstance(moved, Pick) else replace(pick, place=moved)
 
 
@@ -207,12 +202,11 @@ class Displacement(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class Change:
     """A change of a pick as text, its size (mm, degrees, or metres of lost length), and its direction.
 
-    ``early`` marks the few candidates that are judged first if the budget is less than the number of candidates.
-    ``displacement`` states how the poses change if only their positions do; most candidates are screened by it, without
-    the changed pick.
+    ``early`` marks the few changes that are judged first if the budget is less than the number of changes. If only the
+    positions of poses change, ``displacement`` states by how much, and they are screened without the changed pick.
     """
 
     words: str
@@ -236,22 +230,23 @@ class Shift(NamedTuple):
     early: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Shifting:
-    """How the vector of a shift, (3,) mm, becomes a change of a pick: its text, and how the poses of the tip change."""
+ChangesOf = Callable[[Iterable[Shift]], list[Change]]
+"""The changes of a pick by shifts."""
 
-    pick: Pick
-    words: Callable[[Array], str]
-    displacement: Callable[[Array], Displacement | None] = lambda _: None
 
-    def candidates(self, shifts: Iterable[Shift]) -> list[Candidate]:
-        """Candidates ordered by length, each vector once."""
-        made: dict[str, Candidate] = {}
-        for by, direction, early in shifts:
-            if (text := self.words(by)) not in made:
-                size = math.sqrt(sum(x * x for x in by.tolist()))
-                made[text] = Candidate(text, self.pick, size, direction, early, self.displacement(by))
-        return sorted(made.values(), key=lambda each: each.size)
+def _changes(
+    pick: Pick,
+    words: Callable[[Array], str],
+    displacement: Callable[[Array], Displacement | None],
+    shifts: Iterable[Shift],
+) -> list[Change]:
+    """Changes ordered by length, each vector once, from the text and the displacement of a shift by (3,) mm."""
+    made: dict[str, Change] = {}
+    for by, direction, early in shifts:
+        if (text := words(by)) not in made:
+            size = math.sqrt(sum(x * x for x in by.tolist()))
+            made[text] = Change(text, pick, size, direction, early, displacement(by))
+    return sorted(made.values(), key=lambda each: each.size)
 
 
 def _keeps_place(task: Task, pick: Pick) -> bool:
@@ -259,67 +254,69 @@ def _keeps_place(task: Task, pick: Pick) -> bool:
     return pick.place is not None and pick.place.pose_of == TIP and task.from_scene
 
 
-def turns(task: Task, pick: Pick) -> list[Candidate]:
+def turns(task: Task, pick: Pick) -> list[Change]:
     """The pick turned about its approach direction."""
     return [
-        _turn_candidate(task, pick, sign * degrees, _approach_axis(task), (sign,), degrees in EARLY_TURNS)
+        _turn_change(task, pick, sign * degrees, task.pick.axis_in(task.pick.pose), (sign,), degrees in EARLY_TURNS)
         for degrees in TURNS
         for sign in (1, -1)
         if sign * degrees != -180
     ]
 
 
-def tilts(task: Task, pick: Pick) -> list[Candidate]:
+def tilts(task: Task, pick: Pick) -> list[Change]:
     """The pick tilted about the axes of the tip that are most nearly across its approach direction."""
-    across = np.delete(np.arange(3), int(np.argmax(np.abs(_approach_axis(task)))))
+    across = np.delete(np.arange(3), int(np.argmax(np.abs(task.pick.axis_in(task.pick.pose)))))
     return [
-        _turn_candidate(task, pick, sign * degrees, np.eye(3)[axis], (sign, int(axis)), degrees in EARLY_TILTS)
+        _turn_change(task, pick, sign * degrees, np.eye(3)[axis], (sign, int(axis)), degrees in EARLY_TILTS)
         for degrees in TILTS
         for axis in across
         for sign in (1, -1)
     ]
 
 
-def _turn_candidate(
-    task: Task, pick: Pick, degrees: int, axis: Array, direction: tuple[int, ...], early: bool
-) -> Candidate:
+def _turn_change(task: Task, pick: Pick, degrees: int, axis: Array, direction: tuple[int, ...], early: bool) -> Change:
     words = turn_words(float(degrees), axis, with_place=_keeps_place(task, pick))
-    return Candidate(words, pick, float(abs(degrees)), direction, early)
+    return Change(words, pick, float(abs(degrees)), direction, early)
 
 
-def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], Shifting]:
+def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], ChangesOf]:
     """Shifts of the pick along the axes of its frame and between them, and how they change it.
 
     If the pick is out of reach, also shifts towards the nearest pose that is reached.
     """
-    shifts = list(_vectors(*_detail(task, len(members(task)))))
+    shifts = list(_vectors(*_detail(task, len(task.nearest_group))))
     rotation = task.root_from(pick.frame).rotation
     if stage is Stage.REACH:
         shifts += _towards_reach(task, task.pick.pose, rotation)
     place = pick.place
     if place is None or not _keeps_place(task, pick):
-        stays = place is None or place.pose_of == TIP  # the tip follows the object if that is what the place states
-        return shifts, Shifting(
+        # if the place states the pose of the object, the pose of the tip at the release changes with the grasp
+        follows = place is not None and place.pose_of != TIP
+        return shifts, partial(
+            _changes,
             pick,
             lambda by: move_words(pick, by),
-            lambda by: Displacement(rotation @ _printed(by), np.zeros(3)) if stays else None,
+            lambda by: None if follows else Displacement(rotation @ _printed(by), np.zeros(3)),
         )
     place_from_pick = place.pose.rotation @ pick.pose.rotation.T
     of_place = task.root_from(place.frame).rotation
-    return shifts, Shifting(
+    return shifts, partial(
+        _changes,
         pick,
         lambda by: move_words(pick, by, place_from_pick @ by),
         lambda by: Displacement(rotation @ _printed(by), of_place @ _printed(place_from_pick @ by)),
     )
 
 
-def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], Shifting]:
+def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], ChangesOf]:
     """The result of :func:`shifts_of` for the place."""
     if task.place is None or pick.place is None:
         raise InputError(f"pick {pick.name!r} has no place")
     rotation = task.root_from(pick.place.frame).rotation
     shifts = [*_vectors(*_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
-    return shifts, Shifting(
+    return shifts, partial(
+        _changes,
         pick,
         lambda by: move_place_words(pick, by),
         lambda by: Displacement(np.zeros(3), rotation @ _printed(by)),
@@ -367,14 +364,3 @@ def _detail(task: Task, members: int) -> tuple[tuple[int, ...], int]:
         if len(DISTANCES) * directions * members * weight <= POSES:
             return DISTANCES, directions
     return (1, 2, 5, 10, 20, 50, 100), AXES
-
-
-def members(task: Task) -> list[Member]:
-    """The grasps that are screened: those that are not shifted within the tolerance."""
-    return task.nearest_group
-
-
-def _approach_axis(task: Task) -> Array:
-    """(3,) the approach direction in the tip's axes."""
-    axis = np.array(task.pick.approach_direction)
-    return axis if task.pick.approach_frame == TIP else np.asarray(task.pick.pose.rotation.T @ axis)

@@ -51,22 +51,10 @@ def has_closed_form(arm: Arm, most: int = 6) -> bool:
 
 
 def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.NDArray[np.int64], Array]:
-    """Configurations within the limits, each with the full rotations nearest to q0.
+    """Configurations within the limits at targets ``base_from_tcp`` (N, 4, 4).
 
-    Parameters
-    ----------
-    arm
-        The arm.
-    targets
-        (N, 4, 4) ``base_from_tcp``.
-    q0
-        (n,) the reference for the choice of full rotations.
-    rng
-        Seed of the search for arms without a closed form.
-
-    Returns
-    -------
-    (k,) index of the target of each configuration, ascending; and (k, n) the configurations.
+    Returns the index (k,) of the target of each configuration, ascending, and the configurations (k, n), each with the
+    full rotations nearest to q0 (n,). ``rng`` is the seed of the search for arms without a closed form.
     """
     if has_closed_form(arm, most=7):
         found = SWEEP.solve_all_batch(arm, targets, q0)
@@ -98,13 +86,17 @@ def manipulability(arm: Arm, Q: Array) -> Array:
     return np.asarray(arm.chain.manipulability_batch(np.ascontiguousarray(Q)))
 
 
-def limit_margins(arm: Arm, q: Array) -> Array:
-    """(N,) smallest distance of a joint from its limits at q (N, n), as a fraction of half its range: at most 1."""
+def limit_margin(arm: Arm, low: Array, high: Array | None = None) -> Array:
+    """Distance of joint ranges low to high (..., n) from the limits: 1 in the middle of all ranges, 0 at a limit."""
+    return np.asarray(joint_margins(arm, low, low if high is None else high).min(axis=-1, initial=1.0))
+
+
+def joint_margins(arm: Arm, low: Array, high: Array) -> Array:
+    """The result of :func:`limit_margin` for each joint (..., n); 1 for a joint without limits."""
     lower, upper = arm.limits.lower, arm.limits.upper
-    half = (upper - lower) / 2
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.minimum(q - lower, upper - q) / half
-    return np.asarray(np.where(np.isfinite(share), share, 1.0).min(axis=1, initial=1.0))
+        share = np.minimum(low - lower, upper - high) / ((upper - lower) / 2)
+    return np.asarray(np.clip(np.where(np.isfinite(share), share, 1.0), 0.0, 1.0))
 
 
 def widened(arm: Arm) -> Arm:

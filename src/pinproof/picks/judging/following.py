@@ -24,7 +24,7 @@ from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.task import Task
 from pinproof.planning.follow import RouteFollower
 from pinproof.planning.route import Route
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, translated
 
 Array = npt.NDArray[np.float64]
 
@@ -52,16 +52,10 @@ ANY_SPEED = 1e3
 
 @dataclass(frozen=True, eq=False)
 class Following:
-    """The motion from rest to rest, in three parts with the times (s) of their ends from its start.
+    """The motion from rest to the part, on the belt while the gripper closes, and until the tool rests with the part.
 
-    Parameters
-    ----------
-    approach, tracking, retreat
-        From rest until the tool is at the part, while the gripper closes, and until the tool rests with the part.
-    before
-        Seconds from the start to the begin of the tracking.
-    position_deviation, rotation_deviation
-        Upper bounds (m, rad) of the deviation of the tcp from its pose on the belt while tracking, at every instant.
+    The tracking begins ``before`` seconds after the start. The deviations (m, rad) are upper bounds, at every instant,
+    of the distance of the tcp from its pose on the belt while tracking.
     """
 
     approach: Trajectory
@@ -75,13 +69,10 @@ class Following:
 def follow_belt(task: Task, member: Member, q: Array, belt: Conveyor) -> Following | str:
     """The motion of a tool that is at the grasp with q (n,) when the tracking begins, or why it is not possible.
 
-    Parameters
-    ----------
-    task
-        The pick with all poses at the time at which the tracking begins.
+    ``task`` has all poses at the time at which the tracking begins.
     """
     grasp = task.grasp(member)
-    lines = tuple(end.translation - grasp.translation for end in (task.approach_end(grasp), task.retreat_end(grasp)))
+    lines = tuple(end.translation - grasp.translation for end in (task.pick.before(grasp), task.pick.after(grasp)))
     into, out = (max(float(np.linalg.norm(line)) / LINE_SPEED, SHORTEST) for line in lines)
     durations = np.array([SHORTEST, into, out, SHORTEST])
     reason = ""
@@ -148,7 +139,7 @@ class _Phases:
 
     def target(self, offset: Array) -> SE3:
         """``base_from_tcp`` for a displacement (3,) of the tip."""
-        return self.task.target(SE3(self.grasp.rotation, self.grasp.translation + offset))
+        return self.task.target(translated(self.grasp, offset))
 
 
 def _smooth(u: float) -> tuple[float, float]:

@@ -6,6 +6,7 @@ Every IK solution of every grasp of the family is checked. Those that pass all s
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +18,12 @@ from pinproof.ik import AnalyticIk, Clik, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Member
 from pinproof.picks.input.settings import PickWeights
-from pinproof.picks.judging.blocked import blocked_words
+from pinproof.picks.judging.blocked import blocked_words, moving_joint
 from pinproof.picks.judging.configurations import (
     STARTS,
     along_families,
     configurations,
-    limit_margins,
+    limit_margin,
     manipulability,
     turned_inside,
 )
@@ -36,36 +37,26 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """Configurations at the grasp.
+    """Configurations q (k, n) at the grasp within the limits, and the index of the grasp of each, ``member`` (k,).
 
-    Parameters
-    ----------
-    q
-        (k, n) within the limits.
-    member
-        (k,) index of the family member of each configuration.
-    stages
-        The results of the stages reach and limits.
-    refuted
-        If there is no configuration: every IK branch with the limit that excludes it.
-    complete
-        Whether the configurations are proven to be all.
+    ``stages`` are the results of the stages reach and limits. If there is no configuration, and this is proven,
+    ``refuted`` has a reason for each IK branch.
     """
 
     q: Array
     member: npt.NDArray[np.int64]
     stages: tuple[StageResult, ...]
     refuted: tuple[str, ...] = ()
-    complete: bool = False
 
 
 def reach(task: Task, members: list[Member], seed: int) -> Reached:
     """The configurations at each of the given grasps."""
     arm, home = task.arm, task.cell.home
     targets = [task.target(task.grasp(member)) for member in members]
-    row, q = configurations(arm, task.targets([task.grasp(member) for member in members]), home, seed)
+    many = task.targets([task.grasp(member) for member in members])
+    row, q = configurations(arm, many, home, seed)
     if not len(q) and not task.cell.closed_form:
-        row, q = along_families(arm, task.targets([task.grasp(member) for member in members]), home)
+        row, q = along_families(arm, many, home)
     if not len(q) and not task.cell.closed_form:  # the nearest configuration may still converge to the target
         nearest = Clik().solve(arm, targets[0], home, rng=seed)
         if nearest.ok:
@@ -79,7 +70,7 @@ def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDA
     spread = f" for {len(members)} grasps" if len(members) > 1 else ""
     message = f"{len(q)} IK solution{'' if len(q) == 1 else 's'}{spread}, position error {off:.1e} m"
     figures = {"configurations": float(len(q)), "grasps": float(len(members)), "position_error": off}
-    margins = limit_margins(arm, q)
+    margins = limit_margin(arm, q)
     stages = (
         StageResult(Stage.REACH, True, message, figures),
         StageResult(Stage.LIMITS, True, "within all limits", {"widest_margin": float(margins.max())}),
@@ -134,16 +125,11 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
     complete = every_branch_is_known(task, targets)
     proven = not complete and proven_unreachable(arm, targets)
     if not inside:
-        nearest = Clik().solve(arm, targets[0], task.cell.home, rng=seed)
-        error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
-        message = f"out of reach: the nearest configuration found is {error} from the target"
         complete = proven or (complete and every_branch_is_known(task, targets, wide))
-        if not task.cell.closed_form:
-            message += f" (best of {STARTS} starts)"
-        figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
-        failed = StageResult(Stage.REACH, False, message, figures)
+        starts = "" if task.cell.closed_form else f" (best of {STARTS} starts)"
+        failed = out_of_reach(task, Stage.REACH, targets[0], seed, "out of reach", f"the target{starts}")
         refuted = tuple(f"{_of(member)}no IK solution reaches the pose" for member in members)
-        return Reached(*empty, (failed,), refuted if complete else (), complete)
+        return Reached(*empty, (failed,), refuted if complete else ())
     by = [float(np.abs(q - limits.clip(q)).sum()) for q in inside]
     best = int(np.argmin(by))
     if by[best] == 0.0:  # found by the search only with the wider limits
@@ -161,7 +147,16 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
     )
     if proven:  # the configurations outside the limits are a sample
         refuted = tuple(f"{_of(member)}{NO_SOLUTION} the grasp" for member in members)
-    return Reached(*empty, (reached, failed), refuted if complete or proven else (), complete or proven)
+    return Reached(*empty, (reached, failed), refuted if complete or proven else ())
+
+
+def out_of_reach(task: Task, stage: Stage, target: SE3, seed: int, what: str, where: str) -> StageResult:
+    """The failure at a target ``base_from_tcp``, with the error of the nearest configuration found."""
+    nearest = Clik().solve(task.arm, target, task.cell.home, rng=seed)
+    error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
+    figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
+    message = f"{what}: the nearest configuration found is {error} from {where}"
+    return StageResult(stage, False, message, figures)
 
 
 def _of(member: Member) -> str:
@@ -176,16 +171,9 @@ MOST_CONTACTS = 6
 
 @dataclass(frozen=True, eq=False)
 class Gripped:
-    """Which configurations hold the object, and the result of the grip stage.
+    """The result of the grip stage, and whether each configuration holds the object while the hand can close.
 
-    Parameters
-    ----------
-    kept
-        (k,) whether the grasp holds the object and the hand can close.
-    result
-        The result of the stage.
-    refuted
-        (k,) why each of the others is excluded; empty for those that are kept.
+    ``refuted`` states why a configuration is excluded; the text is empty for those that are ``kept`` (k,).
     """
 
     kept: Mask
@@ -247,13 +235,20 @@ def closing_words(task: Task, result: CheckResult) -> str:
     for contact in result.contacts:
         first, second = (finger_of.get(name, name) for name in contact.bodies)
         by_pair.setdefault(frozenset((first, second)), contact_text(replace(contact, bodies=(first, second))))
-    words = list(by_pair.values())
-    more = f"; and {len(words) - MOST_CONTACTS} more" if len(words) > MOST_CONTACTS else ""
-    return f"while the fingers move: {'; '.join(words[:MOST_CONTACTS])}{more}"
+    return f"while the fingers move: {_first_of(list(by_pair.values()))}"
+
+
+def _first_of(contacts: list[str]) -> str:
+    """The first :data:`MOST_CONTACTS` contacts as one text."""
+    more = f"; and {len(contacts) - MOST_CONTACTS} more" if len(contacts) > MOST_CONTACTS else ""
+    return "; ".join(contacts[:MOST_CONTACTS]) + more
 
 
 AMPLE = 0.05
 """Metres: the clearance beyond which the score does not increase."""
+
+INSTANT = 0.1
+"""Seconds that are added to durations before they are compared, so that small differences have little weight."""
 
 RANKED = 256
 """Largest number of ranked configurations; of more, those with the shortest time from home are ranked."""
@@ -261,12 +256,12 @@ RANKED = 256
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A collision-free configuration at the grasp, with the parts (0 to 1) of its score."""
+    """A collision-free configuration at the grasp; its manipulability is relative to the best one, 0 to 1."""
 
     q: Array
     member: Member
     clearance: float
-    parts: dict[str, float]
+    manipulability: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,31 +319,27 @@ def rank(task: Task, q: Array, members: list[Member]) -> list[Candidate]:
         near = np.sort(np.argsort(seconds, kind="stable")[:RANKED])
         q, members, seconds = q[near], [members[i] for i in near], seconds[near]
     clearance, volume = task.at_grasp.clearance_batch(q), manipulability(arm, q)
-    margins = limit_margin(task, q, q)
-    ranked = []
-    for i, member in enumerate(members):
-        parts = {
-            "clearance": float(np.clip(clearance[i], 0.0, AMPLE)) / AMPLE,
-            "limit_margin": float(margins[i]),
-            "manipulability": float(volume[i] / max(volume.max(), np.finfo(float).tiny)),
-            "duration": float((seconds.min() + 0.1) / (seconds[i] + 0.1)),
-        }
-        ranked.append(Candidate(q[i], member, float(clearance[i]), parts))
-    return sorted(ranked, key=lambda candidate: -weighed(candidate.parts, task.cell.weights))
+    volume = volume / max(volume.max(), np.finfo(float).tiny)
+    parts = score_parts(seconds.min(), clearance, limit_margin(arm, q), volume, seconds)
+    order = np.argsort(-weighed(parts, task.cell.weights), kind="stable").tolist()
+    return [Candidate(q[i], members[i], float(clearance[i]), float(volume[i])) for i in order]
 
 
-def weighed(parts: dict[str, float], weights: PickWeights) -> float:
-    """The weighted sum of parts."""
-    return sum(getattr(weights, name) * value for name, value in parts.items())
+def score_parts(
+    least: float, clearance: Array, limit_margin: Array, manipulability: Array, seconds: Array
+) -> dict[str, Array]:
+    """The four parts of a score, from 0 to 1; ``least`` is a lower bound (s) of all durations."""
+    return {
+        "clearance": np.clip(clearance, 0.0, AMPLE) / AMPLE,
+        "limit_margin": limit_margin,
+        "manipulability": manipulability,
+        "duration": (least + INSTANT) / (seconds + INSTANT),
+    }
 
 
-def limit_margin(task: Task, low: Array, high: Array) -> Array:
-    """Distance of joint ranges low to high (..., n) from the limits: 1 in the middle of all ranges, 0 at a limit."""
-    limits = task.arm.limits
-    half = (limits.upper - limits.lower) / 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.minimum(low - limits.lower, limits.upper - high) / half
-    return np.asarray(np.clip(np.where(np.isfinite(share), share, 1.0).min(axis=-1), 0.0, 1.0))
+def weighed(parts: dict[str, Array], weights: PickWeights) -> Array:
+    """The weighted sum of the parts of a score."""
+    return np.asarray(sum(getattr(weights, name) * part for name, part in parts.items()))
 
 
 def contact_words(result: CheckResult) -> list[str]:
@@ -374,10 +365,7 @@ def _all_in_contact(checker: CollisionChecker, members: list[Member], reached: R
     # if some have no self-collision, the reason describes one of these
     eligible = [i for i in range(len(found)) if stage is Stage.SELF or not own[i]]
     best = max(eligible, key=lambda i: min((c.distance for c in found[i].contacts), default=-np.inf))
-    words = contact_words(found[best])
-    message = "; ".join(words[:MOST_CONTACTS])
-    if len(words) > MOST_CONTACTS:
-        message += f"; and {len(words) - MOST_CONTACTS} more"
+    message = _first_of(contact_words(found[best]))
     if len(found) > 1:
         message += f"; all {len(found)} IK solutions collide{_other_pairs(found, found[best])}"
     figures = {"configurations": float(len(found)), "distance": min(c.distance for c in found[best].contacts)}
@@ -390,10 +378,7 @@ def _all_in_contact(checker: CollisionChecker, members: list[Member], reached: R
 
 def _contacts_of_each(found: list[CheckResult], members: list[Member], of: npt.NDArray[np.int64]) -> tuple[str, ...]:
     """The contacts of each configuration, with its grasp."""
-    return tuple(
-        f"{members[i].words + ': ' if members[i].words else ''}{'; '.join(contact_words(each))}"
-        for i, each in zip(of, found, strict=True)
-    )
+    return tuple(_of(members[i]) + "; ".join(contact_words(each)) for i, each in zip(of, found, strict=True))
 
 
 def _with_obstacle(contact: Contact, checker: CollisionChecker) -> bool:
@@ -416,43 +401,50 @@ def _other_pairs(found: list[CheckResult], described: CheckResult) -> str:
 NO_SOLUTION = "no IK solution within the limits reaches"
 
 
+def _refuted(members: list[Member], reasons_of: Callable[[Member], list[str]]) -> tuple[str, ...]:
+    """The reasons that exclude each grasp; empty if there are none for one of them."""
+    reasons: list[str] = []
+    for member in members:
+        if not (found := reasons_of(member)):
+            return ()
+        reasons += [_of(member) + words for words in found]
+    return tuple(reasons)
+
+
 def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, ...]:
     """Why each IK branch of each grasp is excluded, at the grasp or at the end of a line; empty if one is not.
 
     A line that could not be planned proves nothing. A grasp is refuted if no branch reaches an end of its lines or a
     pose on them, or if every branch is in contact at an end.
     """
-    reasons: list[str] = []
-    for member in members:
-        grasp, pick = task.grasp(member), task.pick
+    pick = task.pick
+
+    def reasons_of(member: Member) -> list[str]:
+        grasp = task.grasp(member)
         found = _branches_refuted(task, grasp, task.at_grasp, "the grasp", seed)
         if not found and pick.approach:
-            found = _branches_refuted(task, task.approach_end(grasp), task.at_grasp, "the end of the approach", seed)
+            found = _branches_refuted(task, pick.before(grasp), task.at_grasp, "the end of the approach", seed)
         if not found and pick.retreat:
-            found = _branches_refuted(
-                task, task.retreat_end(grasp), task.carrying(member), "the end of the retreat", seed
-            )
+            found = _branches_refuted(task, pick.after(grasp), task.carrying(member), "the end of the retreat", seed)
         if not found and (where := _unreachable_between(task, member)):
             found = [f"{NO_SOLUTION} {where}"]
-        if not found:
-            return ()
-        reasons += [_of(member) + words for words in found]
-    return tuple(reasons)
+        return found
+
+    return _refuted(members, reasons_of)
 
 
 def refuted_at_release(task: Task, members: list[Member], seed: int) -> tuple[str, ...]:
     """Why each IK branch at the release of each grasp is excluded; empty if one is not."""
-    reasons: list[str] = []
-    for member in members if task.place is not None else ():
-        found = _branches_refuted(task, task.release(member), task.letting_go(member), "the release", seed)
-        if not found:
-            return ()
-        reasons += [_of(member) + words for words in found]
-    return tuple(reasons)
+    if task.place is None:
+        return ()
+    return _refuted(
+        members,
+        lambda each: _branches_refuted(task, task.release(each), task.letting_go(each), "the release", seed),
+    )
 
 
 LINE_DEVIATION = 1e-3, 1e-2
-"""M and rad: the deviation of the tcp from the pose on a straight line that :func:`plan_linear` permits."""
+"""Metres and rad: the deviation of the tcp from the pose on a straight line that :func:`plan_linear` permits."""
 
 BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
 """Shares of a line at which its poses are tested."""
@@ -466,12 +458,13 @@ def _unreachable_between(task: Task, member: Member) -> str:
     grasp, position, orientation = task.grasp(member), *LINE_DEVIATION
     if not is_provable(task.arm):
         return ""
-    lines = (task.pick.approach, task.approach_to, "approach"), (task.pick.retreat, task.retreat_to, "retreat")
+    pick = task.pick
+    lines = (pick.approach, pick.before, "approach"), (pick.retreat, pick.after, "retreat")
     for length, pose_at, name in lines:
         for share in BETWEEN if length else ():
             proof = prove_unreachable(
                 task.arm,
-                task.target(pose_at(grasp, share * length)),
+                task.target(pose_at(grasp, share)),
                 position_tolerance=position,
                 orientation_tolerance=orientation,
                 budget=BETWEEN_BOXES,
@@ -504,23 +497,18 @@ SPREAD = 1e-5
 """Metres: more than the bodies at the tcp move relative to obstacles between IK solutions for the same target, which
 agree to 1e-6 m and rad."""
 
-PROBES = 4
-"""Number of random configurations at which the pose of a link relative to the tcp is compared."""
-
 
 def refuted_by_contacts(task: Task, members: list[Member], reached: Reached, seed: int) -> tuple[str, ...]:
     """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven."""
-    reasons = []
-    for i, member in enumerate(members):
-        known = reached.q[reached.member == i]
+
+    def reasons_of(member: Member) -> list[str]:
+        known = reached.q[reached.member == members.index(member)]
         if not len(known) and proven_unreachable(task.arm, [task.target(task.grasp(member))]):
-            reasons.append(unreached(member))
-            continue
+            return [f"{NO_SOLUTION} the grasp"]
         words = _contacts_of_all(task, task.grasp(member), task.at_grasp, seed, known)
-        if not words:
-            return ()
-        reasons += [f"{_of(member)}{each}, for every IK solution" for each in words]
-    return tuple(reasons)
+        return [f"{each}, for every IK solution" for each in words]
+
+    return _refuted(members, reasons_of)
 
 
 def _contacts_of_all(
@@ -552,23 +540,9 @@ def _contacts_at_every_configuration(checker: CollisionChecker, q: Array) -> lis
         moving = [name for name in contact.bodies if name not in checker.scene.names]
         if len(moving) != 1 or contact.distance >= -SPREAD:
             return False
-        return moving[0] in rigid or _is_rigid_with_tcp(checker.arm, moving[0])
+        return moving[0] in rigid or moving_joint(checker.arm, moving[0]) == moving_joint(checker.arm, checker.arm.tcp)
 
     return contact_words(replace(found, contacts=tuple(filter(exists_everywhere, found.contacts))))
-
-
-def _is_rigid_with_tcp(arm: Arm, link: str) -> bool:
-    """Whether no joint moves a link relative to the tcp."""
-    low, high = arm.limits.sampling_range()
-    poses = [
-        (arm.frame_placement(q, arm.tcp).actInv(arm.frame_placement(q, link))).homogeneous
-        for q in np.random.default_rng(0).uniform(low, high, (PROBES, arm.dof))
-    ]
-    return bool(np.abs(np.array(poses) - poses[0]).max() < AS_RIGID)
-
-
-AS_RIGID = 1e-9
-"""Largest difference of two poses (m, and entries of the rotation) of bodies that are rigidly connected."""
 
 
 def unreached(member: Member) -> str:

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +40,7 @@ from pinproof.description.urdf import moved_by
 from pinproof.model import Arm
 from pinproof.picks.input.pick import GripperFingers
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, translated
 
 Array = npt.NDArray[np.float64]
 
@@ -53,12 +54,8 @@ SAME_PLACE = 1e-7
 def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
     """Whether forces within the friction cones at points of the patches can sum to zero force and zero torque.
 
-    Parameters
-    ----------
-    patches
-        For each contact its points (N, 3) in metres and the unit normal (3,) in which the finger presses.
-    angle
-        rad: the half angle of the friction cones.
+    Each patch has its points (N, 3) in metres and the unit normal (3,) in which the finger presses; ``angle`` (rad) is
+    the half angle of the cones.
     """
     from scipy.optimize import linprog
 
@@ -116,20 +113,11 @@ FLAT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class MovingFinger:
-    """A part of the hand that moves while the hand closes.
+    """A link or attached body that moves while the hand closes.
 
-    Parameters
-    ----------
-    name
-        The link or the attached body.
-    surfaces
-        Its bodies, each with ``finger_from_body``.
-    placements
-        ``tcp_from_finger`` at the ends of the chords, from open (first) to closed (last).
-    direction
-        (3,) unit vector of its motion in the tcp frame just before it is closed.
-    sagitta
-        Metres: largest distance of its points from the chords between the placements.
+    ``surfaces`` are its bodies with ``finger_from_body``, ``placements`` are ``tcp_from_finger`` at the ends of the
+    chords, from open to closed. ``direction`` (3,) is the unit vector of its motion in the tcp frame just before it is
+    closed, and ``sagitta`` (m) the largest distance of its points from the chords.
     """
 
     name: str
@@ -151,9 +139,8 @@ class MovingFinger:
     @property
     def travel(self) -> float:
         """Metres that the centre of the finger moves along its closing direction."""
-        middle = np.mean([at.translation + at.rotation @ _middle(surface) for surface, at in self.surfaces], axis=0)
-        start, end = (at.translation + at.rotation @ middle for at in (self.open, self.closed))
-        return float((end - start) @ self.direction)
+        centre = _centre(self.surfaces)
+        return float((self.closed.act(centre) - self.open.act(centre)) @ self.direction)
 
     def swept(self) -> tuple[Obstacle, ...]:
         """Convex bodies in the tcp frame that contain the finger during the complete closing motion.
@@ -170,8 +157,9 @@ class MovingFinger:
         return tuple(bodies)
 
 
-def _middle(surface: LineSurface) -> Array:
-    return np.asarray(surface.body.box.mean(axis=0))
+def _centre(surfaces: Sequence[tuple[LineSurface, SE3]]) -> Array:
+    """(3,) the mean of the centres of bodies, each with its pose."""
+    return np.asarray(np.mean([at.act(surface.body.box.mean(axis=0)) for surface, at in surfaces], axis=0))
 
 
 def _hull(points: Array, grow: float) -> ConvexHull:
@@ -186,17 +174,15 @@ def _hull(points: Array, grow: float) -> ConvexHull:
 
 def fingers_of(arm: Arm, fingers: GripperFingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:
     """The moving fingers: the two bodies of the gripper, and the links moved by the gripping joints."""
-    return (*_translating(fingers), *_links(arm, grip))
-
-
-def _translating(fingers: GripperFingers | None) -> list[MovingFinger]:
+    found = _links(arm, grip)
     if fingers is None:
-        return []
-    found, axis = [], np.array(fingers.axis)
+        return tuple(found)
+    bodies = []
     for sign, before, after in zip((-1.0, 1.0), fingers.apart(), fingers.gripping(), strict=True):
         surface = (LineSurface.of_obstacle(after), SE3.Identity())
-        found.append(MovingFinger(after.name, (surface,), (before.pose, after.pose), sign * axis))
-    return found
+        direction = sign * np.array(fingers.axis)
+        bodies.append(MovingFinger(after.name, (surface,), (before.pose, after.pose), direction))
+    return (*bodies, *found)
 
 
 def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
@@ -222,8 +208,8 @@ def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
         *placements, before = [
             each.forward_kinematics(arm.home).actInv(each.frame_placement(arm.home, link)) for each in arms
         ]
-        middle = np.mean([at.translation + at.rotation @ _middle(surface) for surface, at in surfaces], axis=0)
-        last = (placements[-1].act(middle) - before.act(middle)) / SHARE
+        centre = _centre(surfaces)
+        last = (placements[-1].act(centre) - before.act(centre)) / SHARE
         if (length := float(np.linalg.norm(last))) < LEAST_TRAVEL:
             continue
         found.append(MovingFinger(link, surfaces, tuple(placements), last / length, bounds[link] / (8 * steps**2)))
@@ -381,8 +367,7 @@ class GripResult:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class HeldPart:
+class HeldPart(NamedTuple):
     """The grasped part: its surface and ``tcp_from_part``."""
 
     surface: LineSurface
@@ -394,8 +379,7 @@ class HeldPart:
         return self.surface.body.owner
 
 
-@dataclass(frozen=True, eq=False)
-class _Patch:
+class _Patch(NamedTuple):
     """The contact patch of a finger: points (N, 3) in the tcp frame and the mean outward normal of the finger."""
 
     contact: FingerContact
@@ -413,36 +397,23 @@ def grip_by_tip(tip: SE3, part: HeldPart, limits: GripLimits) -> GripResult:
 
 
 def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Array, limits: GripLimits) -> GripResult:
-    """Whether closed fingers hold a part.
-
-    Parameters
-    ----------
-    fingers
-        The moving fingers.
-    part
-        The part.
-    along
-        (3,) the direction in the tcp frame in which the fingers extend: that of the approach.
-    limits
-        The criteria for holding a part.
-    """
+    """Whether closed fingers hold a part; ``along`` (3,) is the direction in the tcp frame in which they extend."""
     paths = [_FingerPath(finger, part, along) for finger in fingers]
-    stops = [each.contact for each in paths]
+    stops = tuple(each.contact for each in paths)
     for each in stops:
         if each.open_distance <= 0.0:
-            return GripResult(
-                False, f"the open {each.finger} overlaps {part.name} by {_mm(-each.open_distance)}", tuple(stops)
-            )
+            depth = _mm(-each.open_distance)
+            return GripResult(False, f"the open {each.finger} overlaps {part.name} by {depth}", stops)
     deep = min(stops, key=lambda each: each.gap)
     if -deep.gap > limits.depth:
         reason = f"the closed {deep.finger} would penetrate {part.name} by {_mm(-deep.gap)}"
-        return GripResult(False, f"{reason}; at most {_mm(limits.depth)} is allowed", tuple(stops))
+        return GripResult(False, f"{reason}; at most {_mm(limits.depth)} is allowed", stops)
     if sum(each.gap <= limits.gap for each in stops) < 2:
         apart = [each for each in stops if each.gap > limits.gap]
         reason = " and ".join(_missed(each, part) for each in sorted(apart, key=lambda each: each.gap)[:2])
-        return GripResult(False, f"{reason}; a gap of at most {_mm(limits.gap)} is allowed", tuple(stops))
+        return GripResult(False, f"{reason}; a gap of at most {_mm(limits.gap)} is allowed", stops)
     touching = [each.patch(limits) for each in paths if each.contact.gap <= limits.gap]
-    contacts = [patch.contact for patch in touching]
+    contacts = tuple(patch.contact for patch in touching)
     area, overlap = (1 + SAMPLED) * limits.area, (1 + SAMPLED) * limits.overlap
     enough = [patch for patch in touching if patch.contact.contact_area >= area and patch.contact.overlap >= overlap]
     if len(enough) < 2:
@@ -450,20 +421,18 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
         reason = (
             f"{weak.finger} touches {part.name} over {_mm2(weak.contact_area)} and {_mm(weak.overlap)} along the finger"
         )
-        return GripResult(False, f"{reason}; at least {_mm2(area)} and {_mm(overlap)} are needed", tuple(contacts))
+        return GripResult(False, f"{reason}; at least {_mm2(area)} and {_mm(overlap)} are needed", contacts)
     if not balanced([(patch.points, patch.normal) for patch in enough], limits.angle):
         reason = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
         cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
-        return GripResult(False, f"{reason} of {part.name}: {cone}", tuple(contacts))
+        return GripResult(False, f"{reason} of {part.name}: {cone}", contacts)
     held = sorted((patch.contact for patch in enough), key=lambda each: -each.contact_area)
     least = min(held, key=lambda each: each.contact_area)
     overlap = min(each.overlap for each in held)
     direction = " ".join(f"{value + 0.0:.2f}" for value in np.round(held[0].closing_direction, 2))
     extent = f"at least {_mm2(least.contact_area)} and {_mm(overlap)} along the finger"
-    message = (
-        f"{len(held)} fingers touch {part.name}, each over {extent}; closing direction ({direction}) in the tcp frame"
-    )
-    return GripResult(True, message, tuple(held))
+    message = f"{len(held)} fingers touch {part.name}, each over {extent}; closing direction ({direction})"
+    return GripResult(True, f"{message} in the tcp frame", tuple(held))
 
 
 def _missed(each: FingerContact, part: HeldPart) -> str:
@@ -529,7 +498,7 @@ def _earlier_contact(
     start, end = -finger.travel, gap if np.isfinite(gap) else 0.0
     if end <= start:
         return np.inf
-    at = SE3(tcp_from_body.rotation, tcp_from_body.translation + start * finger.direction)
+    at = translated(tcp_from_body, start * finger.direction)
     share = travel_to_touch(surface, at, part.surface, part.pose, (end - start) * finger.direction)
     touch = start + share * (end - start)
     return touch if share < 1.0 and gap - touch > NOTICED else np.inf

@@ -23,12 +23,13 @@ from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.following import Following, follow_belt
 from pinproof.picks.judging.grasp import Candidate, reach, screen
 from pinproof.picks.judging.lines import Attempt, Pairs, along, passing_at
-from pinproof.picks.judging.place import Placer, Placing, Release
+from pinproof.picks.judging.place import Placer, Scores
 from pinproof.picks.judging.task import Cell, Task
-from pinproof.picks.judging.timing import MotionPart, timed_curve
+from pinproof.picks.judging.timing import MotionPart, part_of, timed_curve
 from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.planning.among_movers import plan_among_movers
 from pinproof.planning.ends import with_turns
+from pinproof.spatial import translated
 
 Array = npt.NDArray[np.float64]
 
@@ -53,6 +54,10 @@ down. The ordinary proof is made with the support lowered by this distance; the 
 less."""
 
 
+VALID = StageResult(Stage.INPUT, True, "valid")
+"""The first stage of every pick that can be judged."""
+
+
 def on_conveyor(pick: Pick, cell: Cell) -> bool:
     """Whether the object of a pick moves on the conveyor."""
     belt = cell.shared.conveyor
@@ -60,7 +65,7 @@ def on_conveyor(pick: Pick, cell: Cell) -> bool:
 
 
 class _Refused(Exception):
-    """A stage failed at one time."""
+    """A stage failed at one time; ``stages`` are those after the input."""
 
     def __init__(self, *stages: StageResult) -> None:
         super().__init__(stages[-1].message)
@@ -77,23 +82,19 @@ def judge_on_conveyor(pick: Pick, cell: Cell, seeds: list[int], start_time: floa
         _check(task, belt, start_time)
     except InputError as error:
         return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
-    valid = StageResult(Stage.INPUT, True, "valid")
     farthest: tuple[StageResult, ...] = ()
     tried = 0
     for time, member in _meeting_times(task, belt, start_time, seeds[0]):
         tried += 1
-        moment = _Moment(task, belt, time, member, seeds, start_time)
         try:
-            return moment.verdict((valid,))
+            return _Moment(task, belt, time, member, seeds, start_time).verdict()
         except _Refused as refused:
-            if len(refused.stages) > len(farthest):
-                farthest = refused.stages
-    if not tried:
-        failed = _out_of_reach(belt, start_time)
+            farthest = max(farthest, refused.stages, key=len)
+    if tried:
+        failed = replace(farthest[-1], message=f"{farthest[-1].message}; the parts were tried at {tried} times")
     else:
-        failed = farthest[-1]
-        failed = replace(failed, message=f"{failed.message}; the parts were tried at {tried} times")
-    return PickVerdict(pick, PickStatus.NOT_FOUND, (valid, *farthest[:-1], failed))
+        failed = _out_of_reach(belt, start_time)
+    return PickVerdict(pick, PickStatus.NOT_FOUND, (VALID, *farthest[:-1], failed))
 
 
 def _check(task: Task, belt: Conveyor, start_time: float) -> None:
@@ -116,7 +117,7 @@ def _meeting_times(task: Task, belt: Conveyor, start_time: float, seed: int) -> 
     for number, group in enumerate(task.groups()):
         for member in group:
             grasp = task.grasp(member)
-            poses = [type(grasp)(grasp.rotation, grasp.translation + belt.travel(t)) for t in times.tolist()]
+            poses = [translated(grasp, belt.travel(t)) for t in times.tolist()]
             row, q = configurations(arm, task.targets(poses), home, seed)
             in_time = times[row] - start_time >= least_seconds(arm, home[None], q)[0] if len(q) else np.empty(0, bool)
             found += [(float(times[k]), number, member) for k in dict.fromkeys(row[in_time].tolist())]
@@ -190,14 +191,9 @@ class _Timeline:
 
 
 class _Moment:
-    """A pick at one time of meeting the part.
+    """A pick at one time (s) of meeting the part; ``task`` has the cell as it is at time 0, ``then`` as it is then.
 
-    Parameters
-    ----------
-    task
-        The pick with the cell as it is at time 0, for the checkers of the motions.
-    time
-        Seconds at which the tool is at the part.
+    ``stages`` are the stages passed so far. A stage that fails raises :class:`_Refused`.
     """
 
     def __init__(
@@ -206,53 +202,49 @@ class _Moment:
         self.task, self.belt, self.time, self.member, self.seeds = task, belt, time, member, seeds
         self.start_time = start_time
         self.then = _at_time(task, belt, time)
+        self.stages: tuple[StageResult, ...] = ()
 
-    def verdict(self, stages: tuple[StageResult, ...]) -> PickVerdict:
-        """The good verdict.
+    def _refused(self, stage: Stage, reason: str) -> _Refused:
+        return _Refused(*self.stages, StageResult(stage, False, reason))
 
-        Raises
-        ------
-        _Refused
-            If a stage fails.
-        """
+    def verdict(self) -> PickVerdict:
+        """The good verdict."""
         reached = reach(self.then, [self.member], self.seeds[0])
-        stages = (*stages, *reached.stages)
         if not len(reached.q):
-            raise _Refused(*stages[1:])
+            raise _Refused(*reached.stages)
         screened = screen(self.then, [self.member], reached)
-        stages = (*stages, *screened.stages)
+        at_grasp = (*reached.stages, *screened.stages)
         if not screened.candidates:
-            raise _Refused(*stages[1:])
+            raise _Refused(*at_grasp)
         home = self.task.cell.home
         order = sorted(
             screened.candidates, key=lambda each: float(least_seconds(self.task.arm, home[None], each.q[None])[0, 0])
         )
         failed: tuple[StageResult, ...] = ()
         for candidate in order[: self.task.cell.budget.configurations]:
+            self.stages = at_grasp
             try:
-                return self._complete(stages, candidate, len(reached.q))
+                return self._complete(candidate, len(reached.q))
             except _Refused as refused:
-                if len(refused.stages) > len(failed):
-                    failed = refused.stages
+                failed = max(failed, refused.stages, key=len)
         raise _Refused(*failed)
 
-    def _complete(self, stages: tuple[StageResult, ...], candidate: Candidate, tried: int) -> PickVerdict:
+    def _complete(self, candidate: Candidate, tried: int) -> PickVerdict:
         attempt = along(self.then, self._turned(candidate))
-        stages = (*stages, *attempt.stages)
+        self.stages += attempt.stages
         if not attempt.passed:
-            raise _Refused(*stages[1:])
+            raise _Refused(*self.stages)
         followed = follow_belt(self.then, self.member, attempt.q, self.belt)
         if isinstance(followed, str):
-            raise _Refused(*stages[1:], StageResult(Stage.TIMING, False, followed))
+            raise self._refused(Stage.TIMING, followed)
         timeline = _Timeline(self.belt, self.start_time)
-        stages = (*stages, self._transit(timeline, followed, stages))
+        self.stages = (*self.stages, self._transit(timeline, followed))
         try:
-            self._take(timeline, followed, attempt, stages)
+            self._take(timeline, followed, attempt)
             grasp_time = timeline.now - self.start_time - followed.retreat.duration
-            release_time, placed = self._place(timeline, attempt, followed, stages)
+            release_time, placed = self._place(timeline, attempt, followed)
         except _BeltEnds as ended:
-            raise _Refused(*stages[1:], StageResult(Stage.TIMING, False, str(ended))) from ended
-        stages = (*stages, placed)
+            raise self._refused(Stage.TIMING, str(ended)) from ended
         motion = Trajectory.join(*(each.trajectory for each in timeline.motions))
         clearance = min(each.certificate.clearance for each in timeline.motions)
         message = (
@@ -261,14 +253,11 @@ class _Moment:
             f"with a deviation of at most {followed.position_deviation * 1e3:.2g} mm"
         )
         figures = {"duration": motion.duration, "clearance": clearance, "deviation": followed.position_deviation}
-        met = Intercept(
-            self.start_time, self.time, self.belt.speed * self.time, followed.position_deviation,
-            followed.rotation_deviation,
-        )  # fmt: skip
+        deviations = followed.position_deviation, followed.rotation_deviation
         return PickVerdict(
             self.task.pick,
             PickStatus.GOOD,
-            (*stages, StageResult(Stage.TIMING, True, message, figures)),
+            (VALID, *self.stages, placed, StageResult(Stage.TIMING, True, message, figures)),
             tried,
             attempt.q,
             motion,
@@ -277,7 +266,7 @@ class _Moment:
             release_time=release_time,
             member=self.member.words,
             grip=self.task.grip(self.member),
-            intercept=met,
+            intercept=Intercept(self.start_time, self.time, self.belt.speed * self.time, *deviations),
         )
 
     def _turned(self, candidate: Candidate) -> Candidate:
@@ -286,13 +275,13 @@ class _Moment:
         nearest = np.abs(many - self.task.cell.home).max(axis=1).argmin()
         return replace(candidate, q=many[nearest])
 
-    def _transit(self, timeline: _Timeline, followed: Following, stages: tuple[StageResult, ...]) -> StageResult:
+    def _transit(self, timeline: _Timeline, followed: Following) -> StageResult:
         """From home to the start of the approach, where the arm waits until it follows the belt."""
         outside = self.task.outside
         leave = round(self.time - followed.before, 9)
         if leave <= self.start_time:
             late = f"the tool would have to take up the speed of the belt at {leave:.3g} s, before the start"
-            raise _Refused(*stages[1:], StageResult(Stage.TRANSIT, False, late))
+            raise self._refused(Stage.TRANSIT, late)
         plan = plan_among_movers(
             outside,
             self.task.cell.home,
@@ -304,16 +293,12 @@ class _Moment:
             rng=self.seeds[1],
         )
         if plan.trajectory is None or plan.certificate is None:
-            raise _Refused(
-                *stages[1:], StageResult(Stage.TRANSIT, False, f"to the start of the approach: {plan.message}")
-            )
+            raise self._refused(Stage.TRANSIT, f"to the start of the approach: {plan.message}")
         timeline.add("transit", plan.trajectory, outside, plan.certificate)
         message = f"{plan.trajectory.duration:.3g} s, of which the arm waits {plan.waiting:.3g} s"
         return StageResult(Stage.TRANSIT, True, message, {"waiting": plan.waiting})
 
-    def _take(
-        self, timeline: _Timeline, followed: Following, attempt: Attempt, stages: tuple[StageResult, ...]
-    ) -> None:
+    def _take(self, timeline: _Timeline, followed: Following, attempt: Attempt) -> None:
         """The approach, the tracking while the gripper closes, and the retreat with the part."""
         task = self.task
 
@@ -323,7 +308,7 @@ class _Moment:
             proofs = [timeline.prove(motion, checker) for checker in checkers]
             wrong = next((proof for proof in proofs if not proof.free), None)
             if wrong is not None:
-                raise _Refused(*stages[1:], StageResult(stage, False, f"{name} on the moving belt: {wrong.message}"))
+                raise self._refused(stage, f"{name} on the moving belt: {wrong.message}")
             timeline.add(name, motion, around, proofs[0])
 
         fingers = [] if task.passing is None else [task.passing]
@@ -334,48 +319,37 @@ class _Moment:
         carrying, timeline.taken = task.carrying(self.member), str(task.name)
         prove(Stage.RETREAT, "retreat", followed.retreat, carrying, [_with_lowered(carrying, attempt.parting)])
 
-    def _place(
-        self, timeline: _Timeline, attempt: Attempt, followed: Following, stages: tuple[StageResult, ...]
-    ) -> tuple[float | None, StageResult]:
+    def _place(self, timeline: _Timeline, attempt: Attempt, followed: Following) -> tuple[float | None, StageResult]:
         """The transfer, the lowering and the retreat with the empty hand; the time of the release."""
         if self.task.place is None:
             return None, StageResult(Stage.PLACE, True, "none requested")
         there = replace(attempt, retreat=None, candidate=replace(attempt.candidate, q=followed.retreat.end))
-        result, placing = Placer(self.then, self.seeds[1]).place(there, self.seeds[1:3], _AnyPlace())
+        result, placing = Placer(self.then, self.seeds[1]).place(there, self.seeds[1:3], Scores())
         if placing is None:
-            raise _Refused(*stages[1:], result)
+            raise _Refused(*self.stages, result)
         task, member = self.task, self.member
-        carrying, kept = task.carrying(member), task.constraints(member)
-        self._move(timeline, MotionPart("transfer", (placing.transfer,), carrying, constraints=kept), stages)
+        self._move(timeline, part_of(task, member, "transfer", (placing.transfer,)))
         if placing.lift is not None:
-            down = (placing.lift.reversed(),)
-            self._move(timeline, MotionPart("place", down, carrying, placing.parting, constraints=kept), stages)
+            self._move(timeline, part_of(task, member, "place", (placing.lift.reversed(),), placing.parting))
         here, names = timeline.motions[-1].trajectory.end, task.arm.joint_names
         still = Trajectory(
             [0.0, max(self.belt.dwell, INSTANT)], np.array([here, here]), np.zeros((2, len(here))), names
         )
         opened = timeline.prove(still, task.opening(member) if task.cell.fingers else task.letting_go(member))
         if not opened.free:
-            raise _Refused(*stages[1:], StageResult(Stage.PLACE, False, f"at the release: {opened.message}"))
-        timeline.add("release", still, carrying, opened)
+            raise self._refused(Stage.PLACE, f"at the release: {opened.message}")
+        timeline.add("release", still, task.carrying(member), opened)
         release = timeline.now - self.start_time
         if placing.leave is not None:
-            passing = task.passing_off(member)
-            self._move(
-                timeline, MotionPart("leave", (placing.leave,), task.letting_go(member), passing=passing), stages
-            )
+            self._move(timeline, part_of(task, member, "leave", (placing.leave,)))
         return release, result
 
-    def _move(self, timeline: _Timeline, part: MotionPart, stages: tuple[StageResult, ...]) -> None:
+    def _move(self, timeline: _Timeline, part: MotionPart) -> None:
         """Time and certify a part of the place; a transfer that meets a moving part is planned again, with waits."""
-
-        def refuse(why: str) -> _Refused:
-            return _Refused(*stages[1:], StageResult(Stage.PLACE, False, f"{part.name}: {why}"))
-
         try:
             motion = timed_curve(self.task, part, part.curves[0], [])[0]
         except TimingError as error:
-            raise refuse(str(error)) from error
+            raise self._refused(Stage.PLACE, f"{part.name}: {error}") from error
         judge = _with_lowered(part.checker, part.parting)
         proof, movers = timeline.prove(motion, judge, part.constraints), timeline.movers(judge)
         if not proof.free and part.name == "transfer" and movers and not part.constraints:
@@ -383,11 +357,12 @@ class _Moment:
             if plan.trajectory is not None and plan.certificate is not None:
                 motion, proof = plan.trajectory, plan.certificate
         if not proof.free:
-            raise refuse(proof.message)
+            raise self._refused(Stage.PLACE, f"{part.name}: {proof.message}")
         if part.passing is not None:
             passed = timeline.prove(motion, passing_at(part.passing, motion.start))
             if not passed.free:
-                raise refuse(f"the open fingers collide with the object: {passed.message}")
+                why = f"the open fingers collide with the object: {passed.message}"
+                raise self._refused(Stage.PLACE, f"{part.name}: {why}")
         timeline.add(part.name, motion, part.checker, proof)
 
 
@@ -396,10 +371,8 @@ def _at_time(task: Task, belt: Conveyor, time: float) -> Task:
     scene, by = task.scene, belt.travel(time)
     for name in belt.parts:
         if name in scene.names:
-            there = scene[name].pose
-            scene = scene.move(name, type(there)(there.rotation, there.translation + by))
-    pose = task.pick.pose
-    pick = replace(task.pick, pose=type(pose)(pose.rotation, pose.translation + by), place=task.place)
+            scene = scene.move(name, translated(scene[name].pose, by))
+    pick = replace(task.pick, pose=translated(task.pick.pose, by), place=task.place)
     return Task(pick, replace(task.cell, checker=task.cell.checker.with_scene(scene)))
 
 
@@ -418,29 +391,9 @@ def _with_lowered(checker: CollisionChecker, pairs: Pairs) -> CollisionChecker:
     scene = checker.scene
     for name in dict.fromkeys(name for _, name in pairs):
         support, by = scene[name], np.array([0.0, 0.0, checker.margin + SINK])
-        lower = replace(
-            support,
-            name=_lowered(name),
-            pose=type(support.pose)(support.pose.rotation, support.pose.translation - by),
-        )
+        lower = replace(support, name=_lowered(name), pose=translated(support.pose, -by))
         same = [
             (a if a != name else lower.name, b if b != name else lower.name) for a, b in scene.allowed if name in (a, b)
         ]
         scene = replace(scene.add(lower), allowed=(*scene.allowed, *same))
     return checker.with_scene(scene).allowing(*pairs)
-
-
-class _AnyPlace:
-    """The :class:`~pinproof.picks.judging.place.Scores` of which the first possible place is the best."""
-
-    def without_lines(self, clearances: Array, seconds: Array) -> Array:
-        del seconds
-        return np.zeros(len(clearances))
-
-    def with_lines(self, release: Release, seconds: float) -> float:
-        del release, seconds
-        return 0.0
-
-    def placed(self, placing: Placing) -> float:
-        del placing
-        return 0.0

@@ -44,20 +44,9 @@ GAIN = 1e-3
 class LineEnd:
     """A straight line between a grasp or a release and its outer end, at which the arm need not stop.
 
-    Parameters
-    ----------
-    arm
-        The arm.
-    path
-        The line in the direction of motion.
-    stopping
-        The line timed from rest to rest.
-    arrives
-        Whether the motion goes to the grasp or the release; otherwise it goes away from there.
-    straight
-        The share of the line, next to the grasp or the release, that must be followed.
-    rates
-        Further limits on the line.
+    ``path`` is the line in the direction of motion, which ``arrives`` at the grasp or the release or leaves it, and
+    ``stopping`` its motion from rest to rest. The share ``straight``, next to the grasp or the release, must be
+    followed. ``rates`` are further limits on the line.
     """
 
     arm: Arm
@@ -110,20 +99,9 @@ Chosen = tuple[Trajectory | None, Trajectory | None]
 class JoinedMotion:
     """A transit or a transfer between two lines, which it joins without stops if possible.
 
-    Parameters
-    ----------
-    ends
-        Computes motions with moving ends.
-    bounds
-        The limits of the joints.
-    before, after
-        The lines at its start and at its end; None where the arm rests.
-    stops
-        (2, n) the configurations at which the arm rests otherwise.
-    stopping
-        Computes the motion between the two stops; it is called only if necessary.
-    prove
-        The certificate of the motion between a chosen line before it and one after it.
+    A line ``before`` or ``after`` is None where the arm rests. ``stops`` (2, n) are the configurations at which it
+    rests otherwise, ``stopping`` computes the motion between them, and ``prove`` gives the certificate of a motion
+    between two chosen lines.
     """
 
     ends: MovingEnds

@@ -17,6 +17,7 @@ from pinproof.errors import InputError
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.judging.configurations import REDUNDANT
 from pinproof.picks.judging.grasp import (
+    Candidate,
     Reached,
     every_branch_is_known,
     reach,
@@ -27,7 +28,7 @@ from pinproof.picks.judging.grasp import (
     screen,
     unreached,
 )
-from pinproof.picks.judging.intercept import judge_on_conveyor, on_conveyor
+from pinproof.picks.judging.intercept import VALID, judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.lines import Attempt
 from pinproof.picks.judging.search import BestFirst, CompleteMotion
 from pinproof.picks.judging.suggest import suggest
@@ -44,17 +45,7 @@ class _GroupVerdict(NamedTuple):
 
 
 def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
-    """The verdict on one pick.
-
-    Parameters
-    ----------
-    pick
-        The pick.
-    cell
-        The cell in which it is judged.
-    rng
-        The random generator.
-    """
+    """The verdict on one pick in a cell."""
     seeds = rng.integers(2**31, size=4).tolist()
     return judge_on_conveyor(pick, cell, seeds) if on_conveyor(pick, cell) else _judge(pick, cell, seeds)
 
@@ -95,64 +86,75 @@ def _failed(task: Task, groups: list[_GroupVerdict], tried: int, members: int) -
 
 def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVerdict:
     """The verdict on a group of grasps with equal displacement from the nominal grasp."""
-    pick = task.pick
-    start = (StageResult(Stage.INPUT, True, "valid"),)
     reached = reach(task, group, seeds[0])
-    stages = (*start, *reached.stages)
     if not len(reached.q):
-        status = PickStatus.IMPOSSIBLE if reached.complete else PickStatus.NOT_FOUND
-        return _GroupVerdict(PickVerdict(pick, status, stages, refuted=reached.refuted))
+        return _not_good(task, (VALID, *reached.stages), 0, reached.refuted)
     screened = screen(task, group, reached)
     failed = task.arm.dof == REDUNDANT and not screened.candidates and not screened.not_held and not task.cell.trial
     if failed and (between := reach_between(task, group, reached)) is not None:
         reached, screened = between, screen(task, group, between)
-        stages = (*start, *reached.stages)
-    tried = len(reached.q)
-    stages = (*stages, *screened.stages)
-    if not screened.candidates:
-        if screened.not_held:
-            return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=screened.refuted))
-        if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
-            return _judge_group(finer, group, seeds)
-        refuted: tuple[str, ...] = ()
-        known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in group])
-        if known:
-            reachable = set(reached.member.tolist())
-            refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(group) if i not in reachable))
-            return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
-        if stages[-1].stage in (Stage.SELF, Stage.GRASP) and not task.cell.trial:
-            refuted = refuted_by_contacts(task, group, reached, seeds[0])
-        if refuted:
-            return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
+    stages, tried = (VALID, *reached.stages, *screened.stages), len(reached.q)
+    if screened.candidates:
+        return _search(task, group, screened.candidates, stages, tried, seeds)
+    if screened.not_held:
+        return _not_good(task, stages, tried, screened.refuted)
+    if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
+        return _judge_group(finer, group, seeds)
+    refuted: tuple[str, ...] = ()
+    if every_branch_is_known(task, [task.target(task.grasp(member)) for member in group]):
+        reachable = set(reached.member.tolist())
+        refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(group) if i not in reachable))
+    elif stages[-1].stage in (Stage.SELF, Stage.GRASP) and not task.cell.trial:
+        refuted = refuted_by_contacts(task, group, reached, seeds[0])
+    if not refuted:
         message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
         stages = (*stages[:-1], replace(stages[-1], message=message))
-        return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
-    search = BestFirst(task, screened.candidates, seeds[1:3])
-    if task.cell.trial is Stage.PLACE and not search.may_place():
+    return _not_good(task, stages, tried, refuted)
+
+
+def _not_good(
+    task: Task,
+    stages: tuple[StageResult, ...],
+    tried: int,
+    refuted: tuple[str, ...] = (),
+    attempt: Attempt | None = None,
+) -> _GroupVerdict:
+    """The verdict on a group without a motion: impossible if every configuration is refuted."""
+    status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
+    return _GroupVerdict(PickVerdict(task.pick, status, stages, tried, refuted=refuted), attempt)
+
+
+def _search(
+    task: Task,
+    group: list[Member],
+    candidates: tuple[Candidate, ...],
+    stages: tuple[StageResult, ...],
+    tried: int,
+    seeds: list[int],
+) -> _GroupVerdict:
+    """The verdict on a group with collision-free configurations, by the best motion through one of them."""
+    search, trial = BestFirst(task, candidates, seeds[1:3]), task.cell.trial
+    if trial is Stage.PLACE and not search.may_place():
         unplaced = StageResult(Stage.PLACE, False, "no IK solution at the release is collision-free with its lines")
-        return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, unplaced), tried))
+        return _not_good(task, (*stages, unplaced), tried)
     while (motion := search.run() or search.with_full_budget()) is not None:
         result, timed = time_motion(task, motion.attempt, motion.path, motion.placing)
         if timed is not None:
-            return _GroupVerdict(
-                _good(task, motion, (*stages, *motion.stages, _compared(result, search)), timed, tried)
-            )
+            passed = (*stages, *motion.stages, _compared(result, search))
+            return _GroupVerdict(_good(task, motion, passed, timed, tried))
         search.reject(motion, (*motion.stages, result))
     if search.failed:
         farthest = max(reversed(search.failed), key=len)
-        refuted = ()
-        if farthest[-1].stage is Stage.PLACE and not task.cell.trial:
-            refuted = refuted_at_release(task, group, seeds[0])
-        status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
-        return _GroupVerdict(PickVerdict(pick, status, (*stages, *farthest), tried, refuted=refuted))
+        placing = farthest[-1].stage is Stage.PLACE and not trial
+        refuted = refuted_at_release(task, group, seeds[0]) if placing else ()
+        return _not_good(task, (*stages, *farthest), tried, refuted)
     best = max(search.attempts, key=lambda attempt: (len(attempt.stages), attempt.fraction))
-    refuted = () if task.cell.trial is not None else refuted_by_name(task, group, seeds[0])
-    status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
+    refuted = () if trial is not None else refuted_by_name(task, group, seeds[0])
     last = best.stages[-1]
     if not refuted:
-        tries = f"; {len(search.attempts)} of {len(screened.candidates)} collision-free IK solutions were tried"
+        tries = f"; {len(search.attempts)} of {len(candidates)} collision-free IK solutions were tried"
         last = replace(last, message=last.message + tries)
-    return _GroupVerdict(PickVerdict(pick, status, (*stages, *best.stages[:-1], last), tried, refuted=refuted), best)
+    return _not_good(task, (*stages, *best.stages[:-1], last), tried, refuted, best)
 
 
 def _compared(result: StageResult, search: BestFirst) -> StageResult:
@@ -161,10 +163,10 @@ def _compared(result: StageResult, search: BestFirst) -> StageResult:
     Candidates are the complete motions and those that the bound of their score excludes.
     """
     counts = {"complete": search.made, "excluded": search.excluded, "untried": search.untried}
-    compared = counts["complete"] + counts["excluded"]
+    compared = search.made + search.excluded
     notes = [f"best of {compared} candidates"] if compared > 1 else []
-    if counts["untried"]:
-        notes.append(f"{counts['untried']} more not tried within the budget")
+    if search.untried:
+        notes.append(f"{search.untried} more not tried within the budget")
     figures = {**result.figures, **{name: float(count) for name, count in counts.items()}}
     return replace(result, message="; ".join([result.message, *notes]), figures=figures)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from pinproof.collision import CollisionChecker, certify
 from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.motion import CubicPath, JointPath, TorqueLimits
+from pinproof.motion import CubicPath, Curve, JointPath, TorqueLimits
 from pinproof.picks.judging.grasp import Candidate
 from pinproof.picks.judging.motion_limits import torque_limits
 from pinproof.picks.judging.task import Task
@@ -92,9 +93,14 @@ class Line(NamedTuple):
     clearance: float = np.inf
 
 
+def control_points(dof: int, *curves: Curve | None) -> Iterator[Array]:
+    """(k, n) the Bezier control points of each curve that is not None."""
+    return (curve.bezier()[1].reshape(-1, dof) for curve in curves if curve is not None)
+
+
 def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
     """Bounds (n,) of every joint on the paths and at q (n,), from the Bezier control points."""
-    points = np.vstack([q, *(path.bezier()[1].reshape(-1, len(q)) for path in paths if path is not None)])
+    points = np.vstack([q, *control_points(len(q), *paths)])
     return points.min(axis=0), points.max(axis=0)
 
 
@@ -115,7 +121,7 @@ def along(task: Task, candidate: Candidate) -> Attempt:
 
 def line_in(task: Task, candidate: Candidate) -> Line:
     """The approach, planned from the grasp outwards, so that both lines share exactly the same configuration."""
-    end, q = task.approach_end(task.grasp(candidate.member)), candidate.q
+    end, q = task.pick.before(task.grasp(candidate.member)), candidate.q
     into = line(Stage.APPROACH, task, task.at_grasp, q, end, task.pick.approach)
     return passing(into, task.passing, q)
 
@@ -141,7 +147,7 @@ def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:
     member, q = candidate.member, candidate.q
     carrying = task.carrying(member)
     parting = task.supports(carrying, q, task.pick.support)
-    end = task.retreat_end(task.grasp(member))
+    end = task.pick.after(task.grasp(member))
     return line(Stage.RETREAT, task, carrying, q, end, task.pick.retreat, parting), parting
 
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik import Clik
 from pinproof.motion import BlendedPath, CubicPath, JointPath
-from pinproof.picks.input.pick import Member, PlaceTarget, moved
+from pinproof.picks.input.pick import Member, PlaceTarget
 from pinproof.picks.judging.configurations import configurations, least_seconds
-from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch
+from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch, out_of_reach
 from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
 from pinproof.picks.judging.motion_limits import torque_limits
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import Task, once_per_grasp
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify
 from pinproof.planning.ends import with_turns
@@ -24,20 +24,26 @@ from pinproof.planning.ends import with_turns
 Array = npt.NDArray[np.float64]
 
 
-class Scores(Protocol):
-    """The scores of the complete motions with one transit and one grasp, and their upper bounds."""
+class Scores:
+    """The scores of the complete motions with one transit and one grasp, and their upper bounds.
+
+    Here all are equal, so that the first possible place is the best.
+    """
 
     def without_lines(self, clearances: Array, seconds: Array) -> Array:
         """(m,) upper bounds for releases whose lines are not planned.
 
         ``clearances`` (m,) are those at the releases, ``seconds`` (m,) lower bounds of the time after the retreat.
         """
+        return np.zeros_like(clearances + seconds)
 
-    def with_lines(self, release: Release, seconds: float) -> float:
+    def with_lines(self, release: Release, seconds: float) -> float:  # noqa: ARG002
         """The upper bound for a release; ``seconds`` is a lower bound (s) of the transfer time."""
+        return 0.0
 
-    def placed(self, placing: Placing) -> float:
+    def placed(self, placing: Placing) -> float:  # noqa: ARG002
         """The score with a placing."""
+        return 0.0
 
 
 SLACK, SLACK_SECONDS = 1e-8, 1e-6
@@ -94,30 +100,20 @@ class _Ahead(NamedTuple):
 class Placer:
     """Plans the place of grasped objects; what does not depend on the attempt is computed once.
 
-    Parameters
-    ----------
-    task
-        The pick.
-    seed
-        Seed of the IK search at the release for arms without a closed form.
+    ``seed`` is that of the IK search at the release for arms without a closed form.
     """
 
     def __init__(self, task: Task, seed: int) -> None:
         self._task, self._seed = task, seed
-        self._releases: dict[str, Array] = {}
-        self._downs: dict[tuple[str, int], Release] = {}
-        self._ahead: dict[tuple[str, bool], _Ahead] = {}
-        self._clearances: dict[str, Array] = {}
+        self.kept: dict[tuple[Hashable, ...], Any] = {}
 
+    @once_per_grasp
     def releases(self, member: Member) -> Array:
         """(m, n) the configurations of a family member at the release; empty without a place."""
         task = self._task
         if task.place is None:
             return np.empty((0, task.arm.dof))
-        if member.words not in self._releases:
-            target = task.targets([task.release(member)])
-            self._releases[member.words] = configurations(task.arm, target, task.cell.home, self._seed)[1]
-        return self._releases[member.words]
+        return configurations(task.arm, task.targets([task.release(member)]), task.cell.home, self._seed)[1]
 
     def rest(self, member: Member, q: Array, exact: bool = True) -> Array:
         """(k,) lower bound (s) of the time from each of q (k, n), after the retreat, to the end; 0 without a place.
@@ -130,55 +126,44 @@ class Placer:
         to_end = (ahead.down + ahead.after).min(axis=1)
         return np.asarray((least_seconds(self._task.arm, q, ahead.first) + to_end).min(axis=1))
 
+    @once_per_grasp
     def _what_is_ahead(self, member: Member, exact: bool) -> _Ahead:
-        key = member.words, exact
-        if key not in self._ahead:
-            self._ahead[key] = self._find_what_is_ahead(member, exact)
-        return self._ahead[key]
-
-    def _find_what_is_ahead(self, member: Member, exact: bool) -> _Ahead:
         task, arm, here = self._task, self._task.arm, self.releases(member)
         after, asked = np.zeros(len(here)), task.place
         none = np.where(np.eye(len(here), dtype=bool), 0.0, np.inf)
         if asked is None or not len(here):
             return _Ahead(here, none, after)
         release = task.release(member)
-        above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
-        off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
-        if len(behind := every_branch(task, off, exact and asked.retreat > 0)):
+        if len(behind := every_branch(task, asked.after(release), exact and asked.retreat > 0)):
             after = least_seconds(arm, here, behind).min(axis=1)
-        if len(before := every_branch(task, above, exact and asked.approach > 0)):
+        if len(before := every_branch(task, asked.before(release), exact and asked.approach > 0)):
             return _Ahead(before, least_seconds(arm, before, here), after)
         return _Ahead(here, none, after)
 
     def _bounds(self, asked: PlaceTarget, attempt: Attempt, tried: list[int], scores: Scores) -> list[float]:
         """Upper bounds of the score through each of the releases, before their lines are planned."""
         task, member = self._task, attempt.candidate.member
-        if member.words not in self._clearances:
-            q, free_hand = self.releases(member), task.letting_go(member)
-            free = free_hand.is_free_batch(q)
-            clearances = np.where(free, np.inf, 0.0)
-            if asked.retreat > 0:  # otherwise there is no line with the empty hand, whose clearance counts
-                clearances[free] = free_hand.clearance_batch(q[free])
-            self._clearances[member.words] = clearances
-        ahead = self._what_is_ahead(member, exact=True)
+        ahead = self._what_is_ahead(member, True)
         there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
         seconds = there.min(axis=0) + ahead.after - SLACK_SECONDS
-        clearances = self._clearances[member.words] + SLACK
+        clearances = self._clearances(member, asked.retreat > 0) + SLACK
         return scores.without_lines(clearances[tried], np.maximum(seconds, 0.0)[tried]).tolist()
+
+    @once_per_grasp
+    def _clearances(self, member: Member, retreats: bool) -> Array:
+        """(m,) the clearances of the empty hand at the releases, which count if it retreats; 0 if in contact."""
+        q, free_hand = self.releases(member), self._task.letting_go(member)
+        free = free_hand.is_free_batch(q)
+        clearances = np.where(free, np.inf, 0.0)
+        if retreats:
+            clearances[free] = free_hand.clearance_batch(q[free])
+        return clearances
 
     def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Placing | None]:
         """Plan the place of a grasped object at the release that gives the best complete motion.
 
-        Parameters
-        ----------
-        attempt
-            The attempt, from home to the end of the retreat.
-        seeds
-            Seeds of the planner and of the shortening.
-        scores
-            Scores and upper bounds; neither the lines of a release nor its transfer are planned if its bound does not
-            exceed the best score.
+        ``seeds`` are those of the planner and of the shortening. Neither the lines of a release nor its transfer are
+        planned if the bound of its score does not exceed the best score.
         """
         task, member = self._task, attempt.candidate.member
         if task.place is None:
@@ -198,7 +183,7 @@ class Placer:
             if best is not None and -bound <= best[0]:
                 break
             if down is None:
-                down = self._down(task.place, member, tried[order])
+                down = self._lines(member, tried[order], task.place)
                 if down.why:
                     without_lines[order] = _failure(down)
                 else:
@@ -227,22 +212,16 @@ class Placer:
         if task.place is None:
             return True
         free = np.flatnonzero(task.letting_go(member).is_free_batch(many)).tolist() if len(many) else []
-        return any(not self._down(task.place, member, index).why for index in free)
+        return any(not self._lines(member, index, task.place).why for index in free)
 
     def _out_of_reach(self, member: Member) -> StageResult:
-        task = self._task
-        nearest = Clik().solve(task.arm, task.target(task.release(member)), task.cell.home, rng=self._seed)
-        error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
-        message = f"the release is out of reach: the nearest configuration found is {error} from it"
-        figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
-        return StageResult(Stage.PLACE, False, message, figures)
+        target = self._task.target(self._task.release(member))
+        return out_of_reach(self._task, Stage.PLACE, target, self._seed, "the release is out of reach", "it")
 
-    def _down(self, asked: PlaceTarget, member: Member, index: int) -> Release:
+    @once_per_grasp
+    def _lines(self, member: Member, index: int, asked: PlaceTarget) -> Release:
         """The lines of one of the releases."""
-        key = member.words, index
-        if key not in self._downs:
-            self._downs[key] = release_lines(self._task, asked, member, self.releases(member)[index])
-        return self._downs[key]
+        return release_lines(self._task, asked, member, self.releases(member)[index])
 
     def transfer(
         self, asked: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], *, turns: bool = True
@@ -299,14 +278,12 @@ def release_lines(task: Task, asked: PlaceTarget, member: Member, q: Array) -> R
     if not free_hand.is_free(q):
         return Release(q, 0, f"at the release: {'; '.join(contact_words(free_hand.check(q)))}")
     parting = task.supports(carrying, q, asked.support)
-    above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
-    down = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting, start="the release")
+    down = line(Stage.PLACE, task, carrying, q, asked.before(release), asked.approach, parting, start="the release")
     if not down.result.ok:
         return Release(q, DOWN, f"approach to the place: {down.result.message}")
     if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
         return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
-    off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
-    leave = line(Stage.PLACE, task, free_hand, q, off, asked.retreat, start="the release")
+    leave = line(Stage.PLACE, task, free_hand, q, asked.after(release), asked.retreat, start="the release")
     leave = passing(leave, task.passing_off(member), q)
     if not leave.result.ok:
         return Release(q, OFF, f"retreat from the place: {leave.result.message}")

@@ -24,26 +24,23 @@ Econometrica 28(3).
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.model import Arm
-from pinproof.motion import Curve, JointPath
+from pinproof.motion import JointPath
 from pinproof.picks.input.pick import Member
-from pinproof.picks.judging.configurations import TURN, at_full_speed, least_seconds
-from pinproof.picks.judging.grasp import AMPLE, Candidate, every_branch, limit_margin
-from pinproof.picks.judging.lines import Attempt, Crossing, along, full_rotations, transit
-from pinproof.picks.judging.place import Placer, Placing, Release
+from pinproof.picks.judging.configurations import TURN, at_full_speed, joint_margins, least_seconds, limit_margin
+from pinproof.picks.judging.grasp import Candidate, every_branch, score_parts, weighed
+from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, transit
+from pinproof.picks.judging.place import Placer, Placing, Release, Scores
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 
 Array = npt.NDArray[np.float64]
-
-INSTANT = 0.1
-"""Seconds that are added to durations before they are compared, so that small differences have little weight."""
 
 TURNS = range(-2, 3)
 """Numbers of full rotations at which a joint is searched within its limits."""
@@ -56,12 +53,7 @@ MANY = 64
 class Scoring:
     """The scores of complete motions from given configurations.
 
-    Parameters
-    ----------
-    bounds
-        (k,) upper bounds of the score of complete motions from each configuration, at any full rotations.
-    least
-        T_0, in seconds.
+    ``bounds`` (k,) are upper bounds of the score from each configuration, at any full rotations; ``least`` is T_0 (s).
     """
 
     task: Task
@@ -82,38 +74,26 @@ class Scoring:
         least = float(seconds.min(initial=np.inf))
         margins = _widest(task.arm, np.array([candidate.q for candidate in candidates]).reshape(-1, task.arm.dof))
         clearances = np.array([candidate.clearance for candidate in candidates])
-        volumes = np.array([candidate.parts["manipulability"] for candidate in candidates])
-        return cls(task, _sum(_parts(least, clearances, margins, volumes, seconds), task), least)
+        volumes = np.array([candidate.manipulability for candidate in candidates])
+        parts = score_parts(least, clearances, margins, volumes, seconds)
+        return cls(task, weighed(parts, task.cell.weights), least)
 
     def scores(self, clearance: float | Array, margins: Array, manipulability: float, seconds: Array) -> Array:
         """(k,) the weighted sums of the parts."""
-        return _sum(_parts(self.least, np.array(clearance), margins, np.array(manipulability), seconds), self.task)
+        parts = score_parts(self.least, np.array(clearance), margins, np.array(manipulability), seconds)
+        return weighed(parts, self.task.cell.weights)
 
     def parts(self, clearance: float, margin: float, manipulability: float, seconds: float) -> dict[str, float]:
         """The four parts (0 to 1), and their weighted sum as ``score``."""
-        arrays = (np.array(each) for each in (clearance, margin, manipulability, seconds))
-        parts = _parts(self.least, *arrays)
-        return {**{name: float(part) for name, part in parts.items()}, "score": float(_sum(parts, self.task))}
-
-
-def _parts(least: float, clearance: Array, margin: Array, manipulability: Array, seconds: Array) -> dict[str, Array]:
-    return {
-        "clearance": np.clip(clearance, 0.0, AMPLE) / AMPLE,
-        "limit_margin": margin,
-        "manipulability": manipulability,
-        "duration": (least + INSTANT) / (seconds + INSTANT),
-    }
-
-
-def _sum(parts: dict[str, Array], task: Task) -> Array:
-    weights = task.cell.weights
-    return np.asarray(sum(getattr(weights, name) * part for name, part in parts.items()))
+        parts = score_parts(self.least, *map(np.array, (clearance, margin, manipulability, seconds)))
+        parts["score"] = weighed(parts, self.task.cell.weights)
+        return {name: float(part) for name, part in parts.items()}
 
 
 def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool) -> Array:
     """(k,) lower bound (s) of the time of a complete motion with the grasp at q (k, n)."""
     arm, home, grasp = task.arm, task.cell.home[None], task.grasp(member)
-    ends = (task.approach_end(grasp), task.pick.approach), (task.retreat_end(grasp), task.pick.retreat)
+    ends = (task.pick.before(grasp), task.pick.approach), (task.pick.after(grasp), task.pick.retreat)
     before, after = (every_branch(task, pose, exact and length > 0) for pose, length in ends)
     into = least_seconds(arm, home, q)[0]
     if len(before):
@@ -125,15 +105,8 @@ def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, 
 
 def _widest(arm: Arm, q: Array) -> Array:
     """(k,) upper bound of :func:`limit_margin` for each of q (k, n), at any full rotations within the limits."""
-    limits = arm.limits
-    half = (limits.upper - limits.lower) / 2
-    best = np.full(q.shape, -np.inf)
-    for turns in TURNS:
-        at = q + turns * TURN * arm.periodic
-        with np.errstate(invalid="ignore", divide="ignore"):
-            share = np.minimum(at - limits.lower, limits.upper - at) / half
-        best = np.maximum(best, np.where(np.isfinite(share), share, 1.0))
-    return np.asarray(np.clip(best.min(axis=1, initial=1.0), 0.0, 1.0))
+    turned = (q + turns * TURN * arm.periodic for turns in TURNS)
+    return np.asarray(np.max([joint_margins(arm, at, at) for at in turned], axis=0).min(axis=1, initial=1.0))
 
 
 Key = tuple[float, int, int]
@@ -167,19 +140,10 @@ class _OpenAttempt:
 
 
 class BestFirst:
-    """The branch-and-bound search for the best motion.
+    """The branch-and-bound search for the best motion through one of the configurations at the grasp.
 
-    Parameters
-    ----------
-    task
-        The pick.
-    candidates
-        The collision-free configurations at the grasp.
-    seeds
-        Seeds of the planner and of the shortening.
-    bounded
-        Whether the search stops when no bound exceeds the best score; otherwise all motions within the budget are
-        planned.
+    ``seeds`` are those of the planner and of the shortening. Unless ``bounded``, all motions within the budget are
+    planned, not only those whose bound exceeds the best score.
     """
 
     def __init__(
@@ -337,30 +301,30 @@ class BestFirst:
         arm, (low, high) = self._task.arm, attempt.span()
         far = np.abs(attempt.entrance + shifts - self._task.cell.home)
         seconds = (far / arm.limits.velocity).max(axis=1) + self._rest(attempt)
-        seconds += sum(at_full_speed(arm, each) for each in _points([attempt.approach, attempt.retreat], arm.dof))
-        margins = limit_margin(self._task, low + shifts, high + shifts)
+        seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, attempt.approach, attempt.retreat))
+        margins = limit_margin(arm, low + shifts, high + shifts)
         clearance = min(attempt.candidate.clearance, attempt.clearance)
-        return self._scoring.scores(clearance, margins, attempt.candidate.parts["manipulability"], seconds)
+        return self._scoring.scores(clearance, margins, attempt.candidate.manipulability, seconds)
 
     def _rest(self, attempt: Attempt) -> float:
         """Lower bound (s) of the time after the retreat."""
         return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
 
 
-class _Completions:
+class _Completions(Scores):
     """The :class:`Scores` of the motions with one crossing and the lines of its attempt."""
 
     def __init__(self, scoring: Scoring, task: Task, attempt: Attempt, crossing: Crossing) -> None:
         self._scoring, self._task = scoring, task
-        self._manipulability = attempt.candidate.parts["manipulability"]
+        self._manipulability = attempt.candidate.manipulability
         self._clearance = min(attempt.candidate.clearance, attempt.clearance, crossing.clearance)
-        points = [attempt.q[None], *_points([crossing.path, attempt.line_in(), attempt.line_out()], task.arm.dof)]
+        points = [attempt.q[None], *control_points(task.arm.dof, crossing.path, attempt.line_in(), attempt.line_out())]
         self._seconds = sum(at_full_speed(task.arm, each) for each in points)
         self._low, self._high = (bound(np.vstack(points), axis=0) for bound in (np.min, np.max))
-        self._margin = limit_margin(task, self._low, self._high)
+        self._margin = limit_margin(task.arm, self._low, self._high)
 
     def before_place(self, rest: float) -> float:
-        """The upper bound with any place; ``rest`` is a lower bound (s) of the time after the retreat."""
+        """The upper bound with any place; ``rest`` (s) is a lower bound of the time after the retreat."""
         return self._score(self._clearance, self._margin, rest + self._seconds)["score"]
 
     def without_lines(self, clearances: Array, seconds: Array) -> Array:
@@ -369,7 +333,7 @@ class _Completions:
 
     def with_lines(self, release: Release, seconds: float) -> float:
         arm = self._task.arm
-        seconds += sum(at_full_speed(arm, each) for each in _points([release.lift, release.leave], arm.dof))
+        seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, release.lift, release.leave))
         return self._score(min(self._clearance, release.clearance), self._margin, seconds + self._seconds)["score"]
 
     def placed(self, placing: Placing) -> float:
@@ -380,19 +344,12 @@ class _Completions:
         if placing is None:
             return self._score(self._clearance, self._margin, self._seconds)
         arm, seconds = self._task.arm, self._seconds
-        points = [*_points([placing.transfer, placing.lift, placing.leave], arm.dof)]
+        points = [*control_points(arm.dof, placing.transfer, placing.lift, placing.leave)]
         for each in points:
             seconds += at_full_speed(arm, each)
         every = np.vstack([self._low, self._high, *points])
-        margin = limit_margin(self._task, every.min(axis=0), every.max(axis=0))
+        margin = limit_margin(arm, every.min(axis=0), every.max(axis=0))
         return self._score(min(self._clearance, placing.clearance), margin, seconds)
 
     def _score(self, clearance: float, margin: Array, seconds: float) -> dict[str, float]:
         return self._scoring.parts(clearance, float(margin), self._manipulability, seconds)
-
-
-def _points(curves: Sequence[Curve | None], n: int) -> Iterator[Array]:
-    """(k, n) the control points of each curve that is not None."""
-    for curve in curves:
-        if curve is not None:
-            yield curve.bezier()[1].reshape(-1, n)

@@ -22,17 +22,7 @@ RIM, ACROSS = 256, 32
 
 
 def grip_by_cup(cup: SuctionCup, tip: SE3, part: HeldPart) -> GripResult:
-    """Whether the face of a cup lies on a part.
-
-    Parameters
-    ----------
-    cup
-        The cup.
-    tip
-        ``tcp_from_tip``: the face is centred at the origin of the tip and faces along its z axis.
-    part
-        The part.
-    """
+    """Whether the face of a cup at the tip, ``tcp_from_tip``, lies on a part."""
     turns = np.arange(RIM) * 2 * np.pi / RIM
     rim = cup.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     cells = cup.radius * ((np.arange(ACROSS) + 0.5) * 2 / ACROSS - 1)
@@ -48,16 +38,18 @@ def grip_by_cup(cup: SuctionCup, tip: SE3, part: HeldPart) -> GripResult:
     gap = float(at_rim[np.abs(at_rim).argmax()])
     slope = np.linalg.lstsq(np.column_stack([rim, np.ones(RIM)]), at_rim, rcond=None)[0][:2]
     tilt = float(np.arctan(np.linalg.norm(slope)))
-    contact = CupContact(area, gap, tilt)
+    contact, held = CupContact(area, gap, tilt), False
     where = f"{abs(gap) * 1e3:.2f} mm {'from' if gap >= 0 else 'inside'} {part.name}"
     words = f"the rim of the cup is at most {where}, tilted by {np.degrees(tilt):.1f} deg"
     if abs(gap) > cup.gap:
-        return GripResult(False, f"{words}; at most {cup.gap * 1e3:.2f} mm is allowed", cup=contact)
-    if tilt > cup.tilt:
-        return GripResult(False, f"{words}; at most {np.degrees(cup.tilt):.1f} deg is allowed", cup=contact)
-    if not np.isfinite(at_face).all():
-        return GripResult(False, f"{part.name} has a hole under the cup, through which air would leak", cup=contact)
-    return GripResult(True, f"{words}; contact area {area * 1e6:.1f} mm^2", cup=contact)
+        message = f"{words}; at most {cup.gap * 1e3:.2f} mm is allowed"
+    elif tilt > cup.tilt:
+        message = f"{words}; at most {np.degrees(cup.tilt):.1f} deg is allowed"
+    elif not np.isfinite(at_face).all():
+        message = f"{part.name} has a hole under the cup, through which air would leak"
+    else:
+        held, message = True, f"{words}; contact area {area * 1e6:.1f} mm^2"
+    return GripResult(held, message, cup=contact)
 
 
 def _gaps(points: Array, tip: SE3, part: HeldPart) -> Array:

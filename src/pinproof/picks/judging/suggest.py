@@ -22,25 +22,23 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.picks.input.pick import ROOT, Pick, moved
+from pinproof.picks.input.pick import ROOT, Pick
 from pinproof.picks.judging.changes import (
     REMARK,
-    Candidate,
+    UPWARDS,
+    Change,
+    ChangesOf,
     Shift,
-    Shifting,
-    members,
     place_shifts,
     shifts_of,
     shorten_words,
     tilts,
     turns,
-    upwards_words,
 )
 from pinproof.picks.judging.configurations import configurations
 from pinproof.picks.judging.lines import Attempt, line_in, line_out
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult
-from pinproof.spatial import SE3
 
 Array = npt.NDArray[np.float64]
 Judge = Callable[[Pick], PickVerdict]
@@ -75,10 +73,10 @@ class _Trials:
         self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
         self._possible, self._checks = possible, CHECKS * budget
         self._seen: dict[str, bool] = {}
-        self._good: Candidate | None = None
-        self._helps: tuple[Candidate, str] | None = None
+        self._good: Change | None = None
+        self._helps: tuple[Change, str] | None = None
 
-    def good(self, candidate: Candidate) -> bool:
+    def good(self, candidate: Change) -> bool:
         """Whether the changed pick is good; also False if the budget is exhausted."""
         if candidate.words in self._seen:
             return self._seen[candidate.words]
@@ -99,7 +97,7 @@ class _Trials:
         return verdict.ok
 
     @property
-    def best(self) -> Candidate | None:
+    def best(self) -> Change | None:
         """The smallest good candidate so far."""
         return self._good
 
@@ -114,20 +112,10 @@ class _Trials:
 
 
 def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Judge) -> tuple[str, ...]:
-    """Suggestions for a pick, one line for each kind of change; empty if nothing was found.
+    """Suggestions for a pick as it was stated, one line for each kind of change; empty if nothing was found.
 
-    Parameters
-    ----------
-    task
-        The pick in its cell.
-    pick
-        The pick as it was stated.
-    failed
-        The stage that failed.
-    attempt
-        If a line failed, the attempt that passed the most stages.
-    judge
-        The verdict on a changed pick, without suggestions.
+    If a line failed, ``attempt`` is the one that passed the most stages. ``judge`` gives the verdict on a changed pick,
+    without suggestions.
     """
     budget, stage = task.cell.budget.remedies, failed.stage
     if not budget or stage in NO_SUGGESTION:
@@ -170,15 +158,14 @@ def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Tr
             break
         length = np.floor(min(line.fraction * length, length - STEP) / STEP) * STEP
 
-    def candidate(steps: int) -> Candidate:
-        words = shorten_words(key, asked, steps * STEP)
-        return Candidate(words, pick, asked - steps * STEP)
+    def to_length(steps: int) -> Change:
+        return Change(shorten_words(key, asked, steps * STEP), pick, asked - steps * STEP)
 
     low, high = round(length / STEP), int(np.ceil(asked / STEP - 1e-9))
-    if low <= 0 or not trials.good(candidate(low)):
+    if low <= 0 or not trials.good(to_length(low)):
         return trials.words()
     step = 1  # other configurations may allow more
-    while low + step < high and trials.good(candidate(low + step)):
+    while low + step < high and trials.good(to_length(low + step)):
         low, step = low + step, 2 * step
     return trials.words()
 
@@ -187,32 +174,25 @@ def _upwards(pick: Pick, stage: Stage, trials: _Trials) -> str:
     """The vertical retreat, if the retreat failed and has another direction."""
     if stage is not Stage.RETREAT or (pick.retreat_frame == ROOT and pick.retreat_direction == UP):
         return ""
-    words = upwards_words()
-    trials.good(Candidate(words, pick, 0.0))
+    trials.good(Change(UPWARDS, pick, 0.0))
     return trials.words()
 
 
 # -- screening --------------------------------------------------------------------------------------------------------
 
 
-def _screened(task: Task, candidates: list[Candidate]) -> list[Candidate]:
+def _screened(task: Task, candidates: list[Change]) -> list[Change]:
     """The candidates with a grasp that has a free configuration, also on its approach; the others are not good."""
     changed, pick = _ChangedPoses(task, candidates, "grasp"), task.pick
     fractions = FRACTIONS if task.cell.closed_form and pick.approach > 0 else ()
     at = np.arange(len(changed.owner))
     for fraction in (0.0, *fractions):
-        at = at[_has_free(task, changed.targets(partial(_on_approach, fraction))[at])]
+        at = at[_has_free(task, changed.targets(fraction)[at])]
     left = [candidates[i] for i in sorted(set(changed.owner[at].tolist()))]
     return left if task.place is None else _screened_places(task, left)
 
 
-def _on_approach(fraction: float, task: Task, root_from_tip: SE3) -> SE3:
-    """The pose of the tip at a fraction of the approach away from a grasp."""
-    pick = task.pick
-    return moved(root_from_tip, -fraction * pick.approach, pick.approach_direction, pick.approach_frame)
-
-
-def _screened_places(task: Task, candidates: list[Candidate]) -> list[Candidate]:
+def _screened_places(task: Task, candidates: list[Change]) -> list[Change]:
     """The candidates whose place is in reach."""
     changed = _ChangedPoses(task, candidates, "release")
     row, _ = configurations(task.arm, changed.targets(), task.cell.home, 0)
@@ -225,35 +205,35 @@ class _ChangedPoses:
     The changed pick is only made where more than the position changes.
     """
 
-    def __init__(self, task: Task, candidates: list[Candidate], which: Literal["grasp", "release"]) -> None:
+    def __init__(self, task: Task, candidates: list[Change], which: Literal["grasp", "release"]) -> None:
         self._task, self._which, self._count = task, which, len(candidates)
         self._changed = {i: Task(each.pick, task.cell) for i, each in enumerate(candidates) if not each.displacement}
-        counts = [len(members(self._changed.get(i, task))) for i in range(len(candidates))]
+        counts = [len(self._changed.get(i, task).nearest_group) for i in range(len(candidates))]
         self.owner = np.repeat(np.arange(len(candidates)), counts)
         rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
         shifts = [rotation @ getattr(each.displacement, which) if each.displacement else still for each in candidates]
         self._shifts = np.array(shifts).reshape(-1, 3)[self.owner]
 
-    def targets(self, pose_of: Callable[[Task, SE3], SE3] = lambda _, pose: pose) -> Array:
-        """(N, 4, 4) ``base_from_tcp`` at a pose of the tip that is derived from each of them."""
-        stated = self._of(self._task, pose_of)
-        each = (self._of(self._changed[i], pose_of) if i in self._changed else stated for i in range(self._count))
+    def targets(self, share: float = 0.0) -> Array:
+        """(N, 4, 4) ``base_from_tcp`` at each of them, or at a share of the approach before it."""
+        stated = self._of(self._task, share)
+        each = (self._of(self._changed[i], share) if i in self._changed else stated for i in range(self._count))
         found = np.concatenate([*each, np.empty((0, 4, 4))])
         found[:, :3, 3] += self._shifts
         return found
 
-    def _of(self, task: Task, pose_of: Callable[[Task, SE3], SE3]) -> Array:
+    def _of(self, task: Task, share: float) -> Array:
         at = task.grasp if self._which == "grasp" else task.release
-        return task.targets([pose_of(task, at(member)) for member in members(task)])
+        return task.targets([task.pick.before(at(member), share) for member in task.nearest_group])
 
 
 def _retreat_ends_free(task: Task, pick: Pick) -> bool:
     """Whether a free configuration was found at the end of the retreat, with the object in the hand."""
     changed = Task(pick, task.cell)
-    grasps = members(changed)
+    grasps = changed.nearest_group
     if len(grasps) > 1:  # each needs a separate checker
         return True
-    _, q = configurations(task.arm, task.targets([changed.retreat_end(changed.grasp(grasps[0]))]), task.cell.home, 0)
+    _, q = configurations(task.arm, task.targets([changed.pick.after(changed.grasp(grasps[0]))]), task.cell.home, 0)
     return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
 
 
@@ -269,7 +249,7 @@ def _has_free(task: Task, targets: Array) -> npt.NDArray[np.bool_]:
 # -- search -----------------------------------------------------------------------------------------------------------
 
 
-def _nearest(candidates: list[Candidate], trials: _Trials) -> str:
+def _nearest(candidates: list[Change], trials: _Trials) -> str:
     """The suggestion of the smallest good candidate of those that the budget allows to judge.
 
     All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then each
@@ -292,12 +272,12 @@ def _nearest(candidates: list[Candidate], trials: _Trials) -> str:
 
 def _nearest_shift(
     shifts: list[Shift],
-    shifting: Shifting,
-    screened: Callable[[list[Candidate]], list[Candidate]],
+    changes_of: ChangesOf,
+    screened: Callable[[list[Change]], list[Change]],
     trials: _Trials,
 ) -> str:
     """The result of :func:`_nearest` for shifts, bisected to whole millimetres along the direction of the best one."""
-    _nearest(screened(shifting.candidates(shifts)), trials)
+    _nearest(screened(changes_of(shifts)), trials)
     best = trials.best
     if best is not None and len(best.direction) == len(best.pick.pose.translation):
         along = np.array(best.direction, dtype=float)
@@ -306,11 +286,11 @@ def _nearest_shift(
         first = max((step for step in steps if step < last), default=0) + 1
         trials.left = max(trials.left, REFINEMENTS)
         between = [Shift(step * along, best.direction, early=False) for step in range(first, last)]
-        _bisect(shifting.candidates(between), trials)
+        _bisect(changes_of(between), trials)
     return trials.words()
 
 
-def _bisect(line: list[Candidate], trials: _Trials) -> None:
+def _bisect(line: list[Change], trials: _Trials) -> None:
     """Look for a smaller good candidate along one direction, where the larger ones are more likely to be good."""
     best = trials.best
     line = [each for each in line if best is None or each.size < best.size]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,6 @@ from pinproof.picks.input.pick import (
     Picks,
     PlaceTarget,
     family,
-    moved,
     root_from_frame,
     support_names,
 )
@@ -43,19 +43,9 @@ GRIPS_KEPT = 256
 class Cell:
     """The arm in its scene, with the checkers of the open, the closed and the closing hand.
 
-    Parameters
-    ----------
-    checker
-        The checker with the tool and the open fingers attached.
-    shared
-        The settings that the picks share.
-    home
-        (n,) the start of the transits.
-    weights, budget
-        The weights of the score and the search budget.
-    trial
-        The stage at which a pick failed, if changed picks are judged for suggestions: of these, only a good verdict or
-        a failure at a later stage counts, so that their stages need not be judged in order.
+    ``checker`` has the tool and the open fingers attached, and transits start at ``home`` (n,). ``trial`` is the stage
+    at which a pick failed, if changed picks are judged for suggestions: of these, only a good verdict or a failure at a
+    later stage counts, so that their stages need not be judged in order.
     """
 
     checker: CollisionChecker
@@ -159,15 +149,28 @@ DOWN = -0.5
 """Largest z component of the unit direction from an object to its support: within 60 degrees of straight down."""
 
 
+Owner = TypeVar("Owner", bound=Any)
+More = ParamSpec("More")
+Result = TypeVar("Result")
+
+
+def once_per_grasp(
+    compute: Callable[Concatenate[Owner, Member, More], Result],
+) -> Callable[Concatenate[Owner, Member, More], Result]:
+    """Make a method keep its result for each grasp and further arguments in the attribute ``kept`` of its object."""
+
+    @wraps(compute)
+    def kept(owner: Owner, member: Member, /, *args: More.args, **kwargs: More.kwargs) -> Result:
+        key = compute.__name__, member.words, *args, *kwargs.values()
+        if key not in owner.kept:
+            owner.kept[key] = compute(owner, member, *args, **kwargs)
+        return cast(Result, owner.kept[key])
+
+    return kept
+
+
 class Task:
     """One pick in its cell: poses, object and collision checkers for all stages.
-
-    Parameters
-    ----------
-    pick
-        The pick as stated.
-    cell
-        The cell in which it is judged.
 
     Raises
     ------
@@ -193,13 +196,9 @@ class Task:
         if pick.upright is not None and cell.budget.planner not in CONSTRAINED_PLANNERS:
             valid = ", ".join(CONSTRAINED_PLANNERS)
             raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use {valid}")
-        self.name = carried.name if isinstance(carried, Obstacle) else carried
+        self.name = pick.object_name
         self.place = None if pick.place is None else self._place_of_tip(pick.place)
-        self._carrying: dict[str, CollisionChecker] = {}
-        self._letting_go: dict[str, CollisionChecker] = {}
-        self._opening: dict[str, CollisionChecker] = {}
-        self._passing_off: dict[str, CollisionChecker] = {}
-        self._grips: dict[str, GripResult] = {}
+        self.kept: dict[tuple[Hashable, ...], Any] = {}
 
     @property
     def sampled(self) -> bool:
@@ -209,10 +208,7 @@ class Task:
 
     def groups(self) -> Iterator[list[Member]]:
         """The grasps of the family in groups of increasing displacement."""
-        axis = np.array(self.pick.approach_direction)
-        if self.pick.approach_frame != TIP:
-            axis = self.pick.pose.rotation.T @ axis
-        return family(self.pick.spin, self.pick.tolerance, axis)
+        return family(self.pick.spin, self.pick.tolerance, self.pick.axis_in(self.pick.pose))
 
     @cached_property
     def nearest_group(self) -> list[Member]:
@@ -241,22 +237,6 @@ class Task:
         """``base_from_tcp`` (N, 4, 4) for many poses of the tip."""
         return np.array([matrix(self.target(pose)) for pose in poses]).reshape(-1, 4, 4)
 
-    def approach_end(self, root_from_tip: SE3) -> SE3:
-        """``root_from_tip`` at the start of the approach to a grasp."""
-        return self.approach_to(root_from_tip, self.pick.approach)
-
-    def approach_to(self, root_from_tip: SE3, distance: float) -> SE3:
-        """``root_from_tip`` on the approach to a grasp, at a distance (m) from it."""
-        return moved(root_from_tip, -distance, self.pick.approach_direction, self.pick.approach_frame)
-
-    def retreat_end(self, root_from_tip: SE3) -> SE3:
-        """``root_from_tip`` at the end of the retreat from a grasp."""
-        return self.retreat_to(root_from_tip, self.pick.retreat)
-
-    def retreat_to(self, root_from_tip: SE3, distance: float) -> SE3:
-        """``root_from_tip`` on the retreat from a grasp, at a distance (m) from it."""
-        return moved(root_from_tip, distance, self.pick.retreat_direction, self.pick.retreat_frame)
-
     def constraints(self, member: Member) -> tuple[Upright, ...]:
         """The constraints of the tcp while the object is carried."""
         pick = self.pick
@@ -278,7 +258,7 @@ class Task:
     @cached_property
     def at_grasp(self) -> CollisionChecker:
         """The checker at the grasp, where the hand may touch the object; :meth:`grip` judges the fingers."""
-        return self.outside.allowing(*self._touching(self.outside)) if self.from_scene else self.outside
+        return self._allowing_hand(self.outside) if self.from_scene else self.outside
 
     @cached_property
     def passing(self) -> CollisionChecker | None:
@@ -294,23 +274,20 @@ class Task:
     def closing(self) -> CollisionChecker:
         """The checker while the fingers close; the hand may touch the object."""
         closing = self.cell.closing_hand
-        return closing.allowing(*self._touching(closing)) if self.from_scene else closing
+        return self._allowing_hand(closing) if self.from_scene else closing
 
     # -- the grip -----------------------------------------------------------------------------------------------------
 
+    @once_per_grasp
     def grip(self, member: Member) -> GripResult:
         """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
-        if member.words not in self._grips:
-            along = np.array(self.pick.approach_direction)
-            if self.pick.approach_frame != TIP:
-                along = self.grasp(member).rotation.T @ along
-            held = self.holding(member)
-            # picks of equal parts often have the same grasp of the part
-            key = held.name, held.shape, matrix(held.pose).tobytes(), along.tobytes()
-            self._grips[member.words] = self.cell.grips.get(key) or self._judge_grip(held, along)
-            if len(self.cell.grips) < GRIPS_KEPT:
-                self.cell.grips[key] = self._grips[member.words]
-        return self._grips[member.words]
+        along, held, known = self.pick.axis_in(self.grasp(member)), self.holding(member), self.cell.grips
+        # picks of equal parts often have the same grasp of the part
+        key = held.name, held.shape, matrix(held.pose).tobytes(), along.tobytes()
+        grip = known.get(key) or self._judge_grip(held, along)
+        if len(known) < GRIPS_KEPT:
+            known[key] = grip
+        return grip
 
     def _judge_grip(self, held: Obstacle, along: Array) -> GripResult:
         """Whether the closed hand holds the object, with the direction of the approach (3,) in the tip's axes."""
@@ -363,14 +340,12 @@ class Task:
             raise InputError(f"pick {self.pick.name!r} states no object")
         return replace(carried, pose=tip * carried.pose)
 
+    @once_per_grasp
     def carrying(self, member: Member) -> CollisionChecker:
         """The checker with the object in the hand, or with the empty tool if no object is stated."""
         if self.name is None:
             return self.outside
-        if member.words not in self._carrying:
-            full = self._without_object.with_attached(self.holding(member))
-            self._carrying[member.words] = full.allowing(*self._touching(full))
-        return self._carrying[member.words]
+        return self._allowing_hand(self._without_object.with_attached(self.holding(member)))
 
     @cached_property
     def _without_object(self) -> CollisionChecker:
@@ -378,30 +353,23 @@ class Task:
         bare = self.cell.closed_hand
         return bare.with_scene(self.scene.remove(str(self.name))) if self.from_scene else bare
 
+    @once_per_grasp
     def letting_go(self, member: Member) -> CollisionChecker:
         """The checker with the object at its place and the hand open."""
-        if member.words not in self._letting_go:
-            held = self.holding(member)
-            placed = replace(held, pose=self.release(member) * self.cell.shared.tip.actInv(held.pose))
-            others = self.scene.remove(held.name) if self.from_scene else self.scene
-            there = self.outside.with_scene(others.add(placed))
-            self._letting_go[member.words] = there.allowing(*self._touching(there))
-        return self._letting_go[member.words]
+        held = self.holding(member)
+        placed = replace(held, pose=self.release(member) * self.cell.shared.tip.actInv(held.pose))
+        others = self.scene.remove(held.name) if self.from_scene else self.scene
+        return self._allowing_hand(self.outside.with_scene(others.add(placed)))
 
+    @once_per_grasp
     def passing_off(self, member: Member) -> CollisionChecker | None:
         """The checker of :attr:`passing` for the object at its place."""
-        if not self.cell.fingers:
-            return None
-        if member.words not in self._passing_off:
-            self._passing_off[member.words] = self._passing(self.letting_go(member).scene[str(self.name)])
-        return self._passing_off[member.words]
+        return self._passing(self.letting_go(member).scene[str(self.name)]) if self.cell.fingers else None
 
+    @once_per_grasp
     def opening(self, member: Member) -> CollisionChecker:
         """The checker while the fingers open at the place."""
-        if member.words not in self._opening:
-            there = self.cell.closing_hand.with_scene(self.letting_go(member).scene)
-            self._opening[member.words] = there.allowing(*self._touching(there))
-        return self._opening[member.words]
+        return self._allowing_hand(self.cell.closing_hand.with_scene(self.letting_go(member).scene))
 
     def supports(
         self, checker: CollisionChecker, q: Array, stated: str | Sequence[str] | None
@@ -431,10 +399,11 @@ class Task:
         ]
         return any((found[:, 2] < DOWN).any() for found in directions)
 
-    def _touching(self, checker: CollisionChecker) -> list[tuple[str, str]]:
-        """The pairs of the object and the hand."""
+    def _allowing_hand(self, checker: CollisionChecker) -> CollisionChecker:
+        """The checker in which the hand may touch the object."""
         swept = (body.name for bodies in self.cell.swept.values() for body in bodies)
-        return [(each, str(self.name)) for each in (*self.cell.hand, *swept) if each in checker.obstacles_and_links]
+        there = checker.obstacles_and_links
+        return checker.allowing(*((each, str(self.name)) for each in (*self.cell.hand, *swept) if each in there))
 
     def _passing(self, part: Obstacle) -> CollisionChecker:
         checker = self.outside.with_scene(replace(self.scene, obstacles=(part,), allowed=(), disabled=()))

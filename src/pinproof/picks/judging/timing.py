@@ -34,6 +34,9 @@ from pinproof.planning.moving_ends import MovingEnds
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
 
 
+Curves = tuple[JointPath | BlendedPath | CubicPath, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Timed:
     """The motions of a complete pick, and the times (s) of the grasp and the release."""
@@ -49,7 +52,7 @@ class MotionPart:
     """A part of a pick's motion before it is timed: its curves, and the conditions under which it is certified."""
 
     name: str
-    curves: tuple[JointPath | BlendedPath | CubicPath, ...]
+    curves: Curves
     checker: CollisionChecker
     parting: Pairs = ()
     backwards: bool = False
@@ -68,9 +71,6 @@ def time_motion(
 ) -> tuple[StageResult, Timed | None]:
     """Time and certify all parts of a motion."""
     motions: list[PickMotion] = []
-    trajectories: list[Trajectory] = []
-    until_grasp: list[Trajectory] = []
-    until_release: list[Trajectory] = []
     try:
         timing = _PartsTiming(task, motion_parts(task, attempt, path, placing), attempt.candidate.member)
         if task.cell.budget.motion > 0:
@@ -80,17 +80,12 @@ def time_motion(
             if motion is None:
                 return StageResult(Stage.TIMING, False, f"{part.name}: {why}"), None
             motions.append(motion)
-            trajectory = motion.trajectory
-            trajectories.append(trajectory)
-            if part.name == "pick":
-                until_grasp = timing.trajectories(number)[: 1 + (attempt.approach is not None)]
-            elif part.name in ("transit", "approach"):
-                until_grasp = [*trajectories]
-            elif part.name in ("transfer", "place"):
-                until_release = [*trajectories]
-        grasp_time = _joined_duration(until_grasp)
-        release_time = _joined_duration(until_release) if until_release else None
-        joined = Trajectory.join(*trajectories)
+        if task.name is None:
+            until_grasp = timing.trajectories(0)[: 1 + (attempt.approach is not None)]
+        else:
+            until_grasp = [each.trajectory for each in motions if each.name in ("transit", "approach")]
+        until_release = [each.trajectory for each in motions if each.name != "leave"]
+        joined = Trajectory.join(*(each.trajectory for each in motions))
     except TimingError as error:
         return StageResult(Stage.TIMING, False, str(error)), None
     pairs = max(motion.certificate.pairs for motion in motions)
@@ -103,7 +98,9 @@ def time_motion(
         torque = f"{peak.torque:.3g} {peak.unit} of {peak.joint}, {100 * share:.0f} % of its limit"
         message += f"; largest torque {torque}, in {name}"
         figures["torque_share"] = share
-    return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
+    release_time = None if placing is None else _joined_duration(until_release)
+    timed = Timed(tuple(motions), joined, _joined_duration(until_grasp), release_time)
+    return StageResult(Stage.TIMING, True, message, figures), timed
 
 
 def _joined_duration(parts: list[Trajectory]) -> float:
@@ -291,28 +288,30 @@ def _with_wider_margins(checker: CollisionChecker, name: str, by: float, kept: P
     return checker.with_margin(checker.margin, margins)
 
 
-def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
-    """The part of a motion, with the checker and the conditions under which it is certified."""
-    one = task.name is None
-    parts = ("pick", "transit", "approach", "retreat") if one else PARTS
-    if name not in parts:
-        what = "without an object" if one else f"with object {task.name!r}"
-        raise InputError(f"the program has a motion {name!r}, which does not exist in a pick {what}")
-    if one or name == "transit":
-        return MotionPart(name, (), task.outside)
+def part_of(task: Task, member: Member, name: str, curves: Curves = (), parting: Pairs = ()) -> MotionPart:
+    """A part of a motion with the conditions under which it is certified; ``parting`` if it begins or ends at rest."""
+    if task.name is None or name == "transit":
+        return MotionPart(name, curves, task.outside)
     if name == "approach":
-        return MotionPart(name, (), task.at_grasp, passing=task.passing)
+        return MotionPart(name, curves, task.at_grasp, passing=task.passing)
     if name == "leave":
-        return MotionPart(name, (), task.letting_go(member), passing=task.passing_off(member))
+        return MotionPart(name, curves, task.letting_go(member), passing=task.passing_off(member))
     carrying, kept = task.carrying(member), task.constraints(member)
+    return MotionPart(name, curves, carrying, parting, backwards=name == "place", constraints=kept)
+
+
+def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
+    """The part of a motion that is timed already, with the supports that the object leaves or reaches."""
+    parts = ("pick", "transit", "approach", "retreat") if task.name is None else PARTS
+    if name not in parts:
+        what = "without an object" if task.name is None else f"with object {task.name!r}"
+        raise InputError(f"the program has a motion {name!r}, which does not exist in a pick {what}")
+    part, place = part_of(task, member, name), task.pick.place
     if name == "retreat":
-        parting = task.supports(carrying, trajectory.start, task.pick.support)
-        return MotionPart(name, (), carrying, parting, constraints=kept)
-    if name == "place":
-        stated = None if task.place is None else task.place.support
-        parting = task.supports(carrying, trajectory.end, stated)
-        return MotionPart(name, (), carrying, parting, backwards=True, constraints=kept)
-    return MotionPart(name, (), carrying, constraints=kept)
+        return replace(part, parting=task.supports(part.checker, trajectory.start, task.pick.support))
+    if name == "place" and place is not None:
+        return replace(part, parting=task.supports(part.checker, trajectory.end, place.support))
+    return part
 
 
 def motion_parts(
@@ -324,28 +323,22 @@ def motion_parts(
     between them, instead of one.
     """
     line_in, line_out = attempt.line_in(), attempt.line_out()
-    into = () if line_in is None else (line_in.reversed(),)
-    out = () if line_out is None else (line_out,)
-    if task.name is None and separate:
-        own = [("transit", (path,)), ("approach", into), ("retreat", out)]
-        return [MotionPart(name, curves, task.outside) for name, curves in own if curves]
-    if task.name is None:  # without an object one proof covers the complete motion
-        lines = ("transit", *("approach" for _ in into), *("retreat" for _ in out))
-        return [MotionPart("pick", (path, *into, *out), task.outside, lines=lines)]
+    curves: dict[str, Curves] = {
+        "transit": (path,),
+        "approach": () if line_in is None else (line_in.reversed(),),
+        "retreat": () if line_out is None else (line_out,),
+    }
+    if task.name is None and not separate:  # without an object one proof covers the complete motion
+        lines = tuple(stage for stage, own in curves.items() for _ in own)
+        return [MotionPart("pick", tuple(curve for own in curves.values() for curve in own), task.outside, lines=lines)]
+    parting = {"retreat": attempt.parting}
+    if placing is not None:
+        curves["transfer"] = (placing.transfer,)
+        curves["place"] = () if placing.lift is None else (placing.lift.reversed(),)
+        curves["leave"] = () if placing.leave is None else (placing.leave,)
+        parting["place"] = placing.parting
     member = attempt.candidate.member
-    carrying, kept = task.carrying(member), task.constraints(member)
-    parts = [MotionPart("transit", (path,), task.outside)]
-    parts += [MotionPart("approach", into, task.at_grasp, passing=task.passing)] if into else []
-    parts += [MotionPart("retreat", out, carrying, attempt.parting, constraints=kept)] if out else []
-    if placing is None:
-        return parts
-    parts.append(MotionPart("transfer", (placing.transfer,), carrying, constraints=kept))
-    if placing.lift is not None:
-        lowering = (placing.lift.reversed(),)
-        parts.append(MotionPart("place", lowering, carrying, placing.parting, backwards=True, constraints=kept))
-    if placing.leave is not None:
-        parts.append(MotionPart("leave", (placing.leave,), task.letting_go(member), passing=task.passing_off(member)))
-    return parts
+    return [part_of(task, member, name, own, parting.get(name, ())) for name, own in curves.items() if own]
 
 
 def prove_part(part: MotionPart, trajectory: Trajectory, joint_tolerance: float = 0.0) -> Certificate:

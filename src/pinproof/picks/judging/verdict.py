@@ -253,14 +253,18 @@ class PickVerdict:
         TrajectoryError
             If the file cannot be written.
         """
-        if self.trajectory is None:
-            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion")
+        trajectory = self._motion()
         records: list[MotionRecord] = []
         for part in self.motions:
             start = records[-1].end if records else 0.0
             name = part.name if len(self.motions) > 1 else "motion"
             records.append(part.certificate.motion_record(name, start, start + part.trajectory.duration))
-        self.trajectory.with_records(records).save(path)
+        trajectory.with_records(records).save(path)
+
+    def _motion(self) -> Trajectory:
+        if self.trajectory is None:
+            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion")
+        return self.trajectory
 
     def program(
         self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0, robot: str = "", tcp: str = ""
@@ -279,16 +283,14 @@ class PickVerdict:
         InputError
             If the pick is not good and therefore has no motion, or a dwell time is negative.
         """
-        if self.trajectory is None or self.grasp_time is None:
-            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion")
+        self._motion()
         if self.intercept is not None:
             raise InputError(
                 f"pick {self.pick.name!r} takes its part from a moving conveyor, whose clock a program does not have; "
                 "save the motion instead (save_motion)"
             )
-        carried = self.pick.carried
-        name = (carried.name if isinstance(carried, Obstacle) else carried) or ""
-        pending = [("grip", _clock(self.grasp_time), grip_dwell)]
+        name = self.pick.object_name or ""
+        pending = [("grip", _clock(self.grasp_time or 0.0), grip_dwell)]
         if self.release_time is not None:
             pending.append(("release", _clock(self.release_time), release_dwell))
         segments: list[ProgramSegment] = []

@@ -38,29 +38,6 @@ from pinproof.viewer.stage import DrawnLink, Stage, box_corners, set_stage, simp
 from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
 from pinproof.viewer.wire import Commands, node_path, transform_command
 
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of verdict: its colour and its meaning in one sentence."""
-
-    css: str
-    means: str
-
-    @property
-    def rgb(self) -> tuple[float, float, float]:
-        """The red, green and blue components, each from 0 to 1."""
-        r, g, b = (int(self.css[k : k + 2], 16) / 255 for k in (1, 3, 5))
-        return r, g, b
-
-
-KINDS = {
-    "good": Kind(VERDICT_COLOURS["good"], "Every stage is passed, and the motion is proven."),
-    "impossible": Kind(VERDICT_COLOURS["impossible"], "Every configuration was enumerated, and each is refuted."),
-    "not found": Kind(VERDICT_COLOURS["not found"], "No solution was found within the budget; there may be one."),
-    "unreadable": Kind(VERDICT_COLOURS["unreadable"], "The row could not be read."),
-    "crashed": Kind(VERDICT_COLOURS["crashed"], "The pick could not be judged."),
-}
-
 DETAILS = ("stages", "motions", "refuted")
 
 MOST_DETAILS = 2_000_000
@@ -227,20 +204,10 @@ SHOWN_POINTS = 4000
 
 @dataclass(frozen=True, eq=False)
 class PageMotions:
-    """The motions of a page.
+    """The motions of a page: one film per verdict, None without a motion, and the carried bodies of each film by name.
 
-    Parameters
-    ----------
-    stage
-        The drawn arm, tool and obstacles.
-    scene
-        The obstacles around the arm; a carried obstacle is animated in place, not drawn twice.
-    films
-        One film per verdict; None if there is no motion.
-    bodies
-        The carried bodies of each film by name; drawn only if the scene has no obstacle with that name.
-    notes
-        What was changed for display, in sentences.
+    A carried body that is an obstacle of the scene is animated in place, not drawn twice. ``notes`` state what was
+    changed for display, in sentences.
     """
 
     stage: Stage
@@ -391,22 +358,10 @@ class PageRow:
 
 @dataclass(frozen=True)
 class PageContent:
-    """What a page shows.
+    """What a page shows: the rows in order, their total number, and the number with each verdict.
 
-    Parameters
-    ----------
-    rows
-        The rows in order; the page shows the first :data:`MOST_ROWS`.
-    total
-        The number of rows.
-    verdicts
-        The number of rows with each verdict.
-    summary
-        One line on all rows.
-    notes
-        What the verdicts do not cover, in sentences.
-    acceleration_source
-        The origin of the acceleration limits of the timing.
+    ``summary`` is one line on all rows, ``notes`` state what the verdicts do not cover, and ``acceleration_source`` is
+    the origin of the acceleration limits of the timing.
     """
 
     rows: Iterable[PageRow]
@@ -427,20 +382,10 @@ def write_page(
     picks: Picks | None = None,
     title: str | None = None,
 ) -> None:
-    """Write the page of a report or of a campaign.
+    """Write the page of a report or of a campaign, completely or not at all.
 
-    Parameters
-    ----------
-    path
-        The file; it is written completely or not at all.
-    content
-        What the page shows.
-    setup
-        What the picks were judged with, if it is known.
-    arm, scene, picks
-        The arm, the scene, and the tool and home that the picks share. By default those of ``setup``.
-    title
-        The title of the page; the default is the name of the robot.
+    The arm, the scene, and the tool and home that the picks share are by default those of ``setup``, with which the
+    picks were judged. The default of the title is the name of the robot.
 
     Raises
     ------
@@ -499,9 +444,9 @@ def _render(
     commands = stage_commands(stage, rest, view)
     _draw_open_hand(commands, stage, home, picks)
     marked = [k for k, at in enumerate(placed) if at is not None]
-    names = list(KINDS)
-    colour_of = [names.index(rows[k].values["verdict"]) if rows[k].values["verdict"] in KINDS else -1 for k in marked]
-    markers = PoseMarkers(grasps, np.array(colour_of, dtype=np.int64), tuple(kind.rgb for kind in KINDS.values()))
+    index_of = {name: index for index, name in enumerate(VERDICT_COLOURS)}
+    colour_of = np.array([index_of.get(rows[k].values["verdict"], -1) for k in marked], dtype=np.int64)
+    markers = PoseMarkers(grasps, colour_of, tuple(map(_rgb, VERDICT_COLOURS.values())))
     details = (entry(row.values, row.verdict, arm, scene, picks, guessed=guessed) for row in rows)
     entries, shortened = without_more_details(details)
     if shortened:
@@ -510,7 +455,7 @@ def _render(
     settings = {
         **view.settings(),
         "entries": entries,
-        "kinds": {name: kind.css for name, kind in KINDS.items()},
+        "kinds": VERDICT_COLOURS,
         "marked": marked,
         "markers": markers.settings(commands),
         "motions": motions.add_to(commands),
@@ -531,13 +476,19 @@ def _render(
 
 def _chips(kinds: Mapping[str, int]) -> str:
     """A button for each verdict that occurs, with its colour and number of rows; it filters the table."""
-    known = [name for name in KINDS if kinds.get(name)] + [name for name in kinds if name not in KINDS]
+    known = [name for name in dict.fromkeys((*VERDICT_COLOURS, *kinds)) if kinds.get(name)]
     return "".join(
         f'<button type="button" class="chip" data-verdict="{escape(name)}" aria-pressed="false">'
-        f'<span class="swatch" style="background:{KINDS[name].css if name in KINDS else "#51606f"}"></span>'
+        f'<span class="swatch" style="background:{VERDICT_COLOURS.get(name, "#51606f")}"></span>'
         f"{kinds[name]:,} {escape(name)}</button>"
         for name in known
     )
+
+
+def _rgb(css: str) -> tuple[float, float, float]:
+    """The red, green and blue components of a CSS colour, each from 0 to 1."""
+    r, g, b = (int(css[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return r, g, b
 
 
 def _items(texts: Iterable[str]) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,15 +15,14 @@ import numpy as np
 from pinproof.collision import Certificate, Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
-from pinproof.common.files import csv_text, file_stems, json_text, unknown_suffix, write_text_whole
-from pinproof.errors import InputError
+from pinproof.common.files import csv_text, file_stems, json_text, save_as
 from pinproof.model import Arm
 from pinproof.model.limits import guess_note
 from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import PickProblem, Picks
 from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickMotion, PickVerdict, StageResult
+from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.picks.report.report_keys import SCHEMA
 from pinproof.spatial import xyz_rpy
 
@@ -30,17 +30,12 @@ if TYPE_CHECKING:
     from pinproof.picks.report.page import PageContent
 
 
-def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
-    """The certificates of a verdict, one for each part of its motion; empty unless the pick is good."""
-    return tuple(motion.certificate for motion in verdict.motions)
-
-
 def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
     """A verdict as plain values for JSON; lengths in metres, angles in radians, times in seconds.
 
     A clearance of None with a number under ``pairs_proven`` is unbounded: no pair of bodies can touch.
     """
-    certificates, trajectory, pick = proofs(verdict), verdict.trajectory, verdict.pick
+    certificates, trajectory, pick = [each.certificate for each in verdict.motions], verdict.trajectory, verdict.pick
     placed = [float(value) + 0.0 for value in xyz_rpy(pick.pose)]  # + 0.0: no negative zeros
     left_out = dict.fromkeys((*pair.owners, pair.reason) for each in certificates for pair in each.excluded)
     return {
@@ -72,8 +67,8 @@ def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
 
 def problem_row(problem: PickProblem) -> dict[str, Any]:
     """A row of the picks file that could not be read, as plain values for JSON."""
-    row = {"name": problem.name, "verdict": "unreadable", "failed_at": "input", "reason": problem.reason}
-    return {**row, "row": problem.row}
+    judged = {"verdict": PickStatus.UNREADABLE.value, "failed_at": Stage.INPUT.value}
+    return {"name": problem.name, **judged, "reason": problem.reason, "row": problem.row}
 
 
 def _stage(result: StageResult) -> dict[str, Any]:
@@ -83,18 +78,7 @@ def _stage(result: StageResult) -> dict[str, Any]:
 
 def _grip(grip: GripResult) -> dict[str, Any]:
     """How a part is held, as plain values; lengths in metres, areas in square metres."""
-    contacts = [
-        {
-            "finger": each.finger,
-            "closing_direction": list(each.closing_direction),
-            "contact_area": each.contact_area,
-            "overlap": each.overlap,
-            "gap": _finite(each.gap),
-            "open_distance": each.open_distance,
-            "closed_distance": each.closed_distance,
-        }
-        for each in grip.contacts
-    ]
+    contacts = [{**asdict(each), "gap": _finite(each.gap)} for each in grip.contacts]
     cup = None if grip.cup is None else {key: _finite(value) for key, value in asdict(grip.cup).items()}
     return {"contacts": contacts, "tip_distance": grip.tip_distance, "cup": cup}
 
@@ -112,7 +96,7 @@ def _motion(motion: PickMotion) -> dict[str, Any]:
     }
 
 
-def _proven(certificates: tuple[Certificate, ...]) -> dict[str, Any]:
+def _proven(certificates: Sequence[Certificate]) -> dict[str, Any]:
     """The combined values of certificates."""
     return {
         "clearance_proven": _least([each.clearance for each in certificates]),
@@ -207,12 +191,8 @@ class PickReport:
     def summary(self) -> str:
         """One line: the number of good picks, and the stages at which the others fail."""
         total = len(self.verdicts) + len(self.problems) + self.not_judged
-        stages: dict[str, int] = {}
-        for verdict in self.verdicts:
-            if verdict.failed is not None:
-                stages[verdict.failed.value] = stages.get(verdict.failed.value, 0) + 1
-        if self.problems:
-            stages["input"] = stages.get("input", 0) + len(self.problems)
+        stages = Counter(verdict.failed.value for verdict in self.verdicts if verdict.failed is not None)
+        stages += Counter(input=len(self.problems))
         failed = ", ".join(f"{count} at {stage}" for stage, count in stages.items())
         left = f"; {self.not_judged} not judged, because the run was interrupted" if self.not_judged else ""
         return f"{len(self.good)} of {total} picks good" + (f"; failed: {failed}" if failed else "") + left
@@ -221,8 +201,7 @@ class PickReport:
         """The rows of the table with the columns :data:`COLUMNS`; unreadable rows are last."""
         table: list[tuple[str, ...]] = []
         for verdict in self.verdicts:
-            clearances = [certificate.clearance for certificate in proofs(verdict)]
-            clearance = proven_millimetres(min(clearances)) if clearances else ""
+            clearance = proven_millimetres(verdict.clearance) if verdict.motions else ""
             duration = "" if verdict.trajectory is None else f"{verdict.trajectory.duration:.2f} s"
             stage = "" if verdict.failed is None else verdict.failed.value
             first = (verdict.pick.name, verdict.status.value, stage, clearance, duration)
@@ -297,15 +276,13 @@ class PickReport:
         FileError
             If the file cannot be written.
         """
-        kind = Path(path).suffix.lower()
-        if kind not in REPORT_SUFFIXES:
-            raise InputError(f"{path}: {unknown_suffix(Path(path), REPORT_SUFFIXES)}")
-        if kind == ".html":
+
+        def page() -> None:
             from pinproof.picks.report.page import write_page
 
             write_page(path, self._page_content(), self.setup, arm=arm, scene=scene, picks=picks, title=title)
-        else:
-            write_text_whole(path, TEXTS[kind](self))
+
+        save_as(path, {**{suffix: partial(text, self) for suffix, text in TEXTS.items()}, ".html": page})
 
     def programs(self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0) -> tuple[MotionProgram, ...]:
         """The programs of the good picks, with the dwell times of :meth:`pinproof.picks.PickVerdict.program`."""
@@ -356,15 +333,13 @@ REPORT_SUFFIXES = (*TEXTS, ".html")
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:
     """The values of a row by column."""
-    placed = zip(POSE_COLUMNS, (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)
     score = {name if name == "score" else f"{name}_part": value for name, value in row.get("score", {}).items()}
-    motions = " ".join(motion["name"] for motion in row.get("motions", ()))
     return {
         **row,
-        **dict(placed),
+        **dict(zip(POSE_COLUMNS, (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)),
         "score": None,
         **score,
-        "motions": motions,
+        "motions": " ".join(motion["name"] for motion in row.get("motions", ())),
         "refuted": "\n".join(row.get("refuted", ())),
     }
 

@@ -127,7 +127,7 @@ class JointLimits:
             raise InputError("torque limits must be above 0 (NaN where not known)")
         if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
             raise InputError(
-                f"limits.lower must be at most limits.upper, and both must be numbers, not {self.lower} and {self.upper}"
+                f"limits.lower must be at most limits.upper, both numbers, not {self.lower} and {self.upper}"
             )
         if (self.velocity <= 0).any() or (self.acceleration <= 0).any():
             raise InputError("velocity and acceleration limits must be above 0 (NaN where not known)")

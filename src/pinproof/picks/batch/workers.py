@@ -411,8 +411,8 @@ def do_chunks(
 ) -> Generator[Outcome, None, None]:
     """Run ``task(start, part(start, stop))`` for chunks that cover the ranges; yields in order of completion.
 
-    The task, which is sent to each worker once, and the parts must be picklable. ``executor`` may also be local processes
-    to keep. The other arguments are those of :meth:`pinproof.picks.Campaign.run`.
+    The task, which is sent to each worker once, and the parts must be picklable. ``executor`` may also be local
+    processes to keep. The other arguments are those of :meth:`pinproof.picks.Campaign.run`.
 
     Raises
     ------

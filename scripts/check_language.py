@@ -75,13 +75,13 @@ def markdown_texts() -> Iterator[Text]:
 def python_texts() -> Iterator[Text]:
     """Docstrings, and string literals with at least three words."""
     for file in sorted((ROOT / "src").rglob("*.py")):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
         docstrings = {
             id(node.value)
-            for node in ast.walk(tree)
+            for node in nodes
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
         }
-        for node in ast.walk(tree):
+        for node in nodes:
             if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
                 continue
             if id(node) in docstrings:

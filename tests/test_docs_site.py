@@ -18,10 +18,14 @@ DOCS = ROOT / "docs"
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The manual, built with the options of scripts/docs."""
+    """The manual, built with the options of scripts/docs, but without two costly details that give no warnings.
+
+    Names in the tables of contents and typographic quotes take a quarter of the time.
+    """
     out = tmp_path_factory.mktemp("site")
     build = [sys.executable, "-m", "sphinx", "--quiet", "--fail-on-warning", "--keep-going", "--builder", "html"]
-    done = subprocess.run([*build, DOCS, out], capture_output=True, text=True, check=False)
+    plain = ["-D", "toc_object_entries=0", "-D", "smartquotes=0"]
+    done = subprocess.run([*build, *plain, DOCS, out], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return out
 

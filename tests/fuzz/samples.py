@@ -286,7 +286,8 @@ def _picks(path: Path) -> object:
 
 
 def yaml_text(tree: Any) -> str:
-    return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # ten times faster, if PyYAML contains libyaml
+    return yaml.dump(tree, Dumper=dumper, sort_keys=False, allow_unicode=True, default_flow_style=None)
 
 
 READERS: dict[str, Callable[[Path], object]] = {

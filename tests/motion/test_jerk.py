@@ -28,7 +28,7 @@ def at_rest(trajectory):
 
 
 @pytest.mark.slow
-@examples(60)
+@examples(40)
 @given(problems(size=st.just(1.0)), rise_times)
 def test_straight_paths_keep_their_jerk_limits(problem, rise):
     path, limits = problem

@@ -108,7 +108,7 @@ def test_start_is_goal_takes_no_time(path):
 
 
 @pytest.mark.slow
-@examples(40)
+@examples(30)
 @given(smooth_problems())
 def test_timing_keeps_the_image_and_the_limits_of_smooth_paths(problem):
     path, limits = problem
@@ -121,7 +121,7 @@ def test_timing_keeps_the_image_and_the_limits_of_smooth_paths(problem):
 
 
 @pytest.mark.slow
-@examples(40)
+@examples(30)
 @given(rounded_problems())
 def test_rounded_corners_are_run_through_within_limits_and_corners_that_are_left_are_stops(problem):
     straight, path, limits = problem

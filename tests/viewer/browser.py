@@ -191,6 +191,12 @@ class Page:
             path.write_bytes(data)
         return _pixels(data)
 
+    def canvas_size(self) -> int:
+        """Pixels of the canvas."""
+        canvas = "pinproof.viewer.renderer.domElement"
+        size: int = self.evaluate(f"{canvas}.width * {canvas}.height")
+        return size
+
     def link_pixels(self) -> dict[str, int]:
         """Pixels of the canvas that belong to each link: one flat colour a link, everything else black, nothing lit."""
         names = self.evaluate(PAINT_LINKS)
@@ -218,6 +224,7 @@ COLOUR_STEP = 0x040302  # neighbours differ in every channel, and blends at edge
 PAINT_LINKS = f"""(() => {{
   const viewer = pinproof.viewer, THREE = MeshCat.THREE;
   viewer.animator.pause();
+  viewer.renderer.shadowMap.enabled = false;
   const flat = (color) => new THREE.MeshBasicMaterial({{ color, side: THREE.DoubleSide, fog: false }});
   const black = flat(0);
   viewer.scene.background = new THREE.Color(0);

@@ -91,6 +91,8 @@ def test_every_layer_can_be_switched_off_and_on_again(page: Page) -> None:
     assert names == ["robot", "collision", "scene", "path", "sweep", "ghosts", "frames", "contact"]
     shown = page.evaluate("pinproof.settings.layers.filter((layer) => layer.shown).map((layer) => layer.name)")
     assert shown == ["robot", "scene", "path", "sweep", "ghosts", "frames", "contact"]
+    page.send("Emulation.setDeviceMetricsOverride", width=400, height=300, deviceScaleFactor=1, mobile=False)
+    page.wait_for("document.querySelector('canvas').clientWidth === 400")
     before = page.canvas()
     for name in names:
         switch(page, name)
@@ -98,6 +100,7 @@ def test_every_layer_can_be_switched_off_and_on_again(page: Page) -> None:
         assert (np.abs(after.astype(int) - before).max(axis=2) > 8).sum() > 25, name
         switch(page, name)
         assert np.array_equal(page.canvas(), before), name
+    page.send("Emulation.setDeviceMetricsOverride", width=740, height=400, deviceScaleFactor=1, mobile=False)
 
 
 def test_ghosts_are_drawn_at_their_configurations_and_equal_ones_once(page: Page) -> None:

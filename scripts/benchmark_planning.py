@@ -3,7 +3,8 @@
 
 python scripts/benchmark_planning.py                         our scenes; prints the table, as `pinproof bench plan` does
 python scripts/benchmark_planning.py --mbm FOLDER            also MotionBenchMaker problems
-python scripts/benchmark_planning.py --mbm FOLDER --docs     runs both and rewrites docs/benchmarks/planning.*
+python scripts/benchmark_planning.py --mbm FOLDER --mplib PYTHON --docs   both, with MPlib in the environment of that
+                                                             Python, and rewrites docs/benchmarks/planning.*
 python scripts/benchmark_planning.py --mbm FOLDER --motion --docs   durations of motions to the goal poses
 python scripts/benchmark_planning.py --render                rewrites the page and the plot from planning.json
 
@@ -17,6 +18,7 @@ import argparse
 from pathlib import Path
 
 from benchmark_page import FOLDER, page_parser, report, run
+from mplib_peer import mplib_method
 
 from pinproof.benchmarks import (
     MotionTable,
@@ -27,6 +29,7 @@ from pinproof.benchmarks import (
     plan_markdown,
     write_plan_table,
 )
+from pinproof.benchmarks.plan_peers import PEERS
 from pinproof.benchmarks.plan_problems import OWN_ROBOTS
 
 STORED, MOTIONS = FOLDER / "planning.json", FOLDER / "motion.json"
@@ -36,7 +39,8 @@ def measure(options: argparse.Namespace) -> PlanTable | MotionTable:
     """Return the table of the planners, or that of the durations of motions."""
     common = {"robot": options.robot, "sets": options.set, "problems": options.problems, "seed": options.seed}
     if not options.motion:
-        more = {"repeats": options.repeats, "peers": not options.no_peers}
+        peers = () if options.no_peers else (*PEERS, *map(mplib_method, options.mplib))
+        more = {"repeats": options.repeats, "peers": peers}
         return plan_benchmark(options.robots or OWN_ROBOTS, mbm=options.mbm, **more, **common, on_progress=report)
     if options.mbm is None:
         raise SystemExit("--motion needs --mbm")
@@ -66,5 +70,8 @@ if __name__ == "__main__":
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
     parser.add_argument("--repeats", type=int, default=1, help="runs per problem; the fastest counts")
     parser.add_argument("--no-peers", action="store_true", help="leave out other planners")
+    parser.add_argument(
+        "--mplib", action="append", default=[], metavar="PYTHON", help="a Python with MPlib, to include it"
+    )
     parser.add_argument("--motion", action="store_true", help="durations of motions to the goal poses of --mbm")
     run(parser, "planning", PlanTable, measure, page, write)

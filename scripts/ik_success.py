@@ -13,7 +13,7 @@ from pinproof.benchmarks import IkTable
 from pinproof.benchmarks.ik_methods import OWN_METHODS, Part, select_methods
 from pinproof.benchmarks.ik_run import WARM_UP, check_answers, load_arm, random_targets, timed_batch
 from pinproof.benchmarks.ik_table import percent
-from pinproof.benchmarks.tables import NotApplicableError, markdown_table, wrapped
+from pinproof.benchmarks.tables import NotApplicableError, row_table, wrapped
 from pinproof.description import catalogue_names
 from pinproof.errors import PinproofError
 from pinproof.ik.windings import difference
@@ -77,7 +77,7 @@ def success_rates(
     for name in robots or catalogue_names():
         arm = load_arm(name, limits_pi)
         targets = random_targets(arm, samples, seed)
-        for method in select_methods(tuple(methods), OWN_METHODS):
+        for method in select_methods(methods, OWN_METHODS):
             report(f"{name}: {method.label}, {samples} targets")
             try:
                 prepared = method.prepare(arm, Part("random", "pose", True))
@@ -118,16 +118,12 @@ def success_markdown(rows: Sequence[SuccessRow]) -> str:
         f"{rows[0].samples:,} random configurations per arm, full poses, one thread. Recovered is the share of targets "
         "for which the configuration that generated the target is among the answers."
     )
-    cells = [
-        [
-            row.robot,
-            row.label,
-            percent(row.success),
-            str(row.false_positives),
-            f"{row.batch_us:.2f}",
-            "" if row.recovered is None else percent(row.recovered),
-        ]
-        for row in rows
-    ]
-    columns = ("arm", "method", "success", "false positives", "batch mean, us", "recovered")
-    return "\n".join(["", "## Success rates", "", *text, "", *markdown_table(columns, cells, text_columns=2)]) + "\n"
+    columns = {
+        "arm": "{.robot}",
+        "method": "{.label}",
+        "success": lambda row: percent(row.success),
+        "false positives": "{.false_positives}",
+        "batch mean, us": "{.batch_us:.2f}",
+        "recovered": lambda row: percent(row.recovered),
+    }
+    return "\n".join(["", "## Success rates", "", *text, "", *row_table(columns, rows, text_columns=2)]) + "\n"

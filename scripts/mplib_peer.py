@@ -41,9 +41,8 @@ def _prepare(python: str, problem: PlanProblem, checker: CollisionChecker) -> So
     arm = problem.arm
     with tempfile.TemporaryDirectory() as folder:
         urdf, srdf = Path(folder) / "robot.urdf", Path(folder) / "robot.srdf"
-        urdf.write_text(
-            _with_one_rotation(robot_urdf(problem, partial(_mesh_path, Path(folder))), problem), encoding="utf-8"
-        )
+        text = robot_urdf(problem, partial(_mesh_path, Path(folder)))
+        urdf.write_text(_with_one_rotation(text, problem), encoding="utf-8")
         srdf.write_text(robot_srdf(problem, checker), encoding="utf-8")
         worker = subprocess.Popen(
             [python, Path(__file__).with_name("mplib_worker.py")],

@@ -127,8 +127,19 @@ def motion_benchmark(
 ) -> MotionTable:
     """Run the motion benchmark on MotionBenchMaker problems.
 
-    ``mbm``, ``robot``, ``sets``, ``problems``, ``on_progress`` and the errors are those of
-    :func:`~pinproof.benchmarks.plan_benchmark`; ``seed`` is that of the planner and the optimisation.
+    Parameters
+    ----------
+    mbm, robot, sets, problems, on_progress
+        As for :func:`~pinproof.benchmarks.plan_benchmark`.
+    seed
+        Seed of the planner and the optimisation.
+
+    Raises
+    ------
+    FileError
+        If problems cannot be read.
+    UnknownNameError
+        If there is no set of a name.
     """
     origin, found = provenance(seed), {each.full_set: each for each in find_sets(mbm, robot)}
     rows: list[MotionRow] = []

@@ -29,9 +29,9 @@ SAMPLES = 100_000
 
 def measure(options: argparse.Namespace) -> DocsIkTable:
     """Return the table of the methods, the success rates, or both for the manual."""
-    common = {"limits_pi": not options.own_limits, "seed": options.seed, "on_progress": report}
+    common = {"limits_pi": not options.own_limits, "seed": options.seed}
     robots = () if options.success else options.robots or (DOCS_ROBOTS if options.docs else ("ur5",))
-    measured = ik_benchmark(robots, points=options.points, peers=not options.no_peers, **common)
+    measured = ik_benchmark(robots, points=options.points, peers=not options.no_peers, **common, on_progress=report)
     samples = options.success or (SAMPLES if options.docs else 0)
     success = success_rates(options.robots or None, samples=samples, **common) if samples else ()
     return DocsIkTable(**vars(measured), success=success)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from benchmark_page import report
 
 from pinproof.benchmarks import IkTable
 from pinproof.benchmarks.ik_methods import OWN_METHODS, Part, select_methods
@@ -66,14 +67,12 @@ def success_rates(
     methods: Sequence[str] = METHODS,
     limits_pi: bool = True,
     seed: int = 0,
-    on_progress: Callable[[str], None] | None = None,
 ) -> tuple[SuccessRow, ...]:
     """Measure success and batch times of many random poses, by default on every arm of the catalogue.
 
     Methods that do not apply to an arm have no row.
     """
     rows = []
-    report = on_progress or (lambda _: None)
     for name in robots or catalogue_names():
         arm = load_arm(name, limits_pi)
         targets = random_targets(arm, samples, seed)

@@ -54,7 +54,7 @@ class MbmSet:
 
 
 def find_sets(path: str | Path, robot: str | None = None) -> list[MbmSet]:
-    """Find the sets in a folder of sets, or a single set; FileError if there is none, or one without a robot.
+    """Find the sets in a folder of sets, or a single set; FileError if no set is found, or one without a robot.
 
     ``robot`` is a catalogue name or a robot file. By default, it is the URDF (with its SRDF) in a folder ``robot``
     beside the sets, otherwise the catalogue robot that the folder or its scenes name.

@@ -50,9 +50,9 @@ def test_the_geometry_is_recognised() -> None:
     np.testing.assert_allclose(moved.offsets.sum(axis=0), puma.offsets.sum(axis=0), atol=1e-12)
 
 
-def test_axes_that_intersect_at_a_joint_are_given_with_this_point() -> None:
-    """Libraries that compare points, such as ssik, recognise the spherical wrist of the Puma by this."""
-    np.testing.assert_allclose(screw_axes(pp.load_robot("puma560").arm()).offsets[4:6], 0.0, atol=1e-9)
+def test_the_points_of_the_axes_are_the_positions_of_the_joints() -> None:
+    """By these points, ssik recognises the spherical wrist of the Puma: its last two joints are at the same point."""
+    np.testing.assert_allclose(screw_axes(pp.load_robot("puma560").arm()).offsets[5], 0.0, atol=1e-9)
 
 
 def test_parallel_axes_do_not_intersect() -> None:

@@ -5,11 +5,10 @@ All motions are audited on exact meshes: those of two arms on their common clock
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import process_time
 
-from benchmark_page import ROBOTS
+from benchmark_page import ROBOTS, report
 
 import pinproof as pp
 from pinproof.cell import AllocationResult
@@ -50,15 +49,15 @@ class SharedBinRow:
         return self.makespan / self.one_arm
 
 
-def measure_shared_bin(seed: int, on_progress: Callable[[str], None]) -> SharedBinRow:
+def measure_shared_bin(seed: int) -> SharedBinRow:
     """Allocate the picks of the shipped cell, and audit the motion of both arms."""
     picks = pp.read_picks(TWO_ARMS)
     begin = process_time()
     scene = pp.Scene() if picks.scene is None else pp.Scene.load(picks.scene)
     result = pp.cell.allocate(picks.load_cell(), scene, picks, rng=seed)
     seconds = process_time() - begin
-    on_progress(result.message)
-    samples, unsafe = audit_allocation(result, on_progress)
+    report(result.message)
+    samples, unsafe = audit_allocation(result)
     one = result.one_arm
     return SharedBinRow(
         TWO_ARMS.parent.name,
@@ -76,7 +75,7 @@ def measure_shared_bin(seed: int, on_progress: Callable[[str], None]) -> SharedB
     )
 
 
-def audit_allocation(result: AllocationResult, on_progress: Callable[[str], None]) -> tuple[int, list[str]]:
+def audit_allocation(result: AllocationResult) -> tuple[int, list[str]]:
     """Check all bodies of all arms on exact meshes, among the parts that are in the scene at each time.
 
     A carried part may touch what it rests on where it is picked and placed; that it only separates from it is part of
@@ -98,7 +97,7 @@ def audit_allocation(result: AllocationResult, on_progress: Callable[[str], None
         samples += found.samples
         unsafe += [] if found.clean else [f"{interval.start:.3f} s: {found.message}"]
         if number % 20 == 0:
-            on_progress(f"audit: {number + 1} of {len(result.intervals)} intervals, {len(unsafe)} unsafe")
+            report(f"audit: {number + 1} of {len(result.intervals)} intervals, {len(unsafe)} unsafe")
     return samples, unsafe
 
 
@@ -145,7 +144,7 @@ class BeltRow:
     missed: tuple[str, ...]
 
 
-def belt_rows(speeds: tuple[float, ...], seed: int, on_progress: Callable[[str], None]) -> list[BeltRow]:
+def belt_rows(speeds: tuple[float, ...], seed: int) -> list[BeltRow]:
     """Take the parts of each cell at each speed, and audit every motion."""
     rows = []
     for name, path in CONVEYORS.items():
@@ -155,7 +154,7 @@ def belt_rows(speeds: tuple[float, ...], seed: int, on_progress: Callable[[str],
             raise ValueError(f"{path} states no scene or no conveyor")
         scene = pp.Scene.load(picks.scene)
         for speed in speeds:
-            on_progress(f"{name} at {speed:g} m/s")
+            report(f"{name} at {speed:g} m/s")
             moving = replace(picks, conveyor=replace(belt, speed=speed, duration=belt.duration * belt.speed / speed))
             setup = PickSetup.make(arm, scene, moving, home=None, rng=seed)
             begin = process_time()

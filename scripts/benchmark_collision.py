@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark_page import page_parser, report, run
+from benchmark_page import page_parser, run
 from collision_checks import BLOCK, PROOF_REPEATS, REPEATS, ROBOTS, CheckRow, CollisionTable, collision_benchmark
 from collision_edges import AUDIT_STEP, SAMPLES, TOLERANCE, EdgeRow, edge_table, total_row
 
@@ -188,11 +188,10 @@ def _growth_plot(table: CollisionTable) -> Any:
 
 def measure(options: argparse.Namespace) -> CollisionTable:
     """Return the parts of the table that the options select."""
-    common = {"seed": options.seed, "on_progress": report}
     if options.only_edges:
-        return collision_benchmark((), box_counts=(), edges=options.only_edges, **common)
-    given = {"mbm": options.mbm, "problems": options.problems, "edges": options.edges}
-    return collision_benchmark(options.robots or ROBOTS, **given, **common)
+        return collision_benchmark((), box_counts=(), edges=options.only_edges, seed=options.seed)
+    given = {"mbm": options.mbm, "problems": options.problems, "edges": options.edges, "seed": options.seed}
+    return collision_benchmark(options.robots or ROBOTS, **given)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def run(
     """Measure or read a table, write it with ``--docs`` or ``--render``, else print its page.
 
     ``write`` writes the table to a folder; by default as JSON, with its page as Markdown. The exit code is 1 if the
-    table has a property ``wrong`` that is not empty.
+    table has :func:`faults`.
     """
     options = parser.parse_args()
     table = kind.load(FOLDER / f"{name}.json") if options.render else measure(options)
@@ -50,10 +50,15 @@ def run(
         table.write(FOLDER, name, page(table))
     else:
         write(table, FOLDER)
-    wrong = getattr(table, "wrong", ())
-    for text in wrong:
+    for text in (wrong := faults(table)):
         report(f"wrong: {text}")
     sys.exit(1 if wrong else 0)
+
+
+def faults(table: BenchmarkTable) -> list[str]:
+    """Return the wrong verdicts of a table, and its motions in which the independent check found a fault."""
+    unsafe = (f"{row.name}: {'; '.join(row.faults)}" for row in getattr(table, "unsafe", ()))
+    return [*getattr(table, "wrong", ()), *unsafe]
 
 
 def report(text: str) -> None:

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Benchmark of picks: judging through all stages, screening of poses, campaigns.
 
-python scripts/benchmark_picks.py                        all cells; prints the table
+python scripts/benchmark_picks.py                        all cells; prints the table; some minutes
 python scripts/benchmark_picks.py ur5 --campaign 0       one cell, without campaigns
 python scripts/benchmark_picks.py --docs                 rewrites docs/benchmarks/picks.*
 python scripts/benchmark_picks.py --durations [--docs]   durations of the picks of the package only, which do not
@@ -32,7 +32,7 @@ from picks_measurements import (
     picks_benchmark,
 )
 
-from pinproof.benchmarks.tables import markdown_table, provenance_text, wrapped
+from pinproof.benchmarks.tables import provenance_text, row_table, wrapped
 
 
 def write_picks_table(table: PicksTable, folder: str | Path) -> list[Path]:
@@ -62,17 +62,16 @@ def _verdicts(rows: Sequence[VerdictRow]) -> list[str]:
         "are in ms from the pick to its verdict, with all IK branches, linear motions, transits, time parametrisation, "
         "certificates and, for failed picks, suggestions."
     )
-    cells = [
-        [
-            row.cell,
-            row.verdict,
-            str(row.picks),
-            *(f"{ms:.1f}" for ms in (row.median_ms, row.p95_ms, row.largest_ms, row.mean_ms)),
-        ]
-        for row in rows
-    ]
-    columns = ("cell", "verdict", "picks", "median", "p95", "maximum", "mean")
-    return [*wrapped(text), "", *markdown_table(columns, cells, text_columns=2)]
+    columns = {
+        "cell": "{.cell}",
+        "verdict": "{.verdict}",
+        "picks": "{.picks}",
+        "median": "{.median_ms:.1f}",
+        "p95": "{.p95_ms:.1f}",
+        "maximum": "{.largest_ms:.1f}",
+        "mean": "{.mean_ms:.1f}",
+    }
+    return [*wrapped(text), "", *row_table(columns, rows, text_columns=2)]
 
 
 def _durations(rows: Sequence[DurationRow]) -> list[str]:
@@ -81,19 +80,15 @@ def _durations(rows: Sequence[DurationRow]) -> list[str]:
         "planned paths with a stop after every stage (`optimise: 0`), and with the default settings. Of the pallet, "
         "every 20th pick. The motions are audited on exact meshes at steps of 0.002 rad."
     )
-    cells = [
-        [
-            row.cell,
-            str(row.good),
-            f"{row.stopping_s:.3f}",
-            f"{row.mean_s:.3f}",
-            f"{100 * (1 - row.mean_s / row.stopping_s):.0f} %",
-            f"{row.unsafe} of {row.motions}",
-        ]
-        for row in rows
-    ]
-    columns = ("cell", "good picks", "with stops, s", "default, s", "shorter by", "motions in contact")
-    return [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1)]
+    columns = {
+        "cell": "{.cell}",
+        "good picks": "{.good}",
+        "with stops, s": "{.stopping_s:.3f}",
+        "default, s": "{.mean_s:.3f}",
+        "shorter by": lambda row: f"{100 * (1 - row.mean_s / row.stopping_s):.0f} %",
+        "motions in contact": "{0.unsafe} of {0.motions}",
+    }
+    return [*wrapped(text), "", *row_table(columns, rows)]
 
 
 def _screening(rows: Sequence[ScreenRow]) -> list[str]:
@@ -104,20 +99,17 @@ def _screening(rows: Sequence[ScreenRow]) -> list[str]:
         f"fastest of {RUNS[0]} runs counts. Reach only: without collision checks; with clearance: also measures the "
         "clearance of free poses; as picks: with Pick objects instead of an array of poses."
     )
-    cells = [
-        [
-            row.cell,
-            f"{row.count:,}, {row.poses}",
-            f"{100 * row.free:.0f} %",
-            *(
-                "-" if rate is None else f"{rate:,.0f}"
-                for rate in (row.rate, row.reach_only, row.with_clearance, row.as_picks, row.two_threads)
-            ),
-        ]
-        for row in rows
-    ]
-    columns = ("cell", "poses", "free", "poses/s", "reach only", "with clearance", "as picks", "2 threads")
-    return [*wrapped(text), "", *markdown_table(columns, cells, text_columns=2)]
+    columns = {
+        "cell": "{.cell}",
+        "poses": "{0.count:,}, {0.poses}",
+        "free": lambda row: f"{100 * row.free:.0f} %",
+        "poses/s": "{.rate:,.0f}",
+        "reach only": "{.reach_only:,.0f}",
+        "with clearance": "{.with_clearance:,.0f}",
+        "as picks": lambda row: "-" if row.as_picks is None else f"{row.as_picks:,.0f}",
+        "2 threads": "{.two_threads:,.0f}",
+    }
+    return [*wrapped(text), "", *row_table(columns, rows, text_columns=2)]
 
 
 def _campaigns(rows: Sequence[CampaignRow], overhead: Sequence[CampaignRow]) -> list[str]:
@@ -128,21 +120,17 @@ def _campaigns(rows: Sequence[CampaignRow], overhead: Sequence[CampaignRow]) -> 
             "to the sorted file, including the start of the processes; the steady rate is measured from "
             f"{100 * STEADY_FROM:.0f} to {100 * STEADY_TO:.0f} % of the picks. Speed-ups are relative to one process."
         )
-        cells = [
-            [
-                row.cell,
-                row.workers,
-                f"{row.picks:,}",
-                f"{row.wall_s:.1f}",
-                f"{row.rate:.1f}",
-                f"{row.rate / rows[0].rate:.2f}",
-                f"{row.steady_rate:.1f}",
-                f"{row.steady_rate / rows[0].steady_rate:.2f}",
-            ]
-            for row in rows
-        ]
-        columns = ("cell", "workers", "picks", "total, s", "picks/s", "speed-up", "steady picks/s", "speed-up")
-        lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=2), ""]
+        columns = {
+            "cell": "{.cell}",
+            "workers": "{.workers}",
+            "picks": "{.picks:,}",
+            "total, s": "{.wall_s:.1f}",
+            "picks/s": "{.rate:.1f}",
+            "speed-up": lambda row: f"{row.rate / rows[0].rate:.2f}",
+            "steady picks/s": "{.steady_rate:.1f}",
+            "steady speed-up": lambda row: f"{row.steady_rate / rows[0].steady_rate:.2f}",
+        }
+        lines += [*wrapped(text), "", *row_table(columns, rows, text_columns=2), ""]
     for row in overhead:
         text = (
             f"Without judging, {row.picks:,} picks take {row.wall_s:.1f} s in one process; the steady overhead of a "

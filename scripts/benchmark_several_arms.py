@@ -18,7 +18,7 @@ code 1 if a motion is in collision or a verdict on an edge is wrong.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -175,7 +175,7 @@ def _facing(distance: float) -> Any:
     return pp.pose(xyz=(distance, 0, 0), rpy=(0, 0, np.pi))
 
 
-def measure_edges(edges: int, seed: int, on_progress: Callable[[str], None]) -> list[EdgeRow]:
+def measure_edges(edges: int, seed: int) -> list[EdgeRow]:
     """Certify this number of edges, distributed over :func:`groups`, and check the verdicts."""
     rows = []
     for name, (group, reach) in groups().items():
@@ -183,9 +183,7 @@ def measure_edges(edges: int, seed: int, on_progress: Callable[[str], None]) -> 
         hulls, meshes = (
             pp.CollisionChecker(group, link_meshes=how, trust_disabled=True) for how in ("hull", "surface")
         )
-        row = check_edges(
-            name, count, seed, on_progress, checkers=(hulls, meshes), reach=reach, samples=SAMPLES, step=AUDIT_STEP
-        )
+        row = check_edges(name, count, seed, checkers=(hulls, meshes), reach=reach, samples=SAMPLES, step=AUDIT_STEP)
         rows.append(row)
     return rows
 
@@ -363,10 +361,10 @@ def measure(options: argparse.Namespace) -> SeveralArmsTable:
             motions.append(measure_problem(problem, options.seed))
     rows = {
         "motions": motions,
-        "edges": measure_edges(options.edges, options.seed, report) if options.edges else [],
-        "mover_edges": mover_edge_rows(options.mover_edges, options.seed, report) if options.mover_edges else [],
-        "cells": [measure_shared_bin(options.seed, report)] if options.shared_bin else [],
-        "belts": belt_rows(SPEEDS, options.seed, report) if options.belt else [],
+        "edges": measure_edges(options.edges, options.seed) if options.edges else [],
+        "mover_edges": mover_edge_rows(options.mover_edges, options.seed) if options.mover_edges else [],
+        "cells": [measure_shared_bin(options.seed)] if options.shared_bin else [],
+        "belts": belt_rows(SPEEDS, options.seed) if options.belt else [],
     }
     measured = {part: origin["commit"] for part, found in rows.items() if found}
     if options.keep:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from benchmark_page import fastest, seconds
+from benchmark_page import fastest, report, seconds
 from collision_edges import LARGEST, NEAR, EdgeRow, edge_rows, random_configurations, random_orientation
 
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
@@ -159,7 +159,6 @@ def collision_benchmark(
     box_counts: Sequence[int] = BOX_COUNTS,
     edges: int = 0,
     seed: int = 0,
-    on_progress: Callable[[str], None] = lambda _: None,
 ) -> CollisionTable:
     """Run the benchmark: checks in the first problem of each set, certificates of the paths of all problems.
 
@@ -173,26 +172,23 @@ def collision_benchmark(
     for mbm_set in [] if mbm is None else find_sets(mbm):
         sources.setdefault("mbm", []).append(partial(read_problems, mbm_set, problems))
     for name in robots:
-        sources[f"{name}, own scenes"] = [
-            partial(own_problems, name, scene, problems or 5, seed) for scene in OWN_SCENES
-        ]
+        count = problems or OWN_PROBLEMS
+        sources[f"{name}, own scenes"] = [partial(own_problems, name, scene, count, seed) for scene in OWN_SCENES]
     checks, proofs = [], []
     for collection, sets in sources.items():
         for read in sets:
             for problem in islice(read(), 1):
-                on_progress(f"checks: {problem.full_set}")
+                report(f"checks: {problem.full_set}")
                 checks.append(measure_checks(problem.arm, problem.scene, problem.full_set, configurations, seed))
-        on_progress(f"certificates: {collection}")
+        report(f"certificates: {collection}")
         row = measure_proofs(collection, chain.from_iterable(read() for read in sets), seed)
         proofs += [] if row is None else [row]
-    growth: list[CheckRow] = []
-    if box_counts:
-        on_progress(f"boxes: {BOX_ROBOT}")
+    growth = []
+    for count in box_counts:
+        report(f"boxes: {count}")
         arm = load_robot(BOX_ROBOT).arm()
-        for count in box_counts:
-            growth.append(
-                measure_checks(arm, boxes(count, own_reach(arm), seed), f"boxes: {count:,}", configurations, seed)
-            )
+        scene = boxes(count, own_reach(arm), seed)
+        growth.append(measure_checks(arm, scene, f"boxes: {count:,}", configurations, seed))
     settings = {
         "robots": list(robots),
         "mbm": mbm is not None,
@@ -201,7 +197,7 @@ def collision_benchmark(
         "boxes": list(box_counts),
         "edges": edges,
     }
-    verdicts = edge_rows(edges, seed, on_progress)
+    verdicts = edge_rows(edges, seed)
     return CollisionTable(settings, origin, tuple(checks), tuple(growth), tuple(proofs), tuple(verdicts))
 
 

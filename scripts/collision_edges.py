@@ -13,6 +13,7 @@ from time import process_time
 
 import numpy as np
 import numpy.typing as npt
+from benchmark_page import report
 
 from pinproof.benchmarks.plan_problems import own_reach
 from pinproof.benchmarks.tables import row_table
@@ -111,16 +112,15 @@ def distributed(edges: int, robots: Sequence[str]) -> dict[str, int]:
     return {robot: count for robot, count in counts.items() if count}
 
 
-def edge_rows(edges: int, seed: int, on_progress: Callable[[str], None]) -> list[EdgeRow]:
+def edge_rows(edges: int, seed: int) -> list[EdgeRow]:
     """Check this number of edges, distributed over :data:`ROBOTS`."""
-    return [check_edges(robot, count, seed, on_progress) for robot, count in distributed(edges, ROBOTS).items()]
+    return [check_edges(robot, count, seed) for robot, count in distributed(edges, ROBOTS).items()]
 
 
 def check_edges(
     robot: str,
     edges: int,
     seed: int = 0,
-    on_progress: Callable[[str], None] = lambda _: None,
     *,
     checkers: tuple[CollisionChecker, CollisionChecker] | None = None,
     reach: float | None = None,
@@ -133,8 +133,8 @@ def check_edges(
     ----------
     robot
         A robot of the catalogue, or the name of the joint group of ``checkers``.
-    edges, seed, on_progress
-        The number of edges, the seed of the scenes and edges, and what receives the progress.
+    edges, seed
+        The number of edges, and the seed of the scenes and edges.
     checkers
         Checkers without obstacles, by hulls and by exact meshes.
     reach
@@ -165,7 +165,7 @@ def check_edges(
 
         return case
 
-    return count_verdicts(robot, edges, (seed,), on_progress, edges_of_scene)
+    return count_verdicts(robot, edges, (seed,), edges_of_scene)
 
 
 EdgeCase = Callable[[], tuple[Certificate, float, int, str]]
@@ -177,7 +177,6 @@ def count_verdicts(
     name: str,
     edges: int,
     seeds: tuple[int, ...],
-    on_progress: Callable[[str], None],
     edges_of_scene: Callable[[np.random.Generator], EdgeCase],
 ) -> EdgeRow:
     """Certify this number of edges, a few in each scene; each scene depends only on the seeds and its number."""
@@ -193,7 +192,7 @@ def count_verdicts(
             if error:
                 wrong.append(f"{name}, seed {seeds[0]}, scene {number}, edge {edge}: {error}")
         if number % 10 == 9:
-            on_progress(f"{name}: {min((number + 1) * EDGES_PER_SCENE, edges)} of {edges} edges, {len(wrong)} wrong")
+            report(f"{name}: {min((number + 1) * EDGES_PER_SCENE, edges)} of {edges} edges, {len(wrong)} wrong")
     verdicts = (counts[each] for each in (CertificateStatus.FREE, CertificateStatus.COLLIDING))
     mean, undecided = 1e3 * seconds / max(edges, 1), counts[CertificateStatus.UNDECIDED]
     return EdgeRow(name, scenes, edges, *verdicts, undecided, checked, mean, tuple(wrong))

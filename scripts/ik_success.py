@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from benchmark_page import report
 
 from pinproof.benchmarks import IkTable
 from pinproof.benchmarks.ik_methods import OWN_METHODS, Part, select_methods
 from pinproof.benchmarks.ik_run import WARM_UP, check_answers, load_arm, random_targets, timed_batch
 from pinproof.benchmarks.ik_table import percent
-from pinproof.benchmarks.tables import NotApplicableError, markdown_table, wrapped
+from pinproof.benchmarks.tables import NotApplicableError, row_table, wrapped
 from pinproof.description import catalogue_names
 from pinproof.errors import PinproofError
 from pinproof.ik.windings import difference
@@ -66,18 +67,16 @@ def success_rates(
     methods: Sequence[str] = METHODS,
     limits_pi: bool = True,
     seed: int = 0,
-    on_progress: Callable[[str], None] | None = None,
 ) -> tuple[SuccessRow, ...]:
     """Measure success and batch times of many random poses, by default on every arm of the catalogue.
 
     Methods that do not apply to an arm have no row.
     """
     rows = []
-    report = on_progress or (lambda _: None)
     for name in robots or catalogue_names():
         arm = load_arm(name, limits_pi)
         targets = random_targets(arm, samples, seed)
-        for method in select_methods(tuple(methods), OWN_METHODS):
+        for method in select_methods(methods, OWN_METHODS):
             report(f"{name}: {method.label}, {samples} targets")
             try:
                 prepared = method.prepare(arm, Part("random", "pose", True))
@@ -118,16 +117,12 @@ def success_markdown(rows: Sequence[SuccessRow]) -> str:
         f"{rows[0].samples:,} random configurations per arm, full poses, one thread. Recovered is the share of targets "
         "for which the configuration that generated the target is among the answers."
     )
-    cells = [
-        [
-            row.robot,
-            row.label,
-            percent(row.success),
-            str(row.false_positives),
-            f"{row.batch_us:.2f}",
-            "" if row.recovered is None else percent(row.recovered),
-        ]
-        for row in rows
-    ]
-    columns = ("arm", "method", "success", "false positives", "batch mean, us", "recovered")
-    return "\n".join(["", "## Success rates", "", *text, "", *markdown_table(columns, cells, text_columns=2)]) + "\n"
+    columns = {
+        "arm": "{.robot}",
+        "method": "{.label}",
+        "success": lambda row: percent(row.success),
+        "false positives": "{.false_positives}",
+        "batch mean, us": "{.batch_us:.2f}",
+        "recovered": lambda row: percent(row.recovered),
+    }
+    return "\n".join(["", "## Success rates", "", *text, "", *row_table(columns, rows, text_columns=2)]) + "\n"

@@ -6,7 +6,7 @@ obstacle by the formula of its mover, in a coal model of the checker without mov
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from time import process_time
 
 import numpy as np
@@ -40,12 +40,12 @@ SAMPLE_STEP = 0.02
 """Largest motion of a joint or mover (rad or m) between two samples of the independent check."""
 
 
-def mover_edge_rows(edges: int, seed: int, on_progress: Callable[[str], None]) -> list[EdgeRow]:
+def mover_edge_rows(edges: int, seed: int) -> list[EdgeRow]:
     """Check this number of edges, distributed over :data:`ROBOTS`."""
-    return [check_robot(name, count, seed, on_progress) for name, count in distributed(edges, ROBOTS).items()]
+    return [check_robot(name, count, seed) for name, count in distributed(edges, ROBOTS).items()]
 
 
-def check_robot(robot: str, edges: int, seed: int, on_progress: Callable[[str], None]) -> EdgeRow:
+def check_robot(robot: str, edges: int, seed: int) -> EdgeRow:
     """Certify random timed edges of a robot among movers and check the verdicts."""
     arm = pp.load_robot(robot).arm()
     reach, empty = own_reach(arm), pp.CollisionChecker(arm)
@@ -63,7 +63,7 @@ def check_robot(robot: str, edges: int, seed: int, on_progress: Callable[[str], 
 
         return case
 
-    return count_verdicts(robot, edges, (seed, 1), on_progress, edges_of_scene)
+    return count_verdicts(robot, edges, (seed, 1), edges_of_scene)
 
 
 def random_movers(names: Sequence[str], duration: float, reach: float, rng: np.random.Generator) -> list[pp.Mover]:

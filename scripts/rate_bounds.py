@@ -1,6 +1,6 @@
 """Compare the bounds of torque and tool motion with dense samples by Pinocchio; prints the table of docs/dynamics.md.
 
-python scripts/rate_bounds.py [--trajectories 40] [--points 10000]
+python scripts/rate_bounds.py [--trajectories 40] [--points 10000]     takes some minutes
 
 Half of the trajectories of a robot are random Hermite curves, which exceed their limits. The others are random paths,
 timed with and without a jerk limit for limits of torque, and half of those of the tool too.

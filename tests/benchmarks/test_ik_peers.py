@@ -50,6 +50,11 @@ def test_the_geometry_is_recognised() -> None:
     np.testing.assert_allclose(moved.offsets.sum(axis=0), puma.offsets.sum(axis=0), atol=1e-12)
 
 
+def test_the_points_of_the_axes_are_the_positions_of_the_joints() -> None:
+    """By these points, ssik recognises the spherical wrist of the Puma: its last two joints are at the same point."""
+    np.testing.assert_allclose(screw_axes(pp.load_robot("puma560").arm()).offsets[5], 0.0, atol=1e-9)
+
+
 def test_parallel_axes_do_not_intersect() -> None:
     assert screw_axes(pp.load_robot("ur5").arm()).intersecting(1, 2) is None
 

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mplib_peer import mplib_method
 
 import pinproof as pp
 from pinproof.benchmarks import PlanTable, plan_benchmark, plan_markdown, write_plan_table
 from pinproof.benchmarks.plan_methods import OURS, STEPS, PlanAnswer, PlanMethod
-from pinproof.benchmarks.plan_peers import MPLIB_PYTHON, PEERS
+from pinproof.benchmarks.plan_peers import PEERS
 from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems
 from pinproof.benchmarks.plan_run import curve_length, motion_faults
 from pinproof.errors import FileError, InputError
@@ -192,7 +193,6 @@ def test_another_planner_is_a_method_of_its_own() -> None:
 def test_missing_peers_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("roboplan", "roboplan.core", "roboplan.rrt", "ompl"):
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.delenv(MPLIB_PYTHON, raising=False)
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
     assert table.methods == ("pinproof",)
     assert set(table.left_out) == {peer.key for peer in PEERS}
@@ -203,7 +203,7 @@ def test_installed_peers_are_checked_too() -> None:
     pytest.importorskip("roboplan.rrt")
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
     for peer in PEERS:
-        if peer.key in ("ompl", "mplib"):
+        if peer.key == "ompl":
             continue  # below
         figures = table.figures(peer.key)
         assert figures["solved"] == "1 of 1"
@@ -256,10 +256,8 @@ def test_mplib_runs_in_the_python_that_has_it_with_joints_in_its_order(
         f"class fcl:\n    {shapes.replace(chr(10), chr(10) + '    ')}", encoding="utf-8"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setenv(MPLIB_PYTHON, sys.executable)
     (easy,) = own_problems("generic_6dof", "shelf", 1)
-    (peer,) = [each for each in PEERS if each.key == "mplib"]
-    answer = peer.prepare(easy, pp.CollisionChecker(easy.arm, easy.scene))(0)
+    answer = mplib_method(sys.executable).prepare(easy, pp.CollisionChecker(easy.arm, easy.scene))(0)
     assert answer.curve is not None
     np.testing.assert_array_equal(answer.curve.q, [easy.start, easy.goals[0]])
 

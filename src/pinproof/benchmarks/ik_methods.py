@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -98,12 +98,10 @@ def poses_only(part: Part) -> bool:
 
 @dataclass(frozen=True)
 class IkMethod:
-    """A method of the table.
+    """A method of the table: its name on the command line, and its label in the table.
 
     Parameters
     ----------
-    key, label
-        Its name on the command line, and in the table.
     prepare
         Returns the method prepared for an arm and a part of the table. Raises NotApplicableError, ImportError, or an
         error of the library if the method cannot be used with the arm.
@@ -113,12 +111,9 @@ class IkMethod:
         Largest accepted error of an answer, in m and rad.
     textbook
         The textbook's figures: mean time in ms, and success as a share.
-    compared_with
-        For another library: the key of the method of this package that solves the same problem.
-    max_targets
-        For a slow method: the number of targets after which it stops.
-    distribution
-        For another library: the distribution that installs it.
+    compared_with, max_targets, distribution
+        For another library: the key of the method of this package that solves the same problem, the number of targets
+        after which a slow one stops, and the distribution that installs it.
     """
 
     key: str
@@ -132,14 +127,8 @@ class IkMethod:
     distribution: str | None = None
 
 
-def select_methods(keys: tuple[str, ...] | None, methods: tuple[IkMethod, ...]) -> tuple[IkMethod, ...]:
-    """Return the methods with these keys in the order of the table, or all of them for None.
-
-    Raises
-    ------
-    InputError
-        If a key does not exist.
-    """
+def select_methods(keys: Sequence[str] | None, methods: tuple[IkMethod, ...]) -> tuple[IkMethod, ...]:
+    """Return the methods with these keys in the order of the table, or all of them for None; refuse unknown keys."""
     known = [method.key for method in methods]
     unknown = [key for key in keys or () if key not in known]
     if unknown:

@@ -54,15 +54,7 @@ MAX_ITERATIONS = 100
 
 @dataclass(frozen=True, eq=False)
 class ScrewAxes:
-    """The joint axes of a chain at q = 0 in its base frame.
-
-    Parameters
-    ----------
-    directions, points
-        (n, 3) unit vectors of the axes, and a point on each axis, m.
-    base_from_tcp
-        (4, 4) at q = 0.
-    """
+    """Joint axes at q = 0 in the base frame: unit vectors (n, 3), a point (n, 3) on each in m, and the TCP (4, 4)."""
 
     directions: Array
     points: Array
@@ -98,13 +90,7 @@ class ScrewAxes:
 
 
 def screw_axes(arm: Arm) -> ScrewAxes:
-    """Return the joint axes of six revolute joints without mimic joints.
-
-    Raises
-    ------
-    NotApplicableError
-        If the arm has other joints.
-    """
+    """Return the joint axes of six revolute joints; NotApplicableError if the arm has other or mimic joints."""
     if arm.followers:
         raise NotApplicableError("other libraries cannot read mimic joints on the chain")
     if arm.dof != 6 or not np.all(arm.angular):

@@ -6,7 +6,7 @@ The check uses Pinocchio's forward kinematics and does not depend on the status 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from time import perf_counter_ns
 from typing import Any
 
@@ -182,9 +182,7 @@ def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets
         robot=robot,
         method=method.key,
         label=method.label,
-        problem=part.problem,
-        task=part.task,
-        restarts=part.restarts,
+        **asdict(part),
         samples=len(poses),
         mean_ms=float(times.mean()),
         median_ms=float(np.median(times)),
@@ -277,7 +275,7 @@ def ik_benchmark(
     """
     if points < 1:
         raise InputError(f"points must be at least 1, not {points}")
-    selected = select_methods(None if methods is None else tuple(methods), (*OWN_METHODS, *(PEERS if peers else ())))
+    selected = select_methods(methods, (*OWN_METHODS, *(PEERS if peers else ())))
     report = on_progress or (lambda _: None)
     rows: list[IkRow] = []
     left_out: dict[str, dict[str, str]] = {name: {} for name in robots}
@@ -285,12 +283,8 @@ def ik_benchmark(
     origin = provenance(seed)
     for name in robots:
         arm = load_arm(name, limits_pi)
-        chains[name] = {
-            "tcp": arm.tcp,
-            "joints": list(arm.joint_names),
-            "lower": _finite(arm.limits.lower),
-            "upper": _finite(arm.limits.upper),
-        }
+        limits = {"lower": _finite(arm.limits.lower), "upper": _finite(arm.limits.upper)}
+        chains[name] = {"tcp": arm.tcp, "joints": list(arm.joint_names), **limits}
         targets = {"random": random_targets(arm, points, seed), "trajectory": smooth_targets(arm, points, seed)}
         for method in selected:
             report(f"{name}: {method.label}")

@@ -26,31 +26,12 @@ MARKERS = "osD^vP*X<>ph"
 class IkRow:
     """The figures of a method in one part of the table; times in ms, errors in m and rad, shares from 0 to 1.
 
-    Parameters
-    ----------
-    robot, method, label, problem, task, restarts
-        The arm, the method and the part.
-    samples
-        Number of targets; each is solved once.
-    mean_ms, median_ms, p999_ms
-        Times of single calls from Python.
-    batch_ms
-        Mean time per target of one batch on one thread; None for a method without batches.
-    success
-        Share of targets whose answers are inside the limits and within ``tolerance`` by Pinocchio's forward
-        kinematics; the lower one of single calls and batch.
-    position_error, rotation_error
-        Largest errors of all reported answers; None without any answer.
-    false_positives
-        Answers that a method reports as solutions and that fail this check.
-    largest_step
-        On the trajectory: the largest joint motion between consecutive answers, in rad or m.
-    tolerance
-        In m and rad.
-    textbook_ms, textbook_success
-        The figures of the textbook.
-    compared_with, ratio
-        For another library: the method of this package that solves the same problem, and the ratio of mean times.
+    Times are those of single calls from Python; ``batch_ms`` is the mean time per target of one batch on one thread.
+    ``success`` is the share of targets whose answers are inside the limits and within ``tolerance`` by Pinocchio's
+    forward kinematics, the lower one of single calls and batch. ``position_error`` and ``rotation_error`` are the
+    largest of all reported answers; ``false_positives`` counts answers that are reported as solutions and fail this
+    check. ``largest_step`` is the largest joint motion (rad or m) between consecutive answers on the trajectory.
+    ``ratio``, for another library, is its mean time divided by that of our method ``compared_with``.
     """
 
     robot: str
@@ -83,15 +64,7 @@ class IkRow:
 
 @dataclass(frozen=True)
 class IkTable(BenchmarkTable):
-    """The results of one run.
-
-    Parameters
-    ----------
-    rows
-        One for each robot, part and method.
-    left_out
-        Robot to method to reason, for the methods that could not be run.
-    """
+    """The rows of every robot, part and method, and for each robot why methods could not be run."""
 
     rows: tuple[IkRow, ...]
     left_out: dict[str, dict[str, str]]
@@ -110,10 +83,7 @@ class IkTable(BenchmarkTable):
 
 
 def write_ik_table(table: IkTable, folder: str | Path, *, appendix: str = "") -> list[Path]:
-    """Write ``ik.json``, ``ik.md`` and ``ik_latency.png`` to an existing folder; return the files written.
-
-    ``appendix`` is added to the Markdown page.
-    """
+    """Write ``ik.json``, ``ik.md``, which ends with ``appendix``, and ``ik_latency.png``; return these files."""
     written = table.write(folder, "ik", "# Inverse kinematics benchmark\n\n" + ik_markdown(table) + appendix)
     return [*written, save_figure(_latency_plot(table), Path(folder) / "ik_latency.png")]
 
@@ -175,8 +145,10 @@ def _limits(table: IkTable, robot: str) -> list[str]:
     return wrapped(f"TCP: {chain['tcp']}. Limits (rad, m): {', '.join(ranges)}.")
 
 
-def percent(value: float) -> str:
-    """Return a share in percent, with at most three decimals and never rounded up to 100 %."""
+def percent(value: float | None) -> str:
+    """Return a share in percent, with at most three decimals and never rounded up to 100 %; empty for None."""
+    if value is None:
+        return ""
     return "100 %" if value == 1.0 else f"{min(100 * value, 99.999):.3f}".rstrip("0").rstrip(".") + " %"
 
 
@@ -200,7 +172,7 @@ COLUMNS: dict[str, str | Callable[[IkRow], str]] = {
     "false positives": "{.false_positives}",
     "largest step": "{.largest_step:.3g}",
     "textbook mean": "{.textbook_ms:g}",
-    "textbook success": lambda row: "" if row.textbook_success is None else f"{100 * row.textbook_success:g} %",
+    "textbook success": lambda row: percent(row.textbook_success),
     "relative time": "{.ratio:.3g}",
 }
 """The columns after the method: their titles, and the format of a row."""

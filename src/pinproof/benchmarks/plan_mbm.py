@@ -26,6 +26,7 @@ from pinproof.common.yaml_file import read_yaml
 from pinproof.description.catalogue import catalogue_names
 from pinproof.errors import FileError
 from pinproof.model import JointGroup, Robot, load_robot
+from pinproof.model.chain import link_path
 
 Array = npt.NDArray[np.float64]
 
@@ -54,7 +55,7 @@ class MbmSet:
 
 
 def find_sets(path: str | Path, robot: str | None = None) -> list[MbmSet]:
-    """Find the sets in a folder of sets, or a single set; FileError if there is none, or one without a robot.
+    """Find the sets in a folder of sets, or a single set; FileError if no set is found, or one without a robot.
 
     ``robot`` is a catalogue name or a robot file. By default, it is the URDF (with its SRDF) in a folder ``robot``
     beside the sets, otherwise the catalogue robot that the folder or its scenes name.
@@ -143,15 +144,16 @@ def _group(
     They are the arm of the group of the request; if the SRDF does not define it, or it is not a chain, an arm ends at
     each joint of the goal below which no joint of the goal is.
     """
-    above = {name: _joints_above(robot, name) for name in goal}
-    tips = [robot.urdf.joints[name].child for name in goal if not any(name in above[other] for other in goal)]
+    urdf = robot.urdf
+    above = {each.name for name in goal for each in link_path(urdf, urdf.root, urdf.joints[name].parent)}
+    tips = [urdf.joints[name].child for name in goal if name not in above]
     if len(tips) > 1:
         free: JointGroup = robot.arms(*tips)
     else:
         free = robot.arm(group=group) if group in robot.srdf.groups else robot.arm(tips[0])
     held, notes = {}, []
     for name, value in start.items():
-        joint = robot.urdf.joints.get(name)
+        joint = urdf.joints.get(name)
         if joint is None or joint.type == "fixed" or joint.mimic or name in (*free.joint_names, *free.followers):
             continue
         lower = -np.inf if joint.lower is None else joint.lower
@@ -164,15 +166,6 @@ def _group(
         elif beyond:
             notes.append(f"{name} is held at its limit {inside:g} instead of {value:g}")
     return free.with_held(held), tuple(notes)
-
-
-def _joints_above(robot: Robot, joint: str) -> set[str]:
-    """The names of the joints between a joint and the root."""
-    found, link = set(), robot.urdf.joints[joint].parent
-    while (above := robot.urdf.parent_joint(link)) is not None:
-        found.add(above.name)
-        link = above.parent
-    return found
 
 
 def _problem_files(folder: Path) -> dict[int, tuple[Path, Path]]:

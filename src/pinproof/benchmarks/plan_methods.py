@@ -29,20 +29,9 @@ NANOSECONDS_PER_MS = 1e6
 class PlanAnswer:
     """The answer of a method to a problem; None for what it does not have.
 
-    Parameters
-    ----------
-    curve
-        The motion.
-    ms
-        Milliseconds of each of :data:`STEPS` that was carried out.
-    certified, clearance
-        Whether the motion has a FREE certificate, and the proven clearance in m.
-    duration
-        Seconds.
-    rejected_edges
-        Edges that were free at their samples but failed the proof.
-    message
-        Why there is no motion, or no certificate.
+    ``ms`` maps each of :data:`STEPS` that was carried out to its time. ``certified`` states whether the motion has a
+    FREE certificate with this ``clearance`` (m), ``rejected_edges`` counts edges that were free at their samples but
+    failed the proof, and ``message`` states why there is no motion, or no certificate. The ``duration`` is in s.
     """
 
     curve: Curve | None

@@ -72,19 +72,11 @@ STEPS = ("goals", "plan", "optimise")
 
 @dataclass(frozen=True)
 class MotionRow(CheckedRow):
-    """The motion for one problem, with the CPU times of :data:`STEPS`.
+    """The motion for one problem with a load (``variant``), and the CPU times of :data:`STEPS`; None if not solved.
 
-    Parameters
-    ----------
-    variant
-        The load; empty without one.
-    goals
-        Number of free IK solutions of the goal pose.
-    excess
-        Largest relative excess over a limit on the grid, negative within the limits; None if not solved.
-    before, lower_bound
-        Duration (s) of the planned path with time-optimal timing, and of the fastest motion to one of the goals without
-        obstacles; None if not solved.
+    ``goals`` is the number of free IK solutions of the goal pose, and ``excess`` the largest relative excess over a
+    limit on the grid, negative within the limits. ``before`` and ``lower_bound`` are durations (s): of the planned path
+    with time-optimal timing, and of the fastest motion to one of the goals without obstacles.
     """
 
     variant: str
@@ -127,8 +119,19 @@ def motion_benchmark(
 ) -> MotionTable:
     """Run the motion benchmark on MotionBenchMaker problems.
 
-    ``mbm``, ``robot``, ``sets``, ``problems``, ``on_progress`` and the errors are those of
-    :func:`~pinproof.benchmarks.plan_benchmark`; ``seed`` is that of the planner and the optimisation.
+    Parameters
+    ----------
+    mbm, robot, sets, problems, on_progress
+        As for :func:`~pinproof.benchmarks.plan_benchmark`.
+    seed
+        Seed of the planner and the optimisation.
+
+    Raises
+    ------
+    FileError
+        If problems cannot be read.
+    UnknownNameError
+        If there is no set of a name.
     """
     origin, found = provenance(seed), {each.full_set: each for each in find_sets(mbm, robot)}
     rows: list[MotionRow] = []

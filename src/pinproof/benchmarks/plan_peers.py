@@ -8,15 +8,9 @@ was disabled.
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import tempfile
-import weakref
 from collections.abc import Callable
 from dataclasses import astuple
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -27,7 +21,6 @@ from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Sphere
 from pinproof.collision.checking.coal_checks import PlainCoal
-from pinproof.common.content_hash import digest
 from pinproof.motion import JointPath
 from pinproof.planning.rrt_connect import sampling_box
 from pinproof.spatial import matrix
@@ -42,12 +35,6 @@ FINE = 0.02
 
 OMPL_RESOLUTION = 0.01
 """Distance of OMPL's samples on an edge as a share of the extent of the joint space: its default."""
-
-MPLIB_PYTHON = "PINPROOF_MPLIB_PYTHON"
-"""Environment variable that names a Python with mplib, which needs NumPy 1 and thus an environment of its own."""
-
-HALF = np.pi - 1e-3
-"""Half the range (rad) of a periodic joint for MPlib, which shifts goals within ranges above 2 pi."""
 
 COLOUR = np.array([0.5, 0.5, 0.5, 1.0])
 
@@ -97,8 +84,8 @@ def _scene(problem: PlanProblem, checker: CollisionChecker) -> Any:
     from roboplan import core
 
     arm, root = problem.arm, problem.arm.robot.urdf.root
-    scene = core.Scene(problem.full_set, core.loadUrdfSceneDescriptionFromXml(_urdf(problem)))
-    scene.importSrdf(_srdf(problem, checker))
+    scene = core.Scene(problem.full_set, core.loadUrdfSceneDescriptionFromXml(robot_urdf(problem)))
+    scene.importSrdf(robot_srdf(problem, checker))
     if len(scene.getCurrentJointPositions()) != len(scene.getJointNames()):
         raise NotApplicableError("roboplan represents joints without limits by two numbers")
     q = np.array(scene.getCurrentJointPositions())
@@ -106,7 +93,7 @@ def _scene(problem: PlanProblem, checker: CollisionChecker) -> Any:
         q[index] = arm.held.get(name, q[index])
     scene.setJointPositions(q)
     for obstacle in problem.scene.obstacles:
-        kind, sizes = _simple_shape(obstacle)
+        kind, sizes = simple_shape(obstacle)
         add, shape = getattr(scene, f"add{kind}Geometry"), getattr(core, kind)(*sizes)
         add(obstacle.name, root, shape, np.asfortranarray(matrix(obstacle.pose)), COLOUR)
     # Roboplan would report cans on a shelf as collisions.
@@ -161,91 +148,12 @@ def _ompl(problem: PlanProblem, checker: CollisionChecker) -> Solve:
         setup.simplifySolution()
         watch.lap("simplify")
         q = np.array([configuration(state) for state in setup.getSolutionPath().getStates()])
-        return PlanAnswer(JointPath(_distinct(q), arm.joint_names), watch.ms)
+        return PlanAnswer(JointPath(without_repetitions(q), arm.joint_names), watch.ms)
 
     return solve
 
 
-def _mplib(problem: PlanProblem, checker: CollisionChecker) -> Solve:
-    """MPlib (Guo and others): RRT-Connect of OMPL with FCL, in a process of the Python that has it.
-
-    MPlib may end a motion at a goal shifted by 2 pi. Its URDF therefore has ranges of 2 pi about start and goals.
-    """
-    python = os.environ.get(MPLIB_PYTHON)
-    if not python:
-        raise ImportError(f"mplib needs NumPy 1; {MPLIB_PYTHON} names the Python of an environment with it")
-    arm = problem.arm
-    with tempfile.TemporaryDirectory() as folder:
-        urdf, srdf = Path(folder) / "robot.urdf", Path(folder) / "robot.srdf"
-        urdf.write_text(_with_one_rotation(_urdf(problem, Path(folder)), problem), encoding="utf-8")
-        srdf.write_text(_srdf(problem, checker), encoding="utf-8")
-        worker = subprocess.Popen(
-            [python, Path(__file__).with_name("mplib_worker.py")],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-        )  # fmt: skip
-        job = {
-            "urdf": str(urdf),
-            "srdf": str(srdf),
-            "tcp": arm.tcp,
-            "joints": list(arm.joint_names),
-            "held": dict(arm.held),
-            "obstacles": [
-                (each.name, *_simple_shape(each), matrix(each.pose).tolist()) for each in problem.scene.obstacles
-            ],
-            "allowed": [pair.owners for pair in checker.excluded if set(pair.owners) & set(problem.scene.names)],
-            "start": problem.start.tolist(),
-            "goals": problem.goals.tolist(),
-            "time_limit": TIME_LIMIT,
-        }
-        _exchange(worker, job)
-
-    def solve(seed: int) -> PlanAnswer:
-        answer = _exchange(worker, {"seed": seed})
-        if answer["path"] is None:
-            return PlanAnswer(None, answer["ms"], message=answer["message"])
-        return PlanAnswer(JointPath(_distinct(np.array(answer["path"])), arm.joint_names), answer["ms"])
-
-    weakref.finalize(solve, _end, worker)
-    return solve
-
-
-def _with_one_rotation(urdf: str, problem: PlanProblem) -> str:
-    """The URDF with a range of at most 2 pi for each joint of the arm, about the middle of start and goals."""
-    from lxml import etree
-
-    arm, tree = problem.arm, etree.fromstring(urdf.encode())
-    ends = np.vstack([problem.start, problem.goals])
-    middle = (ends.min(axis=0) + ends.max(axis=0)) / 2
-    low, high = (np.maximum(arm.limits.lower, middle - HALF), np.minimum(arm.limits.upper, middle + HALF))
-    for joint in tree.iter("joint"):
-        if joint.get("name") in arm.joint_names and joint.find("limit") is not None:
-            index = arm.joint_names.index(joint.get("name"))
-            if arm.periodic[index] and np.ptp(ends[:, index]) < 2 * HALF:
-                joint.find("limit").set("lower", repr(float(low[index])))
-                joint.find("limit").set("upper", repr(float(high[index])))
-    return str(etree.tostring(tree, encoding="unicode"))
-
-
-def _exchange(worker: subprocess.Popen[str], question: dict[str, Any]) -> dict[str, Any]:
-    """Send a line of JSON to a worker and return its answer."""
-    if worker.stdin is None or worker.stdout is None:
-        raise RuntimeError("the worker was started without pipes")
-    print(json.dumps(question), file=worker.stdin, flush=True)
-    line = worker.stdout.readline()
-    if not line:
-        raise NotApplicableError(f"the process of mplib ended with {worker.wait()}")
-    answer: dict[str, Any] = json.loads(line)
-    if "error" in answer:
-        raise NotApplicableError(f"mplib: {answer['error']}")
-    return answer
-
-
-def _end(worker: subprocess.Popen[str]) -> None:
-    worker.kill()
-    worker.communicate()
-
-
-def _simple_shape(obstacle: Obstacle) -> tuple[str, tuple[float, ...]]:
+def simple_shape(obstacle: Obstacle) -> tuple[str, tuple[float, ...]]:
     """The name of a shape and its sizes, which roboplan and FCL name and order as we do."""
     if not isinstance(obstacle.shape, Box | Cylinder | Sphere):
         kind = type(obstacle.shape).__name__
@@ -253,35 +161,24 @@ def _simple_shape(obstacle: Obstacle) -> tuple[str, tuple[float, ...]]:
     return type(obstacle.shape).__name__, astuple(obstacle.shape)
 
 
-def _distinct(q: Any) -> Any:
+def without_repetitions(q: Any) -> Any:
     """The waypoints (m, n) without repetitions."""
     return q[np.concatenate([[True], np.abs(np.diff(q, axis=0)).max(axis=1) > 0.0])] if len(q) > 1 else q
 
 
-def _urdf(problem: PlanProblem, folder: Path | None = None) -> str:
-    """The URDF of the robot with absolute paths of its collision meshes, or with paths relative to a folder.
-
-    In the folder, OBJ files are written as STL, because the reader of MPlib refuses OBJ files that contain lines.
-    """
-    import trimesh
-
+def robot_urdf(problem: PlanProblem, mesh_path: Callable[[str], str] = str) -> str:
+    """The URDF of the robot with the paths of its collision meshes, or what ``mesh_path`` returns for each."""
     urdf = problem.arm.robot.urdf
     if urdf.path is None or urdf.path.suffix != ".urdf":
         raise NotApplicableError("the planner reads URDF files only")
     text = urdf.path.read_text(encoding="utf-8")
     for geometry in urdf.collisions:
         if geometry.mesh is not None and geometry.mesh.path is not None:
-            path = str(geometry.mesh.path)
-            if folder is not None and path.endswith(".obj"):
-                path = f"{digest(path)}.stl"
-                trimesh.load(geometry.mesh.path, force="mesh").export(folder / path)
-            elif folder is not None:
-                path = os.path.relpath(path, folder)
-            text = text.replace(quoteattr(geometry.mesh.uri), quoteattr(path))
+            text = text.replace(quoteattr(geometry.mesh.uri), quoteattr(mesh_path(str(geometry.mesh.path))))
     return text
 
 
-def _srdf(problem: PlanProblem, checker: CollisionChecker) -> str:
+def robot_srdf(problem: PlanProblem, checker: CollisionChecker) -> str:
     """An SRDF with the chain and the pairs of links that are always in contact."""
     arm = problem.arm
     links = set(arm.robot.urdf.links)
@@ -297,6 +194,5 @@ PEERS: tuple[PlanMethod, ...] = (
     PlanMethod("roboplan", "roboplan", _roboplan(True, None), "roboplan"),
     PlanMethod("roboplan_fine", f"roboplan, sampled at {FINE:g} rad", _roboplan(True, FINE), "roboplan"),
     PlanMethod("ompl", "OMPL RRTConnect with coal", _ompl, "ompl"),
-    PlanMethod("mplib", "MPlib", _mplib, "mplib"),
 )
-"""Roboplan with its default settings with and without shortcuts, and with finer samples; OMPL; MPlib."""
+"""Roboplan with its default settings with and without shortcuts, and with finer samples; OMPL."""

@@ -115,14 +115,9 @@ def _fault(problem: PlanProblem, checker: CollisionChecker, q: Array) -> str:
 
 
 def select_sets(sets: list[str], names: tuple[str, ...]) -> list[str]:
-    """Return the sets with one of these names, or all sets without names.
+    """Return the sets with one of these names, or all sets without names; UnknownNameError if no set has a name.
 
     A set ``"ur5/shelf"`` also has the names ``"ur5"`` and ``"shelf"``.
-
-    Raises
-    ------
-    UnknownNameError
-        If no set has a name.
     """
     names_of = {full_set: {full_set, *full_set.split("/")} for full_set in sets}
     known = set().union(*names_of.values())
@@ -145,10 +140,7 @@ def own_reach(arm: Arm) -> float:
 def own_problems(robot: str, scene: str, count: int, seed: int = 0) -> Iterator[PlanProblem]:
     """Generate problems of a robot in one of :data:`OWN_SCENES`; each depends only on the seed and its number.
 
-    Raises
-    ------
-    InputError
-        If no problem is found for this arm in this scene.
+    InputError is raised if no problem is found for this arm in this scene.
     """
     arm = load_robot(robot).arm()
     empty = CollisionChecker(arm, margin=MARGIN)

@@ -102,7 +102,7 @@ def plan_benchmark(
     sets: Sequence[str] = (),
     problems: int | None = None,
     planners: Sequence[str] = (DEFAULT_PLANNER,),
-    peers: bool = True,
+    peers: bool | Sequence[PlanMethod] = True,
     repeats: int = 1,
     seed: int = 0,
     on_progress: Callable[[str], None] | None = None,
@@ -124,7 +124,7 @@ def plan_benchmark(
     planners
         Our planners, keys of :data:`pinproof.planning.planners.PLANNERS`.
     peers
-        Whether to include planners of other libraries. Those that cannot be run are listed with the reason.
+        Whether to include planners of other libraries, or which. Those that cannot be run are listed with the reason.
     repeats
         Runs per problem; the fastest counts, and the motions are compared.
     seed
@@ -142,7 +142,7 @@ def plan_benchmark(
     if repeats < 1 or (problems is not None and problems < 1):
         raise InputError(f"problems = {problems} and repeats = {repeats} must be at least 1")
     origin, sources = provenance(seed), _sources(robots, mbm, robot, problems, seed)
-    methods = (*map(own_method, planners), *(PEERS if peers else ()))
+    methods = (*map(own_method, planners), *(PEERS if peers is True else peers or ()))
     run = _Run(methods, seed, repeats)
     for full_set in select_sets(list(sources), tuple(sets)):
         if on_progress is not None:

@@ -47,18 +47,9 @@ class ProblemRow(ProblemName):
 class CheckedRow(ProblemName):
     """What every benchmark of motions states of the result for a problem.
 
-    Parameters
-    ----------
-    certified
-        Whether the certificate of the motion is FREE; None for a planner without certificates.
-    faults
-        What the independent check found wrong with the motion.
-    ms
-        Milliseconds of each step.
-    duration
-        Seconds; None without a timed motion.
-    message
-        Why there is no motion, or no certificate.
+    ``certified`` states whether the certificate of the motion is FREE; None for a planner without certificates.
+    ``faults`` is what the independent check found wrong with the motion, ``ms`` the time of each step, ``duration``
+    that of a timed motion in s, and ``message`` the reason why there is no motion or no certificate.
     """
 
     certified: bool | None

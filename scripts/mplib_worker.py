@@ -1,7 +1,7 @@
 """Plans with MPlib for the planning benchmark, in an environment of its own that needs nothing of pinproof.
 
-The first line on standard input is the problem as JSON, each further line asks for a path with a seed. Each answer is a
-line of JSON. MPlib prints to standard output too, so the answers go to a copy of it.
+scripts/mplib_peer.py starts it. The first line on standard input is the problem as JSON, each further line asks for a
+path with a seed. Each answer is a line of JSON. MPlib prints to standard output too, so the answers go to a copy of it.
 """
 
 from __future__ import annotations

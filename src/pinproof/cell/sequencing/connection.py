@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.sequencing.options import Job, PickOption
+from pinproof.cell.sequencing.options import Job, PickOption, least_times
 from pinproof.collision import CollisionChecker
 from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import rest_to_rest_times
@@ -60,11 +60,11 @@ def _rotations(setup: PickSetup, checker: CollisionChecker, q: Array, joined: li
     ``joined`` are the pairs of configurations that are known to be connected.
     """
     bounds = Bounds.of(checker.arm.limits, checker.arm.joint_names)
-    group = _groups(checker, q, _least_times(q, bounds), joined)
+    group = _groups(checker, q, np.array([least_times(q - each, bounds) for each in q]), joined)
     planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
     found = np.full(q.shape, np.nan)
     found[group == group[0]] = 0.0
-    from_start = rest_to_rest_times(q - q[0], bounds).max(axis=1)
+    from_start = least_times(q - q[0], bounds)
     queue = [np.flatnonzero(group == each) for each in np.unique(group[group != group[0]])]
     for members in queue:
         nearest = q[members[from_start[members].argmin()]]
@@ -102,11 +102,6 @@ def _groups(checker: CollisionChecker, q: Array, times: Array, joined: list[tupl
     return group
 
 
-def _least_times(q: Array, bounds: Bounds) -> Array:
-    """(k, k) lower bounds (s) of the times between configurations (k, n)."""
-    return np.array([rest_to_rest_times(q - each, bounds).max(axis=1) for each in q])
-
-
 def _rotated(setup: PickSetup, option: PickOption, entrance: Array, exit_: Array) -> PickOption | None:
     """The option with full rotations (n,) of the pick and of the release; None if they are NaN or beyond a limit."""
     if not np.isfinite([entrance, exit_]).all():
@@ -125,5 +120,5 @@ def _rotated(setup: PickSetup, option: PickOption, entrance: Array, exit_: Array
         release, q=release.q + exit_, lift=shifted(release.lift, exit_), leave=shifted(release.leave, exit_)
     )
     bounds = Bounds.of(arm.limits, arm.joint_names)
-    transfer = float(rest_to_rest_times(release.entrance - attempt.exit, bounds).max())
+    transfer = float(least_times(release.entrance - attempt.exit, bounds))
     return replace(option, attempt=attempt, release=release, transfer=transfer)

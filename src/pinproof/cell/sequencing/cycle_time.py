@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,18 +125,3 @@ def _limit(arm: Arm, motion: PickMotion, bounds: Bounds, *, stated: bool) -> tup
     if stated:
         return least, f"{motion.name}: tool speed"
     return least, f"{motion.name}: detour of {moved.duration - least:.2f} s around obstacles"
-
-
-def table(times: Iterable[PickTime]) -> list[tuple[str, ...]]:
-    """The rows of a table: pick, start, duration, one column for each phase, what limits it."""
-    return [
-        (
-            each.name,
-            f"{each.start:.3f}",
-            f"{each.duration:.3f}",
-            *(f"{each.phases.get(phase, 0.0):.3f}" for phase in PHASES),
-            f"{each.shortest:.3f}",
-            each.limited_by,
-        )
-        for each in times
-    ]

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.cell.sequencing.parts import other_supports
 from pinproof.collision import Obstacle, Scene
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import CubicPath, time_parametrise
@@ -29,6 +30,11 @@ RELEASES = 2
 
 SAME_PLACE = 6
 """Decimals (m) of the poses of parts by which two places are distinguished."""
+
+
+def least_times(distance: Array, bounds: Bounds) -> Array:
+    """Lower bounds (...,) of the times (s) from rest to rest over distances (..., n), without obstacles."""
+    return np.asarray(rest_to_rest_times(distance, bounds).max(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,13 +187,8 @@ def options_of(pick: Pick, setup: PickSetup, fixed: Scene, parts: frozenset[str]
 
 def _without_supports(pick: Pick, parts: frozenset[str]) -> Pick:
     """The pick without stated supports that are parts; where the others are absent, they support nothing."""
-
-    def left(stated: object) -> tuple[str, ...] | None:
-        names = () if stated is None else tuple(name for name in stated if name not in parts)  # type: ignore[attr-defined]
-        return names or None
-
-    place = None if pick.place is None else replace(pick.place, support=left(pick.place.support))
-    return replace(pick, support=left(pick.support), place=place)
+    place = None if pick.place is None else replace(pick.place, support=other_supports(pick.place.support, parts))
+    return replace(pick, support=other_supports(pick.support, parts), place=place)
 
 
 def _of_candidates(
@@ -197,15 +198,15 @@ def _of_candidates(
     placer = Placer(task, seed)
     ranked: list[tuple[float, Candidate, Array | None]] = []
     for candidate in candidates:
-        into = _least(candidate.q - task.cell.home, bounds)
+        into = least_times(candidate.q - task.cell.home, bounds)
         if task.place is None:
             ranked.append((float(into), candidate, None))
             continue
         releases = placer.releases(candidate.member)
         if not len(releases):
             continue
-        across = _least(releases - candidate.q, bounds)
-        back = _least(releases - task.cell.home, bounds)
+        across = least_times(releases - candidate.q, bounds)
+        back = least_times(releases - task.cell.home, bounds)
         for k in np.argsort(across, kind="stable")[:RELEASES]:
             ranked.append((float(into + across[k] + back[k]), candidate, releases[k]))
     found: list[PickOption] = []
@@ -233,17 +234,13 @@ def _of_candidates(
     return found
 
 
-def _least(distance: Array, bounds: Bounds) -> Array:
-    return np.asarray(rest_to_rest_times(distance, bounds).max(axis=-1))
-
-
 def _option(task: Task, attempt: Attempt, release: Release | None, bounds: Bounds) -> PickOption | None:
     """The option with the times of its lines; None if a line cannot be timed."""
     curves: dict[str, CubicPath | None] = {"approach": attempt.line_in(), "retreat": attempt.line_out()}
     transfer = 0.0
     if release is not None:
         curves |= {"place": release.lift, "leave": release.leave}
-        transfer = float(_least(release.entrance - attempt.exit, bounds))
+        transfer = float(least_times(release.entrance - attempt.exit, bounds))
     seconds = {}
     for name, curve in curves.items():
         if curve is None:

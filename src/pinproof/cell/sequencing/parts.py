@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set as AbstractSet
 from dataclasses import replace
 
 from pinproof.collision import Scene
@@ -34,8 +35,8 @@ def without_parts(arm: Arm, scene: Scene, picks: Picks) -> tuple[Scene, Picks]:
             if of_part(place.frame):
                 pose = root_from_frame(place.frame, picks.frames, scene, arm) * place.pose
                 place = replace(place, pose=pose, frame="")
-            place = replace(place, support=_kept(place.support, parts))
-        support = _kept(pick.support, parts)
+            place = replace(place, support=other_supports(place.support, parts))
+        support = other_supports(pick.support, parts)
         pose = root_from_frame(pick.frame, picks.frames, scene, arm) * pick.pose if pick.frame else pick.pose
         carried = pick.carried
         if isinstance(carried, str) and carried in parts:
@@ -51,6 +52,6 @@ def without_parts(arm: Arm, scene: Scene, picks: Picks) -> tuple[Scene, Picks]:
     return scene.remove(*sorted(parts)), replace(picks, picks=tuple(map(alone, picks)), frames=frames)
 
 
-def _kept(support: object, parts: set[str]) -> tuple[str, ...] | None:
-    """The supports that are not parts; None if none is left."""
+def other_supports(support: object, parts: AbstractSet[str]) -> tuple[str, ...] | None:
+    """The stated supports that are not parts; None if no other is stated."""
     return tuple(name for name in support_names(support) or () if name not in parts) or None

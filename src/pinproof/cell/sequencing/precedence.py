@@ -118,18 +118,6 @@ class Precedence:
             found[before].add(after)
         return found
 
-    def essential(self) -> list[Pair]:
-        """The pairs that do not follow from others."""
-        after = self.successors()
-        below: dict[int, set[int]] = {}
-
-        def reached(job: int) -> set[int]:
-            if job not in below:
-                below[job] = after[job].union(*(reached(other) for other in after[job]))
-            return below[job]
-
-        return [(a, b) for a, b in self.reasons if not any(b in reached(other) for other in after[a] if other != b)]
-
     def allows(self, order: Iterable[int]) -> bool:
         """Whether an order of all picks satisfies every pair."""
         place = {pick: k for k, pick in enumerate(order)}

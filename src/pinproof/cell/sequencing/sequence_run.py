@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from pinproof.cell.sequencing.blocking import geometric_precedence
 from pinproof.cell.sequencing.connection import connected
-from pinproof.cell.sequencing.options import Job, options_of, part_names, resolved
+from pinproof.cell.sequencing.options import Job, least_times, options_of, part_names, resolved
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult, SequenceStep
 from pinproof.cell.sequencing.tour import ROUNDS, SEARCH, Tour, TourProblem
@@ -25,7 +25,6 @@ from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, NoAnswer
 from pinproof.motion import Trajectory
 from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import rest_to_rest_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 
 Array = npt.NDArray[np.float64]
@@ -203,15 +202,13 @@ class SequenceRun:
         options = [self.jobs[k].options[o] for k, o in self.numbers]
         entrances = np.array([option.entrance for option in options])
         exits = np.array([option.exit for option in options])
-        between = np.empty((len(options), len(options)))
-        for row, q in enumerate(exits):
-            between[row] = rest_to_rest_times(entrances - q, bounds).max(axis=1)
+        between = np.array([least_times(entrances - q, bounds) for q in exits])
         first, last = self.ends
         zeros = np.zeros(len(options))
         return TourProblem(
             np.array([k for k, _ in self.numbers]),
-            zeros if first is None else rest_to_rest_times(entrances - first, bounds).max(axis=1),
-            zeros if last is None else rest_to_rest_times(exits - last, bounds).max(axis=1),
+            zeros if first is None else least_times(entrances - first, bounds),
+            zeros if last is None else least_times(exits - last, bounds),
             np.array([option.seconds for option in options]),
             between,
             self.precedence,
@@ -427,13 +424,8 @@ class SequenceRun:
     def _excluding(self, problem: TourProblem, failure: MotionFailure, previous: int, option: int) -> TourProblem:
         """The problem with more precedence if a part blocks the motion, else without the failed transit or option."""
         if option == START:
-            if drop := self._unconnected(previous):
-                inner = problem.inner.copy()
-                inner[list(drop)] = np.inf
-                return replace(problem, inner=inner)
-            end = problem.end.copy()
-            end[previous] = np.inf
-            return replace(problem, end=end)
+            drop = self._unconnected(previous)
+            return _without(problem, "inner", list(drop)) if drop else _without(problem, "end", previous)
         job = int(problem.job[option])
         for name in failure.bodies:
             for other, each in enumerate(self.jobs):
@@ -448,16 +440,10 @@ class SequenceRun:
                         return replace(problem, precedence=more)
         drop = {option} if failure.part != "transit" else self._unconnected(previous, option)
         if drop:
-            inner = problem.inner.copy()
-            inner[list(drop)] = np.inf
-            return replace(problem, inner=inner)
+            return _without(problem, "inner", list(drop))
         if previous == START:
-            start = problem.start.copy()
-            start[option] = np.inf
-            return replace(problem, start=start)
-        between = problem.between.copy()
-        between[previous, option] = np.inf
-        return replace(problem, between=between)
+            return _without(problem, "start", option)
+        return _without(problem, "between", (previous, option))
 
     def _unconnected(self, *ends: int) -> set[int]:
         """The options connected to an end of a failed transit, if too many transits between them and others failed.
@@ -489,17 +475,13 @@ class SequenceRun:
         certified = self.best or self.partial
         steps: list[SequenceStep] = []
         now = 0.0
-        for k, verdict in enumerate([] if certified is None else certified.verdicts):
-            job_index = int(self.numbers[certified.tour.options[k]][0]) if certified is not None else 0
-            step = SequenceStep(
-                self.picks[self.stated.names.index(self.precedence.names[job_index])],
-                verdict,
-                certified.scenes[k] if certified is not None else self.setup.checker.scene,
-                now,
-                *self.dwell,
-            )
-            steps.append(step)
-            now = step.end
+        if certified is not None:
+            for number, verdict, scene in zip(
+                certified.tour.options, certified.verdicts, certified.scenes, strict=False
+            ):
+                pick = self.picks[self.stated.names.index(self.precedence.names[self.numbers[number][0]])]
+                steps.append(SequenceStep(pick, verdict, scene, now, *self.dwell))
+                now = steps[-1].end
         return SequenceResult(
             self.setup,
             tuple(steps),
@@ -512,6 +494,13 @@ class SequenceRun:
             len(self.jobs),
             interrupted,
         )
+
+
+def _without(problem: TourProblem, name: str, where: int | list[int] | tuple[int, int]) -> TourProblem:
+    """The problem with infinite seconds at some places of the array ``name``."""
+    seconds = getattr(problem, name).copy()
+    seconds[where] = np.inf
+    return replace(problem, **{name: seconds})
 
 
 @dataclass(frozen=True, eq=False)

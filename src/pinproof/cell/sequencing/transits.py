@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.sequencing.options import Job, PickOption
+from pinproof.cell.sequencing.options import Job, PickOption, least_times
 from pinproof.collision import Certificate, Scene
 from pinproof.errors import TimingError
 from pinproof.motion import BlendedPath, JointPath, MotionLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import rest_to_rest_times
 from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, StageResult
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.lines import Attempt, shortened, transit
@@ -268,7 +267,7 @@ def _searched(task: Task, member: Member, motion: PickMotion, part: MotionPart) 
 def _least(trajectory: Trajectory, limits: MotionLimits) -> float:
     """Lower bound (s) of the time of a motion between the ends of a trajectory, without obstacles."""
     bounds = Bounds.of(limits, trajectory.joint_names)
-    return float(rest_to_rest_times(trajectory.end - trajectory.start, bounds).max())
+    return float(least_times(trajectory.end - trajectory.start, bounds))
 
 
 def _first_bodies(certificate: Certificate) -> tuple[str, ...]:

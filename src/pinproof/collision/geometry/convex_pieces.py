@@ -31,7 +31,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.geometry.hulls import Solid, bvh, inside
+from pinproof.collision.geometry.hulls import Solid, box_of, bvh, inside
 from pinproof.collision.geometry.triangles import PointHull, cut_crossing, with_area
 
 Array = npt.NDArray[np.float64]
@@ -163,7 +163,7 @@ def convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPieces 
     size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
     cells = []
     for part in solid.solids if len(solid.solids) <= most else (corners,):
-        space = _Space(partial(inside, corners=part), SNAP * size, NUDGE * size, size)
+        space = _Space(partial(inside, corners=part, box=box_of(part)), SNAP * size, NUDGE * size, size)
         cells.append(_Cell(space, part, _box(part), *_reflex_edges(part, SNAP * size)))
     # The space of a hull takes seconds for a mesh of 100,000 triangles, so the planes are counted first.
     if sum(len(cell.reflex_planes()) for cell in cells) > 1.5 * most and (

@@ -143,6 +143,8 @@ class Solid:
         (K, 3) one vertex of each part.
     corners
         (F, 3, 3) the triangles that have three different corners; of a watertight mesh, solid parts turned outwards.
+    box
+        (2, 3) the least and the greatest coordinates of a watertight mesh.
     solids
         The triangles of bodies whose union is the volume: of each part; of all if the mesh has cavities or no inside.
     """
@@ -153,6 +155,7 @@ class Solid:
     watertight: bool = field(init=False)
     witnesses: Array = field(init=False)
     corners: Array = field(init=False, repr=False)
+    box: Array = field(init=False, repr=False)
     solids: tuple[Array, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -167,24 +170,29 @@ class Solid:
         object.__setattr__(self, "witnesses", points[[faces[part[0], 0] for part in parts]])
         corners, separate = _oriented(points, faces, parts) if closed else (points[faces], False)
         object.__setattr__(self, "corners", corners)
-        for array in (self.witnesses, self.corners):
+        object.__setattr__(self, "box", box_of(corners) if closed else np.full((2, 3), np.nan))
+        for array in (self.witnesses, self.corners, self.box):
             array.setflags(write=False)
         solids = [self.corners[part] for part in parts] if separate and len(parts) > 1 else [self.corners]
         object.__setattr__(self, "solids", tuple(solids))
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3), in the mesh's frame, lies inside; never if the mesh is not watertight."""
-        return self.watertight and inside(points, self.corners)
+        return self.watertight and inside(points, self.corners, self.box)
 
     def content(self) -> bytes:
         """Return its defining numbers, for a hash."""
         return self.vertices.tobytes() + self.triangles.tobytes() + bytes([self.hollow])
 
 
-def inside(points: Array, corners: Array) -> bool:
-    """Whether any of the points (N, 3) lies inside the closed surface of triangles (F, 3, 3)."""
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    near = points[np.all((points >= low) & (points <= high), axis=1)]
+def box_of(corners: Array) -> Array:
+    """(2, 3) the least and the greatest coordinates of triangles (F, 3, 3)."""
+    return np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+
+
+def inside(points: Array, corners: Array, box: Array) -> bool:
+    """Whether any of the points (N, 3) lies inside the closed surface of triangles (F, 3, 3) with a bounding box."""
+    near = points[np.all((points >= box[0]) & (points <= box[1]), axis=1)]
     return any(abs(winding_number(point, corners)) > 0.5 for point in near)
 
 

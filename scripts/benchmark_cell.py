@@ -124,9 +124,6 @@ CELLS: Mapping[str, Callable[[], BenchmarkCell]] = {
     "bolts, random 2": lambda: bolts(seed=2),
     "panda bin": panda_bin,
     "pallets": pallets,
-    "pallets, long search": lambda: replace(
-        pallets(), budget=PlacementBudget(grid=4000, runs=10, evaluations=300, sampled=60, certified=8)
-    ),
     "pallets, one supply": lambda: pallets(4),
 }
 

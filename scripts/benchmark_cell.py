@@ -351,8 +351,8 @@ def markdown(table: CellTable) -> str:
         "above; CPU: the processor time of all processes. Good: picks that are certified at the best placement. Best: "
         "the certified cycle time there, and how far it is below the median. For the median, placements of the grid at "
         f"which the base and all grasps are free are judged, {QUANTILES} at equal steps of the rank of their estimated "
-        "cycle time, and those at which all picks are good count; feasible states how many. Empty: share of the region "
-        "that is proven to have no placement. "
+        "cycle time, and those at which all picks are good count; feasible states how many. In rows without this, "
+        "7 placements with an estimate were judged. Empty: share of the region that is proven to have no placement. "
         "Slower: share of the region in which every placement is proven to be slower than the best one.",
         {
             "cell": lambda row: row.cell,
@@ -374,8 +374,8 @@ def markdown(table: CellTable) -> str:
     )
     lines += section(
         "Exhaustive grids: every placement of the grid at which the base and all grasps are free is judged with all "
-        "picks, or up to the first pick that fails. The search is that of the table above, on the same region and "
-        "without knowledge of this grid.",
+        "picks, or up to the first pick that fails. The median is that of all placements at which all picks are good. "
+        "The search is that of the table above, on the same region and without knowledge of this grid.",
         {
             "cell": lambda row: row.cell,
             "picks": lambda row: row.picks,
@@ -386,6 +386,7 @@ def markdown(table: CellTable) -> str:
             "grid best": lambda row: _number(row.grid_best),
             "grid median": lambda row: _number(row.grid_median),
             "search best": lambda row: _number(row.search_best),
+            "below median": lambda row: f"{1 - row.search_best / row.grid_median:.0%}",
             "difference": lambda row: f"{row.search_best / row.grid_best - 1:+.1%}",
             "CPU of search": lambda row: f"{row.search_cpu_seconds:.0f}",
             "load": lambda row: _number(row.load),

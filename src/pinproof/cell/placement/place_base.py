@@ -404,10 +404,14 @@ class _Search:
         picks = tuple(self.alternatives[choice].picks for choice, _, _ in chosen)
         known = [self._verdicts.setdefault((choice, *values.tolist()), {}) for choice, values, _ in chosen]
         items = [(k, index) for k in range(len(chosen)) for index in indices if index not in known[k]]
-        rows = self.runner.run(stage, CertifyTask(setups, picks), items, 1)
-        for (k, index), row in zip(items, rows, strict=True):
-            # rows that were read from the folder have no motions, so these picks are judged again
-            known[k][index] = row.get("keep") or setups[k].judge(index, picks[k].picks[index])
+        task = CertifyTask(setups, picks)
+        rows = dict(zip(items, self.runner.run(stage, task, items, 1), strict=True))
+        # rows that were read from the folder have no motions, so these picks are judged again
+        if read := [item for item, row in rows.items() if "keep" not in row]:
+            again = replace(self.runner, folder=None).run(f"{stage}_again", task, read, 1)
+            rows.update(zip(read, again, strict=True))
+        for (k, index), row in rows.items():
+            known[k][index] = row["keep"]
         return [
             PickReport(
                 self.alternatives[choice].placed.original.robot.name,

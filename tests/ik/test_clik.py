@@ -291,6 +291,24 @@ def test_misuse_is_refused_by_name(ur5, call, message):
         call(ur5)
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda robot, target: pp.Clik().solve(robot, target),
+        lambda robot, target: pp.Clik().solve_batch(robot, [target]),
+        lambda robot, target: pp.Clik().solve_many(robot, target),
+        lambda robot, target: pp.AnalyticIk().solve_all(robot, target),
+        lambda robot, target: pp.AnalyticIk().solve_batch(robot, [target]),
+        lambda robot, target: pp.prove_unreachable(robot, target),
+        lambda robot, target: pp.track(robot, [target], [0.0] * 6, dt=0.1),
+    ],
+)
+def test_a_robot_or_its_name_instead_of_an_arm_is_refused(ur5, call):
+    for robot in (ur5.robot, "ur5"):
+        with pytest.raises(pp.InputError, match="arm must be of type Arm"):
+            call(robot, pp.pose())
+
+
 def test_unknown_settings_are_refused():
     with pytest.raises(TypeError, match="tolerance"):
         pp.Clik(tolerance=1e-3)

@@ -20,7 +20,7 @@ from pinproof.model import Arm
 from pinproof.spatial import matrix
 
 Array = npt.NDArray[np.float64]
-Weighed = Iterable[tuple[float, Array]]
+WeightedEnds = Iterable[tuple[float, Array]]
 
 HANDOVER = 1e-2
 """Norm of the residual (m and rad together) below which ``polish`` uses the steps of Clik: they converge
@@ -188,14 +188,14 @@ class _Passes:
         turn[:3, 3] = -turn[:3, :3] @ end[:3, 3]
         return turn
 
-    def _best(self, k: int, hinge: Array, wanted: Array, ends: Weighed) -> float:
+    def _best(self, k: int, hinge: Array, wanted: Array, ends: WeightedEnds) -> float:
         """The motion of hinge k that is closest to the wanted motion (4, 4), measured at the ends."""
         if not self._prismatic[k]:
             return self._angle(hinge, wanted, ends)
         shares = [(w, self._position_weight * float(hinge[1] @ (_at(wanted, one[0]) - one[0]))) for w, one in ends]
         return sum(w * along for w, along in shares) / sum(w for w, _ in shares)
 
-    def _angle(self, hinge: Array, wanted: Array, ends: Weighed) -> float:
+    def _angle(self, hinge: Array, wanted: Array, ends: WeightedEnds) -> float:
         """:meth:`_best` for a revolute joint. An end is a point and directions (1 + i, 3), with its weight."""
         origin, d = hinge
         c = s = 0.0

@@ -148,7 +148,7 @@ class JointLimits:
 
     def select(self, joints: Sequence[int] | npt.NDArray[np.int64]) -> JointLimits:
         """Return the limits of the joints with these indices, in this order."""
-        index = np.asarray(joints, dtype=int)
+        index = np.arange(len(self))[list(joints)]  # a mask selects, too, instead of the joints 0 and 1
         values = {kind: getattr(self, kind) for kind in LIMIT_KINDS}
         chosen: dict[str, Any] = {kind: None if value is None else value[index] for kind, value in values.items()}
         return dataclasses.replace(self, **chosen)

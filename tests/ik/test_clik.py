@@ -187,12 +187,6 @@ def test_rejected_solutions_have_the_status_refused(ur5):
     assert caught.value.result is result
 
 
-def test_single_solves_are_repeatable(panda):
-    target = reachable(panda, 1, seed=8)[0]
-    first, second = (pp.Clik().solve(panda, target, q0=panda.home + 0.4, rng=5) for _ in range(2))
-    assert first.q.tobytes() == second.q.tobytes()
-
-
 def test_batch_entries_equal_their_results(ur5):
     targets = reachable(ur5, 3, seed=1)
     targets[1, :3, 3] = 5.0

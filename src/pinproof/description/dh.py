@@ -22,6 +22,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -432,7 +433,8 @@ class DhTable:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The constructor makes the arrays read-only again; pickle does not preserve this flag.
-        return _rebuild, (self.rows, self.convention, self.name, self.base, self.tool)
+        settings = {"convention": self.convention, "name": self.name, "base": self.base, "tool": self.tool}
+        return partial(DhTable, **settings), (self.rows,)  # type: ignore[arg-type]  # the values have several types
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -563,7 +565,3 @@ def _checked_rows(rows: Iterable[DhRow]) -> tuple[DhRow, ...]:
             raise InputError(f"rows {seen[row.name]} and {number} of the DH table are both named {row.name!r}")
         seen[row.name] = number
     return rows
-
-
-def _rebuild(rows: tuple[DhRow, ...], convention: str, name: str, base: Array, tool: Array) -> DhTable:
-    return DhTable(rows, convention=convention, name=name, base=base, tool=tool)

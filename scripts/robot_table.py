@@ -27,7 +27,7 @@ def catalogue_table() -> str:
         entry, arm = find_robot(name), pp.load_robot(name).arm()
         srdf = "yes" if entry.srdf is not None else "no"
         if entry.overlaps:
-            srdf += f", and {len(entry.overlaps)} overlaps"
+            srdf += f", and {len(entry.overlaps)} overlap{'' if len(entry.overlaps) == 1 else 's'}"
         rows.append(f"| `{name}` | {_file(entry.urdf)} | {arm.base} | {arm.tcp} | {kinematic_class(arm)} | {srdf} |")
     return "\n".join(rows)
 

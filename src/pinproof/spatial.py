@@ -25,6 +25,7 @@ __all__ = [
     "finite",
     "frozen",
     "interpolate",
+    "inverse_matrix",
     "log6",
     "log6_jacobian",
     "matrix",
@@ -32,6 +33,8 @@ __all__ = [
     "rigid",
     "rigid_many",
     "rigid_matrix",
+    "rotation_about",
+    "rotation_about_line",
     "translated",
     "twist_size",
     "xyz_rpy",
@@ -151,6 +154,31 @@ def log6(a_from_b: pin.SE3) -> Array:
 def log6_jacobian(a_from_b: pin.SE3) -> Array:
     """Return the (6, 6) derivative of :func:`log6` with respect to a motion of b, in b (right Jacobian of SE(3))."""
     return np.array(pin.Jlog6(a_from_b))
+
+
+def inverse_matrix(a_from_b: Array) -> Array:
+    """Return ``b_from_a`` (4, 4) of a rigid transform (4, 4), without validating it."""
+    b_from_a = np.eye(4)
+    b_from_a[:3, :3] = a_from_b[:3, :3].T
+    b_from_a[:3, 3] = -b_from_a[:3, :3] @ a_from_b[:3, 3]
+    return b_from_a
+
+
+def rotation_about(axis: Array, angle: float) -> Array:
+    """Return the rotation (3, 3) about a unit axis (3,) by an angle (rad), by Rodrigues' formula."""
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+
+
+def rotation_about_line(point: Array, axis: Array, angle: float) -> Array:
+    """Return the transform (4, 4) of a rotation by an angle (rad) about the line through a point (3,) along an axis."""
+    motion = np.eye(4)
+    motion[:3, :3] = rotation_about(axis, angle)
+    motion[:3, 3] = point - motion[:3, :3] @ point
+    return motion
 
 
 def interpolate(a: pin.SE3, b: pin.SE3, share: float) -> pin.SE3:

@@ -119,6 +119,7 @@ def test_an_invalid_row_is_refused_with_its_column(change: dict[str, Any], colum
     ("rows", "settings", "error", "words"),
     [
         ((), {"convention": "standard"}, InputError, "at least one row"),
+        (GENERIC.rows[0], {"convention": "standard"}, InputError, "rows must be of type Iterable, not DhRow"),
         (("not a row",), {"convention": "standard"}, InputError, "row 1 .* must be a DhRow, not str"),
         (GENERIC.rows[:2] + GENERIC.rows[:1], {"convention": "standard"}, InputError, "rows 1 and 3 .* 'joint_1'"),
         (GENERIC.rows, {"convention": "craig"}, UnknownNameError, "valid: .*standard"),

@@ -145,7 +145,7 @@ def test_robot_of_the_most_links_moves_part_by_part():
     robot = load_robot_from_text(chain(MAX_LINKS))
     tip = f"l{MAX_LINKS - 1}"
     assert robot.arm(tcp=tip, base=f"l{MAX_LINKS - 201}").dof == 200
-    with pytest.raises(pp.InputError, match=rf"{MAX_LINKS - 1} joints move.*limit"):
+    with pytest.raises(pp.InputError, match=rf"{MAX_LINKS - 1} joints are between.*limit"):
         robot.arm(tcp=tip)
 
 

@@ -187,12 +187,6 @@ def test_rejected_solutions_have_the_status_refused(ur5):
     assert caught.value.result is result
 
 
-def test_single_solves_are_repeatable(panda):
-    target = reachable(panda, 1, seed=8)[0]
-    first, second = (pp.Clik().solve(panda, target, q0=panda.home + 0.4, rng=5) for _ in range(2))
-    assert first.q.tobytes() == second.q.tobytes()
-
-
 def test_batch_entries_equal_their_results(ur5):
     targets = reachable(ur5, 3, seed=1)
     targets[1, :3, 3] = 5.0
@@ -289,6 +283,24 @@ def test_invalid_settings_are_refused_by_name(settings, message):
 def test_misuse_is_refused_by_name(ur5, call, message):
     with pytest.raises(pp.InputError, match=message):
         call(ur5)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda robot, target: pp.Clik().solve(robot, target),
+        lambda robot, target: pp.Clik().solve_batch(robot, [target]),
+        lambda robot, target: pp.Clik().solve_many(robot, target),
+        lambda robot, target: pp.AnalyticIk().solve_all(robot, target),
+        lambda robot, target: pp.AnalyticIk().solve_batch(robot, [target]),
+        lambda robot, target: pp.prove_unreachable(robot, target),
+        lambda robot, target: pp.track(robot, [target], [0.0] * 6, dt=0.1),
+    ],
+)
+def test_a_robot_or_its_name_instead_of_an_arm_is_refused(ur5, call):
+    for robot in (ur5.robot, "ur5"):
+        with pytest.raises(pp.InputError, match="arm must be of type Arm"):
+            call(robot, pp.pose())
 
 
 def test_unknown_settings_are_refused():

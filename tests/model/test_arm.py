@@ -151,11 +151,20 @@ def test_a_held_joint_and_its_follower_have_the_stated_values(zoo, zoo_text):
         ({"nope": 0.0}, "valid: .*finger"),
         ({"finger": float("nan")}, "nan"),
         ({"finger": "open"}, "open"),
+        ({"nope": None}, "valid: .*finger"),
+        (0.03, "held must be of type Mapping"),
     ],
 )
 def test_joint_that_cannot_be_held_is_refused(zoo, held, message):
     with pytest.raises(pp.InputError, match=message):
         zoo.arm(tcp="tool", held=held)
+
+
+def test_with_held_refuses_unknown_joints_and_other_types(zoo):
+    arm = zoo.arm(tcp="tool")
+    for held, message in (({"nope": None}, "valid: .*finger"), (0.03, "held must be of type Mapping")):
+        with pytest.raises(pp.InputError, match=message):
+            arm.with_held(held)
 
 
 def test_one_joint_arm_has_a_jacobian_of_one_column(zoo):

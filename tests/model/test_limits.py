@@ -44,6 +44,13 @@ def test_arrays_are_read_only_copies():
         limits.lower[0] = 0
 
 
+def test_joints_are_selected_by_index_or_mask():
+    limits = pp.JointLimits(-np.arange(3.0), np.arange(3.0), np.ones(3))
+    assert limits.select([2, 0]).upper.tolist() == [2.0, 0.0]
+    assert limits.select([True, False, True]).upper.tolist() == [0.0, 2.0]
+    assert len(limits.select([])) == 0
+
+
 def test_violations_name_joint_and_range():
     limits = pp.JointLimits(-ONE, ONE, ONE)
     (sentence,) = limits.violations(np.array([0.0, 1.5]), ["a", "b"])

@@ -74,6 +74,10 @@ def test_limits_can_be_tightened_by_name_and_replaced():
         robot.arm(limits={"elbow_joint": (1.0, 0.0)})
     with pytest.raises(pp.InputError, match=r"elbow_joint.*\(lower, upper\)"):
         robot.arm(limits={"elbow_joint": 3.0})
+    with pytest.raises(pp.InputError, match=r"elbow_joint.*\(lower, upper\)"):
+        robot.arm(limits={"elbow_joint": ("a", "b")})
+    with pytest.raises(pp.InputError, match="limits must be of type"):
+        robot.arm(limits=[(-1.0, 1.0)] * 6)
     with pytest.raises(pp.InputError, match="6"):
         robot.arm(limits=pp.JointLimits(np.zeros(2), np.ones(2), np.ones(2)))
 
@@ -96,6 +100,12 @@ def test_unknown_robot_names_the_catalogue():
 def test_file_of_another_kind_is_refused(tmp_path):
     with pytest.raises(pp.errors.UrdfError, match="must end in"):
         pp.load_robot(tmp_path / "robot.sdf")
+
+
+def test_one_package_folder_without_a_list_is_refused(tmp_path):
+    for folder in (tmp_path, str(tmp_path)):
+        with pytest.raises(pp.InputError, match="package_dirs must be a list"):
+            pp.load_robot("ur5", package_dirs=folder)
 
 
 def test_missing_package_folder_is_refused(tmp_path):

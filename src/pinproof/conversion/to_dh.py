@@ -37,6 +37,7 @@ from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.model.chain import link_path
 from pinproof.model.dh_proof import prove_table_equals_arm
+from pinproof.spatial import inverse_matrix
 
 Array = npt.NDArray[np.float64]
 
@@ -252,7 +253,7 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
         convention=convention,
         name=arm.robot.name if name is None else name,
         base=_plain_transform(frames[0]),
-        tool=_plain_transform(_inverse(frames[-1]) @ tool),
+        tool=_plain_transform(inverse_matrix(frames[-1]) @ tool),
     )
     prove_table_equals_arm(table, arm)
     return table
@@ -317,10 +318,3 @@ def _plain_transform(transform: Array) -> Array:
     plain[:3, :3] = np.where(np.abs(plain[:3, :3] - near) <= PLAIN_LENGTH_NOISE, near, plain[:3, :3]) + 0.0
     plain[:3, 3] = [_plain_length(float(length)) for length in plain[:3, 3]]
     return plain
-
-
-def _inverse(frame: Array) -> Array:
-    inverse = np.eye(4)
-    inverse[:3, :3] = frame[:3, :3].T
-    inverse[:3, 3] = -frame[:3, :3].T @ frame[:3, 3]
-    return inverse

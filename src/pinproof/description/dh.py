@@ -22,6 +22,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -31,6 +32,7 @@ import yaml
 
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import csv_text, read_text, unknown_suffix, write_text_whole
+from pinproof.common.validation import require_type
 from pinproof.common.yaml_file import LinedMapping, parse_number, read_yaml, refuse_unknown
 from pinproof.description.dh_keys import CONVENTIONS, DEFAULT_EFFORT, JOINT_TYPES, LARGEST, ROW, TABLE, TRANSFORM
 from pinproof.errors import DhTableError, InputError, UnknownNameError
@@ -344,7 +346,7 @@ def _csv_text(table: DhTable) -> str:
             raise InputError(
                 f"the {which} of the table is not the identity, which a CSV cannot store; save a .yaml file"
             )
-    rows = [_stated_number(row) for row in table.rows]
+    rows = [_stated_columns(row) for row in table.rows]
     columns = [name for name in ROW.names if name != "effort" or any("effort" in row for row in rows)]
     cells = ([stated.get(column, "") for column in columns] for stated in rows)
     return csv_text(columns, cells, comment=f"# convention: {table.convention}")
@@ -356,11 +358,11 @@ def _yaml_text(table: DhTable) -> str:
         transform = getattr(table, which)
         if not np.array_equal(transform, np.eye(4)):
             content[which] = {"matrix": transform.tolist()}
-    content["rows"] = [_stated_number(row) for row in table.rows]
+    content["rows"] = [_stated_columns(row) for row in table.rows]
     return yaml.dump(content, Dumper=_FlatRows, sort_keys=False, allow_unicode=True, width=200)
 
 
-def _stated_number(row: DhRow) -> dict[str, Any]:
+def _stated_columns(row: DhRow) -> dict[str, Any]:
     """Return the columns of a row for a file, without infinite limits and without the default effort."""
     values: dict[str, Any] = {"name": row.name, "type": row.joint_type}
     values |= {column: getattr(row, column) for column in ROW.names[2:]}
@@ -431,7 +433,8 @@ class DhTable:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The constructor makes the arrays read-only again; pickle does not preserve this flag.
-        return _rebuild, (self.rows, self.convention, self.name, self.base, self.tool)
+        settings = {"convention": self.convention, "name": self.name, "base": self.base, "tool": self.tool}
+        return partial(DhTable, **settings), (self.rows,)  # type: ignore[arg-type]  # the values have several types
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -550,6 +553,7 @@ class DhTable:
 
 
 def _checked_rows(rows: Iterable[DhRow]) -> tuple[DhRow, ...]:
+    require_type("rows", rows, Iterable)
     rows = tuple(rows)
     if not rows:
         raise InputError("a DH table needs at least one row")
@@ -561,7 +565,3 @@ def _checked_rows(rows: Iterable[DhRow]) -> tuple[DhRow, ...]:
             raise InputError(f"rows {seen[row.name]} and {number} of the DH table are both named {row.name!r}")
         seen[row.name] = number
     return rows
-
-
-def _rebuild(rows: tuple[DhRow, ...], convention: str, name: str, base: Array, tool: Array) -> DhTable:
-    return DhTable(rows, convention=convention, name=name, base=base, tool=tool)

@@ -164,7 +164,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class _Arm:
+class _Segment:
     """A straight segment of a link from ``start`` to ``end`` (3,) in the link frame; the next one starts at ``end``."""
 
     start: Array
@@ -177,18 +177,18 @@ class _Arm:
 
 def link_bodies(table: DhTable) -> tuple[Body, ...]:
     """The n + 1 bodies of base_link, link_1, ..., link_n, each in the frame of its link; a body may have no shapes."""
-    arms = [_arms(table, i) for i in range(len(table) + 1)]
-    total = sum(arm.length for link in arms for arm in link)
+    segments = [_segments(table, i) for i in range(len(table) + 1)]
+    total = sum(segment.length for link in segments for segment in link)
     shortest = max(SHORT, SHORT_OF_TOTAL * total)
-    arms = [link if any(arm.length >= shortest for arm in link) else [] for link in arms]
-    arms = [[arm for arm in link if arm.length >= SHORT] for link in arms]
-    rods = [i > 0 and table.rows[i - 1].is_prismatic and any(arms[:i]) for i in range(len(arms))]
-    radii = _radii([_span(link) for link in arms], rods, total)
-    tip = max((i for i, link in enumerate(arms) if link), default=-1)
+    segments = [link if any(segment.length >= shortest for segment in link) else [] for link in segments]
+    segments = [[segment for segment in link if segment.length >= SHORT] for link in segments]
+    rods = [i > 0 and table.rows[i - 1].is_prismatic and any(segments[:i]) for i in range(len(segments))]
+    radii = _radii([_span(link) for link in segments], rods, total)
+    tip = max((i for i, link in enumerate(segments) if link), default=-1)
 
-    foot = _foot(table, arms, radii)
+    foot = _foot(table, segments, radii)
     bodies = []
-    for i, (link, radius) in enumerate(zip(arms, radii, strict=True)):
+    for i, (link, radius) in enumerate(zip(segments, radii, strict=True)):
         on_foot = i == 1 and foot is not None
         cylinders, balls = _cylinders(link, radius, on_foot=on_foot, is_tip=i == tip)
         turns = i > 0 and not table.rows[i - 1].is_prismatic
@@ -200,11 +200,11 @@ def link_bodies(table: DhTable) -> tuple[Body, ...]:
         if i == 0:
             shapes = [replace(shape, origin=table.base @ shape.origin) for shape in shapes]
             shapes += [] if foot is None else [foot]
-        bodies.append(Body(tuple(shapes), *_weight(cylinders, radius or _neighbour(radii, i))))
+        bodies.append(Body(tuple(shapes), *_mass_properties(cylinders, radius or _neighbour(radii, i))))
     return tuple(bodies)
 
 
-def _arms(table: DhTable, i: int) -> list[_Arm]:
+def _segments(table: DhTable, i: int) -> list[_Segment]:
     """The straight segments of link i (0: fixed to dh_0) in its frame, in the order of the chain."""
     points: list[Array] = []
     if table.convention == "standard":
@@ -226,12 +226,14 @@ def _arms(table: DhTable, i: int) -> list[_Arm]:
         reach = (bend, first - row.lower, first - row.upper)
         low, high = min(reach), max(reach)
         start, end = (low, high) if bend - low >= high - bend else (high, low)
-        rod = _Arm(np.array([0.0, 0.0, start]), np.array([0.0, 0.0, end]))
-        return [arm for arm in (rod, _Arm(points[1], points[2])) if arm.length > 0]
-    return [arm for arm in (_Arm(points[0], points[1]), _Arm(points[1], points[2])) if arm.length > 0]
+        rod = _Segment(np.array([0.0, 0.0, start]), np.array([0.0, 0.0, end]))
+        return [segment for segment in (rod, _Segment(points[1], points[2])) if segment.length > 0]
+    return [
+        segment for segment in (_Segment(points[0], points[1]), _Segment(points[1], points[2])) if segment.length > 0
+    ]
 
 
-def _span(link: Sequence[_Arm]) -> float:
+def _span(link: Sequence[_Segment]) -> float:
     """The distance between the two ends of a link."""
     return float(np.linalg.norm(link[-1].end - link[0].start)) if link else 0.0
 
@@ -253,33 +255,35 @@ def _neighbour(radii: Sequence[float], i: int) -> float:
     return next((r for r in [*reversed(radii[:i]), *radii[i + 1 :]] if r > 0), BALL_RADIUS)
 
 
-def _foot(table: DhTable, arms: Sequence[Sequence[_Arm]], radii: Sequence[float]) -> Shape | None:
+def _foot(table: DhTable, segments: Sequence[Sequence[_Segment]], radii: Sequence[float]) -> Shape | None:
     """A flat foot on base_link if the first link is a column that rotates about its axis; else None."""
     row, radius = table.rows[0], radii[1]
     height = FOOT_HEIGHT * radius
-    if arms[0] or not arms[1] or row.is_prismatic or abs(row.d) < 2 * (FOOT_GAP + height):
+    if segments[0] or not segments[1] or row.is_prismatic or abs(row.d) < 2 * (FOOT_GAP + height):
         return None
     centre = math.copysign(FOOT_GAP + height / 2, row.d)
     origin = table.base @ ahead(replace(row, d=0.0), table.convention) @ _at(np.array([0.0, 0.0, centre]))
     return Shape(origin, FOOT_RADIUS * radius, height, "joint")
 
 
-def _cylinders(link: Sequence[_Arm], radius: float, *, on_foot: bool, is_tip: bool) -> tuple[list[Shape], list[Shape]]:
+def _cylinders(
+    link: Sequence[_Segment], radius: float, *, on_foot: bool, is_tip: bool
+) -> tuple[list[Shape], list[Shape]]:
     """The cylinders of a link and the spheres at their ends; the caller adds the sphere at the start of the link."""
     cylinders, balls = [], []
-    for k, arm in enumerate(link):
-        direction = (arm.end - arm.start) / arm.length
+    for k, segment in enumerate(link):
+        direction = (segment.end - segment.start) / segment.length
         ends_here = is_tip and k == len(link) - 1
         start = FOOT_GAP if on_foot and k == 0 else 0.0
-        end = arm.length - (min(radius, arm.length / 2) if ends_here else 0.0)
-        middle = arm.start + (start + end) / 2 * direction
+        end = segment.length - (min(radius, segment.length / 2) if ends_here else 0.0)
+        middle = segment.start + (start + end) / 2 * direction
         cylinders.append(Shape(_along(middle, direction), radius, end - start))
         if not ends_here:
-            balls.append(Shape(_at(arm.end), radius, part="joint"))
+            balls.append(Shape(_at(segment.end), radius, part="joint"))
     return cylinders, balls
 
 
-def _weight(cylinders: Sequence[Shape], ball_radius: float) -> tuple[float, Array, Array]:
+def _mass_properties(cylinders: Sequence[Shape], ball_radius: float) -> tuple[float, Array, Array]:
     """Mass, centre of mass and inertia (parallel axis theorem) of solid cylinders, or of a sphere without cylinders."""
     if not cylinders:
         mass = DENSITY * 4 / 3 * math.pi * ball_radius**3
@@ -361,8 +365,8 @@ def _robot(table: DhTable) -> Any:
     movable = [f"link_{i}" for i in range(1, n + 1)]
     frames = [f"dh_{i}" for i in range(n + 1)]
     bodies = link_bodies(table)
-    links = [_link("base_link", bodies[0], with_weight=False)]  # many tools reject a root link with an inertia
-    links += [_link(name, body, with_weight=True) for name, body in zip(movable, bodies[1:], strict=True)]
+    links = [_link("base_link", bodies[0], with_inertial=False)]  # many tools reject a root link with an inertia
+    links += [_link(name, body, with_inertial=True) for name, body in zip(movable, bodies[1:], strict=True)]
     links += [yourdfpy.Link(name=name) for name in (*frames, TCP)]
 
     joints = [_fixed("base_joint", "base_link", "dh_0", table.base)]
@@ -400,11 +404,11 @@ def _fixed(name: str, parent: str, child: str, origin: Any) -> Any:
     return yourdfpy.Joint(name=name, type="fixed", parent=parent, child=child, origin=origin)
 
 
-def _link(name: str, body: Body, *, with_weight: bool) -> Any:
+def _link(name: str, body: Body, *, with_inertial: bool) -> Any:
     import yourdfpy
 
     link = yourdfpy.Link(name=name)
-    if with_weight:
+    if with_inertial:
         origin = np.eye(4)
         origin[:3, 3] = body.centre
         link.inertial = yourdfpy.Inertial(origin=origin, mass=body.mass, inertia=body.inertia)

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from pinproof.description.srdf import DisabledPair, GroupState, Srdf
 from pinproof.description.urdf import Urdf, urdf_of
 from pinproof.description.urdf_elements import numbers_text, origin_attributes
-from pinproof.description.xml_reader import Element, numbers, place, required
+from pinproof.description.xml_reader import Element, numbers, place, required, spelt_attributes
 from pinproof.errors import UnknownNameError, UrdfError
 
 Array = npt.NDArray[np.float64]
@@ -28,6 +28,23 @@ Attributes = dict[str, dict[str, str]]
 
 LARGEST = 1e100
 """Largest number; the squares of larger ones overflow."""
+
+PLACED = ("name", "class", "pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "user")
+KNOWN_ATTRIBUTES: dict[str, tuple[str, ...]] = {
+    "body": (*PLACED, "childclass", "gravcomp", "mocap", "sleep"),
+    "joint": (
+        "name", "class", "type", "group", "pos", "axis", "range", "limited", "ref", "springref", "springdamper",
+        "margin", "stiffness", "armature", "damping", "frictionloss", "solreflimit", "solimplimit", "solreffriction",
+        "solimpfriction", "actuatorfrclimited", "actuatorfrcrange", "actuatorgravcomp", "user",
+    ),
+    "geom": (
+        *PLACED, "type", "size", "fromto", "mesh", "contype", "conaffinity", "condim", "group", "priority", "material",
+        "rgba", "friction", "mass", "density", "shellinertia", "solmix", "solref", "solimp", "margin", "gap", "hfield",
+        "fitscale", "fluidshape", "fluidcoef",
+    ),
+    "site": (*PLACED, "type", "group", "material", "size", "fromto", "rgba"),
+}  # fmt: skip
+"""The attributes of MuJoCo 3.3, against which misspelt ones are compared."""
 
 ORIENTATIONS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
 
@@ -71,6 +88,7 @@ class MjcfSettings:
 
     def attributes(self, element: Element, inherited: str | None) -> dict[str, str]:
         """Return the attributes of an element, with defaults from its class or from the class inherited by its body."""
+        spelt_attributes(element, KNOWN_ATTRIBUTES.get(element.tag, element.attrib), self.path)
         name = element.get("class", inherited or "main")
         if name not in self.classes:
             raise UrdfError(self.path, str(UnknownNameError("default class", name, self.classes)), place(element))
@@ -146,6 +164,7 @@ def _read_class(default: Element, name: str, above: Attributes, classes: dict[st
     own = {tag: dict(attributes) for tag, attributes in above.items()}
     for element in default:
         if element.tag != "default":
+            spelt_attributes(element, KNOWN_ATTRIBUTES.get(element.tag, element.attrib), path)
             own.setdefault(str(element.tag), {}).update(element.attrib)
     classes[name] = own
     for inner in default.findall("default"):
@@ -332,6 +351,7 @@ def _site(robot: _Robot, site: Element, parent: str, inherited: str | None) -> N
 def _body(robot: _Robot, body: Element, parent: str, inherited: str | None) -> None:
     """Add a body and its joints; the anchor ``pos`` of each joint is in the frame of the body."""
     name = body.get("name") or f"body_{len(robot.links)}"
+    spelt_attributes(body, KNOWN_ATTRIBUTES["body"], robot.settings.path)
     pose = robot.settings.pose(body, dict(body.attrib))
     joints = body.findall("joint")
     if (free := body.find("freejoint")) is not None:

@@ -62,7 +62,7 @@ def find_package(package: str, near: Path | None, package_dirs: Sequence[Path]) 
     return next(_workspace_packages(package), None)
 
 
-def climbs_out(uri: str) -> bool:
+def leaves_package(uri: str) -> bool:
     """Whether a ``package://`` URI leaves its package through ``..``."""
     scheme, _, rest = uri.partition("://")
     if scheme not in ("package", "model"):

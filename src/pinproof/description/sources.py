@@ -24,7 +24,7 @@ def notes(urdf: Urdf, srdf: Srdf) -> tuple[str, ...]:
         if lost:
             uris = list(dict.fromkeys(g.mesh.uri for g in lost if g.mesh is not None))
             how = "; use / in paths, not \\" if any("\\" in uri for uri in uris) else ""
-            found.append(f"{len(lost)} {kind} meshes were not found: {_some(uris)}{how}")
+            found.append(f"{len(lost)} {kind} meshes were not found: {_listed(uris)}{how}")
     for joint in urdf.joints.values():
         try:
             for limit in (joint.lower, joint.upper) if joint.type == "revolute" else ():
@@ -35,29 +35,31 @@ def notes(urdf: Urdf, srdf: Srdf) -> tuple[str, ...]:
     pairs = [pair.links for pair in srdf.disabled if not links.issuperset(pair.links)]
     if pairs:
         unknown = [name for name in dict.fromkeys(n for pair in pairs for n in pair) if name not in links]
-        found.append(f"the SRDF disables {len(pairs)} pairs with links that the robot does not have: {_some(unknown)}")
+        found.append(
+            f"the SRDF disables {len(pairs)} pairs with links that the robot does not have: {_listed(unknown)}"
+        )
     for group in srdf.groups.values():
         if group.missing:
-            found.append(f"SRDF group {group.name!r} contains undefined groups: {_some(group.missing)}")
+            found.append(f"SRDF group {group.name!r} contains undefined groups: {_listed(group.missing)}")
         ends = (end for chain in group.chains for end in chain)
         unknown = [n for n in (*group.links, *ends) if n not in links] + [n for n in group.joints if n not in joints]
         if unknown:
-            found.append(f"SRDF group {group.name!r} refers to links or joints that do not exist: {_some(unknown)}")
+            found.append(f"SRDF group {group.name!r} refers to links or joints that do not exist: {_listed(unknown)}")
     for state in srdf.states:
         unknown = [name for name in state.joints if name not in joints]
         if unknown:
-            found.append(f"SRDF state {state.name!r} refers to joints that do not exist: {_some(unknown)}")
+            found.append(f"SRDF state {state.name!r} refers to joints that do not exist: {_listed(unknown)}")
     for effector in srdf.end_effectors:
         if effector.parent_link not in links:
             found.append(f"parent link {effector.parent_link!r} of SRDF end effector {effector.name!r} does not exist")
     if srdf.disabled_links:
         found.append(
-            f"the SRDF disables all pairs of {_some(srdf.disabled_links)} by default; they are checked nevertheless"
+            f"the SRDF disables all pairs of {_listed(srdf.disabled_links)} by default; they are checked nevertheless"
         )
     return tuple(found)
 
 
-def _some(names: Sequence[str]) -> str:
+def _listed(names: Sequence[str]) -> str:
     more = f", ... ({len(names)} in all)" if len(names) > NAMED else ""
     return ", ".join(names[:NAMED]) + more
 

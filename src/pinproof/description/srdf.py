@@ -115,7 +115,7 @@ def srdf_of(root: Element, path: Path) -> Srdf:
         elements.setdefault(required(e, "name", path), []).append(e)
     groups: dict[str, Group] = {}
     for name in elements:
-        _join(name, elements, groups, path, ())
+        _add_group(name, elements, groups, path, ())
     effectors = [
         EndEffector(
             required(e, "name", path), required(e, "parent_link", path), e.get("parent_group", e.get("group", ""))
@@ -144,7 +144,7 @@ def _state(element: Element, path: Path) -> GroupState:
     return GroupState(required(element, "name", path), element.get("group", "").strip(), joints)
 
 
-def _join(
+def _add_group(
     name: str, elements: Mapping[str, Sequence[Element]], groups: dict[str, Group], path: Path, within: tuple[str, ...]
 ) -> Group:
     """Add a group with the contents of its subgroups to ``groups``; duplicate definitions are combined."""
@@ -165,16 +165,16 @@ def _join(
         links += [required(part, "name", path) for part in element.findall("link")]
         chains += [(required(c, "base_link", path), required(c, "tip_link", path)) for c in element.findall("chain")]
         for sub in element.findall("group"):
-            part = _join(required(sub, "name", path), elements, groups, path, (*within, name))
+            part = _add_group(required(sub, "name", path), elements, groups, path, (*within, name))
             joints += part.joints
             links += part.links
             chains += part.chains
             missing += part.missing
-    groups[name] = Group(name, _once(joints), _once(chains), _once(links), _once(missing))
+    groups[name] = Group(name, _unique(joints), _unique(chains), _unique(links), _unique(missing))
     return groups[name]
 
 
-def _once(names: Sequence[T]) -> tuple[T, ...]:
+def _unique(names: Sequence[T]) -> tuple[T, ...]:
     return tuple(dict.fromkeys(names))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.validation import ReadOnlyDict
-from pinproof.description.packages import MeshFile, climbs_out, locate
+from pinproof.description.packages import MeshFile, leaves_package, locate
 from pinproof.description.urdf_elements import add_joint, numbers_text
 from pinproof.description.xacro_files import expand_xacro
 from pinproof.description.xml_reader import (
@@ -120,7 +120,7 @@ def _geometry(
     mesh = None
     if kind == "mesh":
         uri = required(shape, "filename", source)
-        if climbs_out(uri):
+        if leaves_package(uri):
             raise UrdfError(source, f"{uri} leaves its package through '..'; remove it", place(shape))
         mesh = locate(uri, folder, package_dirs)
     placement = np.eye(4)

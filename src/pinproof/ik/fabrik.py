@@ -17,10 +17,10 @@ from pinproof.ik.loop import CompiledRule, DescentState, Stall, StepRule
 from pinproof.ik.task import GoalName, IkGoal, Task
 from pinproof.ik.windings import TURN, stops
 from pinproof.model import Arm
-from pinproof.spatial import matrix
+from pinproof.spatial import inverse_matrix, matrix, rotation_about_line
 
 Array = npt.NDArray[np.float64]
-Weighed = Iterable[tuple[float, Array]]
+WeightedEnds = Iterable[tuple[float, Array]]
 
 HANDOVER = 1e-2
 """Norm of the residual (m and rad together) below which ``polish`` uses the steps of Clik: they converge
@@ -145,15 +145,15 @@ class _Passes:
         moved = [np.eye(4)] * n + [self._last(hinges[-1], end)]
         for k in range(n - 1, 0, -1):
             ends = [(weight, hinges[k - 1])] + [(known.BASE, hinges[0])] * (k > 1)
-            by = self._best(k, hinges[k], _inverse(moved[k + 1]), ends)
+            by = self._best(k, hinges[k], inverse_matrix(moved[k + 1]), ends)
             # The link below moves opposite to the joint.
             moved[k] = moved[k + 1] @ self._motion(k, hinges[k], -self._allowed(k, q[k], -by))
         forward, step = np.eye(4), np.zeros(n)
         for k in range(n):
-            tcp = _inverse(moved[k + 1])
+            tcp = inverse_matrix(moved[k + 1])
             axes = {0: np.zeros((0, 3)), 2: np.eye(3)[self._rotation_mask == 0], 3: np.eye(3)}[angles] @ tcp[:3, :3].T
             ends = [(1.0, np.vstack([tcp[:3, 3], axes]))] + [(weight, hinges[k + 1]) for _ in range(k < n - 1)]
-            by = self._allowed(k, q[k], self._best(k, hinges[k], _inverse(forward) @ moved[k + 1], ends))
+            by = self._allowed(k, q[k], self._best(k, hinges[k], inverse_matrix(forward) @ moved[k + 1], ends))
             forward = forward @ self._motion(k, hinges[k], by)
             step[k] = np.clip(q[k] + relax * by, self._low[k], self._high[k]) - q[k]
         return step
@@ -174,28 +174,28 @@ class _Passes:
             spin = np.eye(4)
             if not self._rotation_mask.all():
                 axis = np.vstack([np.zeros(3), np.eye(3)[self._rotation_mask == 0]])
-                back = _inverse(end)
+                back = inverse_matrix(end)
                 brought = np.vstack([_at(back, hinge[0]), back[:3, :3] @ hinge[1]])
-                spin = _turned(axis, self._angle(axis, end, [(1.0, brought)]))
-            return np.asarray(spin @ _inverse(end))
+                spin = rotation_about_line(axis[0], axis[1], self._angle(axis, end, [(1.0, brought)]))
+            return np.asarray(spin @ inverse_matrix(end))
         before, after = hinge[0] - end[:3, 3], hinge[0]
         normal = np.cross(before, after)
         size = float(np.linalg.norm(normal))
         turn = np.eye(4)
         if size > self._constants.TINY:
             angle = self._constants.AIM * np.arctan2(size, before @ after)
-            turn = _turned(np.vstack([np.zeros(3), normal / size]), angle)
+            turn = rotation_about_line(np.zeros(3), normal / size, angle)
         turn[:3, 3] = -turn[:3, :3] @ end[:3, 3]
         return turn
 
-    def _best(self, k: int, hinge: Array, wanted: Array, ends: Weighed) -> float:
+    def _best(self, k: int, hinge: Array, wanted: Array, ends: WeightedEnds) -> float:
         """The motion of hinge k that is closest to the wanted motion (4, 4), measured at the ends."""
         if not self._prismatic[k]:
             return self._angle(hinge, wanted, ends)
         shares = [(w, self._position_weight * float(hinge[1] @ (_at(wanted, one[0]) - one[0]))) for w, one in ends]
         return sum(w * along for w, along in shares) / sum(w for w, _ in shares)
 
-    def _angle(self, hinge: Array, wanted: Array, ends: Weighed) -> float:
+    def _angle(self, hinge: Array, wanted: Array, ends: WeightedEnds) -> float:
         """:meth:`_best` for a revolute joint. An end is a point and directions (1 + i, 3), with its weight."""
         origin, d = hinge
         c = s = 0.0
@@ -221,7 +221,7 @@ class _Passes:
 
     def _motion(self, k: int, hinge: Array, by: float) -> Array:
         if not self._prismatic[k]:
-            return _turned(hinge, by)
+            return rotation_about_line(hinge[0], hinge[1], by)
         slid = np.eye(4)
         slid[:3, 3] = by * hinge[1]
         return slid
@@ -229,20 +229,3 @@ class _Passes:
 
 def _at(pose: Array, point: Array) -> Array:
     return np.asarray(pose[:3, :3] @ point + pose[:3, 3])
-
-
-def _inverse(pose: Array) -> Array:
-    out = np.eye(4)
-    out[:3, :3] = pose[:3, :3].T
-    out[:3, 3] = -out[:3, :3] @ pose[:3, 3]
-    return out
-
-
-def _turned(hinge: Array, angle: float) -> Array:
-    """The rotation (4, 4) about a hinge (2, 3), origin and direction, by Rodrigues' formula."""
-    origin, d = hinge
-    cross = np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]])
-    out = np.eye(4)
-    out[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-    out[:3, 3] = origin - out[:3, :3] @ origin
-    return out

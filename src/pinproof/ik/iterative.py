@@ -193,6 +193,7 @@ class IterativeIk(ABC):
         InputError
             As :meth:`solve`; the message names the target.
         """
+        require_type("arm", arm, Arm)
         require_integer("threads", threads, 1)
         many = rigid_many("targets", targets)
         starts = _starts(arm, q0, len(many))
@@ -251,6 +252,7 @@ class IterativeIk(ABC):
         attempts
             Number of descents after which the search ends.
         """
+        require_type("arm", arm, Arm)
         require_integer("count", count, 1)
         require_integer("attempts", attempts, 1)
         start = _start(arm, q0)

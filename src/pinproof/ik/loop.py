@@ -74,11 +74,11 @@ def seeds_of(arm: Arm, rng: Rng | np.random.SeedSequence) -> Seeds:
     """
     if type(rng) is int and (found := _SEEDS.get(arm, {}).get(rng)) is not None:
         return found
-    seeds = _made(arm, random_generator(rng).random(arm.dof))
+    seeds = _quasirandom_seeds(arm, random_generator(rng).random(arm.dof))
     return keep(_SEEDS, arm, rng, seeds, SETS_KEPT) if type(rng) is int else seeds
 
 
-def _made(arm: Arm, shift: Array) -> Seeds:
+def _quasirandom_seeds(arm: Arm, shift: Array) -> Seeds:
     root = 2.0
     for _ in range(64):
         root = (1 + root) ** (1 / (arm.dof + 1))
@@ -207,11 +207,11 @@ class Descender:
             target_from_tcp = matrix(self.target.actInv(base_from_tcp))
             residual = task.residual(target_from_tcp)
             squared = float(residual.dot(residual))
-            here = task.reached(residual)
-            if here or (not reached and squared < best):
+            satisfied = task.reached(residual)
+            if satisfied or (not reached and squared < best):
                 best_q, best = q, squared
-            reached = reached or here
-            if here and goal is None:
+            reached = reached or satisfied
+            if satisfied and goal is None:
                 break
             if squared < stall.progress * mark:
                 mark, marked_at = squared, iteration
@@ -224,11 +224,11 @@ class Descender:
             rule.observe(DescentState(arm, self.target, task, q, squared, iteration, iteration - marked_at))
             rotation = target_from_tcp[:3, :3]
             jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
-            pull = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
-            drift = goal.step(arm, q) if here and goal is not None else np.zeros(arm.dof)
-            step = box.step(q, pull, jacobian, drift, rule, self.max_step)
+            limited = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
+            goal_step = goal.step(arm, q) if satisfied and goal is not None else np.zeros(arm.dof)
+            step = box.step(q, limited, jacobian, goal_step, rule, self.max_step)
             largest = float(np.abs(step).max())
-            if largest <= SMALLEST_STEP or (here and largest <= GOAL_CONVERGED):
+            if largest <= SMALLEST_STEP or (satisfied and largest <= GOAL_CONVERGED):
                 break
             if largest > self.max_step:
                 step = step * (self.max_step / largest)
@@ -251,14 +251,16 @@ class _Box:
         self._lower, self._upper = limits.lower, limits.upper
         self._low, self._high = stops(arm)
 
-    def step(self, q: Array, residual: Array, jacobian: Array, drift: Array, rule: StepRule, max_step: float) -> Array:
-        """The step of the rule within the limits (active set), added to the step of a goal (``drift``).
+    def step(
+        self, q: Array, residual: Array, jacobian: Array, goal_step: Array, rule: StepRule, max_step: float
+    ) -> Array:
+        """The step of the rule within the limits (active set), added to the step of a goal (``goal_step``).
 
         Joints that would leave their limits are moved to them and held. The effect of that motion is added to the
         residual, and the rule is evaluated again for the remaining joints until none leaves its limits.
         """
         held = np.zeros(len(q), dtype=bool)
-        fixed = drift
+        fixed = goal_step
         while True:
             change = np.where(held, 0.0, rule(residual + jacobian @ fixed, np.where(held, 0.0, jacobian)))
             # Scaled before the limits are applied: a very long step would hold joints at limits unnecessarily.

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from pinproof import _core
 from pinproof.common.display import outline
-from pinproof.common.validation import Rng, require_integer, require_positive
+from pinproof.common.validation import Rng, require_integer, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.reach_check import Loop, Overlap, Steps, check_exclusion, excluded_boxes
@@ -218,6 +218,7 @@ def prove_unreachable(
     (2009), "Introduction to interval analysis"; Merlet (2004), "Solving the forward kinematics of a Gough-type parallel
     manipulator with interval analysis".
     """
+    require_type("arm", arm, Arm)
     require_positive("position_tolerance", position_tolerance)
     require_positive("orientation_tolerance", orientation_tolerance)
     require_integer("budget", budget, 1)

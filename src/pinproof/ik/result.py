@@ -315,7 +315,7 @@ class IkBatch:
     @property
     def messages(self) -> tuple[str, ...]:
         """N messages, as in :class:`IkResult`."""
-        return tuple(self._message(index) for index in range(len(self)))
+        return tuple(result.message for result in self)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -329,20 +329,18 @@ class IkBatch:
             int(self.iterations[index]),
             int(self.restarts[index]),
             self.engine,
-            self._message(index),
+            self._words(index),
         )
 
     def __iter__(self) -> Iterator[IkResult]:
         return (self[index] for index in range(len(self)))
 
-    def _message(self, index: int) -> str:
-        if self.words is not None:
-            return self.words[index]
+    def _words(self, index: int) -> str | None:
+        if self.words is not None or STATUSES[int(self.codes[index])] is IkStatus.FOUND:
+            return None if self.words is None else self.words[index]
         errors = float(self.position_error[index]), float(self.orientation_error[index])
-        iterations, restarts = int(self.iterations[index]), int(self.restarts[index])
-        if STATUSES[int(self.codes[index])] is IkStatus.FOUND:
-            return found(errors, iterations, restarts)
-        return not_found(self.arm, self.counted, self.q[index], errors, iterations, restarts + 1)
+        iterations, attempts = int(self.iterations[index]), int(self.restarts[index]) + 1
+        return not_found(self.arm, self.counted, self.q[index], errors, iterations, attempts)
 
 
 @dataclass(frozen=True, eq=False)

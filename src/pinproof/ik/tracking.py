@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from pinproof._core import Tracker as CompiledTracker
 from pinproof.common.display import html_block, html_plot
-from pinproof.common.validation import freeze_arrays, require_positive
+from pinproof.common.validation import freeze_arrays, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.result import AT_LIMIT, IkOutcome
 from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
@@ -238,9 +238,9 @@ def track(
     if len(many) == 0:
         raise InputError("poses is empty; track requires at least one pose")
     clock, durations = _cycles(dt, times, len(many))
-    follower = _Follower(arm, q0, velocity, task, goal, position_tolerance, orientation_tolerance)
-    q = np.asarray(follower.core.track(many, durations))
-    return TrackResult(arm, follower.task, many, follower.start, q, clock, durations, follower.velocity)
+    tracking = _CompiledTracking(arm, q0, velocity, task, goal, position_tolerance, orientation_tolerance)
+    q = np.asarray(tracking.core.track(many, durations))
+    return TrackResult(arm, tracking.task, many, tracking.start, q, clock, durations, tracking.velocity)
 
 
 def _cycles(dt: float | None, times: npt.ArrayLike | None, count: int) -> tuple[Array, Array]:
@@ -301,26 +301,26 @@ class Tracker:
         InputError
             If q0 is outside the limits.
         """
-        self._follower = _Follower(self.arm, q0, *self._settings)
+        self._tracking = _CompiledTracking(self.arm, q0, *self._settings)
         self._pose: Array | None = None
 
     @property
     def q(self) -> Array:
         """(n,) the current configuration."""
-        return np.asarray(self._follower.core.q)
+        return np.asarray(self._tracking.core.q)
 
     @property
     def slip(self) -> tuple[float, float]:
         """Distance (m) and angle (rad) from the last pose to the tcp; 0 before the first pose."""
         if self._pose is None:
             return 0.0, 0.0
-        position, orientation = pose_errors(self.arm, self._follower.task, self._pose, self.q[None])[0].tolist()
+        position, orientation = pose_errors(self.arm, self._tracking.task, self._pose, self.q[None])[0].tolist()
         return position, orientation
 
     @property
     def ok(self) -> bool:
         """Whether the last pose was reached within the tolerances."""
-        return self._pose is None or bool(self._follower.task.fulfilled(np.array([self.slip]))[0])
+        return self._pose is None or bool(self._tracking.task.fulfilled(np.array([self.slip]))[0])
 
     def step(self, pose: SE3 | npt.ArrayLike) -> Array:
         """The configuration (n,) at the end of the cycle in which this pose, ``base_from_target``, is due.
@@ -331,11 +331,11 @@ class Tracker:
             If the pose is not rigid; the configuration then does not change.
         """
         self._pose = matrix(rigid("pose", pose))[None]
-        return np.asarray(self._follower.core.track(self._pose, self._durations)[0])
+        return np.asarray(self._tracking.core.track(self._pose, self._durations)[0])
 
 
-class _Follower:
-    """The compiled tracker, and what it was made for."""
+class _CompiledTracking:
+    """The compiled tracker with its task, its start and its speed limits."""
 
     def __init__(
         self,
@@ -347,6 +347,7 @@ class _Follower:
         position_tolerance: float,
         orientation_tolerance: float,
     ) -> None:
+        require_type("arm", arm, Arm)
         require_positive("position_tolerance", position_tolerance)
         require_positive("orientation_tolerance", orientation_tolerance)
         self.task: Task = make_task(task, position_tolerance, orientation_tolerance)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import Chain as CompiledChain
+from pinproof.common.validation import require_type
 from pinproof.description import Srdf, Urdf, UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.limits import JointLimits
@@ -155,6 +156,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
     UnknownNameError, InputError
         If a joint in ``held`` does not exist, belongs to the arm or is a mimic joint, or its value is not a number.
     """
+    require_type("held", held, Mapping)
     outside = [
         j for j in urdf.joints.values() if j.type in MOVING and j.name not in (*chain.joint_names, *chain.followers)
     ]

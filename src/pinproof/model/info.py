@@ -6,6 +6,7 @@ a closed form: three intersecting or three parallel axes suffice (Pieper 1968).
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -192,7 +193,8 @@ class RobotInfo:
 
     def to_dict(self) -> dict[str, Any]:
         """Return nested dicts and lists that JSON can represent, without NaN and infinity."""
-        return {name: _plain(value) for name, value in asdict(self).items()}
+        plain: dict[str, Any] = json.loads(json.dumps(asdict(self), allow_nan=False))
+        return plain
 
     def __repr__(self) -> str:
         return outline(f"RobotInfo({self._headline})", (self.kinematic_class, *self.missing))
@@ -208,11 +210,3 @@ class RobotInfo:
     def _headline(self) -> str:
         count = f"{self.dof} joint{'' if self.dof == 1 else 's'}"
         return f"{self.name}, {self.base} -> {self.tcp}, {count} of {len(self.joints)} in the robot"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(inner) for inner in value]
-    return value

@@ -127,7 +127,7 @@ class JointLimits:
             raise InputError("torque limits must be above 0 (NaN where not known)")
         if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
             raise InputError(
-                f"limits.lower must be at most limits.upper, both numbers, not {self.lower} and {self.upper}"
+                f"limits.lower must be at most limits.upper, without NaN; they are {self.lower} and {self.upper}"
             )
         if (self.velocity <= 0).any() or (self.acceleration <= 0).any():
             raise InputError("velocity and acceleration limits must be above 0 (NaN where not known)")
@@ -148,7 +148,7 @@ class JointLimits:
 
     def select(self, joints: Sequence[int] | npt.NDArray[np.int64]) -> JointLimits:
         """Return the limits of the joints with these indices, in this order."""
-        index = np.asarray(joints, dtype=int)
+        index = np.arange(len(self))[list(joints)]  # a mask selects, too, instead of the joints 0 and 1
         values = {kind: getattr(self, kind) for kind in LIMIT_KINDS}
         chosen: dict[str, Any] = {kind: None if value is None else value[index] for kind, value in values.items()}
         return dataclasses.replace(self, **chosen)
@@ -210,11 +210,11 @@ class JointLimits:
         for name, bounds in ranges.items():
             if name not in joint_names:
                 raise UnknownNameError("joint", name, joint_names, "limits")
-            if np.shape(bounds) != (2,):
-                raise InputError(f"the limits of joint {name!r} must be (lower, upper), not {bounds!r}")
-            low, high = bounds
             index = list(joint_names).index(name)
-            lower[index], upper[index] = low, high
+            try:
+                lower[index], upper[index] = map(float, bounds)
+            except (TypeError, ValueError) as error:
+                raise InputError(f"the limits of joint {name!r} must be (lower, upper), not {bounds!r}") from error
         return dataclasses.replace(self, lower=lower, upper=upper)
 
     def sampling_range(self) -> tuple[Array, Array]:

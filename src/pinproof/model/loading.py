@@ -67,6 +67,8 @@ def load_robot(
     if isinstance(source, str) and not source.lower().endswith(ROBOT_SUFFIXES) and "/" not in source:
         entry = find_robot(source)
         source, srdf = entry.urdf, srdf or entry.srdf
+    if isinstance(package_dirs, (str, PathLike)):
+        raise InputError(f"package_dirs must be a list of folders, such as [{str(package_dirs)!r}]")
     for folder in package_dirs:
         if not Path(folder).is_dir():
             raise FileError(folder, "is not a folder; package_dirs must contain folders with ROS packages")

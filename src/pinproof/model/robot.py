@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import write_text_whole
-from pinproof.common.validation import ReadOnlyDict
+from pinproof.common.validation import ReadOnlyDict, require_type
 from pinproof.description import Srdf, Urdf, UrdfJoint, read_urdf_text
 from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.description.sources import notes
@@ -346,7 +346,8 @@ class JointGroup:
         UnknownNameError, InputError
             As :meth:`pinproof.Robot.arm`.
         """
-        if all(self.held.get(name) == value for name, value in held.items()):
+        require_type("held", held, Mapping)
+        if all(name in self.held and self.held[name] == value for name, value in held.items()):
             return self
         urdf = self.robot.urdf
         values = {name: value for name, value in {**self.held, **held}.items() if not _is_mimic(urdf.joints, name)}
@@ -859,6 +860,7 @@ def _chosen_limits(urdf: Urdf, chain: Chain, limits: LimitsLike) -> JointLimits:
     InputError
         If the number of joints differs, or a joint has no limits.
     """
+    require_type("limits", limits, JointLimits, LimitsFile, Mapping, type(None))
     if isinstance(limits, JointLimits):
         _check_count(limits, chain.joint_names)
         return limits

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof import _core
-from pinproof.common.validation import Rng, random_generator, require_integer, require_positive
+from pinproof.common.validation import Rng, random_generator, require_integer, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sweep_many
 from pinproof.ik.analytic.family import branches_elsewhere
@@ -226,6 +226,7 @@ class AnalyticIk:
     ) -> IkBatch:
         """:meth:`solve` for N targets; the parameters are those of :meth:`pinproof.Clik.solve_batch`."""
         random_generator(rng)
+        require_integer("threads", threads, 1)
         self._pose_only(task)
         plan = self._plan(arm)
         many = rigid_many("targets", targets)
@@ -251,6 +252,7 @@ class AnalyticIk:
         return IkBatch(q, codes, position, orientation, zeros, zeros, self.engine, arm, tuple(words))
 
     def _plan(self, arm: Arm) -> Plan:
+        require_type("arm", arm, Arm)
         plan = plan_for(arm, self.position_tolerance, self.orientation_tolerance)
         object.__setattr__(self, "_latest", (weakref.ref(arm), plan))
         return plan

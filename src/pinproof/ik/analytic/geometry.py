@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from pinproof.errors import NoClosedForm
 from pinproof.model import Arm
+from pinproof.spatial import rotation_about_line
 
 Array = npt.NDArray[np.float64]
 
@@ -294,14 +295,10 @@ def _conditioning(lines: Sequence[Line], rng: np.random.Generator, size: float) 
 
 
 def _motion(line: Line, value: float, size: float) -> Array:
+    if not line.prismatic:
+        return rotation_about_line(line.point, line.direction, value)
     pose = np.eye(4)
-    if line.prismatic:
-        pose[:3, 3] = value * size * line.direction
-        return pose
-    x, y, z = line.direction
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    pose[:3, :3] += np.sin(value) * skew + (1 - np.cos(value)) * skew @ skew
-    pose[:3, 3] = line.point - pose[:3, :3] @ line.point
+    pose[:3, 3] = value * size * line.direction
     return pose
 
 

@@ -21,7 +21,7 @@ from pinproof.model.dynamics import checked_payloads
 from pinproof.motion import ToolLimits
 from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3, finite, frozen, pose, rigid, translated, xyz_rpy
+from pinproof.spatial import SE3, finite, frozen, pose, rigid, rotation_about, translated, xyz_rpy
 
 Array = npt.NDArray[np.float64]
 
@@ -140,15 +140,6 @@ def family(spin: GraspSpin, tolerance: GraspTolerance, axis: Array) -> Iterator[
 
 def _spun(angle: float) -> str:
     return f"spun by {np.degrees(angle):+.0f} deg" if angle else ""
-
-
-def rotation_about(axis: Array, angle: float) -> Array:
-    """The rotation (3, 3) about an axis by an angle (Rodrigues' formula)."""
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,11 +29,11 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.motion.curve import read_only
-from pinproof.picks.input.pick import ROOT, TIP, Pick, rotation_about
+from pinproof.picks.input.pick import ROOT, TIP, Pick
 from pinproof.picks.judging.configurations import has_closed_form
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage
-from pinproof.spatial import SE3, translated
+from pinproof.spatial import SE3, rotation_about, translated
 
 Array = npt.NDArray[np.float64]
 

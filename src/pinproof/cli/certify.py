@@ -259,23 +259,22 @@ def _limit_violations(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
 
 def verdict(certificate: pp.Certificate) -> dict[str, Any]:
     """The content of a certificate for JSON output."""
-    contact = certificate.first_contact
+
+    def parts(found: Any, *names: str) -> dict[str, Any] | None:
+        return None if found is None else {name: getattr(found, name) for name in names}
+
+    violation = parts(certificate.violation, "time", "q", "error", "satisfied_until")
+    if violation is not None and certificate.violation is not None:
+        violation = {"constraint": str(certificate.violation.constraint), **violation}
     return {
         "status": certificate.status.name,
         "message": certificate.message,
         "margin": certificate.margin,
         "clearance_proven": certificate.clearance if certificate.free else None,
         "clearance_observed": certificate.observed,
-        "first_contact": None
-        if contact is None
-        else {
-            "time": contact.time,
-            "q": contact.q.tolist(),
-            "bodies": contact.bodies,
-            "distance": contact.distance,
-            "points": contact.points.tolist(),
-            "proven_free_until": contact.proven_free_until,
-        },
+        "first_contact": parts(
+            certificate.first_contact, "time", "q", "bodies", "distance", "points", "proven_free_until"
+        ),
         "constraints": [
             {
                 "constraint": str(proof.constraint),
@@ -285,15 +284,7 @@ def verdict(certificate: pp.Certificate) -> dict[str, Any]:
             }
             for proof in certificate.constraints
         ],
-        "violation": None
-        if certificate.violation is None
-        else {
-            "constraint": str(certificate.violation.constraint),
-            "time": certificate.violation.time,
-            "q": certificate.violation.q.tolist(),
-            "error": certificate.violation.error,
-            "satisfied_until": certificate.violation.satisfied_until,
-        },
+        "violation": violation,
         "excluded": [[*pair.owners, pair.reason] for pair in certificate.excluded],
         "notes": list(certificate.notes),
     }

@@ -30,6 +30,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free
 from pinproof.collision.certificates.certificate import checked_hash, mesh_files, notes_of
 from pinproof.common.display import html_block, html_of, html_table
+from pinproof.common.validation import require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory
 from pinproof.spatial import finite
@@ -178,8 +179,7 @@ class Monitor:
             raise InputError(f"the motion has the joints {trajectory.joint_names}; the arm {checker.group.joint_names}")
         if trajectory.velocities[[0, -1]].any():
             raise InputError("the motion must begin and end at rest; its first or last velocity is not 0")
-        if not isinstance(latency, (int, float, np.number)) or not 0.0 <= latency < np.inf:
-            raise InputError(f"latency = {latency!r} s; it must be 0 or more, and finite")
+        require_positive("latency (s)", latency, zero=True)
         self._checker, self._trajectory, self._latency = checker, trajectory, float(latency)
         limits = checker.group.limits.acceleration if acceleration is None else acceleration
         self._acceleration = _each("acceleration", limits, n, above_zero=True)
@@ -205,8 +205,7 @@ class Monitor:
         checker, trajectory = self._checker, self._trajectory
         same = False
         if given is not None:
-            if not isinstance(given, Certificate):
-                raise InputError(f"certificate is a {type(given).__name__}; it must be a Certificate")
+            require_type("certificate", given, Certificate)
             files = mesh_files(checker)
             if given.curve != trajectory.digest() or given.setup != checked_hash(checker, files):
                 raise InputError("the certificate is for another motion or another setup; certify this motion")

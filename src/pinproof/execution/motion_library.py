@@ -14,6 +14,7 @@ from pinproof.collision import Certificate, CollisionChecker, Scene, certify
 from pinproof.collision.certificates.reuse import SetupChange, StoredProof
 from pinproof.collision.checking.assembly import checked_margin, only_arm
 from pinproof.common.display import html_block, html_of, html_table, outline
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.execution import library_file
 from pinproof.motion import Trajectory, time_parametrise
@@ -218,8 +219,7 @@ class MotionLibrary:
         InputError
             If the robot, its attached objects, its held joints or the margin differ.
         """
-        if not isinstance(checker, CollisionChecker):
-            raise InputError(f"the checker is a {type(checker).__name__}; it must be a CollisionChecker")
+        require_type("checker", checker, CollisionChecker)
         changes: dict[int, SetupChange] = {}
         own = SetupChange(self._checker, checker)  # refuses another setup, also for an empty library
         changes[id(self._checker)] = own

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.files import read_text, write_text_whole
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Array, Curve, TimedCurve, checked_joint_names, read_only
 from pinproof.motion.dialects import Dialect, dialect_of_file, find_dialect
@@ -241,8 +242,7 @@ def make_program(
     names = checked_joint_names(joint_names)
     if language.joints is not None and len(names) != language.joints:
         raise InputError(f"a program in {dialect} needs {language.joints} joints; the arm has {len(names)}")
-    if not 0 <= deviation < np.inf:
-        raise InputError(f"deviation = {deviation} must be 0 rad or more, and finite")
+    require_positive("deviation (rad)", deviation, zero=True)
     mapping = joint_map or JointMap.identity(len(names))
     if len(mapping.signs) != len(names):
         raise InputError(f"the joint map has {len(mapping.signs)} joints; the arm has {len(names)}")
@@ -293,10 +293,9 @@ def moves_along(
     InputError
         If tolerance or speed is not above 0.
     """
-    if not 0 < tolerance < np.inf:
-        raise InputError(f"tolerance = {tolerance} must be above 0 rad, and finite")
-    if speed is not None and not 0 < speed < np.inf:
-        raise InputError(f"speed = {speed} must be above 0 rad/s, and finite")
+    require_positive("tolerance (rad)", tolerance)
+    if speed is not None:
+        require_positive("speed (rad/s)", speed)
     times, points, rests = _samples(curve)
     kept = _chords(points, rests, tolerance)
     moves = [JointMove(read_only(points[0].copy()))]

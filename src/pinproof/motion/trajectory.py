@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.display import PLOT_POINTS, html_block, html_list, html_plot, html_table
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, Array, BezierCurve, checked_joint_names, ends_meet, read_only
@@ -187,8 +188,7 @@ class Trajectory(BezierCurve):
         InputError
             If the time is negative or not finite, or after the end of a trajectory that does not rest there.
         """
-        if not 0.0 <= time < math.inf:
-            raise InputError(f"time = {time!r}; it must be 0 s or more")
+        require_positive("time (s)", time, zero=True)
         if time >= self.duration and any(rates[-1].any() for rates in self._points[2:]):
             names = ", ".join(self.joint_names)
             raise InputError(

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from pinproof._core import JointCurve
 from pinproof._core import RouteFollower as CompiledFollower
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
 from pinproof.ik import IkTask, TrackResult, track
 from pinproof.ik.result import AT_LIMIT
@@ -134,8 +135,7 @@ class RouteFollower:
 
     def __post_init__(self) -> None:
         for name in ("deviation", "rotation_deviation", "translation_step", "rotation_step", "max_joint_step"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} = {getattr(self, name)}; it must be above 0")
+            require_positive(name, getattr(self, name))
 
     @property
     def mask(self) -> Array:

@@ -27,7 +27,8 @@ from pinproof.collision.certificates.certify import is_proven_free
 from pinproof.collision.certificates.path_constraints import check_constraints
 from pinproof.collision.checking.checker import require_curve
 from pinproof.common.display import html_block, html_of, outline
-from pinproof.errors import InputError, TimingError
+from pinproof.common.validation import require_integer
+from pinproof.errors import TimingError
 from pinproof.motion import Curve, JointPath, MotionLimits, TorqueLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import RATE_TOLERANCE, Bounds
 from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
@@ -208,8 +209,7 @@ def optimise(
     """
     arm = checker.group
     require_curve(path, checker, "path")
-    if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or budget < 0:
-        raise InputError(f"budget = {budget!r}; it must be a number of evaluations, 0 or more")
+    require_integer("budget, the number of evaluations,", budget, 0)
     further = checked_constraints(rate_limits)
     bounds = Bounds.of(arm.limits if limits is None else limits, arm.joint_names, jerk)
     kept = check_constraints(constraints)

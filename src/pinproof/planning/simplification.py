@@ -20,7 +20,7 @@ from pinproof.collision import Certificate, CollisionChecker, PathConstraint, ce
 from pinproof.collision.certificates.path_constraints import check_constraints
 from pinproof.collision.checking.checker import require_curve
 from pinproof.common.display import html_block, html_of
-from pinproof.errors import InputError
+from pinproof.common.validation import require_integer
 from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier
 from pinproof.planning.blending import blend as round_corners
 from pinproof.planning.constrained import manifold_of, shortened, smooth_curves
@@ -240,8 +240,7 @@ def shortcut(
         If the joints of the path are not those of the arm, or a setting is out of its range.
     """
     require_curve(path, checker, "path")
-    if attempts < 0:
-        raise InputError(f"attempts = {attempts}; it must be 0 or more")
+    require_integer("attempts", attempts, 0)
     edges = Edges(checker, resolution, path.q[[0, -1]], torque_limits=torque_limits)
     generator = np.random.default_rng(rng)
     if constraints := check_constraints(constraints):

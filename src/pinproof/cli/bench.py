@@ -10,7 +10,7 @@ import typer
 
 from pinproof.cli.complete import planner_names, robot_names
 from pinproof.cli.console import make_folder, print_result, progress_status, written
-from pinproof.cli.options import Json, Seed
+from pinproof.cli.options import Json, Seed, option
 from pinproof.errors import InputError
 
 Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Include other installed libraries.")]
@@ -67,29 +67,22 @@ def bench_ik(
 class ProblemOptions:
     """The planning problems."""
 
-    mbm: Annotated[
-        Path | None, typer.Option(help="Folder of MotionBenchMaker problems to run as well.", metavar="FOLDER")
-    ] = None
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Catalogue name or robot file for the MotionBenchMaker problems. Default: the URDF in a folder "
-            "'robot' beside them, otherwise the robot that they name.",
-            metavar="ROBOT",
-        ),
-    ] = None
-    sets: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            help="Run only this set, such as ur5/shelf, shelf, ur5 or mbm; can be given several times.",
-            metavar="NAME",
-        ),
-    ] = None
-    problems: Annotated[
-        int | None,
-        typer.Option(help="Problems per set. Default: all of MotionBenchMaker, 10 per scene of pinproof.", min=1),
-    ] = None
+    mbm: Path | None = option("Folder of MotionBenchMaker problems to run as well.", None, metavar="FOLDER")
+    robot: str | None = option(
+        "Catalogue name or robot file for the MotionBenchMaker problems. Default: the URDF in a folder "
+        "'robot' beside them, otherwise the robot that they name.",
+        None,
+        metavar="ROBOT",
+    )
+    sets: list[str] | None = option(
+        "Run only this set, such as ur5/shelf, shelf, ur5 or mbm; can be given several times.",
+        None,
+        "--set",
+        metavar="NAME",
+    )
+    problems: int | None = option(
+        "Problems per set. Default: all of MotionBenchMaker, 10 per scene of pinproof.", None, min=1
+    )
 
 
 def bench_plan(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -10,7 +10,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.console import Interrupted, check_output_files, make_folder, print_result, progress_status, written
-from pinproof.cli.options import Json, Seed, numbers
+from pinproof.cli.options import Json, Seed, numbers, option
 from pinproof.cli.pick import CellOptions, WorkerOptions, judge_file
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees, warn_of_millimetres
@@ -32,46 +32,33 @@ SUFFIXES = (".json", ".csv", ".png", ".md")
 class SearchOptions:
     """What is searched."""
 
-    region: Annotated[
-        str,
-        typer.Option(
-            help='Placements of the base in metres and radians: "x0 x1 y0 y1", and optionally "z0 z1" and the range of '
-            'the rotation about z, as in "-1 1 -1 1 0 0 -pi pi".',
-            metavar="RANGES",
-        ),
-    ]
-    forbidden: Annotated[
-        Path | None,
-        typer.Option(help="A scene file (YAML) with zones that the base, and what moves with it, must not touch."),
-    ] = None
-    moves_with_base: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="An obstacle that moves with the base, such as its pedestal; can be given several times.",
-            metavar="OBSTACLE",
-        ),
-    ] = None
-    mounting: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="How the base is mounted; if given several times, the mountings are compared. Default: floor.",
-            metavar="floor|wall|ceiling",
-        ),
-    ] = None
-    or_robot: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Another robot to compare, with its default tcp; can be given several times.", metavar="ROBOT"
-        ),
-    ] = None
-    objective: Annotated[
-        str,
-        typer.Option(
-            help="What is optimised among the placements at which all picks work: cycle_time, clearance or "
-            "manipulability.",
-            metavar="OBJECTIVE",
-        ),
-    ] = "cycle_time"
+    region: str = option(
+        'Placements of the base in metres and radians: "x0 x1 y0 y1", and optionally "z0 z1" and the range of '
+        'the rotation about z, as in "-1 1 -1 1 0 0 -pi pi".',
+        MISSING,
+        metavar="RANGES",
+    )
+    forbidden: Path | None = option(
+        "A scene file (YAML) with zones that the base, and what moves with it, must not touch.", None
+    )
+    moves_with_base: list[str] | None = option(
+        "An obstacle that moves with the base, such as its pedestal; can be given several times.",
+        None,
+        metavar="OBSTACLE",
+    )
+    mounting: list[str] | None = option(
+        "How the base is mounted; if given several times, the mountings are compared. Default: floor.",
+        None,
+        metavar="floor|wall|ceiling",
+    )
+    or_robot: list[str] | None = option(
+        "Another robot to compare, with its default tcp; can be given several times.", None, metavar="ROBOT"
+    )
+    objective: str = option(
+        "What is optimised among the placements at which all picks work: cycle_time, clearance or manipulability.",
+        "cycle_time",
+        metavar="OBJECTIVE",
+    )
 
     def found_region(self) -> PlacementRegion:
         """The region with its forbidden zones."""
@@ -105,15 +92,11 @@ class EffortOptions:
 
     PANEL: ClassVar = "Effort of the search"
 
-    grid: Annotated[int, typer.Option(help="Number of placements of the grid that is searched first.", min=1)] = 2000
-    runs: Annotated[int, typer.Option(help="Number of the best placements that are then refined.", min=0)] = 4
-    evaluations: Annotated[int, typer.Option(help="Number of placements that each refinement tries.", min=0)] = 160
-    certified: Annotated[
-        int, typer.Option(help="Number of the best placements at which all picks are checked completely.", min=1)
-    ] = 3
-    no_proofs: Annotated[
-        bool, typer.Option("--no-proofs", help="Do not prove that parts of the region contain no valid placement.")
-    ] = False
+    grid: int = option("Number of placements of the grid that is searched first.", 2000, min=1)
+    runs: int = option("Number of the best placements that are then refined.", 4, min=0)
+    evaluations: int = option("Number of placements that each refinement tries.", 160, min=0)
+    certified: int = option("Number of the best placements at which all picks are checked completely.", 3, min=1)
+    no_proofs: bool = option("Do not prove that parts of the region contain no valid placement.", False, "--no-proofs")
 
     def budget(self) -> PlacementBudget:
         """The options as a budget."""

@@ -22,6 +22,7 @@ from pinproof.cli.options import (
     SceneOptions,
     ToolOptions,
     load_motion,
+    option,
 )
 from pinproof.cli.program import certify_program_file
 from pinproof.errors import InputError
@@ -34,44 +35,34 @@ LIMIT_TOLERANCE = 1e-6
 class ToleranceOptions:
     """The deviations for which a proof holds."""
 
-    joint_tolerance: Annotated[
-        float, typer.Option(help="The proof holds for joint errors up to this value (rad or m).", min=0.0)
-    ] = 0.0
-    obstacle_tolerance: Annotated[
-        float, typer.Option(help="The proof holds for obstacles displaced by up to this distance (m).", min=0.0)
-    ] = 0.0
+    joint_tolerance: float = option("The proof holds for joint errors up to this value (rad or m).", 0.0, min=0.0)
+    obstacle_tolerance: float = option(
+        "The proof holds for obstacles displaced by up to this distance (m).", 0.0, min=0.0
+    )
 
 
 @dataclass(frozen=True)
 class ProofOptions:
     """The files with proofs."""
 
-    save_proof: Annotated[
-        Path | None, typer.Option(help="Write the proof to a file (.json, .json.gz) that others can verify.")
-    ] = None
-    verify: Annotated[
-        Path | None,
-        typer.Option(
-            help="Verify a saved proof with independent code, instead of making one. With ROBOT, --scene and MOTION, "
-            "also check that the proof belongs to them."
-        ),
-    ] = None
+    save_proof: Path | None = option("Write the proof to a file (.json, .json.gz) that others can verify.", None)
+    verify: Path | None = option(
+        "Verify a saved proof with independent code, instead of making one. With ROBOT, --scene and MOTION, "
+        "also check that the proof belongs to them.",
+        None,
+    )
 
 
 @dataclass(frozen=True)
 class AuditOptions:
     """The options of the independent check."""
 
-    with_audit: Annotated[
-        bool,
-        typer.Option(
-            "--audit",
-            help="Also check dense samples of the motion with coal and exact meshes, independently of the proof.",
-        ),
-    ] = False
-    audit_step: Annotated[
-        float, typer.Option(help="Largest joint motion between two samples of --audit (rad or m).", min=1e-6)
-    ] = 0.002
+    with_audit: bool = option(
+        "Also check dense samples of the motion with coal and exact meshes, independently of the proof.",
+        False,
+        "--audit",
+    )
+    audit_step: float = option("Largest joint motion between two samples of --audit (rad or m).", 0.002, min=1e-6)
 
     def audit(
         self, trajectory: pp.Trajectory, proven: pp.CollisionChecker, tool: ToolOptions

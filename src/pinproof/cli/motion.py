@@ -23,6 +23,7 @@ from pinproof.cli.options import (
     SceneOptions,
     Seed,
     ToolOptions,
+    option,
     parse_configuration,
 )
 from pinproof.errors import InputError
@@ -67,28 +68,21 @@ def check(
 class PlanOptions:
     """How the motion is found."""
 
-    blend: Annotated[
-        bool, typer.Option(help="Round the corners of the path; with --no-blend the arm stops at each corner.")
-    ] = True
-    planner: Annotated[
-        str, typer.Option(help="The planner: rrt_connect or ompl.", autocompletion=planner_names, metavar="PLANNER")
-    ] = "rrt_connect"
-    jerk: Annotated[
-        str | None,
-        typer.Option(
-            help="Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for those of --limits. Default: no "
-            "jerk limit.",
-            metavar="NUMBER|limits",
-        ),
-    ] = None
-    optimise: Annotated[
-        int,
-        typer.Option(
-            help="How many changes of the motion are tried to reduce its duration. With 0, the shortened path is only "
-            "timed.",
-            min=0,
-        ),
-    ] = 600
+    blend: bool = option("Round the corners of the path; with --no-blend the arm stops at each corner.", True)
+    planner: str = option(
+        "The planner: rrt_connect or ompl.", "rrt_connect", autocompletion=planner_names, metavar="PLANNER"
+    )
+    jerk: str | None = option(
+        "Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for those of --limits. Default: no "
+        "jerk limit.",
+        None,
+        metavar="NUMBER|limits",
+    )
+    optimise: int = option(
+        "How many changes of the motion are tried to reduce its duration. With 0, the shortened path is only timed.",
+        600,
+        min=0,
+    )
 
     def found_jerk(self) -> float | Literal["limits"] | None:
         """The jerk limit; ``"limits"`` for those of the arm."""

@@ -11,7 +11,7 @@ import functools
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -65,23 +65,23 @@ IgnoreRecord = Annotated[
 ]
 
 
+def option(text: str, default: Any, *names: str, **settings: Any) -> Any:
+    """A field of a group of options: its help, its default (MISSING for none), and settings of ``typer.Option``."""
+    return field(default=default, metadata={"option": typer.Option(*names, help=text, **settings)})
+
+
 @dataclass(frozen=True)
 class ToolOptions:
     """Options for the bodies that are attached to the tcp."""
 
     PANEL: ClassVar = "Scene and tool"
 
-    tool_of: Annotated[
-        Path | None,
-        typer.Option(
-            help="A picks file, whose tool the arm carries with the gripper open. Its tip, margin, tcp and held joints "
-            "apply too."
-        ),
-    ] = None
-    attached: Annotated[
-        Path | None,
-        typer.Option("--attached", help="A YAML file of bodies attached to the tcp; can be combined with --tool-of."),
-    ] = None
+    tool_of: Path | None = option(
+        "A picks file, whose tool the arm carries with the gripper open. Its tip, margin, tcp and held joints "
+        "apply too.",
+        None,
+    )
+    attached: Path | None = option("A YAML file of bodies attached to the tcp; can be combined with --tool-of.", None)
 
     @property
     def files(self) -> tuple[Path | None, ...]:
@@ -132,25 +132,13 @@ class RobotFileOptions:
 
     PANEL: ClassVar = "Robot"
 
-    srdf: Annotated[
-        Path | None,
-        typer.Option("--srdf", help="The SRDF file of the robot: its joint groups, and links that need no check."),
-    ] = None
-    package_dir: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--package-dir",
-            help="A folder of ROS packages, to resolve package:// URLs; can be given several times.",
-            metavar="FOLDER",
-        ),
-    ] = None
-    xacro_arg: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--xacro-arg", help="A value for an argument of a xacro file; can be given several times.",
-            metavar="NAME=VALUE",
-        ),
-    ] = None  # fmt: skip
+    srdf: Path | None = option("The SRDF file of the robot: its joint groups, and links that need no check.", None)
+    package_dir: list[Path] | None = option(
+        "A folder of ROS packages, to resolve package:// URLs; can be given several times.", None, metavar="FOLDER"
+    )
+    xacro_arg: list[str] | None = option(
+        "A value for an argument of a xacro file; can be given several times.", None, metavar="NAME=VALUE"
+    )  # fmt: skip
 
     @property
     def xacro_args(self) -> dict[str, str]:
@@ -180,26 +168,18 @@ class RobotFileOptions:
 class ChainOptions(RobotFileOptions):
     """Options that select the kinematic chain of the arm, and those for the files of the robot."""
 
-    tcp: Annotated[
-        str | None,
-        typer.Option(
-            help="The tcp frame. Default: the frame that the robot declares.", autocompletion=link_names, metavar="LINK"
-        ),
-    ] = None
-    base: Annotated[
-        str | None,
-        typer.Option(
-            help="The link in whose frame poses are given. Default: the root link.",
-            autocompletion=link_names,
-            metavar="LINK",
-        ),
-    ] = None
-    group: Annotated[
-        str | None,
-        typer.Option(
-            help="A joint group of the SRDF, which defines base and tcp.", autocompletion=group_names, metavar="GROUP"
-        ),
-    ] = None
+    tcp: str | None = option(
+        "The tcp frame. Default: the frame that the robot declares.", None, autocompletion=link_names, metavar="LINK"
+    )
+    base: str | None = option(
+        "The link in whose frame poses are given. Default: the root link.",
+        None,
+        autocompletion=link_names,
+        metavar="LINK",
+    )
+    group: str | None = option(
+        "A joint group of the SRDF, which defines base and tcp.", None, autocompletion=group_names, metavar="GROUP"
+    )
 
     limits: Limits = None
 
@@ -237,10 +217,8 @@ class SceneOptions:
 
     PANEL: ClassVar = "Scene and tool"
 
-    scene: Annotated[Path | None, typer.Option("--scene", help="A scene file (YAML). Default: no obstacles.")] = None
-    margin: Annotated[
-        float, typer.Option(help="Distance in metres that every two bodies must keep from each other.", min=0.0)
-    ] = 0.0
+    scene: Path | None = option("A scene file (YAML). Default: no obstacles.", None)
+    margin: float = option("Distance in metres that every two bodies must keep from each other.", 0.0, min=0.0)
 
     @property
     def files(self) -> tuple[Path | None, ...]:
@@ -269,21 +247,16 @@ class ConstraintOptions:
 
     PANEL: ClassVar = "Limits and constraints"
 
-    upright: Annotated[
-        str | None,
-        typer.Option(
-            help='Keep the axis of the tcp that points up at the start within this angle of the vertical: "5 deg", or '
-            "radians.",
-            metavar="ANGLE",
-        ),
-    ] = None
-    upright_axis: Annotated[
-        str | None,
-        typer.Option(
-            help='For --upright: the axis in the tcp frame, as "x y z". Default: the axis that points up at the start.',
-            metavar="AXIS",
-        ),
-    ] = None
+    upright: str | None = option(
+        'Keep the axis of the tcp that points up at the start within this angle of the vertical: "5 deg", or radians.',
+        None,
+        metavar="ANGLE",
+    )
+    upright_axis: str | None = option(
+        'For --upright: the axis in the tcp frame, as "x y z". Default: the axis that points up at the start.',
+        None,
+        metavar="AXIS",
+    )
 
     def constraints(self, arm: pp.Arm, start: npt.NDArray[np.float64]) -> tuple[pp.Upright, ...]:
         """The constraints for a motion that begins at ``start`` (n,).
@@ -325,20 +298,14 @@ class RateOptions:
 
     PANEL: ClassVar = "Limits and constraints"
 
-    payload: Annotated[
-        str | None,
-        typer.Option(
-            help='Mass in kg that the tcp carries, as "mass", "mass x y z" with its centre (m), or "mass x y z ixx iyy '
-            'izz" with its inertia (kg m^2). The torque limits of the joints then apply.',
-            metavar="MASS",
-        ),
-    ] = None
-    torque: Annotated[
-        bool, typer.Option("--torque", help="Apply the torque limits of the joints (effort in the URDF).")
-    ] = False
-    tool_speed: Annotated[
-        float | None, typer.Option(help="Largest speed of the tcp in m/s, such as 0.25 beside persons.")
-    ] = None
+    payload: str | None = option(
+        'Mass in kg that the tcp carries, as "mass", "mass x y z" with its centre (m), or "mass x y z ixx iyy '
+        'izz" with its inertia (kg m^2). The torque limits of the joints then apply.',
+        None,
+        metavar="MASS",
+    )
+    torque: bool = option("Apply the torque limits of the joints (effort in the URDF).", False, "--torque")
+    tool_speed: float | None = option("Largest speed of the tcp in m/s, such as 0.25 beside persons.", None)
 
     def torque_limits(self, arm: pp.Arm) -> pp.motion.TorqueLimits | None:
         """The torque limits of an arm, None if they do not apply.
@@ -415,10 +382,11 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
     for name, parameter in parameters.items():
         if name in groups:
             hints = get_type_hints(groups[name], include_extras=True)
-            for field in fields(groups[name]):
-                default = inspect.Parameter.empty if field.default is MISSING else field.default
-                hint = _with_value(hints[field.name], getattr(groups[name], "PANEL", None))
-                options.append((field.name, hint, default))
+            for each in fields(groups[name]):
+                default = inspect.Parameter.empty if each.default is MISSING else each.default
+                info = each.metadata.get("option")
+                hint = hints[each.name] if info is None else Annotated[hints[each.name], info]
+                options.append((each.name, _with_value(hint, getattr(groups[name], "PANEL", None)), default))
         else:
             options.append((name, _with_value(parameter.annotation), parameter.default))
     options.append(("verbose", Verbose, False))
@@ -428,7 +396,7 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
         if verbose:
             on_verbose()
         for name, group in groups.items():
-            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+            given[name] = group(**{each.name: given.pop(each.name) for each in fields(group)})
         try:
             command(**given)
         except KeyboardInterrupt:

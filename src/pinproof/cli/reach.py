@@ -13,7 +13,18 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_note, print_result, progress_bar, written
-from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
+from pinproof.cli.options import (
+    ChainOptions,
+    Json,
+    Place,
+    Robot,
+    SceneOptions,
+    Seed,
+    ToolOptions,
+    numbers,
+    option,
+    placement,
+)
 from pinproof.errors import InputError
 from pinproof.units import warn_of_millimetres
 
@@ -39,16 +50,14 @@ class Orientations(str, Enum):
 class OrientationOptions:
     """The orientations of the tool that are tried at each point."""
 
-    orientations: Annotated[
-        Orientations,
-        typer.Option(
-            help="Directions of the z axis of the tool: straight down, in a cone around straight down, all directions, "
-            "or the direction at home, for planar arms."
-        ),
-    ] = Orientations.DOWN
-    angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0
-    directions: Annotated[int, typer.Option(help="Number of directions for cone and all.", min=1)] = 12
-    spins: Annotated[int, typer.Option(help="Number of rotations about each direction.", min=1)] = 8
+    orientations: Orientations = option(
+        "Directions of the z axis of the tool: straight down, in a cone around straight down, all directions, "
+        "or the direction at home, for planar arms.",
+        Orientations.DOWN,
+    )
+    angle: float = option("Half angle of the cone in degrees.", 30.0, min=0.0, max=180.0)
+    directions: int = option("Number of directions for cone and all.", 12, min=1)
+    spins: int = option("Number of rotations about each direction.", 8, min=1)
 
     def frames(self, axis: Array) -> Array:
         """Rotations (k, 3, 3) of the tool; ``axis`` (3,) is the z axis of the tool at home."""

@@ -29,6 +29,7 @@ from pinproof.cli.options import (
     ToolOptions,
     load_motion,
     note_limits,
+    option,
     parse_configuration,
 )
 from pinproof.errors import InputError, MeshError
@@ -44,11 +45,9 @@ if TYPE_CHECKING:
 class PngOptions:
     """Options of the PNG picture."""
 
-    png: Annotated[
-        Path | None, typer.Option("--png", help="Write a picture (PNG). Requires a Chromium-based browser.")
-    ] = None
-    time: Annotated[float | None, typer.Option(help="Time of the motion that --png shows, in seconds.")] = None
-    size: Annotated[str, typer.Option(help="Size of --png in pixels.", metavar="WIDTHxHEIGHT")] = "1280x800"
+    png: Path | None = option("Write a picture (PNG). Requires a Chromium-based browser.", None)
+    time: float | None = option("Time of the motion that --png shows, in seconds.", None)
+    size: str = option("Size of --png in pixels.", "1280x800", metavar="WIDTHxHEIGHT")
 
     def pixels(self) -> tuple[int, int]:
         """Width and height.

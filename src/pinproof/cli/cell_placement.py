@@ -62,9 +62,7 @@ class SearchOptions:
 
     def found_region(self) -> PlacementRegion:
         """The region with its forbidden zones."""
-        ends = numbers(self.region, "--region")
-        if len(ends) not in (4, 6, 8):
-            raise InputError(f'--region needs 4, 6 or 8 numbers, "x0 x1 y0 y1 z0 z1 yaw0 yaw1", not {len(ends)}')
+        ends = numbers(self.region, "--region", "x0 x1 y0 y1", "x0 x1 y0 y1 z0 z1", "x0 x1 y0 y1 z0 z1 yaw0 yaw1")
         warn_of_millimetres("--region", ends[:6])
         refuse_degrees("--region", ends[6:])
         ends += [0.0] * (8 - len(ends))
@@ -233,9 +231,7 @@ def cell_tolerance(
     Example: pinproof cell tolerance robots/ur5/plate_picks.yaml --position 0.002 --samples 5
     """
     check_output_files([output], [file], TABLES)
-    angles = numbers(rotation, "--rotation")
-    if len(angles) != 1:
-        raise InputError(f"--rotation needs one angle in rad, not {len(angles)}")
+    angles = numbers(rotation, "--rotation", "angle")
     refuse_degrees("--rotation", angles)
     with progress_status(f"checking {file}") as status, pool.settings() as settings:
         report = judge_file(file, cell, seed, **settings)[-1]

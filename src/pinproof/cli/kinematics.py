@@ -121,10 +121,10 @@ def ik(
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
     if all_branches and (method not in ("clik", "analytic") or task is not TaskOption.POSE):
         raise InputError("--all uses the closed form and full poses; remove --method and --task")
-    angles = numbers(rpy, "--rpy")
+    angles = numbers(rpy, "--rpy", "roll pitch yaw")
     refuse_degrees("--rpy", angles)
     arm, tip = chain.arm(robot, tool=tool), tool.tip
-    target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), angles)
+    target = pp.pose(numbers(xyz, "--xyz", "x y z") if xyz else (0.0, 0.0, 0.0), angles)
     if tip is not None:
         if task is not TaskOption.POSE:
             raise InputError(

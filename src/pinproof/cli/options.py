@@ -282,13 +282,11 @@ class ConstraintOptions:
         up = arm.root_from_base.rotation.T @ np.array([0.0, 0.0, 1.0])
         if self.upright_axis is None:
             return (pp.Upright.keeping(arm, start, tolerance=tolerance, up=up),)
-        axis = numbers(self.upright_axis, "--upright-axis")
-        if len(axis) != 3:
-            raise InputError(f'--upright-axis needs three numbers, "x y z", not {len(axis)}')
-        return (pp.Upright(tolerance=tolerance, axis_in_tcp=(axis[0], axis[1], axis[2]), up=tuple(up.tolist())),)
+        x, y, z = numbers(self.upright_axis, "--upright-axis", "x y z")
+        return (pp.Upright(tolerance=tolerance, axis_in_tcp=(x, y, z), up=tuple(up.tolist())),)
 
 
-MASS_FORMS = {1: "mass", 4: "mass x y z", 7: "mass x y z ixx iyy izz"}
+MASS_FORMS = ("mass", "mass x y z", "mass x y z ixx iyy izz")
 """The forms of a payload: mass (kg), centre of mass (m) and inertia about it (kg m^2), in the tcp frame."""
 
 
@@ -317,10 +315,7 @@ class RateOptions:
         """
         if self.payload is None:
             return pp.motion.TorqueLimits(arm) if self.torque else None
-        values = numbers(self.payload, "--payload")
-        if len(values) not in MASS_FORMS:
-            forms = ", ".join(f'"{form}"' for form in MASS_FORMS.values())
-            raise InputError(f"--payload must be {forms}, not {self.payload!r}")
+        values = numbers(self.payload, "--payload", *MASS_FORMS)
         center, inertia = np.array(values[1:4] or [0.0, 0.0, 0.0]), np.array(values[4:])
         body = pp.Payload(values[0], center, inertia if len(inertia) else None)
         return pp.motion.TorqueLimits(arm, body)
@@ -472,7 +467,11 @@ def parse_configuration(text: str | None, arm: pp.Arm, option: str) -> npt.NDArr
     """A configuration (n,) from n numbers, or the home configuration for ``home`` and None."""
     if text is None or text.strip() == "home":
         return arm.home
-    q = arm.configuration(numbers(text, option), option)
+    values = numbers(text, option)
+    if len(values) != arm.dof:
+        joints = ", ".join(arm.joint_names)
+        raise InputError(f"{option} needs a value for each joint ({joints}); {text!r} has {len(values)} numbers")
+    q = arm.configuration(values, option)
     warn_of_degrees(option, q[arm.angular & np.isfinite(arm.limits.lower)].tolist())
     return q
 
@@ -485,20 +484,27 @@ def note_limits(arm: pp.Arm, q: npt.NDArray[np.float64]) -> None:
 
 def placement(text: str) -> SE3:
     """The placement of ``--place``: world_from_root."""
-    values = numbers(text, "--place")
-    if len(values) not in (3, 4):
-        raise InputError(f'--place needs three or four numbers, "x y z" or "x y z rotation", not {len(values)}')
+    values = numbers(text, "--place", "x y z", "x y z rotation")
     refuse_degrees("--place", values[3:])
     return pp.pose(values[:3], (0.0, 0.0, values[3] if len(values) == 4 else 0.0))
 
 
-def numbers(text: str, option: str) -> list[float]:
+def numbers(text: str, option: str, *forms: str) -> list[float]:
     """Numbers separated by spaces or commas, each a decimal number or of the form ``[-][k*]pi[/m]``.
+
+    Parameters
+    ----------
+    text
+        The value of the option.
+    option
+        The name of the option, for messages.
+    forms
+        The valid sequences of numbers, such as ``"x y z"``; any number of them by default.
 
     Raises
     ------
     InputError
-        For a part that is not a number; the message names the option and the part.
+        If a part is not a number, or the number of parts is that of none of the forms.
     """
     from pinproof.common.yaml_file import parse_number
 
@@ -508,4 +514,7 @@ def numbers(text: str, option: str) -> list[float]:
             values.append(float(parse_number(part)))
         except ValueError as error:
             raise InputError(f"{option}: {error}") from error
+    if forms and len(values) not in {len(form.split()) for form in forms}:
+        valid = " or ".join(f'"{form}"' for form in forms)
+        raise InputError(f"{option} must be {valid}; {text!r} has {len(values)} numbers")
     return values

@@ -25,7 +25,6 @@ from pinproof.cli.options import (
     option,
     placement,
 )
-from pinproof.errors import InputError
 from pinproof.units import warn_of_millimetres
 
 if TYPE_CHECKING:
@@ -127,7 +126,7 @@ def reach(
     grid, world_from_root = _region(region, step), placement(place)
     arm = chain.arm(robot, tool=tool)
     checker = _checker(arm, scene_options, tool, world_from_root)
-    tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
+    tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip", "x y z"))
     frames = orientation_options.frames(_axis_at_home(arm, tcp_from_tip, world_from_root))
     with progress_bar("reach map", len(grid) * len(frames)) as progress:
         found = pp.reach_map(
@@ -220,8 +219,6 @@ def _points(
 
 
 def _region(text: str, step: float) -> pp.picks.ReachRegion:
-    ends = numbers(text, "--region")
-    if len(ends) != 6:
-        raise InputError(f'--region needs six numbers, "x0 x1 y0 y1 z0 z1", not {len(ends)}')
+    ends = numbers(text, "--region", "x0 x1 y0 y1 z0 z1")
     warn_of_millimetres("--region", ends)
     return pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step)

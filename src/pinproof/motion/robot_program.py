@@ -242,6 +242,8 @@ def make_program(
     names = checked_joint_names(joint_names)
     if language.joints is not None and len(names) != language.joints:
         raise InputError(f"a program in {dialect} needs {language.joints} joints; the arm has {len(names)}")
+    if spaced := [each for each in names if len(each.split()) != 1]:
+        raise InputError(f"the name of joint {spaced[0]!r} has spaces, which the comments of a program cannot state")
     require_positive("deviation (rad)", deviation, zero=True)
     mapping = joint_map or JointMap.identity(len(names))
     if len(mapping.signs) != len(names):

@@ -27,7 +27,7 @@ def dh2urdf(
 ) -> None:
     """Convert a DH table to a URDF file.
 
-    The file is written only if all frames of the URDF agree with those of the table.
+    The file is written only if all frames of the URDF agree with the table.
 
     Example: pinproof dh2urdf robots/generic_6dof/dh.yaml -o generic_6dof.urdf
     """

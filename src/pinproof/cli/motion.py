@@ -73,8 +73,8 @@ class PlanOptions:
         "The planner: rrt_connect or ompl.", "rrt_connect", autocompletion=planner_names, metavar="PLANNER"
     )
     jerk: str | None = option(
-        "Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for those of --limits. Default: no "
-        "jerk limit.",
+        "Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for the jerk limits in the file of "
+        "--limits. Default: no jerk limit.",
         None,
         metavar="NUMBER|limits",
     )
@@ -85,7 +85,7 @@ class PlanOptions:
     )
 
     def found_jerk(self) -> float | Literal["limits"] | None:
-        """The jerk limit; ``"limits"`` for those of the arm."""
+        """The jerk limit; ``"limits"`` stands for the jerk limits of the arm."""
         if self.jerk is None or self.jerk == "limits":
             return None if self.jerk is None else "limits"
         try:

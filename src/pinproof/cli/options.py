@@ -232,7 +232,7 @@ class SceneOptions:
     def checker(
         self, arm: pp.Arm, scene: pp.Scene | None = None, tool: ToolOptions | None = None
     ) -> pp.CollisionChecker:
-        """The collision checker of an arm and its tool in a scene, by default that of :meth:`load`."""
+        """The collision checker of an arm and its tool in a scene, by default the scene of :meth:`load`."""
         attachments, margin = pp.collision.Attachments(), self.margin
         if tool is not None:
             attachments, margin = tool.attachments, max(margin, tool.picks.margin)
@@ -429,7 +429,7 @@ def with_held_joints(arm: pp.Arm, tool: ToolOptions | None, tool_tcp: str | None
     Raises
     ------
     InputError
-        If ``tool_tcp``, the tcp that the tool is made for, is not that of the arm.
+        If the tool is made for another tcp (``tool_tcp``) than the arm has.
     """
     if tool_tcp is not None and tool_tcp != arm.tcp:
         raise InputError(
@@ -499,12 +499,12 @@ def numbers(text: str, option: str, *forms: str) -> list[float]:
     option
         The name of the option, for messages.
     forms
-        The valid sequences of numbers, such as ``"x y z"``; any number of them by default.
+        The valid sequences of numbers, such as ``"x y z"``; by default, any number of values.
 
     Raises
     ------
     InputError
-        If a part is not a number, or the number of parts is that of none of the forms.
+        If a part is not a number, or the number of parts differs from all forms.
     """
     from pinproof.common.yaml_file import parse_number
 

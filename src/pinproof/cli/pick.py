@@ -405,7 +405,7 @@ def judge_file(
 ) -> tuple[pp.Arm, pp.Scene, pp.Picks, pp.picks.PickReport]:
     """Check the picks of a file; return the arm, the scene, the picks and the report.
 
-    ``cell`` overrides the file; ``settings`` are those of :func:`pinproof.validate_picks`.
+    ``cell`` overrides the file; ``settings`` are passed to :func:`pinproof.validate_picks`.
     """
     arm, world, source = (cell or CellOptions()).open(file)
     picks = source.load()

@@ -73,8 +73,8 @@ class MonitorResult:
     time
         Seconds since the start of the motion.
     progress
-        The time (s) of the configuration of the motion with which the measurement is compared: ``time``, or that of the
-        closest configuration if the robot is early or late.
+        The time (s) of the configuration of the motion with which the measurement is compared: ``time``, or the time
+        of the closest configuration if the robot is early or late.
     deviation
         (n,) rad or m: the largest deviation of each joint from the motion, within the latency.
     joint
@@ -140,8 +140,8 @@ class Monitor:
         The FREE certificate of the motion for ``checker``. Without one, or if it covers smaller deviations than
         ``joint_tolerance``, a smaller margin, or other pairs of bodies than the checker, the motion is certified here.
     joint_tolerance
-        rad or m, one number or (n,): the deviations that the tube covers; above 0. Default: those of the certificate,
-        or 0.01 without one.
+        rad or m, one number or (n,): the deviations that the tube covers; above 0. Default: the deviations that the
+        certificate covers, or 0.01 without one.
     acceleration
         (n,) rad/s^2 or m/s^2 or one number: no joint accelerates faster, also after a failure, and each can brake this
         fast. Default: the limits of the arm.
@@ -242,7 +242,7 @@ class Monitor:
         dq
             (n,) measured velocities. Default: the difference quotient of the last two measurements; at the first tick,
             and if time has returned to 0 or less for the next execution, the velocity of the motion. Otherwise the
-            result is INVALID if ``time`` is not later than that of the last measurement.
+            result is INVALID if ``time`` is not later than at the last measurement.
 
         Raises
         ------

@@ -25,10 +25,10 @@ from pinproof.spatial import SE3, finite, matrix, rigid
 Array = npt.NDArray[np.float64]
 
 JOINTS = 1e-3
-"""rad or m: by default, a start or goal is that of a motion if no joint differs by more."""
+"""rad or m: by default, a motion has a given start or goal if no joint differs by more."""
 
 POSITION, ANGLE = 1e-3, 1e-2
-"""Metres and radians: the same for poses of the tcp."""
+"""Metres and radians: the same limits for poses of the tcp."""
 
 RENEWED = 0.5
 """If a larger share of the pairs has changed, new evidence is recorded for the present scene."""
@@ -37,7 +37,7 @@ SAMPLES = 400
 """Configurations of a motion at which the part that is in collision is located, before it is replaced and certified."""
 
 MOST_ATTEMPTS = 6
-"""Number of parts of a motion, each longer than the one before, that a repair replaces in turn."""
+"""Largest number of parts of a motion, in order of length, that a repair tries to replace."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -236,9 +236,9 @@ class Trajectory(BezierCurve):
         path
             A .json, .yaml or .csv file.
         joint_names
-            The requested joints and their order; columns are matched by name. By default, those of the file.
+            The requested joints and their order; columns are matched by name. By default, the joints of the file.
         subset
-            If True, the file may contain other joints, such as those of the complete robot. They must not move, because
+            If True, the file may contain other joints, such as all joints of the robot. They must not move, because
             a certificate of the motion would not include them.
 
         Raises
@@ -361,7 +361,7 @@ class Trajectory(BezierCurve):
         certificate
             The hash of the certificate that the text states; empty for none.
         joint_map
-            The joint values of the controller from those of the model, if they differ.
+            How the controller's joint values follow from the values of the model, if they differ.
 
         Raises
         ------

@@ -44,7 +44,7 @@ class CoordinationResult:
     trajectory
         The motion of the joint group; None if no delays were found.
     certificate
-        The certificate of it; otherwise that of the last delays that were tried.
+        The certificate of ``trajectory``, or of the motion with the last delays that were tried.
     delays
         Seconds by which each arm starts later, by name.
     slowdowns

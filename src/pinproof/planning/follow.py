@@ -117,7 +117,7 @@ class FollowedRoute:
 
 @dataclass(frozen=True, kw_only=True)
 class RouteFollower:
-    """The settings with which routes are followed; see :func:`pinproof.plan_linear`.
+    """The settings for following routes; see :func:`pinproof.plan_linear`.
 
     Raises
     ------
@@ -170,7 +170,7 @@ class RouteFollower:
         return np.asarray(self._compiled(self.arm).deviations(route.compiled, knots, np.ascontiguousarray(control)))
 
     def _compiled(self, arm: Arm) -> CompiledFollower:
-        """The follower that solves poses within the limits of ``arm``; the curve keeps those of :attr:`arm`."""
+        """The follower that solves poses within the limits of ``arm``; the curve keeps the limits of :attr:`arm`."""
         limits, tracked = self.arm.limits, arm.limits
         return CompiledFollower(
             chain=arm.chain,

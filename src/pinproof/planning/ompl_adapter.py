@@ -116,10 +116,10 @@ class OmplPlanner:
 
         OMPL has one random seed per process; it is set from ``rng``. With the same seed, a planner that ends with its
         first path gives the same path, unless a budget ends it before. The path of an optimising planner depends on the
-        speed of the computer; with ``max_edges``, most of them are repeatable. Multithreaded planners (``PRM``,
-        ``PRMstar``) are not strictly repeatable. Do not call this method from several threads at a time.
+        speed of the computer; with ``max_edges``, most of these planners are repeatable. Multithreaded planners
+        (``PRM``, ``PRMstar``) are not strictly repeatable. Do not call this method from several threads at a time.
 
-        The range of an unbounded joint is that of the start and the goals, extended by pi on both sides.
+        An unbounded joint has the range of its values at the start and the goals, extended by pi on both sides.
 
         Raises
         ------

@@ -421,7 +421,7 @@ def _run_portfolio(
     executor: Executor | None,
     progress: Progress | None,
 ) -> PlanResult:
-    """The shortest path of ``count`` searches; if two are equally short, that of the earlier search.
+    """The shortest path of ``count`` searches; if two are equally short, the path of the earlier search.
 
     All searches are completed, so that the result does not depend on the number of workers or on their speed.
     """
@@ -485,5 +485,5 @@ def _best(results: list[PlanResult]) -> PlanResult:
     nearest = min(results, key=lambda result: result.gap)
     return replace(
         nearest,
-        message=f"none of {len(results)} searches found a path; the one with the smallest gap: {nearest.message}",
+        message=f"none of {len(results)} searches found a path; the search with the smallest gap: {nearest.message}",
     )

@@ -132,7 +132,7 @@ def simplify(
         Whether corners are rounded, and the maximum distance (rad or m, Euclidean) between a corner and its rounding.
         With constraints, a smooth curve replaces the whole path instead, if one is proven.
     constraints
-        Constraints of the tcp that ``path`` satisfies, such as those of :meth:`RrtConnect.plan`; the result satisfies
+        Constraints of the tcp that ``path`` satisfies, as given to :meth:`RrtConnect.plan`; the result satisfies
         them.
     torque_limits
         As for :meth:`RrtConnect.plan`.
@@ -142,7 +142,7 @@ def simplify(
     Raises
     ------
     InputError
-        If the joints of the path are not those of the arm, or a setting is out of its range.
+        If the path does not move the joints of the arm, or a setting is out of its range.
     """
     constraints = check_constraints(constraints)
     short = shortcut(path, checker, rng=rng, attempts=attempts, constraints=constraints, torque_limits=torque_limits)
@@ -237,7 +237,7 @@ def shortcut(
     Raises
     ------
     InputError
-        If the joints of the path are not those of the arm, or a setting is out of its range.
+        If the path does not move the joints of the arm, or a setting is out of its range.
     """
     require_curve(path, checker, "path")
     require_integer("attempts", attempts, 0)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 import pinproof as pp
 from pinproof.cli.console import Interrupted, check_output_files, print_note, print_result, progress_status, written
-from pinproof.cli.options import Json, Seed, option, placement
+from pinproof.cli.options import Json, Seed, argument, option, placement
 from pinproof.cli.pick import CellOptions
 from pinproof.errors import InputError, UnknownNameError
 
@@ -78,26 +76,19 @@ class OrderOptions:
 
 
 def cell_sequence(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
     *,
     selection: SelectionOptions,
     conditions: ConditionOptions,
     ordering: OrderOptions,
-    output: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "-o",
-            "--output",
-            help="The sequence as .json, .md, .csv or .html; can be given several times.",
-            metavar="FILE",
-        ),
-    ] = None,
-    heat_map: Annotated[
-        Path | None,
-        typer.Option(help="Draw the heat map of a placement search (.csv with x, y, share) on the floor of the page."),
-    ] = None,
+    output: list[Path] | None = option(
+        "The sequence as .json, .md, .csv or .html; can be given several times.", None, "-o", "--output", metavar="FILE"
+    ),
+    heat_map: Path | None = option(
+        "Draw the heat map of a placement search (.csv with x, y, share) on the floor of the page.", None
+    ),
     seed: Seed = 0,
-    workers: Annotated[int | None, typer.Option("--workers", help="Number of parallel processes.", min=1)] = None,
+    workers: int | None = option("Number of parallel processes.", None, min=1),
     cell: CellOptions,
     as_json: Json = False,
 ) -> None:
@@ -196,17 +187,14 @@ def _left_out(picks: Iterable[pp.cell.LeftOut]) -> list[str]:
 
 
 def cell_allocate(
-    file: Annotated[Path, typer.Argument(help="A picks file for several robots (key robots).", metavar="PICKS")],
+    file: Path = argument("A picks file for several robots (key robots).", MISSING, metavar="PICKS"),
     *,
     selection: SelectionOptions,
     conditions: ConditionOptions,
-    compare: Annotated[
-        bool, typer.Option(help="Also compute the time that each arm alone takes for all picks.")
-    ] = True,
-    output: Annotated[
-        list[Path] | None,
-        typer.Option("-o", "--output", help="A .json, .md or .html file; can be given several times.", metavar="FILE"),
-    ] = None,
+    compare: bool = option("Also compute the time that each arm alone takes for all picks.", True),
+    output: list[Path] | None = option(
+        "A .json, .md or .html file; can be given several times.", None, "-o", "--output", metavar="FILE"
+    ),
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
-
-import typer
+from typing import TYPE_CHECKING, ClassVar
 
 import pinproof as pp
 from pinproof.cli.console import Interrupted, check_output_files, make_folder, print_result, progress_status, written
-from pinproof.cli.options import Json, Seed, numbers, option
+from pinproof.cli.options import Json, Seed, argument, numbers, option
 from pinproof.cli.pick import CellOptions, WorkerOptions, judge_file
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees, warn_of_millimetres
@@ -103,24 +101,21 @@ class EffortOptions:
 
 
 def cell_place(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
     *,
     search: SearchOptions,
     effort: EffortOptions,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            help="The result (.json, .md), its heat map (.csv, .png), or a folder for all of them and the report on "
-            "the picks at the best placement.",
-            metavar="FILE|FOLDER",
-        ),
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option(help="Keep the work in this folder; an interrupted search is resumed.", metavar="FOLDER"),
-    ] = None,
+    output: Path | None = option(
+        "The result (.json, .md), its heat map (.csv, .png), or a folder for all of them and the report on "
+        "the picks at the best placement.",
+        None,
+        "-o",
+        "--output",
+        metavar="FILE|FOLDER",
+    ),
+    campaign: Path | None = option(
+        "Keep the work in this folder; an interrupted search is resumed.", None, metavar="FOLDER"
+    ),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -171,16 +166,13 @@ TABLES = (".json", ".csv", ".md")
 
 
 def cell_compare(
-    file: Annotated[Path, typer.Argument(help="The picks file of the first set-up.", metavar="PICKS")],
-    against: Annotated[
-        Path | None,
-        typer.Argument(help="The picks file of the second set-up. Default: the same file.", metavar="OTHER"),
-    ] = None,
+    file: Path = argument("The picks file of the first set-up.", MISSING, metavar="PICKS"),
+    against: Path | None = argument(
+        "The picks file of the second set-up. Default: the same file.", None, metavar="OTHER"
+    ),
     *,
-    least: Annotated[
-        float, typer.Option(help="The smallest difference of durations (s) that is reported.", min=0.0)
-    ] = 0.01,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The comparison (.json, .csv, .md).")] = None,
+    least: float = option("The smallest difference of durations (s) that is reported.", 0.01, min=0.0),
+    output: Path | None = option("The comparison (.json, .csv, .md).", None, "-o", "--output"),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -205,20 +197,15 @@ def cell_compare(
 
 
 def cell_tolerance(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
     *,
-    position: Annotated[
-        float, typer.Option(help="Largest error of the position of a part along each axis (m).", min=0.0)
-    ] = 0.003,
-    rotation: Annotated[
-        str, typer.Option(help="Largest error of its rotation about any axis (rad).", metavar="ANGLE")
-    ] = "pi/90",
-    normal: Annotated[
-        bool,
-        typer.Option("--normal", help="Sample a normal distribution with half of the errors as standard deviation."),
-    ] = False,
-    samples: Annotated[int, typer.Option(help="Number of sampled poses for each pick.", min=0)] = 20,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The study (.json, .csv, .md).")] = None,
+    position: float = option("Largest error of the position of a part along each axis (m).", 0.003, min=0.0),
+    rotation: str = option("Largest error of its rotation about any axis (rad).", "pi/90", metavar="ANGLE"),
+    normal: bool = option(
+        "Sample a normal distribution with half of the errors as standard deviation.", False, "--normal"
+    ),
+    samples: int = option("Number of sampled poses for each pick.", 20, min=0),
+    output: Path | None = option("The study (.json, .csv, .md).", None, "-o", "--output"),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
@@ -21,6 +19,7 @@ from pinproof.cli.options import (
     RateOptions,
     SceneOptions,
     ToolOptions,
+    argument,
     load_motion,
     option,
 )
@@ -82,29 +81,21 @@ class AuditOptions:
 
 
 def certify_motion(
-    robot: Annotated[
-        str | None,
-        typer.Argument(
-            help="A catalogue name such as ur5, a robot file, or a DH table.",
-            metavar="ROBOT",
-            autocompletion=robot_names,
-        ),
-    ] = None,
-    motion: Annotated[
-        Path | None,
-        typer.Argument(
-            help="A motion file (.json, .csv, .yaml or .yml), or a robot program of pinproof export.", metavar="MOTION"
-        ),
-    ] = None,
+    robot: str | None = argument(
+        "A catalogue name such as ur5, a robot file, or a DH table.", None, metavar="ROBOT", autocompletion=robot_names
+    ),
+    motion: Path | None = argument(
+        "A motion file (.json, .csv, .yaml or .yml), or a robot program of pinproof export.", None, metavar="MOTION"
+    ),
     *,
     tolerances: ToleranceOptions,
     constraint_options: ConstraintOptions,
     proof: ProofOptions,
     audit_options: AuditOptions,
     ignore_record: IgnoreRecord = False,
-    allow_changes: Annotated[
-        bool, typer.Option("--allow-changes", help="Accept a robot program that was edited after it was written.")
-    ] = False,
+    allow_changes: bool = option(
+        "Accept a robot program that was edited after it was written.", False, "--allow-changes"
+    ),
     html: Html = None,
     rates: RateOptions,
     chain: ChainOptions,

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
-
-import typer
+from typing import Literal
 
 import pinproof as pp
 from pinproof.cli.certify import largest_torque, torque_figures, verdict
@@ -96,13 +94,9 @@ class PlanOptions:
 
 def plan(
     robot: Robot,
-    goal: Annotated[str, typer.Option(help="Goal joint values in rad or m, or home.", metavar="VALUES")],
-    start: Annotated[
-        str | None, typer.Option(help="Start joint values in rad or m. Default: home.", metavar="VALUES")
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="The motion file to write (.json, .csv).")
-    ] = None,
+    goal: str = option("Goal joint values in rad or m, or home.", MISSING, metavar="VALUES"),
+    start: str | None = option("Start joint values in rad or m. Default: home.", None, metavar="VALUES"),
+    output: Path | None = option("The motion file to write (.json, .csv).", None, "-o", "--output"),
     *,
     effort: PlanOptions,
     html: Html = None,

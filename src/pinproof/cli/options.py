@@ -11,7 +11,7 @@ import functools
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -66,8 +66,16 @@ IgnoreRecord = Annotated[
 
 
 def option(text: str, default: Any, *names: str, **settings: Any) -> Any:
-    """A field of a group of options: its help, its default (MISSING for none), and settings of ``typer.Option``."""
+    """An option: its help, its default (MISSING for none), its names, and settings of ``typer.Option``.
+
+    The value is the field of a group of options, or the default of a parameter of a command.
+    """
     return field(default=default, metadata={"option": typer.Option(*names, help=text, **settings)})
+
+
+def argument(text: str, default: Any, **settings: Any) -> Any:
+    """An argument, as :func:`option`."""
+    return field(default=default, metadata={"option": typer.Argument(help=text, **settings)})
 
 
 @dataclass(frozen=True)
@@ -382,6 +390,10 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
                 info = each.metadata.get("option")
                 hint = hints[each.name] if info is None else Annotated[hints[each.name], info]
                 options.append((each.name, _with_value(hint, getattr(groups[name], "PANEL", None)), default))
+        elif isinstance(parameter.default, Field):
+            default = inspect.Parameter.empty if parameter.default.default is MISSING else parameter.default.default
+            info = parameter.default.metadata["option"]
+            options.append((name, _with_value(Annotated[parameter.annotation, info]), default))
         else:
             options.append((name, _with_value(parameter.annotation), parameter.default))
     options.append(("verbose", Verbose, False))

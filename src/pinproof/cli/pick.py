@@ -10,9 +10,9 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 
@@ -32,7 +32,7 @@ from pinproof.cli.console import (
     write_pages,
     written,
 )
-from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, option, placement
+from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, argument, option, placement
 from pinproof.common.files import file_stems
 from pinproof.errors import CampaignError, InputError, UnknownNameError
 
@@ -266,34 +266,26 @@ class WorkerOptions:
 
 
 def pick(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
     *,
     out: OutputOptions,
-    program: Annotated[
-        Path | None,
-        typer.Option(
-            help="Instead of checking picks, certify this program (.program.json) again in the cell of the picks file."
-        ),
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option(
-            help="For many picks: write the results to this folder one by one; an interrupted run is resumed.",
-            metavar="FOLDER",
-        ),
-    ] = None,
-    screen: Annotated[
-        bool,
-        typer.Option("--screen", help="Check only the grasp: reach, limits and collisions; -o writes a table (.csv)."),
-    ] = False,
-    optimise: Annotated[
-        int | None,
-        typer.Option(
-            help="How many changes of each transit and each transfer are tried to reduce its duration. With 0, the "
-            "planned paths are followed. Default: the key optimise of the picks file, otherwise 100.",
-            min=0,
-        ),
-    ] = None,
+    program: Path | None = option(
+        "Instead of checking picks, certify this program (.program.json) again in the cell of the picks file.", None
+    ),
+    campaign: Path | None = option(
+        "For many picks: write the results to this folder one by one; an interrupted run is resumed.",
+        None,
+        metavar="FOLDER",
+    ),
+    screen: bool = option(
+        "Check only the grasp: reach, limits and collisions; -o writes a table (.csv).", False, "--screen"
+    ),
+    optimise: int | None = option(
+        "How many changes of each transit and each transfer are tried to reduce its duration. With 0, the "
+        "planned paths are followed. Default: the key optimise of the picks file, otherwise 100.",
+        None,
+        min=0,
+    ),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import typer
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_note, print_result, progress_bar, written
@@ -74,40 +73,31 @@ class OrientationOptions:
 
 def reach(
     robot: Robot,
-    region: Annotated[
-        str,
-        typer.Option(
-            help='The box to map, in metres: "x0 x1 y0 y1 z0 z1". Two equal bounds make it a plane.', metavar="BOX"
-        ),
-    ],
-    step: Annotated[float, typer.Option(help="Largest distance between neighbouring grid points (m).")] = 0.1,
+    region: str = option(
+        'The box to map, in metres: "x0 x1 y0 y1 z0 z1". Two equal bounds make it a plane.', MISSING, metavar="BOX"
+    ),
+    step: float = option("Largest distance between neighbouring grid points (m).", 0.1),
     *,
     orientation_options: OrientationOptions,
-    tip: Annotated[
-        str | None,
-        typer.Option(
-            help='Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.',
-            metavar="POSITION",
-        ),
-    ] = None,
+    tip: str | None = option(
+        'Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.',
+        None,
+        metavar="POSITION",
+    ),
     place: Place = "0 0 0 0",
-    output: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "-o",
-            "--output",
-            help="The map as .csv, .npz, .png (slices) or .html; can be given several times.",
-            metavar="FILE",
-        ),
-    ] = None,
-    against: Annotated[
-        Path | None,
-        typer.Option(
-            help="An earlier map (.npz). The number of orientations gained and lost since then is printed, and the "
-            "files of -o other than .npz show where."
-        ),
-    ] = None,
-    threads: Annotated[int, typer.Option(help="Number of threads.", min=1)] = 1,
+    output: list[Path] | None = option(
+        "The map as .csv, .npz, .png (slices) or .html; can be given several times.",
+        None,
+        "-o",
+        "--output",
+        metavar="FILE",
+    ),
+    against: Path | None = option(
+        "An earlier map (.npz). The number of orientations gained and lost since then is printed, and the "
+        "files of -o other than .npz show where.",
+        None,
+    ),
+    threads: int = option("Number of threads.", 1, min=1),
     seed: Seed = 0,
     chain: ChainOptions,
     scene_options: SceneOptions,

@@ -5,9 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 import pinproof as pp
 from pinproof.cli.console import (
@@ -27,6 +25,7 @@ from pinproof.cli.options import (
     Robot,
     SceneOptions,
     ToolOptions,
+    argument,
     load_motion,
     note_limits,
     option,
@@ -67,23 +66,17 @@ class PngOptions:
 
 def view(
     robot: Robot,
-    motion: Annotated[
-        Path | None,
-        typer.Argument(help="A motion file to play (.json, .csv, .yaml or .yml).", metavar="MOTION"),
-    ] = None,
+    motion: Path | None = argument("A motion file to play (.json, .csv, .yaml or .yml).", None, metavar="MOTION"),
     q: Configuration = None,
-    branches: Annotated[
-        bool, typer.Option("--branches", help="Also show all other IK solutions for the tcp pose of --q, transparent.")
-    ] = False,
-    layer: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A layer to show at first: collision, frames or sweep; can be given several times.", metavar="LAYER"
-        ),
-    ] = None,
+    branches: bool = option(
+        "Also show all other IK solutions for the tcp pose of --q, transparent.", False, "--branches"
+    ),
+    layer: list[str] | None = option(
+        "A layer to show at first: collision, frames or sweep; can be given several times.", None, metavar="LAYER"
+    ),
     html: Html = None,
-    port: Annotated[int, typer.Option(help="Port of the live view on 127.0.0.1; 0 selects a free port.", min=0)] = 0,
-    browser: Annotated[bool, typer.Option(help="Open the live view in the browser.")] = True,
+    port: int = option("Port of the live view on 127.0.0.1; 0 selects a free port.", 0, min=0),
+    browser: bool = option("Open the live view in the browser.", True),
     ignore_record: IgnoreRecord = False,
     *,
     png_options: PngOptions,

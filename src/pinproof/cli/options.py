@@ -418,7 +418,7 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
 
 
 VALUES = {int: "INTEGER", float: "NUMBER", Path: "FILE", str: "TEXT"}
-"""What the help shows for the value of an option, if the option does not state it."""
+"""What the help shows for the value of an option by default."""
 
 
 def _with_value(hint: Any, panel: str | None = None) -> Any:

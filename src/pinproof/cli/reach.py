@@ -125,7 +125,7 @@ def reach(
         )  # fmt: skip
     never = ""
     if not found.reachable.any():
-        never = _never(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
+        never = _why_unreachable(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
     change = None if before is None else pp.picks.ReachComparison(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
@@ -156,7 +156,7 @@ def _axis_at_home(arm: pp.Arm, tip: SE3, world_from_root: SE3) -> Array:
     return np.array(home.rotation[:, 2])
 
 
-def _never(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:
+def _why_unreachable(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:
     """Why no point can be reached if the arm takes none of the orientations at any position; else ''."""
     if pp.picks.attainable_orientations(arm, frames, tip=tip, world_from_root=world_from_root, rng=seed).any():
         return ""

@@ -1,7 +1,7 @@
 """The import of the compiled core: one clear error if it is missing, or older than its sources in a checkout.
 
 A finder in ``sys.meta_path`` checks ``pinproof._core`` when it is first imported. It compares the time stamps of the
-sources with that of the core, and their hash only if one of them is newer.
+sources with the core, and their hash only if a source is newer.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ def test_plan_and_certify_keep_the_tool_upright(run: Run) -> None:
         (("--upright", "5 grad"), "5 grad"),
         (("--upright", "5"), "286"),
         (("--upright-axis", "0 0 1"), "--upright"),
-        (("--upright", "5 deg", "--upright-axis", "0 1"), "three numbers"),
+        (("--upright", "5 deg", "--upright-axis", "0 1"), 'must be "x y z"'),
         (("--upright", "5 deg", "--upright-axis", "0 0 0"), "zero"),
     ],
 )

@@ -29,6 +29,8 @@ from ..processes import PATIENCE, RUN_CLI, started
         ("fk ur5 --fram tool0", "(did you mean --frame)"),
         ("fk ur5 --q 0 1 0", '--q "0 -pi/2 0"'),
         ("fk ur5 --q 0 -pi/2", '--q "0 -pi/2 0"'),
+        ("fk ur5 --q 0", "--q needs a value for each joint (shoulder_pan_joint, "),
+        ("ik ur5 --xyz 1,2", "--xyz must be \"x y z\"; '1,2' has 2 numbers"),
         ("ik ur5 --method klik", "unknown IK method 'klik'; valid: clik"),
         ("check ur5 --margin -1", "--margin"),
         ("fk ur55", "'ur55'"),

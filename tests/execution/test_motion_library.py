@@ -130,10 +130,10 @@ def test_file_with_one_changed_number_is_refused(library, checker, tmp_path) -> 
         (lambda library: pp.MotionLibrary(library.checker, joint_tolerance=-1), "joint_tolerance = -1"),
         (lambda library: pp.MotionLibrary(library.checker, joint_tolerance=[0.1, 0.2]), "joint_tolerance"),
         (lambda library: library.add("line", HIGH), "not a ndarray"),
-        (lambda library: library.with_checker(None), "NoneType"),
+        (lambda library: library.with_checker(None), "CollisionChecker, not None"),
         (lambda library: pp.Monitor(library.checker, HIGH), "not a ndarray"),
         (lambda library: pp.Monitor(library.checker, library["lift"].trajectory, latency="x"), "latency"),
-        (lambda library: pp.Monitor(library.checker, library["lift"].trajectory, certificate=3), "a Certificate"),
+        (lambda library: pp.Monitor(library.checker, library["lift"].trajectory, certificate=3), "type Certificate"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named(library, mistake, named) -> None:

@@ -192,6 +192,11 @@ def test_seven_joints_are_refused_where_the_language_has_six(dialect: str) -> No
         motion.to_program(dialect)
 
 
+def test_a_joint_name_with_a_space_is_refused() -> None:
+    with pytest.raises(InputError, match="'joint 6' has spaces"):
+        make_program(some_steps("krl"), (*NAMES[:5], "joint 6"), dialect="krl")
+
+
 def test_an_unknown_language_names_the_valid_ones() -> None:
     arm = pp.load_robot("ur5").arm()
     motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names), arm.limits)

@@ -10,7 +10,7 @@ import typer
 
 from pinproof.cli.complete import planner_names, robot_names
 from pinproof.cli.console import make_folder, print_result, progress_status, written
-from pinproof.cli.options import Json, Seed
+from pinproof.cli.options import Json, Seed, argument, option
 from pinproof.errors import InputError
 
 Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Include other installed libraries.")]
@@ -21,22 +21,15 @@ Folder = Annotated[
 
 
 def bench_ik(
-    robots: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="Catalogue names or robot files. Default: ur5.", metavar="ROBOT...", autocompletion=robot_names
-        ),
-    ] = None,
-    points: Annotated[int, typer.Option(help="Targets per part of the table.", min=1)] = 10_000,
-    methods: Annotated[
-        str | None,
-        typer.Option(help='Methods to run, for example "clik pseudo_inverse". Default: all.', metavar="METHODS"),
-    ] = None,
+    robots: list[str] | None = argument(
+        "Catalogue names or robot files. Default: ur5.", None, metavar="ROBOT...", autocompletion=robot_names
+    ),
+    points: int = option("Targets per part of the table.", 10_000, min=1),
+    methods: str | None = option(
+        'Methods to run, for example "clik pseudo_inverse". Default: all.', None, metavar="METHODS"
+    ),
     peers: Peers = True,
-    limits_pi: Annotated[
-        bool,
-        typer.Option("--limits-pi/--own-limits", help="Reduce joint ranges wider than one rotation to +-pi."),
-    ] = True,
+    limits_pi: bool = option("Reduce joint ranges wider than one rotation to +-pi.", True, "--limits-pi/--own-limits"),
     output: Folder = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -67,58 +60,44 @@ def bench_ik(
 class ProblemOptions:
     """The planning problems."""
 
-    mbm: Annotated[
-        Path | None, typer.Option(help="Folder of MotionBenchMaker problems to run as well.", metavar="FOLDER")
-    ] = None
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Catalogue name or robot file for the MotionBenchMaker problems. Default: the URDF in a folder "
-            "'robot' beside them, otherwise the robot that they name.",
-            metavar="ROBOT",
-        ),
-    ] = None
-    sets: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            help="Run only this set, such as ur5/shelf, shelf, ur5 or mbm; can be given several times.",
-            metavar="NAME",
-        ),
-    ] = None
-    problems: Annotated[
-        int | None,
-        typer.Option(help="Problems per set. Default: all of MotionBenchMaker, 10 per scene of pinproof.", min=1),
-    ] = None
+    mbm: Path | None = option("Folder of MotionBenchMaker problems to run as well.", None, metavar="FOLDER")
+    robot: str | None = option(
+        "Catalogue name or robot file for the MotionBenchMaker problems. Default: the URDF in a folder "
+        "'robot' beside them, otherwise the robot that they name.",
+        None,
+        metavar="ROBOT",
+    )
+    sets: list[str] | None = option(
+        "Run only this set, such as ur5/shelf, shelf, ur5 or mbm; can be given several times.",
+        None,
+        "--set",
+        metavar="NAME",
+    )
+    problems: int | None = option(
+        "Problems per set. Default: all of MotionBenchMaker, 10 per scene of pinproof.", None, min=1
+    )
 
 
 def bench_plan(
-    robots: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="Catalogue names or robot files for the scenes of pinproof. Default: ur5, panda, generic_6dof.",
-            metavar="ROBOT...",
-            autocompletion=robot_names,
-        ),
-    ] = None,
+    robots: list[str] | None = argument(
+        "Catalogue names or robot files for the scenes of pinproof. Default: ur5, panda, generic_6dof.",
+        None,
+        metavar="ROBOT...",
+        autocompletion=robot_names,
+    ),
     *,
     given: ProblemOptions,
-    planners: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--planner",
-            help="The planner of pinproof: rrt_connect (default) or ompl; can be given several times.",
-            metavar="PLANNER",
-            autocompletion=planner_names,
-        ),
-    ] = None,
-    motion: Annotated[
-        bool,
-        typer.Option(
-            "--motion", help="Measure the durations of optimised motions to the goal poses of the problems of --mbm."
-        ),
-    ] = False,
-    repeats: Annotated[int, typer.Option(help="Runs per problem; the fastest counts.", min=1)] = 1,
+    planners: list[str] | None = option(
+        "The planner of pinproof: rrt_connect (default) or ompl; can be given several times.",
+        None,
+        "--planner",
+        metavar="PLANNER",
+        autocompletion=planner_names,
+    ),
+    motion: bool = option(
+        "Measure the durations of optimised motions to the goal poses of the problems of --mbm.", False, "--motion"
+    ),
+    repeats: int = option("Runs per problem; the fastest counts.", 1, min=1),
     peers: Peers = True,
     output: Folder = None,
     seed: Seed = 0,

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 import pinproof as pp
 from pinproof.cli.console import Interrupted, check_output_files, print_note, print_result, progress_status, written
-from pinproof.cli.options import Json, Seed, placement
+from pinproof.cli.options import Json, Seed, argument, option, placement
 from pinproof.cli.pick import CellOptions
 from pinproof.errors import InputError, UnknownNameError
 
@@ -27,22 +25,19 @@ SLOWEST = 3
 class SelectionOptions:
     """Which picks of the file are put in sequence."""
 
-    only: Annotated[
-        str | None,
-        typer.Option(help='The names of the picks to use, with commas between them: "a,b,c".', metavar="NAMES"),
-    ] = None
-    without: Annotated[
-        str | None, typer.Option(help="The names of picks to leave out, with commas.", metavar="NAMES")
-    ] = None
+    only: str | None = option(
+        'The names of the picks to use, with commas between them: "a,b,c".', None, metavar="NAMES"
+    )
+    without: str | None = option("The names of picks to leave out, with commas.", None, metavar="NAMES")
 
     def select(self, picks: pp.Picks) -> tuple[pp.Pick, ...]:
         """The selected picks in the order of the file."""
         known = [pick.name for pick in picks.picks]
         stated = {"--only": _names(self.only), "--without": _names(self.without)}
-        for option, names in stated.items():
+        for stated_by, names in stated.items():
             for name in names:
                 if name not in known:
-                    raise UnknownNameError("pick", name, known, option)
+                    raise UnknownNameError("pick", name, known, stated_by)
         chosen = stated["--only"] if self.only is not None else known
         return tuple(pick for pick in picks.picks if pick.name in chosen and pick.name not in stated["--without"])
 
@@ -51,14 +46,11 @@ class SelectionOptions:
 class ConditionOptions:
     """The precedence of picks and the dwell times."""
 
-    before: Annotated[
-        list[str] | None,
-        typer.Option(
-            help='A pair of picks in a fixed order: "first,second"; can be given several times.', metavar="FIRST,SECOND"
-        ),
-    ] = None
-    grip_dwell: Annotated[float, typer.Option(help="Seconds that an arm rests at each grasp.", min=0.0)] = 0.0
-    release_dwell: Annotated[float, typer.Option(help="Seconds that an arm rests at each release.", min=0.0)] = 0.0
+    before: list[str] | None = option(
+        'A pair of picks in a fixed order: "first,second"; can be given several times.', None, metavar="FIRST,SECOND"
+    )
+    grip_dwell: float = option("Seconds that an arm rests at each grasp.", 0.0, min=0.0)
+    release_dwell: float = option("Seconds that an arm rests at each release.", 0.0, min=0.0)
 
     def settings(self) -> dict[str, Any]:
         """The options as settings of :func:`pinproof.sequence` and :func:`pinproof.cell.allocate`."""
@@ -75,39 +67,28 @@ class ConditionOptions:
 class OrderOptions:
     """How the order is searched."""
 
-    free_start: Annotated[bool, typer.Option("--free-start", help="Start at the first approach instead of home.")] = (
-        False
+    free_start: bool = option("Start at the first approach instead of home.", False, "--free-start")
+    free_end: bool = option("End after the last pick instead of at home.", False, "--free-end")
+    file_order: bool = option(
+        "Keep the order of the file, and choose only grasps and IK branches.", False, "--file-order"
     )
-    free_end: Annotated[bool, typer.Option("--free-end", help="End after the last pick instead of at home.")] = False
-    file_order: Annotated[
-        bool, typer.Option("--file-order", help="Keep the order of the file, and choose only grasps and IK branches.")
-    ] = False
-    options: Annotated[
-        int, typer.Option(help="Number of grasps and IK branches that are considered for each pick.", min=1)
-    ] = 4
+    options: int = option("Number of grasps and IK branches that are considered for each pick.", 4, min=1)
 
 
 def cell_sequence(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
     *,
     selection: SelectionOptions,
     conditions: ConditionOptions,
     ordering: OrderOptions,
-    output: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "-o",
-            "--output",
-            help="The sequence as .json, .md, .csv or .html; can be given several times.",
-            metavar="FILE",
-        ),
-    ] = None,
-    heat_map: Annotated[
-        Path | None,
-        typer.Option(help="Draw the heat map of a placement search (.csv with x, y, share) on the floor of the page."),
-    ] = None,
+    output: list[Path] | None = option(
+        "The sequence as .json, .md, .csv or .html; can be given several times.", None, "-o", "--output", metavar="FILE"
+    ),
+    heat_map: Path | None = option(
+        "Draw the heat map of a placement search (.csv with x, y, share) on the floor of the page.", None
+    ),
     seed: Seed = 0,
-    workers: Annotated[int | None, typer.Option("--workers", help="Number of parallel processes.", min=1)] = None,
+    workers: int | None = option("Number of parallel processes.", None, min=1),
     cell: CellOptions,
     as_json: Json = False,
 ) -> None:
@@ -206,17 +187,14 @@ def _left_out(picks: Iterable[pp.cell.LeftOut]) -> list[str]:
 
 
 def cell_allocate(
-    file: Annotated[Path, typer.Argument(help="A picks file for several robots (key robots).", metavar="PICKS")],
+    file: Path = argument("A picks file for several robots (key robots).", MISSING, metavar="PICKS"),
     *,
     selection: SelectionOptions,
     conditions: ConditionOptions,
-    compare: Annotated[
-        bool, typer.Option(help="Also compute the time that each arm alone takes for all picks.")
-    ] = True,
-    output: Annotated[
-        list[Path] | None,
-        typer.Option("-o", "--output", help="A .json, .md or .html file; can be given several times.", metavar="FILE"),
-    ] = None,
+    compare: bool = option("Also compute the time that each arm alone takes for all picks.", True),
+    output: list[Path] | None = option(
+        "A .json, .md or .html file; can be given several times.", None, "-o", "--output", metavar="FILE"
+    ),
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:

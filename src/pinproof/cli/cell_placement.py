@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
-
-import typer
+from typing import TYPE_CHECKING, ClassVar
 
 import pinproof as pp
 from pinproof.cli.console import Interrupted, check_output_files, make_folder, print_result, progress_status, written
-from pinproof.cli.options import Json, Seed, numbers
+from pinproof.cli.options import Json, Seed, argument, numbers, option
 from pinproof.cli.pick import CellOptions, WorkerOptions, judge_file
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees, warn_of_millimetres
@@ -32,52 +30,37 @@ SUFFIXES = (".json", ".csv", ".png", ".md")
 class SearchOptions:
     """What is searched."""
 
-    region: Annotated[
-        str,
-        typer.Option(
-            help='Placements of the base in metres and radians: "x0 x1 y0 y1", and optionally "z0 z1" and the range of '
-            'the rotation about z, as in "-1 1 -1 1 0 0 -pi pi".',
-            metavar="RANGES",
-        ),
-    ]
-    forbidden: Annotated[
-        Path | None,
-        typer.Option(help="A scene file (YAML) with zones that the base, and what moves with it, must not touch."),
-    ] = None
-    moves_with_base: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="An obstacle that moves with the base, such as its pedestal; can be given several times.",
-            metavar="OBSTACLE",
-        ),
-    ] = None
-    mounting: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="How the base is mounted; if given several times, the mountings are compared. Default: floor.",
-            metavar="floor|wall|ceiling",
-        ),
-    ] = None
-    or_robot: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Another robot to compare, with its default tcp; can be given several times.", metavar="ROBOT"
-        ),
-    ] = None
-    objective: Annotated[
-        str,
-        typer.Option(
-            help="What is optimised among the placements at which all picks work: cycle_time, clearance or "
-            "manipulability.",
-            metavar="OBJECTIVE",
-        ),
-    ] = "cycle_time"
+    region: str = option(
+        'Placements of the base in metres and radians: "x0 x1 y0 y1", and optionally "z0 z1" and the range of '
+        'the rotation about z, as in "-1 1 -1 1 0 0 -pi pi".',
+        MISSING,
+        metavar="RANGES",
+    )
+    forbidden: Path | None = option(
+        "A scene file (YAML) with zones that the base, and what moves with it, must not touch.", None
+    )
+    moves_with_base: list[str] | None = option(
+        "An obstacle that moves with the base, such as its pedestal; can be given several times.",
+        None,
+        metavar="OBSTACLE",
+    )
+    mounting: list[str] | None = option(
+        "How the base is mounted; if given several times, the mountings are compared. Default: floor.",
+        None,
+        metavar="floor|wall|ceiling",
+    )
+    or_robot: list[str] | None = option(
+        "Another robot to compare, with its default tcp; can be given several times.", None, metavar="ROBOT"
+    )
+    objective: str = option(
+        "What is optimised among the placements at which all picks work: cycle_time, clearance or manipulability.",
+        "cycle_time",
+        metavar="OBJECTIVE",
+    )
 
     def found_region(self) -> PlacementRegion:
         """The region with its forbidden zones."""
-        ends = numbers(self.region, "--region")
-        if len(ends) not in (4, 6, 8):
-            raise InputError(f'--region needs 4, 6 or 8 numbers, "x0 x1 y0 y1 z0 z1 yaw0 yaw1", not {len(ends)}')
+        ends = numbers(self.region, "--region", "x0 x1 y0 y1", "x0 x1 y0 y1 z0 z1", "x0 x1 y0 y1 z0 z1 yaw0 yaw1")
         warn_of_millimetres("--region", ends[:6])
         refuse_degrees("--region", ends[6:])
         ends += [0.0] * (8 - len(ends))
@@ -105,15 +88,11 @@ class EffortOptions:
 
     PANEL: ClassVar = "Effort of the search"
 
-    grid: Annotated[int, typer.Option(help="Number of placements of the grid that is searched first.", min=1)] = 2000
-    runs: Annotated[int, typer.Option(help="Number of the best placements that are then refined.", min=0)] = 4
-    evaluations: Annotated[int, typer.Option(help="Number of placements that each refinement tries.", min=0)] = 160
-    certified: Annotated[
-        int, typer.Option(help="Number of the best placements at which all picks are checked completely.", min=1)
-    ] = 3
-    no_proofs: Annotated[
-        bool, typer.Option("--no-proofs", help="Do not prove that parts of the region contain no valid placement.")
-    ] = False
+    grid: int = option("Number of placements of the grid that is searched first.", 2000, min=1)
+    runs: int = option("Number of the best placements that are then refined.", 4, min=0)
+    evaluations: int = option("Number of placements that each refinement tries.", 160, min=0)
+    certified: int = option("Number of the best placements at which all picks are checked completely.", 3, min=1)
+    no_proofs: bool = option("Do not prove that parts of the region contain no valid placement.", False, "--no-proofs")
 
     def budget(self) -> PlacementBudget:
         """The options as a budget."""
@@ -122,24 +101,21 @@ class EffortOptions:
 
 
 def cell_place(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
     *,
     search: SearchOptions,
     effort: EffortOptions,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            help="The result (.json, .md), its heat map (.csv, .png), or a folder for all of them and the report on "
-            "the picks at the best placement.",
-            metavar="FILE|FOLDER",
-        ),
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option(help="Keep the work in this folder; an interrupted search is resumed.", metavar="FOLDER"),
-    ] = None,
+    output: Path | None = option(
+        "The result (.json, .md), its heat map (.csv, .png), or a folder for all of them and the report on "
+        "the picks at the best placement.",
+        None,
+        "-o",
+        "--output",
+        metavar="FILE|FOLDER",
+    ),
+    campaign: Path | None = option(
+        "Keep the work in this folder; an interrupted search is resumed.", None, metavar="FOLDER"
+    ),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -190,16 +166,13 @@ TABLES = (".json", ".csv", ".md")
 
 
 def cell_compare(
-    file: Annotated[Path, typer.Argument(help="The picks file of the first set-up.", metavar="PICKS")],
-    against: Annotated[
-        Path | None,
-        typer.Argument(help="The picks file of the second set-up. Default: the same file.", metavar="OTHER"),
-    ] = None,
+    file: Path = argument("The picks file of the first set-up.", MISSING, metavar="PICKS"),
+    against: Path | None = argument(
+        "The picks file of the second set-up. Default: the same file.", None, metavar="OTHER"
+    ),
     *,
-    least: Annotated[
-        float, typer.Option(help="The smallest difference of durations (s) that is reported.", min=0.0)
-    ] = 0.01,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The comparison (.json, .csv, .md).")] = None,
+    least: float = option("The smallest difference of durations (s) that is reported.", 0.01, min=0.0),
+    output: Path | None = option("The comparison (.json, .csv, .md).", None, "-o", "--output"),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -224,20 +197,15 @@ def cell_compare(
 
 
 def cell_tolerance(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
     *,
-    position: Annotated[
-        float, typer.Option(help="Largest error of the position of a part along each axis (m).", min=0.0)
-    ] = 0.003,
-    rotation: Annotated[
-        str, typer.Option(help="Largest error of its rotation about any axis (rad).", metavar="ANGLE")
-    ] = "pi/90",
-    normal: Annotated[
-        bool,
-        typer.Option("--normal", help="Sample a normal distribution with half of the errors as standard deviation."),
-    ] = False,
-    samples: Annotated[int, typer.Option(help="Number of sampled poses for each pick.", min=0)] = 20,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The study (.json, .csv, .md).")] = None,
+    position: float = option("Largest error of the position of a part along each axis (m).", 0.003, min=0.0),
+    rotation: str = option("Largest error of its rotation about any axis (rad).", "pi/90", metavar="ANGLE"),
+    normal: bool = option(
+        "Sample a normal distribution with half of the errors as standard deviation.", False, "--normal"
+    ),
+    samples: int = option("Number of sampled poses for each pick.", 20, min=0),
+    output: Path | None = option("The study (.json, .csv, .md).", None, "-o", "--output"),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -250,9 +218,7 @@ def cell_tolerance(
     Example: pinproof cell tolerance robots/ur5/plate_picks.yaml --position 0.002 --samples 5
     """
     check_output_files([output], [file], TABLES)
-    angles = numbers(rotation, "--rotation")
-    if len(angles) != 1:
-        raise InputError(f"--rotation needs one angle in rad, not {len(angles)}")
+    angles = numbers(rotation, "--rotation", "angle")
     refuse_degrees("--rotation", angles)
     with progress_status(f"checking {file}") as status, pool.settings() as settings:
         report = judge_file(file, cell, seed, **settings)[-1]

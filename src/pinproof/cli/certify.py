@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
@@ -21,7 +19,9 @@ from pinproof.cli.options import (
     RateOptions,
     SceneOptions,
     ToolOptions,
+    argument,
     load_motion,
+    option,
 )
 from pinproof.cli.program import certify_program_file
 from pinproof.errors import InputError
@@ -34,44 +34,34 @@ LIMIT_TOLERANCE = 1e-6
 class ToleranceOptions:
     """The deviations for which a proof holds."""
 
-    joint_tolerance: Annotated[
-        float, typer.Option(help="The proof holds for joint errors up to this value (rad or m).", min=0.0)
-    ] = 0.0
-    obstacle_tolerance: Annotated[
-        float, typer.Option(help="The proof holds for obstacles displaced by up to this distance (m).", min=0.0)
-    ] = 0.0
+    joint_tolerance: float = option("The proof holds for joint errors up to this value (rad or m).", 0.0, min=0.0)
+    obstacle_tolerance: float = option(
+        "The proof holds for obstacles displaced by up to this distance (m).", 0.0, min=0.0
+    )
 
 
 @dataclass(frozen=True)
 class ProofOptions:
     """The files with proofs."""
 
-    save_proof: Annotated[
-        Path | None, typer.Option(help="Write the proof to a file (.json, .json.gz) that others can verify.")
-    ] = None
-    verify: Annotated[
-        Path | None,
-        typer.Option(
-            help="Verify a saved proof with independent code, instead of making one. With ROBOT, --scene and MOTION, "
-            "also check that the proof belongs to them."
-        ),
-    ] = None
+    save_proof: Path | None = option("Write the proof to a file (.json, .json.gz) that others can verify.", None)
+    verify: Path | None = option(
+        "Verify a saved proof with independent code, instead of making one. With ROBOT, --scene and MOTION, "
+        "also check that the proof belongs to them.",
+        None,
+    )
 
 
 @dataclass(frozen=True)
 class AuditOptions:
     """The options of the independent check."""
 
-    with_audit: Annotated[
-        bool,
-        typer.Option(
-            "--audit",
-            help="Also check dense samples of the motion with coal and exact meshes, independently of the proof.",
-        ),
-    ] = False
-    audit_step: Annotated[
-        float, typer.Option(help="Largest joint motion between two samples of --audit (rad or m).", min=1e-6)
-    ] = 0.002
+    with_audit: bool = option(
+        "Also check dense samples of the motion with coal and exact meshes, independently of the proof.",
+        False,
+        "--audit",
+    )
+    audit_step: float = option("Largest joint motion between two samples of --audit (rad or m).", 0.002, min=1e-6)
 
     def audit(
         self, trajectory: pp.Trajectory, proven: pp.CollisionChecker, tool: ToolOptions
@@ -91,29 +81,21 @@ class AuditOptions:
 
 
 def certify_motion(
-    robot: Annotated[
-        str | None,
-        typer.Argument(
-            help="A catalogue name such as ur5, a robot file, or a DH table.",
-            metavar="ROBOT",
-            autocompletion=robot_names,
-        ),
-    ] = None,
-    motion: Annotated[
-        Path | None,
-        typer.Argument(
-            help="A motion file (.json, .csv, .yaml or .yml), or a robot program of pinproof export.", metavar="MOTION"
-        ),
-    ] = None,
+    robot: str | None = argument(
+        "A catalogue name such as ur5, a robot file, or a DH table.", None, metavar="ROBOT", autocompletion=robot_names
+    ),
+    motion: Path | None = argument(
+        "A motion file (.json, .csv, .yaml or .yml), or a robot program of pinproof export.", None, metavar="MOTION"
+    ),
     *,
     tolerances: ToleranceOptions,
     constraint_options: ConstraintOptions,
     proof: ProofOptions,
     audit_options: AuditOptions,
     ignore_record: IgnoreRecord = False,
-    allow_changes: Annotated[
-        bool, typer.Option("--allow-changes", help="Accept a robot program that was edited after it was written.")
-    ] = False,
+    allow_changes: bool = option(
+        "Accept a robot program that was edited after it was written.", False, "--allow-changes"
+    ),
     html: Html = None,
     rates: RateOptions,
     chain: ChainOptions,
@@ -259,23 +241,22 @@ def _limit_violations(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
 
 def verdict(certificate: pp.Certificate) -> dict[str, Any]:
     """The content of a certificate for JSON output."""
-    contact = certificate.first_contact
+
+    def parts(found: Any, *names: str) -> dict[str, Any] | None:
+        return None if found is None else {name: getattr(found, name) for name in names}
+
+    violation = parts(certificate.violation, "time", "q", "error", "satisfied_until")
+    if violation is not None and certificate.violation is not None:
+        violation = {"constraint": str(certificate.violation.constraint), **violation}
     return {
         "status": certificate.status.name,
         "message": certificate.message,
         "margin": certificate.margin,
         "clearance_proven": certificate.clearance if certificate.free else None,
         "clearance_observed": certificate.observed,
-        "first_contact": None
-        if contact is None
-        else {
-            "time": contact.time,
-            "q": contact.q.tolist(),
-            "bodies": contact.bodies,
-            "distance": contact.distance,
-            "points": contact.points.tolist(),
-            "proven_free_until": contact.proven_free_until,
-        },
+        "first_contact": parts(
+            certificate.first_contact, "time", "q", "bodies", "distance", "points", "proven_free_until"
+        ),
         "constraints": [
             {
                 "constraint": str(proof.constraint),
@@ -285,15 +266,7 @@ def verdict(certificate: pp.Certificate) -> dict[str, Any]:
             }
             for proof in certificate.constraints
         ],
-        "violation": None
-        if certificate.violation is None
-        else {
-            "constraint": str(certificate.violation.constraint),
-            "time": certificate.violation.time,
-            "q": certificate.violation.q.tolist(),
-            "error": certificate.violation.error,
-            "satisfied_until": certificate.violation.satisfied_until,
-        },
+        "violation": violation,
         "excluded": [[*pair.owners, pair.reason] for pair in certificate.excluded],
         "notes": list(certificate.notes),
     }

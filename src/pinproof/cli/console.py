@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import typer
 
 import pinproof as pp
@@ -86,7 +87,7 @@ def written(*files: Path | str | None) -> list[str]:
 
 
 def print_json(value: dict[str, Any]) -> None:
-    """Print a value as JSON to stdout and flush it; infinite and undefined numbers become null."""
+    """Print values and arrays as JSON to stdout and flush it; infinite and undefined numbers become null."""
     json.dump(_finite(value), sys.stdout, indent=2, allow_nan=False)
     sys.stdout.write("\n")
     sys.stdout.flush()  # the live view keeps running after this line
@@ -95,8 +96,8 @@ def print_json(value: dict[str, Any]) -> None:
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _finite(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(part) for part in value]
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_finite(part) for part in (value.tolist() if isinstance(value, np.ndarray) else value)]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

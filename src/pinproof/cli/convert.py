@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import MISSING
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_result
-from pinproof.cli.options import ChainOptions, Json, Robot
+from pinproof.cli.options import ChainOptions, Json, Robot, argument, option
 
 
 class Convention(str, Enum):
@@ -21,13 +19,13 @@ class Convention(str, Enum):
 
 
 def dh2urdf(
-    table: Annotated[Path, typer.Argument(help="A DH table (.yaml, .csv).", metavar="TABLE")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The URDF file to write.")],
+    table: Path = argument("A DH table (.yaml, .csv).", MISSING, metavar="TABLE"),
+    output: Path = option("The URDF file to write.", MISSING, "-o", "--output"),
     as_json: Json = False,
 ) -> None:
     """Convert a DH table to a URDF file.
 
-    The file is written only if all frames of the URDF agree with those of the table.
+    The file is written only if all frames of the URDF agree with the table.
 
     Example: pinproof dh2urdf robots/generic_6dof/dh.yaml -o generic_6dof.urdf
     """
@@ -41,8 +39,8 @@ def dh2urdf(
 
 def urdf2dh(
     robot: Robot,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The DH table to write (.yaml, .csv).")],
-    convention: Annotated[Convention, typer.Option(help="Convention of the table.")] = Convention.STANDARD,
+    output: Path = option("The DH table to write (.yaml, .csv).", MISSING, "-o", "--output"),
+    convention: Convention = option("Convention of the table.", Convention.STANDARD),
     *,
     chain: ChainOptions,
     as_json: Json = False,

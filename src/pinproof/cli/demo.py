@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -20,21 +19,19 @@ from pinproof.cli.console import (
     write_pages,
     written,
 )
-from pinproof.cli.options import Json, Seed
+from pinproof.cli.options import Json, Seed, option
 from pinproof.cli.pick import judge_file
 
 
 def demo(
-    html: Annotated[Path, typer.Option(help="The HTML page to write.")] = Path("pick.html"),
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            help="The motion file to write: .json with the structure of trajectory_msgs/JointTrajectory, or .csv.",
-        ),
-    ] = Path("pick.json"),
-    live: Annotated[bool, typer.Option("--live", help="Also open the motion in a browser; Ctrl-C ends it.")] = False,
+    html: Path = option("The HTML page to write.", Path("pick.html")),
+    output: Path = option(
+        "The motion file to write: .json with the structure of trajectory_msgs/JointTrajectory, or .csv.",
+        Path("pick.json"),
+        "-o",
+        "--output",
+    ),
+    live: bool = option("Also open the motion in a browser; Ctrl-C ends it.", False, "--live"),
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:

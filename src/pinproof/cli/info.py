@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_result, progress_status, written
-from pinproof.cli.options import ChainOptions, Json, Robot
+from pinproof.cli.options import ChainOptions, Json, Robot, option
 from pinproof.errors import MeshError
 
 if TYPE_CHECKING:
@@ -19,27 +17,16 @@ if TYPE_CHECKING:
 
 def info(
     robot: Robot,
-    overlaps: Annotated[
-        bool,
-        typer.Option(
-            "--overlaps", help="Sample configurations, and list which pairs of links touch always, sometimes or never."
-        ),
-    ] = False,
-    samples: Annotated[int, typer.Option(help="Number of configurations that --overlaps samples.", min=1)] = 1000,
-    write_srdf: Annotated[
-        Path | None,
-        typer.Option(
-            "--write-srdf",
-            help="Write an SRDF that excludes adjacent links and links that touch in every sample; implies --overlaps.",
-        ),
-    ] = None,
-    write_urdf: Annotated[
-        Path | None,
-        typer.Option(
-            "--write-urdf",
-            help="Write the URDF of the robot: expanded from a xacro file, or generated from a DH table.",
-        ),
-    ] = None,
+    overlaps: bool = option(
+        "Sample configurations, and list which pairs of links touch always, sometimes or never.", False, "--overlaps"
+    ),
+    samples: int = option("Number of configurations that --overlaps samples.", 1000, min=1),
+    write_srdf: Path | None = option(
+        "Write an SRDF that excludes adjacent links and links that touch in every sample; implies --overlaps.", None
+    ),
+    write_urdf: Path | None = option(
+        "Write the URDF of the robot: expanded from a xacro file, or generated from a DH table.", None
+    ),
     *,
     chain: ChainOptions,
     as_json: Json = False,

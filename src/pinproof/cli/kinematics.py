@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from enum import Enum
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 import pinproof as pp
 from pinproof.cli.complete import link_names, method_names
@@ -22,6 +20,7 @@ from pinproof.cli.options import (
     ToolOptions,
     note_limits,
     numbers,
+    option,
     parse_configuration,
 )
 from pinproof.errors import InputError
@@ -45,12 +44,9 @@ class TaskOption(str, Enum):
 def fk(
     robot: Robot,
     q: Configuration = None,
-    frame: Annotated[
-        str | None,
-        typer.Option(
-            help="The link whose pose is printed. Default: the tcp.", autocompletion=link_names, metavar="LINK"
-        ),
-    ] = None,
+    frame: str | None = option(
+        "The link whose pose is printed. Default: the tcp.", None, autocompletion=link_names, metavar="LINK"
+    ),
     *,
     chain: ChainOptions,
     as_json: Json = False,
@@ -76,32 +72,21 @@ def fk(
 
 def ik(
     robot: Robot,
-    xyz: Annotated[
-        str,
-        typer.Option(
-            help='Target position of the tcp, or of the tip of the tool, in metres: "0.4 0.1 0.3".', metavar="POSITION"
-        ),
-    ] = "",
-    rpy: Annotated[
-        str, typer.Option(help='Target roll, pitch and yaw in radians: "pi 0 0".', metavar="ANGLES")
-    ] = "0 0 0",
-    task: Annotated[
-        TaskOption, typer.Option(help="What must match the target; spin_z leaves the rotation about tool z free.")
-    ] = TaskOption.POSE,
-    method: Annotated[
-        str,
-        typer.Option(
-            help="The IK method: clik, analytic, damped_least_squares, pseudo_inverse or fabrik.",
-            autocompletion=method_names,
-            metavar="METHOD",
-        ),
-    ] = "clik",
-    all_branches: Annotated[
-        bool, typer.Option("--all", help="Print all IK solutions. Requires an arm with closed-form IK.")
-    ] = False,
-    q0: Annotated[
-        str | None, typer.Option(help="Joint values where the search starts. Default: home.", metavar="VALUES")
-    ] = None,
+    xyz: str = option(
+        'Target position of the tcp, or of the tip of the tool, in metres: "0.4 0.1 0.3".', "", metavar="POSITION"
+    ),
+    rpy: str = option('Target roll, pitch and yaw in radians: "pi 0 0".', "0 0 0", metavar="ANGLES"),
+    task: TaskOption = option(
+        "What must match the target; spin_z leaves the rotation about tool z free.", TaskOption.POSE
+    ),
+    method: str = option(
+        "The IK method: clik, analytic, damped_least_squares, pseudo_inverse or fabrik.",
+        "clik",
+        autocompletion=method_names,
+        metavar="METHOD",
+    ),
+    all_branches: bool = option("Print all IK solutions. Requires an arm with closed-form IK.", False, "--all"),
+    q0: str | None = option("Joint values where the search starts. Default: home.", None, metavar="VALUES"),
     seed: Seed = 0,
     *,
     scene_options: SceneOptions,
@@ -121,10 +106,10 @@ def ik(
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
     if all_branches and (method not in ("clik", "analytic") or task is not TaskOption.POSE):
         raise InputError("--all uses the closed form and full poses; remove --method and --task")
-    angles = numbers(rpy, "--rpy")
+    angles = numbers(rpy, "--rpy", "roll pitch yaw")
     refuse_degrees("--rpy", angles)
     arm, tip = chain.arm(robot, tool=tool), tool.tip
-    target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), angles)
+    target = pp.pose(numbers(xyz, "--xyz", "x y z") if xyz else (0.0, 0.0, 0.0), angles)
     if tip is not None:
         if task is not TaskOption.POSE:
             raise InputError(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
-
-import typer
+from typing import Literal
 
 import pinproof as pp
 from pinproof.cli.certify import largest_torque, torque_figures, verdict
@@ -23,6 +21,7 @@ from pinproof.cli.options import (
     SceneOptions,
     Seed,
     ToolOptions,
+    option,
     parse_configuration,
 )
 from pinproof.errors import InputError
@@ -67,31 +66,24 @@ def check(
 class PlanOptions:
     """How the motion is found."""
 
-    blend: Annotated[
-        bool, typer.Option(help="Round the corners of the path; with --no-blend the arm stops at each corner.")
-    ] = True
-    planner: Annotated[
-        str, typer.Option(help="The planner: rrt_connect or ompl.", autocompletion=planner_names, metavar="PLANNER")
-    ] = "rrt_connect"
-    jerk: Annotated[
-        str | None,
-        typer.Option(
-            help="Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for those of --limits. Default: no "
-            "jerk limit.",
-            metavar="NUMBER|limits",
-        ),
-    ] = None
-    optimise: Annotated[
-        int,
-        typer.Option(
-            help="How many changes of the motion are tried to reduce its duration. With 0, the shortened path is only "
-            "timed.",
-            min=0,
-        ),
-    ] = 600
+    blend: bool = option("Round the corners of the path; with --no-blend the arm stops at each corner.", True)
+    planner: str = option(
+        "The planner: rrt_connect or ompl.", "rrt_connect", autocompletion=planner_names, metavar="PLANNER"
+    )
+    jerk: str | None = option(
+        "Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for the jerk limits in the file of "
+        "--limits. Default: no jerk limit.",
+        None,
+        metavar="NUMBER|limits",
+    )
+    optimise: int = option(
+        "How many changes of the motion are tried to reduce its duration. With 0, the shortened path is only timed.",
+        600,
+        min=0,
+    )
 
     def found_jerk(self) -> float | Literal["limits"] | None:
-        """The jerk limit; ``"limits"`` for those of the arm."""
+        """The jerk limit; ``"limits"`` stands for the jerk limits of the arm."""
         if self.jerk is None or self.jerk == "limits":
             return None if self.jerk is None else "limits"
         try:
@@ -102,13 +94,9 @@ class PlanOptions:
 
 def plan(
     robot: Robot,
-    goal: Annotated[str, typer.Option(help="Goal joint values in rad or m, or home.", metavar="VALUES")],
-    start: Annotated[
-        str | None, typer.Option(help="Start joint values in rad or m. Default: home.", metavar="VALUES")
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="The motion file to write (.json, .csv).")
-    ] = None,
+    goal: str = option("Goal joint values in rad or m, or home.", MISSING, metavar="VALUES"),
+    start: str | None = option("Start joint values in rad or m. Default: home.", None, metavar="VALUES"),
+    output: Path | None = option("The motion file to write (.json, .csv).", None, "-o", "--output"),
     *,
     effort: PlanOptions,
     html: Html = None,

@@ -11,7 +11,7 @@ import functools
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -65,23 +65,31 @@ IgnoreRecord = Annotated[
 ]
 
 
+def option(text: str, default: Any, *names: str, **settings: Any) -> Any:
+    """An option: its help, its default (MISSING for none), its names, and settings of ``typer.Option``.
+
+    The value is the field of a group of options, or the default of a parameter of a command.
+    """
+    return field(default=default, metadata={"option": typer.Option(*names, help=text, **settings)})
+
+
+def argument(text: str, default: Any, **settings: Any) -> Any:
+    """An argument, as :func:`option`."""
+    return field(default=default, metadata={"option": typer.Argument(help=text, **settings)})
+
+
 @dataclass(frozen=True)
 class ToolOptions:
     """Options for the bodies that are attached to the tcp."""
 
     PANEL: ClassVar = "Scene and tool"
 
-    tool_of: Annotated[
-        Path | None,
-        typer.Option(
-            help="A picks file, whose tool the arm carries with the gripper open. Its tip, margin, tcp and held joints "
-            "apply too."
-        ),
-    ] = None
-    attached: Annotated[
-        Path | None,
-        typer.Option("--attached", help="A YAML file of bodies attached to the tcp; can be combined with --tool-of."),
-    ] = None
+    tool_of: Path | None = option(
+        "A picks file, whose tool the arm carries with the gripper open. Its tip, margin, tcp and held joints "
+        "apply too.",
+        None,
+    )
+    attached: Path | None = option("A YAML file of bodies attached to the tcp; can be combined with --tool-of.", None)
 
     @property
     def files(self) -> tuple[Path | None, ...]:
@@ -132,25 +140,13 @@ class RobotFileOptions:
 
     PANEL: ClassVar = "Robot"
 
-    srdf: Annotated[
-        Path | None,
-        typer.Option("--srdf", help="The SRDF file of the robot: its joint groups, and links that need no check."),
-    ] = None
-    package_dir: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--package-dir",
-            help="A folder of ROS packages, to resolve package:// URLs; can be given several times.",
-            metavar="FOLDER",
-        ),
-    ] = None
-    xacro_arg: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--xacro-arg", help="A value for an argument of a xacro file; can be given several times.",
-            metavar="NAME=VALUE",
-        ),
-    ] = None  # fmt: skip
+    srdf: Path | None = option("The SRDF file of the robot: its joint groups, and links that need no check.", None)
+    package_dir: list[Path] | None = option(
+        "A folder of ROS packages, to resolve package:// URLs; can be given several times.", None, metavar="FOLDER"
+    )
+    xacro_arg: list[str] | None = option(
+        "A value for an argument of a xacro file; can be given several times.", None, metavar="NAME=VALUE"
+    )  # fmt: skip
 
     @property
     def xacro_args(self) -> dict[str, str]:
@@ -180,26 +176,18 @@ class RobotFileOptions:
 class ChainOptions(RobotFileOptions):
     """Options that select the kinematic chain of the arm, and those for the files of the robot."""
 
-    tcp: Annotated[
-        str | None,
-        typer.Option(
-            help="The tcp frame. Default: the frame that the robot declares.", autocompletion=link_names, metavar="LINK"
-        ),
-    ] = None
-    base: Annotated[
-        str | None,
-        typer.Option(
-            help="The link in whose frame poses are given. Default: the root link.",
-            autocompletion=link_names,
-            metavar="LINK",
-        ),
-    ] = None
-    group: Annotated[
-        str | None,
-        typer.Option(
-            help="A joint group of the SRDF, which defines base and tcp.", autocompletion=group_names, metavar="GROUP"
-        ),
-    ] = None
+    tcp: str | None = option(
+        "The tcp frame. Default: the frame that the robot declares.", None, autocompletion=link_names, metavar="LINK"
+    )
+    base: str | None = option(
+        "The link in whose frame poses are given. Default: the root link.",
+        None,
+        autocompletion=link_names,
+        metavar="LINK",
+    )
+    group: str | None = option(
+        "A joint group of the SRDF, which defines base and tcp.", None, autocompletion=group_names, metavar="GROUP"
+    )
 
     limits: Limits = None
 
@@ -237,10 +225,8 @@ class SceneOptions:
 
     PANEL: ClassVar = "Scene and tool"
 
-    scene: Annotated[Path | None, typer.Option("--scene", help="A scene file (YAML). Default: no obstacles.")] = None
-    margin: Annotated[
-        float, typer.Option(help="Distance in metres that every two bodies must keep from each other.", min=0.0)
-    ] = 0.0
+    scene: Path | None = option("A scene file (YAML). Default: no obstacles.", None)
+    margin: float = option("Distance in metres that every two bodies must keep from each other.", 0.0, min=0.0)
 
     @property
     def files(self) -> tuple[Path | None, ...]:
@@ -254,7 +240,7 @@ class SceneOptions:
     def checker(
         self, arm: pp.Arm, scene: pp.Scene | None = None, tool: ToolOptions | None = None
     ) -> pp.CollisionChecker:
-        """The collision checker of an arm and its tool in a scene, by default that of :meth:`load`."""
+        """The collision checker of an arm and its tool in a scene, by default the scene of :meth:`load`."""
         attachments, margin = pp.collision.Attachments(), self.margin
         if tool is not None:
             attachments, margin = tool.attachments, max(margin, tool.picks.margin)
@@ -269,21 +255,16 @@ class ConstraintOptions:
 
     PANEL: ClassVar = "Limits and constraints"
 
-    upright: Annotated[
-        str | None,
-        typer.Option(
-            help='Keep the axis of the tcp that points up at the start within this angle of the vertical: "5 deg", or '
-            "radians.",
-            metavar="ANGLE",
-        ),
-    ] = None
-    upright_axis: Annotated[
-        str | None,
-        typer.Option(
-            help='For --upright: the axis in the tcp frame, as "x y z". Default: the axis that points up at the start.',
-            metavar="AXIS",
-        ),
-    ] = None
+    upright: str | None = option(
+        'Keep the axis of the tcp that points up at the start within this angle of the vertical: "5 deg", or radians.',
+        None,
+        metavar="ANGLE",
+    )
+    upright_axis: str | None = option(
+        'For --upright: the axis in the tcp frame, as "x y z". Default: the axis that points up at the start.',
+        None,
+        metavar="AXIS",
+    )
 
     def constraints(self, arm: pp.Arm, start: npt.NDArray[np.float64]) -> tuple[pp.Upright, ...]:
         """The constraints for a motion that begins at ``start`` (n,).
@@ -309,13 +290,11 @@ class ConstraintOptions:
         up = arm.root_from_base.rotation.T @ np.array([0.0, 0.0, 1.0])
         if self.upright_axis is None:
             return (pp.Upright.keeping(arm, start, tolerance=tolerance, up=up),)
-        axis = numbers(self.upright_axis, "--upright-axis")
-        if len(axis) != 3:
-            raise InputError(f'--upright-axis needs three numbers, "x y z", not {len(axis)}')
-        return (pp.Upright(tolerance=tolerance, axis_in_tcp=(axis[0], axis[1], axis[2]), up=tuple(up.tolist())),)
+        x, y, z = numbers(self.upright_axis, "--upright-axis", "x y z")
+        return (pp.Upright(tolerance=tolerance, axis_in_tcp=(x, y, z), up=tuple(up.tolist())),)
 
 
-MASS_FORMS = {1: "mass", 4: "mass x y z", 7: "mass x y z ixx iyy izz"}
+MASS_FORMS = ("mass", "mass x y z", "mass x y z ixx iyy izz")
 """The forms of a payload: mass (kg), centre of mass (m) and inertia about it (kg m^2), in the tcp frame."""
 
 
@@ -325,20 +304,14 @@ class RateOptions:
 
     PANEL: ClassVar = "Limits and constraints"
 
-    payload: Annotated[
-        str | None,
-        typer.Option(
-            help='Mass in kg that the tcp carries, as "mass", "mass x y z" with its centre (m), or "mass x y z ixx iyy '
-            'izz" with its inertia (kg m^2). The torque limits of the joints then apply.',
-            metavar="MASS",
-        ),
-    ] = None
-    torque: Annotated[
-        bool, typer.Option("--torque", help="Apply the torque limits of the joints (effort in the URDF).")
-    ] = False
-    tool_speed: Annotated[
-        float | None, typer.Option(help="Largest speed of the tcp in m/s, such as 0.25 beside persons.")
-    ] = None
+    payload: str | None = option(
+        'Mass in kg that the tcp carries, as "mass", "mass x y z" with its centre (m), or "mass x y z ixx iyy '
+        'izz" with its inertia (kg m^2). The torque limits of the joints then apply.',
+        None,
+        metavar="MASS",
+    )
+    torque: bool = option("Apply the torque limits of the joints (effort in the URDF).", False, "--torque")
+    tool_speed: float | None = option("Largest speed of the tcp in m/s, such as 0.25 beside persons.", None)
 
     def torque_limits(self, arm: pp.Arm) -> pp.motion.TorqueLimits | None:
         """The torque limits of an arm, None if they do not apply.
@@ -350,10 +323,7 @@ class RateOptions:
         """
         if self.payload is None:
             return pp.motion.TorqueLimits(arm) if self.torque else None
-        values = numbers(self.payload, "--payload")
-        if len(values) not in MASS_FORMS:
-            forms = ", ".join(f'"{form}"' for form in MASS_FORMS.values())
-            raise InputError(f"--payload must be {forms}, not {self.payload!r}")
+        values = numbers(self.payload, "--payload", *MASS_FORMS)
         center, inertia = np.array(values[1:4] or [0.0, 0.0, 0.0]), np.array(values[4:])
         body = pp.Payload(values[0], center, inertia if len(inertia) else None)
         return pp.motion.TorqueLimits(arm, body)
@@ -415,10 +385,15 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
     for name, parameter in parameters.items():
         if name in groups:
             hints = get_type_hints(groups[name], include_extras=True)
-            for field in fields(groups[name]):
-                default = inspect.Parameter.empty if field.default is MISSING else field.default
-                hint = _with_value(hints[field.name], getattr(groups[name], "PANEL", None))
-                options.append((field.name, hint, default))
+            for each in fields(groups[name]):
+                default = inspect.Parameter.empty if each.default is MISSING else each.default
+                info = each.metadata.get("option")
+                hint = hints[each.name] if info is None else Annotated[hints[each.name], info]
+                options.append((each.name, _with_value(hint, getattr(groups[name], "PANEL", None)), default))
+        elif isinstance(parameter.default, Field):
+            default = inspect.Parameter.empty if parameter.default.default is MISSING else parameter.default.default
+            info = parameter.default.metadata["option"]
+            options.append((name, _with_value(Annotated[parameter.annotation, info]), default))
         else:
             options.append((name, _with_value(parameter.annotation), parameter.default))
     options.append(("verbose", Verbose, False))
@@ -428,7 +403,7 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
         if verbose:
             on_verbose()
         for name, group in groups.items():
-            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+            given[name] = group(**{each.name: given.pop(each.name) for each in fields(group)})
         try:
             command(**given)
         except KeyboardInterrupt:
@@ -443,7 +418,7 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
 
 
 VALUES = {int: "INTEGER", float: "NUMBER", Path: "FILE", str: "TEXT"}
-"""What the help shows for the value of an option, if the option does not state it."""
+"""What the help shows for the value of an option by default."""
 
 
 def _with_value(hint: Any, panel: str | None = None) -> Any:
@@ -466,7 +441,7 @@ def with_held_joints(arm: pp.Arm, tool: ToolOptions | None, tool_tcp: str | None
     Raises
     ------
     InputError
-        If ``tool_tcp``, the tcp that the tool is made for, is not that of the arm.
+        If the tool is made for another tcp (``tool_tcp``) than the arm has.
     """
     if tool_tcp is not None and tool_tcp != arm.tcp:
         raise InputError(
@@ -504,7 +479,11 @@ def parse_configuration(text: str | None, arm: pp.Arm, option: str) -> npt.NDArr
     """A configuration (n,) from n numbers, or the home configuration for ``home`` and None."""
     if text is None or text.strip() == "home":
         return arm.home
-    q = arm.configuration(numbers(text, option), option)
+    values = numbers(text, option)
+    if len(values) != arm.dof:
+        joints = ", ".join(arm.joint_names)
+        raise InputError(f"{option} needs a value for each joint ({joints}); {text!r} has {len(values)} numbers")
+    q = arm.configuration(values, option)
     warn_of_degrees(option, q[arm.angular & np.isfinite(arm.limits.lower)].tolist())
     return q
 
@@ -517,20 +496,27 @@ def note_limits(arm: pp.Arm, q: npt.NDArray[np.float64]) -> None:
 
 def placement(text: str) -> SE3:
     """The placement of ``--place``: world_from_root."""
-    values = numbers(text, "--place")
-    if len(values) not in (3, 4):
-        raise InputError(f'--place needs three or four numbers, "x y z" or "x y z rotation", not {len(values)}')
+    values = numbers(text, "--place", "x y z", "x y z rotation")
     refuse_degrees("--place", values[3:])
     return pp.pose(values[:3], (0.0, 0.0, values[3] if len(values) == 4 else 0.0))
 
 
-def numbers(text: str, option: str) -> list[float]:
+def numbers(text: str, option: str, *forms: str) -> list[float]:
     """Numbers separated by spaces or commas, each a decimal number or of the form ``[-][k*]pi[/m]``.
+
+    Parameters
+    ----------
+    text
+        The value of the option.
+    option
+        The name of the option, for messages.
+    forms
+        The valid sequences of numbers, such as ``"x y z"``; by default, any number of values.
 
     Raises
     ------
     InputError
-        For a part that is not a number; the message names the option and the part.
+        If a part is not a number, or the number of parts differs from all forms.
     """
     from pinproof.common.yaml_file import parse_number
 
@@ -540,4 +526,7 @@ def numbers(text: str, option: str) -> list[float]:
             values.append(float(parse_number(part)))
         except ValueError as error:
             raise InputError(f"{option}: {error}") from error
+    if forms and len(values) not in {len(form.split()) for form in forms}:
+        valid = " or ".join(f'"{form}"' for form in forms)
+        raise InputError(f"{option} must be {valid}; {text!r} has {len(values)} numbers")
     return values

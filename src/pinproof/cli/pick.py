@@ -10,9 +10,9 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 
@@ -32,7 +32,7 @@ from pinproof.cli.console import (
     write_pages,
     written,
 )
-from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, placement
+from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, argument, option, placement
 from pinproof.common.files import file_stems
 from pinproof.errors import CampaignError, InputError, UnknownNameError
 
@@ -50,22 +50,17 @@ class CellOptions(RobotFileOptions):
 
     PANEL: ClassVar = "Robot and scene"
 
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="A catalogue name, a robot file or a DH table. It replaces robot, srdf, package_dirs, xacro_args and "
-            "limits of the picks file.",
-            metavar="ROBOT",
-        ),
-    ] = None
-    limits: Limits = None
-    tcp: Annotated[
-        str | None,
-        typer.Option(help="The tcp frame. Default: the tcp of the picks file, otherwise of the robot.", metavar="LINK"),
-    ] = None
-    scene: Annotated[Path | None, typer.Option(help="The scene file (YAML). Default: the scene of the picks file.")] = (
-        None
+    robot: str | None = option(
+        "A catalogue name, a robot file or a DH table. It replaces robot, srdf, package_dirs, xacro_args and "
+        "limits of the picks file.",
+        None,
+        metavar="ROBOT",
     )
+    limits: Limits = None
+    tcp: str | None = option(
+        "The tcp frame. Default: the tcp of the picks file, otherwise of the robot.", None, metavar="LINK"
+    )
+    scene: Path | None = option("The scene file (YAML). Default: the scene of the picks file.", None)
     place: Place = "0 0 0 0"
 
     @property
@@ -103,48 +98,31 @@ class OutputOptions:
 
     PANEL: ClassVar = "Output"
 
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            help="A report (.json, .md, .csv, .html), or a folder for all reports, one page, and the motion and the "
-            "program of each good pick.",
-            metavar="FILE|FOLDER",
-        ),
-    ] = None
-    pages: Annotated[
-        bool, typer.Option("--pages", help="Also write a page for each motion to the folder of -o; these are large.")
-    ] = False
-    grip_dwell: Annotated[
-        float, typer.Option(help="Seconds that the arm rests in programs while the gripper closes.", min=0.0)
-    ] = 0.0
-    release_dwell: Annotated[
-        float, typer.Option(help="Seconds that the arm rests in programs while the gripper opens.", min=0.0)
-    ] = 0.0
+    output: Path | None = option(
+        "A report (.json, .md, .csv, .html), or a folder for all reports, one page, and the motion and the "
+        "program of each good pick.",
+        None,
+        "-o",
+        "--output",
+        metavar="FILE|FOLDER",
+    )
+    pages: bool = option("Also write a page for each motion to the folder of -o; these are large.", False, "--pages")
+    grip_dwell: float = option("Seconds that the arm rests in programs while the gripper closes.", 0.0, min=0.0)
+    release_dwell: float = option("Seconds that the arm rests in programs while the gripper opens.", 0.0, min=0.0)
 
-    export: Annotated[
-        str | None,
-        typer.Option(
-            "--export",
-            help="Also write a robot program of each good pick to the folder of -o: urscript, rapid, krl or fanuc.",
-            metavar="LANGUAGE",
-        ),
-    ] = None
-    gripper_output: Annotated[
-        str | None,
-        typer.Option(
-            help="For --export: the digital output that closes the gripper. Default: 1; 0 for urscript, do_gripper for "
-            "rapid.",
-            metavar="OUTPUT",
-        ),
-    ] = None
-    export_deviation: Annotated[
-        float,
-        typer.Option(
-            help="For --export: assumed deviation of each joint from the moves of the program (rad).", min=0.0
-        ),
-    ] = 0.0
+    export: str | None = option(
+        "Also write a robot program of each good pick to the folder of -o: urscript, rapid, krl or fanuc.",
+        None,
+        metavar="LANGUAGE",
+    )
+    gripper_output: str | None = option(
+        "For --export: the digital output that closes the gripper. Default: 1; 0 for urscript, do_gripper for rapid.",
+        None,
+        metavar="OUTPUT",
+    )
+    export_deviation: float = option(
+        "For --export: assumed deviation of each joint from the moves of the program (rad).", 0.0, min=0.0
+    )
 
     @property
     def is_folder(self) -> bool:
@@ -249,10 +227,8 @@ class WorkerOptions:
 
     PANEL: ClassVar = "Parallel work"
 
-    workers: Annotated[int | None, typer.Option("--workers", help="Number of parallel processes.", min=1)] = None
-    dask: Annotated[
-        str | None, typer.Option(help="Use the Dask cluster of this scheduler.", metavar="tcp://HOST:PORT")
-    ] = None
+    workers: int | None = option("Number of parallel processes.", None, min=1)
+    dask: str | None = option("Use the Dask cluster of this scheduler.", None, metavar="tcp://HOST:PORT")
 
     @property
     def stated(self) -> bool:
@@ -290,34 +266,26 @@ class WorkerOptions:
 
 
 def pick(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
     *,
     out: OutputOptions,
-    program: Annotated[
-        Path | None,
-        typer.Option(
-            help="Instead of checking picks, certify this program (.program.json) again in the cell of the picks file."
-        ),
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option(
-            help="For many picks: write the results to this folder one by one; an interrupted run is resumed.",
-            metavar="FOLDER",
-        ),
-    ] = None,
-    screen: Annotated[
-        bool,
-        typer.Option("--screen", help="Check only the grasp: reach, limits and collisions; -o writes a table (.csv)."),
-    ] = False,
-    optimise: Annotated[
-        int | None,
-        typer.Option(
-            help="How many changes of each transit and each transfer are tried to reduce its duration. With 0, the "
-            "planned paths are followed. Default: the key optimise of the picks file, otherwise 100.",
-            min=0,
-        ),
-    ] = None,
+    program: Path | None = option(
+        "Instead of checking picks, certify this program (.program.json) again in the cell of the picks file.", None
+    ),
+    campaign: Path | None = option(
+        "For many picks: write the results to this folder one by one; an interrupted run is resumed.",
+        None,
+        metavar="FOLDER",
+    ),
+    screen: bool = option(
+        "Check only the grasp: reach, limits and collisions; -o writes a table (.csv).", False, "--screen"
+    ),
+    optimise: int | None = option(
+        "How many changes of each transit and each transfer are tried to reduce its duration. With 0, the "
+        "planned paths are followed. Default: the key optimise of the picks file, otherwise 100.",
+        None,
+        min=0,
+    ),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -429,7 +397,7 @@ def judge_file(
 ) -> tuple[pp.Arm, pp.Scene, pp.Picks, pp.picks.PickReport]:
     """Check the picks of a file; return the arm, the scene, the picks and the report.
 
-    ``cell`` overrides the file; ``settings`` are those of :func:`pinproof.validate_picks`.
+    ``cell`` overrides the file; ``settings`` are passed to :func:`pinproof.validate_picks`.
     """
     arm, world, source = (cell or CellOptions()).open(file)
     picks = source.load()

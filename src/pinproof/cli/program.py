@@ -2,50 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import MISSING
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_result, progress_status
-from pinproof.cli.options import ChainOptions, IgnoreRecord, Json, Robot, SceneOptions, ToolOptions, load_motion
+from pinproof.cli.options import (
+    ChainOptions,
+    IgnoreRecord,
+    Json,
+    Robot,
+    SceneOptions,
+    ToolOptions,
+    argument,
+    load_motion,
+    option,
+)
 
 
 def export(
     robot: Robot,
-    motion: Annotated[Path, typer.Argument(help="A motion file (.json, .csv, .yaml or .yml).", metavar="MOTION")],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            help="The program to write: .script (URScript), .mod (RAPID), .src (KRL), .ls (FANUC) or .goal.yaml (ROS "
-            "2).",
-        ),
-    ],
-    tolerance: Annotated[
-        float, typer.Option(help="Largest deviation of the moves of the program from the motion (rad).", min=1e-6)
-    ] = 0.002,
-    deviation: Annotated[
-        float | None,
-        typer.Option(
-            help="Assumed deviation of each joint from the moves of the program (rad). Default: that of the language.",
-            min=0.0,
-        ),
-    ] = None,
-    period: Annotated[
-        float | None,
-        typer.Option(
-            help="Seconds between set points: the program streams the motion (servoj) instead of moves. URScript only."
-        ),
-    ] = None,
-    linear: Annotated[
-        bool,
-        typer.Option(
-            "--linear", help="Write linear moves (movel, LIN) where the tcp moves on a straight line between two stops."
-        ),
-    ] = False,
+    motion: Path = argument("A motion file (.json, .csv, .yaml or .yml).", MISSING, metavar="MOTION"),
+    output: Path = option(
+        "The program to write: .script (URScript), .mod (RAPID), .src (KRL), .ls (FANUC) or .goal.yaml (ROS 2).",
+        MISSING,
+        "-o",
+        "--output",
+    ),
+    tolerance: float = option("Largest deviation of the moves of the program from the motion (rad).", 0.002, min=1e-6),
+    deviation: float | None = option(
+        "Assumed deviation of each joint from the moves of the program (rad). Default: 0.002; 0 for ROS 2; "
+        "0.01 with --period.",
+        None,
+        min=0.0,
+    ),
+    period: float | None = option(
+        "Seconds between set points: the program streams the motion (servoj) instead of moves. URScript only.", None
+    ),
+    linear: bool = option(
+        "Write linear moves (movel, LIN) where the tcp moves on a straight line between two stops.", False, "--linear"
+    ),
     ignore_record: IgnoreRecord = False,
     *,
     chain: ChainOptions,

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import typer
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_note, print_result, progress_bar, written
-from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
-from pinproof.errors import InputError
+from pinproof.cli.options import (
+    ChainOptions,
+    Json,
+    Place,
+    Robot,
+    SceneOptions,
+    Seed,
+    ToolOptions,
+    numbers,
+    option,
+    placement,
+)
 from pinproof.units import warn_of_millimetres
 
 if TYPE_CHECKING:
@@ -39,16 +48,14 @@ class Orientations(str, Enum):
 class OrientationOptions:
     """The orientations of the tool that are tried at each point."""
 
-    orientations: Annotated[
-        Orientations,
-        typer.Option(
-            help="Directions of the z axis of the tool: straight down, in a cone around straight down, all directions, "
-            "or the direction at home, for planar arms."
-        ),
-    ] = Orientations.DOWN
-    angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0
-    directions: Annotated[int, typer.Option(help="Number of directions for cone and all.", min=1)] = 12
-    spins: Annotated[int, typer.Option(help="Number of rotations about each direction.", min=1)] = 8
+    orientations: Orientations = option(
+        "Directions of the z axis of the tool: straight down, in a cone around straight down, all directions, "
+        "or the direction at home, for planar arms.",
+        Orientations.DOWN,
+    )
+    angle: float = option("Half angle of the cone in degrees.", 30.0, min=0.0, max=180.0)
+    directions: int = option("Number of directions for cone and all.", 12, min=1)
+    spins: int = option("Number of rotations about each direction.", 8, min=1)
 
     def frames(self, axis: Array) -> Array:
         """Rotations (k, 3, 3) of the tool; ``axis`` (3,) is the z axis of the tool at home."""
@@ -66,40 +73,31 @@ class OrientationOptions:
 
 def reach(
     robot: Robot,
-    region: Annotated[
-        str,
-        typer.Option(
-            help='The box to map, in metres: "x0 x1 y0 y1 z0 z1". Two equal bounds make it a plane.', metavar="BOX"
-        ),
-    ],
-    step: Annotated[float, typer.Option(help="Largest distance between neighbouring grid points (m).")] = 0.1,
+    region: str = option(
+        'The box to map, in metres: "x0 x1 y0 y1 z0 z1". Two equal bounds make it a plane.', MISSING, metavar="BOX"
+    ),
+    step: float = option("Largest distance between neighbouring grid points (m).", 0.1),
     *,
     orientation_options: OrientationOptions,
-    tip: Annotated[
-        str | None,
-        typer.Option(
-            help='Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.',
-            metavar="POSITION",
-        ),
-    ] = None,
+    tip: str | None = option(
+        'Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.',
+        None,
+        metavar="POSITION",
+    ),
     place: Place = "0 0 0 0",
-    output: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "-o",
-            "--output",
-            help="The map as .csv, .npz, .png (slices) or .html; can be given several times.",
-            metavar="FILE",
-        ),
-    ] = None,
-    against: Annotated[
-        Path | None,
-        typer.Option(
-            help="An earlier map (.npz). The number of orientations gained and lost since then is printed, and the "
-            "files of -o other than .npz show where."
-        ),
-    ] = None,
-    threads: Annotated[int, typer.Option(help="Number of threads.", min=1)] = 1,
+    output: list[Path] | None = option(
+        "The map as .csv, .npz, .png (slices) or .html; can be given several times.",
+        None,
+        "-o",
+        "--output",
+        metavar="FILE",
+    ),
+    against: Path | None = option(
+        "An earlier map (.npz). The number of orientations gained and lost since then is printed, and the "
+        "files of -o other than .npz show where.",
+        None,
+    ),
+    threads: int = option("Number of threads.", 1, min=1),
     seed: Seed = 0,
     chain: ChainOptions,
     scene_options: SceneOptions,
@@ -118,7 +116,7 @@ def reach(
     grid, world_from_root = _region(region, step), placement(place)
     arm = chain.arm(robot, tool=tool)
     checker = _checker(arm, scene_options, tool, world_from_root)
-    tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
+    tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip", "x y z"))
     frames = orientation_options.frames(_axis_at_home(arm, tcp_from_tip, world_from_root))
     with progress_bar("reach map", len(grid) * len(frames)) as progress:
         found = pp.reach_map(
@@ -127,7 +125,7 @@ def reach(
         )  # fmt: skip
     never = ""
     if not found.reachable.any():
-        never = _never(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
+        never = _why_unreachable(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
     change = None if before is None else pp.picks.ReachComparison(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
@@ -158,7 +156,7 @@ def _axis_at_home(arm: pp.Arm, tip: SE3, world_from_root: SE3) -> Array:
     return np.array(home.rotation[:, 2])
 
 
-def _never(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:
+def _why_unreachable(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:
     """Why no point can be reached if the arm takes none of the orientations at any position; else ''."""
     if pp.picks.attainable_orientations(arm, frames, tip=tip, world_from_root=world_from_root, rng=seed).any():
         return ""
@@ -211,8 +209,6 @@ def _points(
 
 
 def _region(text: str, step: float) -> pp.picks.ReachRegion:
-    ends = numbers(text, "--region")
-    if len(ends) != 6:
-        raise InputError(f'--region needs six numbers, "x0 x1 y0 y1 z0 z1", not {len(ends)}')
+    ends = numbers(text, "--region", "x0 x1 y0 y1 z0 z1")
     warn_of_millimetres("--region", ends)
     return pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step)

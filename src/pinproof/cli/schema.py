@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import MISSING
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_json, print_result, written
-from pinproof.cli.options import Json
+from pinproof.cli.options import Json, argument, option
 from pinproof.common.files import write_text_whole
 from pinproof.formats import FORMATS
 
@@ -20,10 +18,8 @@ def _formats(incomplete: str) -> list[str]:
 
 
 def schema(
-    name: Annotated[
-        str, typer.Argument(help=f"The format: {', '.join(FORMATS)}.", metavar="FORMAT", autocompletion=_formats)
-    ],
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the schema to this file.")] = None,
+    name: str = argument(f"The format: {', '.join(FORMATS)}.", MISSING, metavar="FORMAT", autocompletion=_formats),
+    output: Path | None = option("Write the schema to this file.", None, "-o", "--output"),
     as_json: Json = False,
 ) -> None:
     """Print the JSON Schema of a file format, with which an editor completes keys and marks errors.

@@ -5,9 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 import pinproof as pp
 from pinproof.cli.console import (
@@ -27,8 +25,10 @@ from pinproof.cli.options import (
     Robot,
     SceneOptions,
     ToolOptions,
+    argument,
     load_motion,
     note_limits,
+    option,
     parse_configuration,
 )
 from pinproof.errors import InputError, MeshError
@@ -44,11 +44,9 @@ if TYPE_CHECKING:
 class PngOptions:
     """Options of the PNG picture."""
 
-    png: Annotated[
-        Path | None, typer.Option("--png", help="Write a picture (PNG). Requires a Chromium-based browser.")
-    ] = None
-    time: Annotated[float | None, typer.Option(help="Time of the motion that --png shows, in seconds.")] = None
-    size: Annotated[str, typer.Option(help="Size of --png in pixels.", metavar="WIDTHxHEIGHT")] = "1280x800"
+    png: Path | None = option("Write a picture (PNG). Requires a Chromium-based browser.", None)
+    time: float | None = option("Time of the motion that --png shows, in seconds.", None)
+    size: str = option("Size of --png in pixels.", "1280x800", metavar="WIDTHxHEIGHT")
 
     def pixels(self) -> tuple[int, int]:
         """Width and height.
@@ -68,23 +66,17 @@ class PngOptions:
 
 def view(
     robot: Robot,
-    motion: Annotated[
-        Path | None,
-        typer.Argument(help="A motion file to play (.json, .csv, .yaml or .yml).", metavar="MOTION"),
-    ] = None,
+    motion: Path | None = argument("A motion file to play (.json, .csv, .yaml or .yml).", None, metavar="MOTION"),
     q: Configuration = None,
-    branches: Annotated[
-        bool, typer.Option("--branches", help="Also show all other IK solutions for the tcp pose of --q, transparent.")
-    ] = False,
-    layer: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A layer to show at first: collision, frames or sweep; can be given several times.", metavar="LAYER"
-        ),
-    ] = None,
+    branches: bool = option(
+        "Also show all other IK solutions for the tcp pose of --q, transparent.", False, "--branches"
+    ),
+    layer: list[str] | None = option(
+        "A layer to show at first: collision, frames or sweep; can be given several times.", None, metavar="LAYER"
+    ),
     html: Html = None,
-    port: Annotated[int, typer.Option(help="Port of the live view on 127.0.0.1; 0 selects a free port.", min=0)] = 0,
-    browser: Annotated[bool, typer.Option(help="Open the live view in the browser.")] = True,
+    port: int = option("Port of the live view on 127.0.0.1; 0 selects a free port.", 0, min=0),
+    browser: bool = option("Open the live view in the browser.", True),
     ignore_record: IgnoreRecord = False,
     *,
     png_options: PngOptions,

@@ -142,7 +142,7 @@ class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignor
     """A loader of plain values that stores line numbers and rejects ambiguous content.
 
     Ambiguous are duplicate keys (PyYAML keeps the last), ``010`` (8 in YAML 1.1) and ``1:30`` (90 in YAML 1.1). The
-    composer is that of PyYAML, because the one of libyaml recurses in C and crashes on deeply nested files.
+    composer of PyYAML is used, because the composer of libyaml recurses in C and crashes on deeply nested files.
     """
 
     def __init__(self, stream: str) -> None:

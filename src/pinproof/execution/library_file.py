@@ -121,8 +121,8 @@ def _refuse_other_setup(path: Path, data: Mapping[str, Any], checker: CollisionC
     own = _setup(checker)
     what = {
         "robot_sha256": f"the robot {data['robot']!r} with other kinematics, link geometry or held joints than yours",
-        "tool_sha256": "other attached objects than those of your checker",
-        "margin": f"a margin of {data['margin'] * 1e3:.9g} mm; that of your checker is {checker.margin * 1e3:.9g} mm",
+        "tool_sha256": "other attached objects than your checker has",
+        "margin": f"a margin of {data['margin'] * 1e3:.9g} mm; your checker has {checker.margin * 1e3:.9g} mm",
     }
     for key, text in what.items():
         if data[key] != own[key]:

@@ -30,6 +30,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free
 from pinproof.collision.certificates.identity import checked_hash, mesh_files, notes_of
 from pinproof.common.display import html_block, html_of, html_table
+from pinproof.common.validation import require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory
 from pinproof.spatial import finite
@@ -72,8 +73,8 @@ class MonitorResult:
     time
         Seconds since the start of the motion.
     progress
-        The time (s) of the configuration of the motion with which the measurement is compared: ``time``, or that of the
-        closest configuration if the robot is early or late.
+        The time (s) of the configuration of the motion with which the measurement is compared: ``time``, or the time
+        of the closest configuration if the robot is early or late.
     deviation
         (n,) rad or m: the largest deviation of each joint from the motion, within the latency.
     joint
@@ -139,8 +140,8 @@ class Monitor:
         The FREE certificate of the motion for ``checker``. Without one, or if it covers smaller deviations than
         ``joint_tolerance``, a smaller margin, or other pairs of bodies than the checker, the motion is certified here.
     joint_tolerance
-        rad or m, one number or (n,): the deviations that the tube covers; above 0. Default: those of the certificate,
-        or 0.01 without one.
+        rad or m, one number or (n,): the deviations that the tube covers; above 0. Default: the deviations that the
+        certificate covers, or 0.01 without one.
     acceleration
         (n,) rad/s^2 or m/s^2 or one number: no joint accelerates faster, also after a failure, and each can brake this
         fast. Default: the limits of the arm.
@@ -178,8 +179,7 @@ class Monitor:
             raise InputError(f"the motion has the joints {trajectory.joint_names}; the arm {checker.group.joint_names}")
         if trajectory.velocities[[0, -1]].any():
             raise InputError("the motion must begin and end at rest; its first or last velocity is not 0")
-        if not isinstance(latency, (int, float, np.number)) or not 0.0 <= latency < np.inf:
-            raise InputError(f"latency = {latency!r} s; it must be 0 or more, and finite")
+        require_positive("latency (s)", latency, zero=True)
         self._checker, self._trajectory, self._latency = checker, trajectory, float(latency)
         limits = checker.group.limits.acceleration if acceleration is None else acceleration
         self._acceleration = _each("acceleration", limits, n, above_zero=True)
@@ -205,8 +205,7 @@ class Monitor:
         checker, trajectory = self._checker, self._trajectory
         same = False
         if given is not None:
-            if not isinstance(given, Certificate):
-                raise InputError(f"certificate is a {type(given).__name__}; it must be a Certificate")
+            require_type("certificate", given, Certificate)
             files = mesh_files(checker)
             if given.curve != trajectory.digest() or given.setup != checked_hash(checker, files):
                 raise InputError("the certificate is for another motion or another setup; certify this motion")
@@ -243,7 +242,7 @@ class Monitor:
         dq
             (n,) measured velocities. Default: the difference quotient of the last two measurements; at the first tick,
             and if time has returned to 0 or less for the next execution, the velocity of the motion. Otherwise the
-            result is INVALID if ``time`` is not later than that of the last measurement.
+            result is INVALID if ``time`` is not later than at the last measurement.
 
         Raises
         ------

@@ -14,6 +14,7 @@ from pinproof.collision import Certificate, CollisionChecker, Scene, certify
 from pinproof.collision.certificates.reuse import SetupChange, StoredProof
 from pinproof.collision.checking.assembly import checked_margin, only_arm
 from pinproof.common.display import html_block, html_of, html_table, outline
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.execution import library_file
 from pinproof.motion import Trajectory, time_parametrise
@@ -24,10 +25,10 @@ from pinproof.spatial import SE3, finite, matrix, rigid
 Array = npt.NDArray[np.float64]
 
 JOINTS = 1e-3
-"""rad or m: by default, a start or goal is that of a motion if no joint differs by more."""
+"""rad or m: by default, a motion has a given start or goal if no joint differs by more."""
 
 POSITION, ANGLE = 1e-3, 1e-2
-"""Metres and radians: the same for poses of the tcp."""
+"""Metres and radians: the same limits for poses of the tcp."""
 
 RENEWED = 0.5
 """If a larger share of the pairs has changed, new evidence is recorded for the present scene."""
@@ -36,7 +37,7 @@ SAMPLES = 400
 """Configurations of a motion at which the part that is in collision is located, before it is replaced and certified."""
 
 MOST_ATTEMPTS = 6
-"""Number of parts of a motion, each longer than the one before, that a repair replaces in turn."""
+"""Largest number of parts of a motion, in order of length, that a repair tries to replace."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +219,7 @@ class MotionLibrary:
         InputError
             If the robot, its attached objects, its held joints or the margin differ.
         """
-        if not isinstance(checker, CollisionChecker):
-            raise InputError(f"the checker is a {type(checker).__name__}; it must be a CollisionChecker")
+        require_type("checker", checker, CollisionChecker)
         changes: dict[int, SetupChange] = {}
         own = SetupChange(self._checker, checker)  # refuses another setup, also for an empty library
         changes[id(self._checker)] = own

@@ -121,17 +121,17 @@ def read_display_trajectory(message: Mapping[str, Any]) -> tuple[Trajectory, ...
 
 
 def planning_scene(scene: Scene, *, frame: str = "") -> Message:
-    """Return a moveit_msgs/PlanningScene that adds the obstacles of a scene to that of MoveIt (``is_diff``).
+    """Return a moveit_msgs/PlanningScene that adds the obstacles of a scene to the scene of MoveIt (``is_diff``).
 
-    MoveIt replaces its allowed-collision matrix by that of a message, which contains the pairs of ``scene.allowed`` and
-    ``scene.disabled`` only. A scene without such pairs leaves it unchanged.
+    MoveIt replaces its allowed-collision matrix by the matrix of a message, which contains only the pairs of
+    ``scene.allowed`` and ``scene.disabled``. A scene without such pairs leaves it unchanged.
 
     Parameters
     ----------
     scene
         The scene.
     frame
-        The frame of the poses; default that of the scene, or ``"world"``.
+        The frame of the poses; default: the frame of the scene, or ``"world"``.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def point_cloud2(points: npt.ArrayLike, *, frame: str = "world") -> Message:
 def read_point_cloud2(message: Mapping[str, Any], resolution: float) -> PointCloud:
     """Read the fields x, y and z of a sensor_msgs/PointCloud2 as a :class:`~pinproof.PointCloud`.
 
-    The points are in the frame ``message["header"]["frame_id"]``: the pose of the obstacle is that of this frame.
+    The points are in the frame ``message["header"]["frame_id"]``, whose pose is the pose of the obstacle.
     Points that are not finite are dropped and counted (:attr:`PointCloud.dropped <pinproof.PointCloud.dropped>`).
 
     Parameters
@@ -266,7 +266,7 @@ class CertifiedExecution:
     Parameters
     ----------
     checker
-        The arm; its scene is replaced by that of the first message of a complete planning scene.
+        The arm. Each complete planning scene that is received replaces its scene.
     joint_tolerance
         rad or m, one number or (n,): the deviations that certificates and monitor cover.
     latency

@@ -16,7 +16,7 @@ from pinproof.motion.trajectory_files import NANO, seconds, whole_nanoseconds
 
 
 def separate(trajectory: Trajectory, group: JointGroup) -> dict[str, Trajectory]:
-    """Return the trajectory of each arm of a group, by the name of the arm, all with the points in time of the whole.
+    """Return the trajectory of each arm of a group by name; all have points at the times of the given trajectory.
 
     The joints of a cell that :func:`pinproof.assemble` made have the names of their own robots again, without prefix.
     :func:`synchronise` restores the trajectory of the group exactly.
@@ -24,7 +24,7 @@ def separate(trajectory: Trajectory, group: JointGroup) -> dict[str, Trajectory]
     Raises
     ------
     InputError
-        If the joints of the trajectory are not those of the group, or two arms share a joint.
+        If the trajectory does not move the joints of the group, or two arms share a joint.
     """
     require_joints(group, trajectory)
     _refuse_shared(group)
@@ -135,7 +135,7 @@ def merged(
 
 
 SAME_CURVE = 1e-9
-"""Rad or m. The combined trajectory is the same curve as its parts up to this; rounding is smaller."""
+"""Largest difference (rad or m) of the combined trajectory from its parts; rounding is smaller."""
 
 PLACES = np.cos(np.pi * (np.arange(7) + 0.5) / 7) / 2 + 0.5
 """Where in each piece the curves are compared. The difference is a polynomial of degree 5 at most, which is bounded by
@@ -161,7 +161,7 @@ def _order(trajectory: Trajectory, group: JointGroup, arm: str) -> list[int]:
         if set(trajectory.joint_names) == set(names):
             return [trajectory.joint_names.index(name) for name in names]
     raise InputError(
-        f"the trajectory of arm {arm!r} has the joints {trajectory.joint_names}; those of the arm are {own}"
+        f"the trajectory of arm {arm!r} has the joints {trajectory.joint_names}; the joints of the arm are {own}"
     )
 
 

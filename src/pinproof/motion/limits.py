@@ -16,7 +16,7 @@ RATE_TOLERANCE = 1e-9
 """Relative excess over a velocity, acceleration or jerk limit that is attributed to rounding."""
 
 POSITION_TOLERANCE = 1e-9
-"""Excess over a position limit (rad or m) that is attributed to rounding, such as that of an IK solution."""
+"""Excess over a position limit (rad or m) that is attributed to rounding, such as the rounding of an IK solution."""
 
 
 class MotionLimits(Protocol):

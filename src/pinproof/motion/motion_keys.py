@@ -183,7 +183,7 @@ PROGRAM = KeyTable(
     "program",
     "A motion program: certified segments with events, on one clock.",
     required("schema", {"const": PROGRAM_SCHEMA}, "name and version of this format"),
-    required("name", ANY_TEXT, "name of the program, such as that of its pick"),
+    required("name", ANY_TEXT, "name of the program, such as the name of its pick"),
     required("robot", ANY_TEXT, "the robot; empty if it is not known"),
     required("tcp", ANY_TEXT, "the tcp frame; empty if it is not known"),
     required("member", ANY_TEXT, "how the grasp differs from the nominal one; empty if it does not"),

@@ -93,7 +93,7 @@ class MotionProgram:
     Parameters
     ----------
     name
-        The name of the program, such as that of its pick.
+        The name of the program, such as the name of its pick.
     segments
         The motions in order. Each starts where the previous one ends, and when the dwell time between them has passed.
     events
@@ -158,7 +158,7 @@ class MotionProgram:
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """The names of the certified motions whose curve is not the one that was certified."""
+        """The names of the certified motions whose curve differs from the certified one."""
         found = self.motions.items()
         return tuple(self.certificates[key].name for key, m in found if m.digest() != self.certificates[key].curve)
 

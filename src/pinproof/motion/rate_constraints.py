@@ -51,7 +51,7 @@ class RateConstraint(Protocol):
 
 
 def checked_constraints(constraints: Sequence[RateConstraint]) -> tuple[RateConstraint, ...]:
-    """The constraints as a tuple; InputError if one of them is not a :class:`RateConstraint`."""
+    """The constraints as a tuple; InputError if one is not a :class:`RateConstraint`."""
     if not isinstance(constraints, list | tuple) and isinstance(constraints, RateConstraint):
         raise InputError("rate_limits must be a sequence, such as a list with this one limit")
     for constraint in constraints:

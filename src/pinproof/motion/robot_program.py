@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.files import read_text, write_text_whole
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Array, Curve, TimedCurve, checked_joint_names, read_only
 from pinproof.motion.dialects import Dialect, dialect_of_file, find_dialect
@@ -44,10 +45,10 @@ HASH_DIGITS = 8
 
 @dataclass(frozen=True, eq=False)
 class JointMap:
-    """The joint values that a controller uses, from those of the robot model: signs, offsets, and a coupling.
+    """How the joint values of a controller follow from the robot model: signs, offsets, and a coupling.
 
     controller = sign * q + offset, and then joint 3 is increased by ``coupling`` times joint 2 of the controller. A
-    straight line in the joint space of one is a straight line in that of the other, because the map is affine.
+    straight line in one joint space is a straight line in the other, because the map is affine.
 
     Parameters
     ----------
@@ -207,10 +208,10 @@ class RobotProgram:
         FileError
             If the file cannot be written.
         InputError
-            If the ending of the file name is that of another language.
+            If the ending of the file name belongs to another language.
         """
         if dialect_of_file(Path(path)) != self.dialect:
-            raise InputError(f"{path}: the ending is not that of a program in {self.dialect}")
+            raise InputError(f"{path}: the ending does not belong to a program in {self.dialect}")
         write_text_whole(Path(path), self.text)
 
     def __repr__(self) -> str:
@@ -241,8 +242,9 @@ def make_program(
     names = checked_joint_names(joint_names)
     if language.joints is not None and len(names) != language.joints:
         raise InputError(f"a program in {dialect} needs {language.joints} joints; the arm has {len(names)}")
-    if not 0 <= deviation < np.inf:
-        raise InputError(f"deviation = {deviation} must be 0 rad or more, and finite")
+    if spaced := [each for each in names if len(each.split()) != 1]:
+        raise InputError(f"the name of joint {spaced[0]!r} has spaces, which the comments of a program cannot state")
+    require_positive("deviation (rad)", deviation, zero=True)
     mapping = joint_map or JointMap.identity(len(names))
     if len(mapping.signs) != len(names):
         raise InputError(f"the joint map has {len(mapping.signs)} joints; the arm has {len(names)}")
@@ -293,10 +295,9 @@ def moves_along(
     InputError
         If tolerance or speed is not above 0.
     """
-    if not 0 < tolerance < np.inf:
-        raise InputError(f"tolerance = {tolerance} must be above 0 rad, and finite")
-    if speed is not None and not 0 < speed < np.inf:
-        raise InputError(f"speed = {speed} must be above 0 rad/s, and finite")
+    require_positive("tolerance (rad)", tolerance)
+    if speed is not None:
+        require_positive("speed (rad/s)", speed)
     times, points, rests = _samples(curve)
     kept = _chords(points, rests, tolerance)
     moves = [JointMove(read_only(points[0].copy()))]
@@ -318,7 +319,7 @@ def _mapped(step: Step, convert: Callable[[Array], Array]) -> Step:
 
 
 SAMPLES_PER_PIECE = 16
-"""Samples of each polynomial piece of a curve, of which some become points of a program."""
+"""Samples of each polynomial piece of a curve; some of them become points of a program."""
 
 
 def _samples(curve: Curve) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
@@ -371,7 +372,7 @@ class _Header:
 
 
 def _hash(line: str) -> str:
-    # Numbers of lines are not part of it, because controllers renumber.
+    # The hash does not contain the numbers of lines, because controllers renumber them.
     return hashlib.sha256(re.sub(r"^\s*\d*\s*:", "", line).strip().encode()).hexdigest()[:HASH_DIGITS]
 
 
@@ -390,7 +391,7 @@ def _fold(entries: dict[str, str], width: int) -> Iterable[str]:
 
 
 def _hash_of_entries(entries: dict[str, str]) -> str:
-    """The hash of the comments, except that of the hashes of the lines."""
+    """The hash of the comments, without the hashes of the lines."""
     return _hash("\n".join(f"{key}: {value}" for key, value in sorted(entries.items()) if key))
 
 

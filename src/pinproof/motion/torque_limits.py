@@ -66,7 +66,7 @@ class TorquePeak:
 class TorqueLimits:
     """Limits of the joint torques, a :class:`~pinproof.motion.RateConstraint`; docs/timing.md derives its bounds.
 
-    Inertias are those of the URDF and of the payloads, as in :meth:`pinproof.Arm.torques`. A motion that is slowed down
+    Inertias come from the URDF and the payloads, as in :meth:`pinproof.Arm.torques`. A motion that is slowed down
     keeps the torque from gravity; a path on which gravity alone exceeds a limit cannot be timed.
 
     Parameters

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.display import PLOT_POINTS, html_block, html_list, html_plot, html_table
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, Array, BezierCurve, checked_joint_names, ends_meet, read_only
@@ -187,8 +188,7 @@ class Trajectory(BezierCurve):
         InputError
             If the time is negative or not finite, or after the end of a trajectory that does not rest there.
         """
-        if not 0.0 <= time < math.inf:
-            raise InputError(f"time = {time!r}; it must be 0 s or more")
+        require_positive("time (s)", time, zero=True)
         if time >= self.duration and any(rates[-1].any() for rates in self._points[2:]):
             names = ", ".join(self.joint_names)
             raise InputError(
@@ -236,9 +236,9 @@ class Trajectory(BezierCurve):
         path
             A .json, .yaml or .csv file.
         joint_names
-            The requested joints and their order; columns are matched by name. By default, those of the file.
+            The requested joints and their order; columns are matched by name. By default, the joints of the file.
         subset
-            If True, the file may contain other joints, such as those of the complete robot. They must not move, because
+            If True, the file may contain other joints, such as all joints of the robot. They must not move, because
             a certificate of the motion would not include them.
 
         Raises
@@ -361,7 +361,7 @@ class Trajectory(BezierCurve):
         certificate
             The hash of the certificate that the text states; empty for none.
         joint_map
-            The joint values of the controller from those of the model, if they differ.
+            How the controller's joint values follow from the values of the model, if they differ.
 
         Raises
         ------

@@ -55,7 +55,7 @@ NEIGHBOURS = 8
 """Number of nearest configurations to which a new one is connected."""
 
 NEARBY = 0.5
-"""Standard deviation (rad or m) of random configurations around those of the roadmap."""
+"""Standard deviation (rad or m) of random configurations around configurations of the roadmap."""
 
 STOPS = 4
 """Number of equal parts of an edge of a planned path, between which the arm may wait."""
@@ -78,7 +78,7 @@ class TimedPlanResult(_Outcome):
     trajectory
         The motion, from rest to rest; None unless FOUND. Its time 0 is ``start_time``.
     certificate
-        The FREE certificate of it among :attr:`movers`; None unless FOUND.
+        The FREE certificate of the motion among :attr:`movers`; None unless FOUND.
     goal
         The index of the goal that was reached; None unless FOUND.
     message
@@ -255,7 +255,7 @@ class _Times:
     Parameters
     ----------
     clock
-        A motion of the joint group with the movers, of which only the columns of the movers are used.
+        A motion of the joint group with the movers; only the columns of the movers are used.
     checker
         The checker of that group.
     dof

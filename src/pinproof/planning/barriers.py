@@ -1,7 +1,7 @@
 """Proofs that no path exists, because a joint cannot pass a value between the start and every goal.
 
 Two bodies that a single joint moves relative to each other have the same distance at all configurations with the same
-value of that joint. If they are in contact at a value between those of the start and of a goal, every path to this goal
+value of that joint. If they are in contact at a value between the start and a goal, every path to this goal
 contains the contact, because the joint passes the value (intermediate value theorem). An example is the second arm of
 a mobile robot in front of a shelf: it is held in place, moves with the torso alone, and cannot pass the boards.
 """
@@ -49,7 +49,7 @@ class Barrier:
 
 
 def find_barriers(checker: CollisionChecker, start: Array, goals: Array) -> tuple[Barrier, ...]:
-    """Return barriers between the start (n,) and the goals (g, n); none unless each goal is behind one of them."""
+    """Return barriers between the start (n,) and the goals (g, n) if every goal is behind a barrier, otherwise ()."""
     reachable = np.ones(len(goals), dtype=bool)
     found = []
     for joint, pairs in sorted(_pairs_of_single_joints(checker).items()):

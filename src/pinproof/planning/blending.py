@@ -42,7 +42,7 @@ def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1)
     Raises
     ------
     InputError
-        If the joints of the path are not those of the arm, or ``deviation`` is not above 0.
+        If the path does not move the joints of the arm, or ``deviation`` is not above 0.
     """
     if path.joint_names != checker.group.joint_names:
         raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.group.joint_names}")

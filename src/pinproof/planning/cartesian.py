@@ -123,8 +123,8 @@ def plan_poses(
         Defines the bodies and margins.
     start
         (n,) the first configuration, from which a line leads to the first pose. If None, the move begins at the first
-        pose. Of all IK branches there, the one from which the move gets farthest is used; of those that reach the end,
-        the one whose joints take the least time at their maximum velocity.
+        pose. The IK branch is used from which the move gets farthest; if several reach the end, the branch whose joints
+        take the least time at their maximum velocity.
     poses
         (k, 4, 4) ``base_from_tcp``, or a sequence of ``pin.SE3``.
     task
@@ -178,7 +178,7 @@ def plan_poses(
 
 
 def _best_result(candidates: list[_FollowedPoses], checker: CollisionChecker) -> PosesPlanResult:
-    """The result that gets farthest; of those that reach the end, the one of least cost."""
+    """The result that gets farthest; if several reach the end, the result of least cost."""
     candidates.sort(key=lambda candidate: candidate.cost)
     best = _poses_result(candidates[0], checker, 0)
     for candidate in candidates[1:]:

@@ -98,7 +98,7 @@ def shortened(q: Array, edges: Edges, manifold: Manifold, rng: np.random.Generat
 
 
 def smooth_curves(q: Array, edges: Edges, manifold: Manifold, joint_names: Sequence[str]) -> Iterator[BlendedPath]:
-    """Twice differentiable curves through points along a path (m, n), the one with the fewest points first.
+    """Twice differentiable curves through points along a path (m, n), in the order of their numbers of points.
 
     The curves are not proven: a spline may leave the constraints between its points.
     """

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, certify
 from pinproof.common.display import outline
-from pinproof.common.validation import Rng, require_type
+from pinproof.common.validation import Rng, require_positive, require_type
 from pinproof.errors import InputError, NoAnswer
 from pinproof.motion import JointPath, Trajectory, synchronise, time_parametrise
 from pinproof.planning.planners import Planner, planner_of
@@ -44,7 +44,7 @@ class CoordinationResult:
     trajectory
         The motion of the joint group; None if no delays were found.
     certificate
-        The certificate of it; otherwise that of the last delays that were tried.
+        The certificate of ``trajectory``, or of the motion with the last delays that were tried.
     delays
         Seconds by which each arm starts later, by name.
     slowdowns
@@ -94,8 +94,7 @@ def coordinate(
     InputError
         If an arm is missing, a motion does not rest at its ends, or ``step`` is not positive.
     """
-    if not 0.0 < step < np.inf:
-        raise InputError(f"step = {step!r}; it must be above 0 s")
+    require_positive("step (s)", step)
     for name, each in trajectories.items():
         require_type(f"the motion of {name!r}", each, Trajectory)
         _require_rest(name, each)

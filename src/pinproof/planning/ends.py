@@ -39,7 +39,7 @@ class Ends:
     Parameters
     ----------
     checker
-        The checker with which the start and every goal are free.
+        The checker for which the start and every goal are free.
     start
         (n,) the first configuration.
     goals

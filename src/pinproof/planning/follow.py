@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from pinproof._core import JointCurve
 from pinproof._core import RouteFollower as CompiledFollower
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
 from pinproof.ik import IkTask, TrackResult, track
 from pinproof.ik.result import AT_LIMIT
@@ -116,7 +117,7 @@ class FollowedRoute:
 
 @dataclass(frozen=True, kw_only=True)
 class RouteFollower:
-    """The settings with which routes are followed; see :func:`pinproof.plan_linear`.
+    """The settings for following routes; see :func:`pinproof.plan_linear`.
 
     Raises
     ------
@@ -134,8 +135,7 @@ class RouteFollower:
 
     def __post_init__(self) -> None:
         for name in ("deviation", "rotation_deviation", "translation_step", "rotation_step", "max_joint_step"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} = {getattr(self, name)}; it must be above 0")
+            require_positive(name, getattr(self, name))
 
     @property
     def mask(self) -> Array:
@@ -170,7 +170,7 @@ class RouteFollower:
         return np.asarray(self._compiled(self.arm).deviations(route.compiled, knots, np.ascontiguousarray(control)))
 
     def _compiled(self, arm: Arm) -> CompiledFollower:
-        """The follower that solves poses within the limits of ``arm``; the curve keeps those of :attr:`arm`."""
+        """The follower that solves poses within the limits of ``arm``; the curve keeps the limits of :attr:`arm`."""
         limits, tracked = self.arm.limits, arm.limits
         return CompiledFollower(
             chain=arm.chain,

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PathConstraint, certify
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import JointPath, TorqueLimits
 from pinproof.planning.barriers import find_barriers, no_path_message
@@ -85,8 +86,7 @@ class OmplPlanner:
 
     def __post_init__(self) -> None:
         for name in ("time_limit", "max_edges", "resolution"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"OmplPlanner.{name} = {getattr(self, name)}; it must be above 0")
+            require_positive(f"OmplPlanner.{name}", getattr(self, name))
         planners = ompl_planners()
         if self.planner not in planners:
             raise UnknownNameError("planner", self.planner, planners, "the OMPL that is installed")
@@ -116,10 +116,10 @@ class OmplPlanner:
 
         OMPL has one random seed per process; it is set from ``rng``. With the same seed, a planner that ends with its
         first path gives the same path, unless a budget ends it before. The path of an optimising planner depends on the
-        speed of the computer; with ``max_edges``, most of them are repeatable. Multithreaded planners (``PRM``,
-        ``PRMstar``) are not strictly repeatable. Do not call this method from several threads at a time.
+        speed of the computer; with ``max_edges``, most of these planners are repeatable. Multithreaded planners
+        (``PRM``, ``PRMstar``) are not strictly repeatable. Do not call this method from several threads at a time.
 
-        The range of an unbounded joint is that of the start and the goals, extended by pi on both sides.
+        An unbounded joint has the range of its values at the start and the goals, extended by pi on both sides.
 
         Raises
         ------

@@ -27,7 +27,8 @@ from pinproof.collision.certificates.certify import is_proven_free
 from pinproof.collision.certificates.path_constraints import check_constraints
 from pinproof.collision.checking.checker import require_curve
 from pinproof.common.display import html_block, html_of, outline
-from pinproof.errors import InputError, TimingError
+from pinproof.common.validation import require_integer
+from pinproof.errors import TimingError
 from pinproof.motion import Curve, JointPath, MotionLimits, TorqueLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import RATE_TOLERANCE, Bounds
 from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
@@ -59,7 +60,7 @@ SAMPLE_TIME = 0.06
 """Seconds between two samples of a motion, in which acceleration bends it by few millimetres."""
 
 MIN_GAIN = 2e-3
-"""A replacement is accepted if it saves this share of the duration, or seconds of a motion shorter than one second."""
+"""A replacement is accepted if it saves this share of the duration, or this time (s) for motions of less than 1 s."""
 
 CLOSE_ENOUGH = 1e-3
 """The search ends when the motion is longer than the lower bound by this share at most."""
@@ -74,7 +75,7 @@ STAGGERED = 4
 """Number of staggered moves that are tried in addition for each evaluation of the budget, in a tenth of its time."""
 
 STAGGERED_GOALS, STAGGERED_DISTINCT = 80, 0.05
-"""As above for staggered moves, of which few are free: number of their goals, and their least difference (rad or m)."""
+"""As above for staggered moves, few of which are free: number of goals, and their smallest difference (rad or m)."""
 
 PLANS, PER_PLAN = 10, 33
 """Number of further paths that are compared with the given one, at most one for so many evaluations."""
@@ -183,8 +184,8 @@ def optimise(
     checker
         Defines the bodies and margins, such as :attr:`PlanResult.checker`.
     limits, jerk
-        As for :func:`~pinproof.time_parametrise`; ``limits`` are those of the arm by default. Without a jerk limit the
-        result is a cubic, with one a quintic.
+        As for :func:`~pinproof.time_parametrise`; by default, ``limits`` are the limits of the arm. Without a jerk
+        limit the result is a cubic, with a jerk limit a quintic.
     goals
         (n,) or (g, n) configurations, at any of which the motion may end, such as all IK solutions of the goal pose.
         By default, the end of the path, which is always a goal. Goals that are not free are ignored.
@@ -202,14 +203,13 @@ def optimise(
     Raises
     ------
     InputError
-        If the joints of the path are not those of the arm, or a limit, a goal or the budget is invalid.
+        If the path does not move the joints of the arm, or a limit, a goal or the budget is invalid.
     TimingError
         If the path cannot be timed within the limits.
     """
     arm = checker.group
     require_curve(path, checker, "path")
-    if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or budget < 0:
-        raise InputError(f"budget = {budget!r}; it must be a number of evaluations, 0 or more")
+    require_integer("budget, the number of evaluations,", budget, 0)
     further = checked_constraints(rate_limits)
     bounds = Bounds.of(arm.limits if limits is None else limits, arm.joint_names, jerk)
     kept = check_constraints(constraints)

@@ -42,7 +42,7 @@ class Planner(Protocol):
 
 
 PLANNERS: dict[str, Callable[..., Planner]] = {"rrt_connect": RrtConnect, "ompl": OmplPlanner}
-"""Planner classes by name; each of them can be created without arguments and accepts ``time_limit`` in seconds."""
+"""Planner classes by name; each can be created without arguments and accepts ``time_limit`` in seconds."""
 
 DEFAULT_PLANNER = "rrt_connect"
 

@@ -118,7 +118,7 @@ class PlanResult(_Outcome):
     seconds
         Duration of the search.
     gap
-        Smallest distance (rad or m, Euclidean) between the tree of the start and that of the goals; 0 for a path, NaN
+        Smallest distance (rad or m, Euclidean) between the trees of the start and of the goals; 0 for a path, NaN
         if there was no search.
     contacts
         The contacts of the start or of the goals if they are the reason of the failure.

@@ -5,7 +5,7 @@ On every piece, with a local parameter u from 0 to 1, the pose is
     position     c - a(u) t + b(u) t'
     orientation  C exp(-a(u) w) exp(b(u) w')
 
-where (c, C) is a pose, (t, w) the direction of the incoming segment and (t', w') that of the outgoing one, each a
+where (c, C) is a pose, (t, w) the direction of the incoming and (t', w') of the outgoing segment, each a
 translation in the base frame and a rotation vector in the tcp frame. On a segment, a = 0 and b is linear. In the
 rounding of a corner, a decreases from the reach d to 0 and b increases from 0 to d, with the Bernstein coefficients of
 :mod:`pinproof.motion.corner`, so that segments and roundings together are twice differentiable.

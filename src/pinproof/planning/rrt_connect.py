@@ -25,6 +25,7 @@ import numpy.typing as npt
 from pinproof._core import RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
 from pinproof.collision.certificates.path_constraints import check_constraints
+from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
 from pinproof.motion import JointPath, TorqueLimits
@@ -158,8 +159,7 @@ class RrtConnect:
         InputError
             If a shape is wrong, a number is not finite or ``portfolio`` is below 1.
         """
-        if portfolio < 1:
-            raise InputError(f"portfolio = {portfolio}; it must be 1 or more")
+        require_integer("portfolio", portfolio, 1)
         constraints = check_constraints(constraints)
         ends = read_ends(checker, start, goals, turns=turns, constraints=constraints, torque_limits=torque_limits)
         if isinstance(ends, PlanResult):
@@ -421,7 +421,7 @@ def _run_portfolio(
     executor: Executor | None,
     progress: Progress | None,
 ) -> PlanResult:
-    """The shortest path of ``count`` searches; if two are equally short, that of the earlier search.
+    """The shortest path of ``count`` searches; if two are equally short, the path of the earlier search.
 
     All searches are completed, so that the result does not depend on the number of workers or on their speed.
     """
@@ -485,5 +485,5 @@ def _best(results: list[PlanResult]) -> PlanResult:
     nearest = min(results, key=lambda result: result.gap)
     return replace(
         nearest,
-        message=f"none of {len(results)} searches found a path; the one with the smallest gap: {nearest.message}",
+        message=f"none of {len(results)} searches found a path; the search with the smallest gap: {nearest.message}",
     )

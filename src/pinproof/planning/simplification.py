@@ -20,7 +20,7 @@ from pinproof.collision import Certificate, CollisionChecker, PathConstraint, ce
 from pinproof.collision.certificates.path_constraints import check_constraints
 from pinproof.collision.checking.checker import require_curve
 from pinproof.common.display import html_block, html_of
-from pinproof.errors import InputError
+from pinproof.common.validation import require_integer
 from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier
 from pinproof.planning.blending import blend as round_corners
 from pinproof.planning.constrained import manifold_of, shortened, smooth_curves
@@ -132,7 +132,7 @@ def simplify(
         Whether corners are rounded, and the maximum distance (rad or m, Euclidean) between a corner and its rounding.
         With constraints, a smooth curve replaces the whole path instead, if one is proven.
     constraints
-        Constraints of the tcp that ``path`` satisfies, such as those of :meth:`RrtConnect.plan`; the result satisfies
+        Constraints of the tcp that ``path`` satisfies, as given to :meth:`RrtConnect.plan`; the result satisfies
         them.
     torque_limits
         As for :meth:`RrtConnect.plan`.
@@ -142,7 +142,7 @@ def simplify(
     Raises
     ------
     InputError
-        If the joints of the path are not those of the arm, or a setting is out of its range.
+        If the path does not move the joints of the arm, or a setting is out of its range.
     """
     constraints = check_constraints(constraints)
     short = shortcut(path, checker, rng=rng, attempts=attempts, constraints=constraints, torque_limits=torque_limits)
@@ -237,11 +237,10 @@ def shortcut(
     Raises
     ------
     InputError
-        If the joints of the path are not those of the arm, or a setting is out of its range.
+        If the path does not move the joints of the arm, or a setting is out of its range.
     """
     require_curve(path, checker, "path")
-    if attempts < 0:
-        raise InputError(f"attempts = {attempts}; it must be 0 or more")
+    require_integer("attempts", attempts, 0)
     edges = Edges(checker, resolution, path.q[[0, -1]], torque_limits=torque_limits)
     generator = np.random.default_rng(rng)
     if constraints := check_constraints(constraints):

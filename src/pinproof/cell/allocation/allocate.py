@@ -70,7 +70,7 @@ def allocate(
     Parameters
     ----------
     group
-        The arms, such as a cell of :func:`pinproof.assemble`; ``picks.load_cell()`` loads that of a picks file.
+        The arms, such as a cell of :func:`pinproof.assemble`; ``picks.load_cell()`` loads the cell of a picks file.
     scene
         The obstacles before the first pick, in the root frame of the group.
     picks
@@ -87,7 +87,7 @@ def allocate(
     rng
         Seed or Generator.
     progress
-        Called with the name of the work, and the numbers of finished and of all parts of it.
+        Called with the name of the work, the number of its parts that are finished, and the number of all parts.
 
     Returns
     -------

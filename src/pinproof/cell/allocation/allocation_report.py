@@ -64,7 +64,7 @@ def allocation_dict(result: AllocationResult) -> dict[str, Any]:
             }
             for each in result.intervals
         ],
-        "alone": [{"arm": each.arm, "duration": each.duration, "reason": each.reason} for each in result.alone],
+        "alone": [dict(vars(each)) for each in result.alone],
         "left_out": [{"name": each.name, "reason": each.reason} for each in result.missing],
         "notes": list(result.notes),
     }

@@ -124,7 +124,7 @@ class AllocationResult:
 
     def __repr__(self) -> str:
         rows = (
-            f"{each.arm}: {len(each.picks)} picks in {each.duration:.2f} s, {each.waiting:.2f} s of them waiting"
+            f"{each.arm}: {len(each.picks)} picks in {each.duration:.2f} s, including {each.waiting:.2f} s of waiting"
             for each in self.arms
         )
         return outline(f"AllocationResult({self.message})", rows)
@@ -136,7 +136,7 @@ class AllocationResult:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The motion of all joints of the group; :func:`pinproof.motion.separate` returns that of each arm."""
+        """The motion of all joints of the group; :func:`pinproof.motion.separate` divides it into one for each arm."""
         return self.timing.trajectory
 
     @property

@@ -81,8 +81,8 @@ class Timing:
     trajectory
         The motion of the joint group.
     intervals
-        The certificates of the arms against each other, in order. The last one is not FREE if no waiting times were
-        found with which all are.
+        The certificates of the arms against each other, in order. The last one is not FREE if no waiting
+        times were found that make all of them FREE.
     problem
         Why no waiting times were found; empty if they were, or if a certificate states the reason.
     """
@@ -211,7 +211,7 @@ class _Pair:
                     return best
                 self._avoid(blocked, best, found)
         if best is None:
-            return replace(self._timed([], []), problem="no waiting times were found with which the arms do not meet")
+            return replace(self._timed([], []), problem="no waiting times were found that keep the arms apart")
         return best
 
     def _timed(self, first: list[Wait], second: list[Wait]) -> Timing:

@@ -41,5 +41,5 @@ def dialect_of_file(path: Path) -> str:
 
 
 def is_program_file(path: Path) -> bool:
-    """Whether the ending of a file is that of a robot program."""
+    """Whether a file has the ending of a robot program."""
     return any(path.name.lower().endswith(each.endings) for each in DIALECTS.values())

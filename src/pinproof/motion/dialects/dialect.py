@@ -75,7 +75,7 @@ class Dialect:
         return line
 
     def write(self, name: str, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
-        """The lines before the comments, those of the steps, and those after them; joint values are the controller's.
+        """The lines before the comments, of the steps, and after them; joint values are the values of the controller.
 
         Raises
         ------

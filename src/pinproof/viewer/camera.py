@@ -18,10 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.geometry.inner_shapes import spiral_directions
+from pinproof.spatial import Array
 from pinproof.viewer.stage import DrawnObstacle, Stage, box_corners
 from pinproof.viewer.surfaces import Surface
-
-Array = npt.NDArray[np.float64]
 
 FIELD_OF_VIEW = 30.0
 """Vertical angle of view in degrees. A small angle limits the perspective distortion of near links."""

@@ -17,8 +17,7 @@ import numpy.typing as npt
 from pinproof.model import JointGroup
 from pinproof.motion import RateConstraint, Trajectory
 from pinproof.motion.plot import DrawnLimits, Panel, panels_of
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 WIDTH, HEIGHT = 360, 150
 """Size of a panel in SVG units, which are pixels on a narrow screen."""

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import Departure, DepartureProof
 from pinproof.collision.certificates.certificate import (
@@ -45,9 +44,7 @@ from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import Curve, bezier
 from pinproof.motion.curve import BezierCurve, read_only
-from pinproof.spatial import matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, matrix
 
 DEEPEST = 1e-3
 """Penetration (m) that is allowed at the start: the usual error of measured or taught poses."""

@@ -17,9 +17,8 @@ import numpy.typing as npt
 from pinproof._core import PathConstraint as CompiledConstraint
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.spatial import SE3, finite, frozen, matrix, rigid
+from pinproof.spatial import SE3, Array, finite, frozen, matrix, rigid
 
-Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 SMALLEST = 1e-6

@@ -35,10 +35,9 @@ from pinproof.errors import FileError, InputError, NotProvenFree
 from pinproof.model import Arm, JointGroup
 from pinproof.model.chain import joint_axis
 from pinproof.motion import Curve
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, Array
 from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, ProofVerdict, Refused, body_digest, load, verify
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 DIGITS = 6

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision.certificates.certificate import (
     EVIDENCE_DISTANCE,
@@ -24,9 +23,7 @@ from pinproof.collision.certificates.identity import Identity, checked_hash, mes
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from pinproof.spatial import Array
 
 
 def setup_differences(before: CollisionChecker, after: CollisionChecker) -> list[str]:

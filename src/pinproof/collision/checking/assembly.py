@@ -19,9 +19,9 @@ from pinproof.collision.geometry.shapes import Mesh, Obstacle
 from pinproof.collision.scenes.scene import Scene
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointGroup
+from pinproof.spatial import Array
 from pinproof.units import FAR, MOST_REACH, warn_of_millimetres
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 

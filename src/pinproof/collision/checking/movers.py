@@ -24,9 +24,7 @@ from pinproof.model import JointGroup, JointLimits, Robot
 from pinproof.model.chain import chain_of, held_values
 from pinproof.motion import Curve, Trajectory
 from pinproof.motion.group_motion import TimedColumns, merged
-from pinproof.spatial import SE3, finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, finite
 
 FARTHEST = 30.0
 """Metres. Longer travel would exceed the allowance for rounding of the distances."""

@@ -124,9 +124,9 @@ def choose_pairs(
     fixed = [owner for owner, own in members.items() if bodies[own[0]].link is None]
     plain = [i for owner in fixed if owner not in named for i in members[owner]]
     carried = {owner for owner in moving if bodies[members[owner][0]].link in robot.movers.values()}
-    own = [owner for owner in moving if owner not in carried]
-    pairs = Pairs([(i, j) for a in own for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
-    for a, b in (*combinations(moving, 2), *product(own, (owner for owner in fixed if owner in named))):
+    of_robot = [owner for owner in moving if owner not in carried]
+    pairs = Pairs([(i, j) for a in of_robot for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
+    for a, b in (*combinations(moving, 2), *product(of_robot, (owner for owner in fixed if owner in named))):
         if a in carried and b in carried:
             continue
         key = frozenset((a, b))

@@ -19,9 +19,7 @@ from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
-from pinproof.spatial import matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, matrix
 
 SEEN_THROUGH = 0.5
 """Largest share of the pixels on a body that may measure what is behind it: more show that the body is elsewhere."""

@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from pinproof.collision.geometry.triangles import connected_parts
 from pinproof.errors import InputError
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 FLAT = 1e-6
 """Metres. Points with a smaller extent in some direction are flat: Qhull terminates the interpreter on them."""

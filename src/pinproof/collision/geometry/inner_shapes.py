@@ -10,13 +10,11 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision.geometry.bodies import MOST_EXCESS, Body, Support
 from pinproof.collision.geometry.hulls import Solid, winding_number
 from pinproof.collision.geometry.triangles import with_area
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 MOST_BALLS = 24
 """Largest number of balls in a body."""

@@ -23,9 +23,8 @@ from pinproof.collision.geometry.octomap_file import THRESHOLD, OctomapLeaves, r
 from pinproof.collision.geometry.shape_values import LARGEST_SIZE, ByContent, checked_size
 from pinproof.common.validation import named_arguments, require_integer, require_positive
 from pinproof.errors import InputError
-from pinproof.spatial import finite, matrix
+from pinproof.spatial import Array, finite, matrix
 
-Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.uint8]
 Bounds = Sequence[Sequence[float]] | Array
 

@@ -69,7 +69,7 @@ NEAR_SHARE = 0.18
 """Obstacles within this fraction of the radius of the robot's motion from the tool are in the picture."""
 
 NEAR_SAMPLES = 200
-"""Sample points on the surface of each obstacle, of which those near the tool are in the picture."""
+"""Sample points on the surface of each obstacle; the picture contains the ones near the tool."""
 
 MOST_TOOL_POINTS = 200
 """Largest number of points of the tool to which the distance of obstacles is computed."""

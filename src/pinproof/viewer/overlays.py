@@ -1,4 +1,4 @@
-"""What is drawn in addition to the robot and the scene.
+"""Objects that are drawn in addition to the robot and the scene.
 
 Pose markers (arrows, for example at the grasps of many picks), frames with names, contacts with their normals,
 transparent copies of links (other IK solutions, the tool along a motion), coloured points, and the floor, lights and

@@ -1,4 +1,4 @@
-"""The content of a picture: what is shown, its layers, and its caption.
+"""The content of a picture: its objects, its layers, and its caption.
 
 :class:`Picture` turns an arm, a scene and a motion into commands and settings for the page. The caption is FREE only
 with a certificate for exactly the motion, arm, scene and attached objects that are shown.

@@ -167,7 +167,7 @@ def _number(value: float, percent: bool) -> str:
 
 
 def _points(x: Array, y: Array) -> str:
-    """The points of a line, without those that are within :data:`FLAT` of the line between their neighbours."""
+    """The points of a line, without points within :data:`FLAT` of the line between their neighbours."""
     kept = [0]
     for i in range(1, len(x) - 1):
         first = kept[-1]

@@ -173,7 +173,7 @@ class TimedScene(NamedTuple):
     trajectory: Trajectory
     """The motion of the arm and of the movers."""
     checker: CollisionChecker
-    """The checker of the arm and the movers; its obstacles are those at rest."""
+    """The checker of the arm and the movers; its scene has only the obstacles at rest."""
     tolerances: Array
     """(N,) the tolerances of the movers (m or rad), 0 for the joints of the arm."""
 

@@ -1,4 +1,4 @@
-"""Depth images and point clouds: cameras, checks of units and sizes, and the bodies that an image looks through."""
+"""Depth images and point clouds: cameras, checks of units and sizes, and bodies that are removed from them."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ LEAST_DEPTH = 0.01
 """Metres. A median depth below this is too near for any depth camera: the image is in other units."""
 
 LARGEST_WHOLE = 10.0
-"""Metres. An image of whole numbers whose median exceeds this is in millimetres."""
+"""Metres. An image of integers whose median exceeds this is in millimetres."""
 
 SATURATED = 2**16 - 1
-"""The largest number of 16 bits, which is no measurement."""
+"""The largest number of 16 bits, which marks pixels without a measurement."""
 
 SAMPLES = 10_000
-"""Number of pixels of which the unit of an image is judged."""
+"""Number of pixels by which the unit of an image is checked."""
 
 OFF_CENTER = 0.2
-"""Share of the image by which the principal point of a camera may be off the center of its image; that of an image of
-half the size is off by 0.25."""
+"""Share of the image by which the principal point of a camera may be off the center of its image; the principal point
+for an image of half the size is off by 0.25."""
 
 
 @named_arguments

@@ -209,7 +209,7 @@ def _distance(point: Array, corners: Array) -> float:
 
 
 def _far_apart(points: Array) -> Array:
-    """Return (m, 3) a subset of points (k, 3), each as far as possible from those before it."""
+    """Return (m, 3) a subset of points (k, 3), each as far as possible from the previous ones."""
     if len(points) <= MOST_CORNERS:
         return points
     chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]

@@ -308,7 +308,7 @@ SHAPES_BY_KEY: dict[str, type[Shape]] = {
 """Every shape by its key in files: ``half_space`` for :class:`HalfSpace`."""
 
 ANYTHING = "*"
-"""In an allowed contact: any robot link or attached object."""
+"""The name of any robot link or attached object in an allowed contact."""
 
 
 @dataclass(frozen=True, eq=False)

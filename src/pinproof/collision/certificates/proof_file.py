@@ -25,6 +25,7 @@ from pinproof.collision.certificates.path_constraints import (
     PathConstraint,
     Upright,
 )
+from pinproof.collision.checking.assembly import on_joint
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.shapes import Mesh
@@ -290,10 +291,7 @@ def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
     model, sources = checker.group.model, _sources(checker)
     rows = []
     for body in checker.bodies:
-        joint, place = -1, body.link_from_body
-        if body.link is not None:
-            frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
-            joint, place = int(frame.parentJoint) - 1, frame.placement * place
+        _, joint, place = on_joint(model, body)
         kind = "obstacle" if body.link is None else "link" if body.owner == body.link else "attached"
         geometry = body.source or body.name
         row = {
@@ -303,7 +301,7 @@ def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
             "geometry": geometry,
             "level": body.level,
             **sources[geometry],
-            "joint": joint,
+            "joint": int(joint) - 1,
             "placement": _placed(place),
             "shape": _shape(body),
         }

@@ -171,7 +171,7 @@ ALL = {**SIZED, **{name: shape for name, (shape, _) in KINDS.items()}}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_distance_to_a_ball_is_what_it_is_by_other_means(slider, kind):
+def test_distance_to_a_ball_equals_an_independent_formula(slider, kind):
     shape, distance = KINDS[kind]
     rng = np.random.default_rng(7)
     inside = outside = 0
@@ -271,7 +271,7 @@ def test_the_fingerprint_depends_on_every_number():
     assert len({content(shape) for shape in shapes}) == len(shapes)
 
 
-def test_a_half_space_moves_with_nothing(slider):
+def test_a_half_space_cannot_be_attached_to_a_link(slider):
     with pytest.raises(InputError, match="'floor' is a HalfSpace"):
         CollisionChecker(slider, attached=[Obstacle("floor", HalfSpace())])
 
@@ -282,7 +282,7 @@ ROOM = trimesh.creation.box((4, 4, 4))
 
 
 @pytest.mark.parametrize("kind", [name for name in ALL if name != "half-space"])
-def test_whatever_lies_wholly_in_a_mesh_touches_it(slider, kind):
+def test_a_body_inside_a_mesh_is_in_contact(slider, kind):
     room = Mesh.from_arrays(ROOM.vertices, ROOM.faces, hull=False)
     checker = CollisionChecker(
         slider, Scene([Obstacle("room", room)], allowed=[("ball", "room")]), attached=[Obstacle("tool", ALL[kind])]
@@ -360,7 +360,7 @@ def test_bodies_inside_cavities():
 @pytest.mark.slow
 @given(st.floats(-0.5, 0.5), st.floats(-0.4, 0.4), st.floats(-0.2, 0.3))
 @examples(300)
-def test_the_ground_contains_what_its_closed_surface_winds_about(x, y, z):
+def test_the_ground_contains_the_points_inside_its_closed_surface(x, y, z):
     vertices, triangles = ground_surface(GROUND)
     surface = Solid(vertices, triangles)
     assert surface.watertight

@@ -314,7 +314,7 @@ def test_excluded_pairs_are_listed_with_the_reason(panda, path):
     assert certificate.margin == 0.001
 
 
-def test_a_certificate_matches_only_what_it_was_made_for(ur5, slider, path):
+def test_a_certificate_matches_only_its_own_motion_and_setup(ur5, slider, path):
     scene, move = Scene([Obstacle("ball", Sphere(0.1), pose((2, 0, 0)))]), path(ur5, ur5.home, ur5.home + 0.1)
     certificate = certify(move, CollisionChecker(ur5, scene))
     assert certificate.matches(move, ur5, scene)

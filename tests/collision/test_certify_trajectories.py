@@ -34,7 +34,7 @@ def test_the_swing_between_two_points_is_proven_to_its_top(slider, speed, accele
 
 @pytest.mark.parametrize("ending", [".json", ".csv"])
 @pytest.mark.parametrize("acceleration", [None, 0.5])
-def test_a_file_has_the_certificate_of_what_was_saved(slider, tmp_path, ending, acceleration):
+def test_a_motion_file_has_the_certificate_of_its_motion(slider, tmp_path, ending, acceleration):
     motion = bulge(slider, 1 / 3, acceleration)
     checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((0.4, 0, 0)))]))
     motion.save(tmp_path / f"motion{ending}")

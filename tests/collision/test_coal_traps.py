@@ -103,7 +103,7 @@ FLAT_MESHES = {
 
 
 @pytest.mark.parametrize("name", FLAT_MESHES)
-def test_a_hull_of_nothing_is_refused(mesh_file, name):
+def test_the_hull_of_a_flat_mesh_is_refused(mesh_file, name):
     vertices, triangles = FLAT_MESHES[name]
     path = mesh_file(np.array(vertices, dtype=float), np.array(triangles))
     with pytest.raises(MeshError, match="is flat"):

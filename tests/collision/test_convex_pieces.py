@@ -213,7 +213,7 @@ def test_a_ball_inside_an_open_bin_does_not_touch_it(slider, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*SHAPES, "bowl"])
-def test_nothing_that_touches_the_triangles_is_called_free(slider, name):
+def test_bodies_that_touch_the_triangles_are_never_free(slider, name):
     mesh = bowl() if name == "bowl" else SHAPES[name]
     rng = np.random.default_rng(1)
     seen = set()

@@ -74,7 +74,7 @@ def test_a_margin_of_a_single_pair_goes_before_the_common_one(slider):
     assert not checker.with_margin(margins={}).is_free([0.0])
 
 
-def test_single_margins_of_what_is_gone_are_dropped(slider):
+def test_single_margins_of_removed_bodies_are_dropped(slider):
     scene = Scene([Obstacle("part", Sphere(0.04), pose((0.0, 0.1, 0)))])
     checker = CollisionChecker(slider, scene, margins={("part", "ball"): 0.06}, allowed=[])
     assert not checker.is_free([0.0])
@@ -175,7 +175,7 @@ def test_checkers_of_one_robot_share_convex_bodies_until_a_mesh_file_changes(tmp
 
 
 @pytest.mark.parametrize("margin", [[0.01], "wide", float("nan"), -0.001])
-def test_a_margin_that_is_no_distance_is_refused(ur5, margin):
+def test_an_invalid_margin_is_refused(ur5, margin):
     checker = CollisionChecker(ur5, Scene([BALL]))
     for change in (checker.with_margin, checker.padded):
         with pytest.raises(InputError, match="distance in metres"):

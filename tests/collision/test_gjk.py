@@ -111,7 +111,7 @@ def test_bounds_hold_for_flat_and_tiny_bodies(thin, apart):
             assert upper <= apart + 1e-8
 
 
-def test_nan_proves_nothing():
+def test_nan_gives_no_proven_distance():
     for at in ((np.nan, 0, 0), (np.inf, 0, 0), (1e308, 1e308, 1e308)):
         lower, upper, _, _, _ = bounds([box(1, 1, 1), box(1, 1, 1)], placed(at))
         assert lower == -np.inf or np.isfinite(at).all()

@@ -121,7 +121,7 @@ def test_placements_of_a_mover_follow_the_definition_of_its_axis(name: str) -> N
         assert np.abs(placement - poses_at(mover, value).homogeneous).max() < 1e-12
 
 
-def test_part_that_arrives_on_a_conveyor_is_hit_where_it_stands_still_it_is_not() -> None:
+def test_part_that_arrives_on_a_conveyor_is_hit_and_a_resting_part_is_not() -> None:
     trajectory = over_the_belt(0.12)
     base = pp.CollisionChecker(ur5(), checker().scene.remove(*[f"part{i}" for i in range(1, 5)]))
     assert pp.certify(trajectory, base).status is FREE

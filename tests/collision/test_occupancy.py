@@ -76,7 +76,7 @@ def test_bounds_of_depth_are_rounded_away_from_the_surface():
 
 @given(seed=st.integers(0, 2**32), margin=st.integers(0, 2), eye=vectors, roll=st.floats(-3, 3))
 @settings(max_examples=25, deadline=None)
-def test_states_are_those_of_their_definition(seed, margin, eye, roll):
+def test_states_equal_their_definition(seed, margin, eye, roll):
     rng = np.random.default_rng(seed)
     camera = Intrinsics(31.0, 29.0, 18.3, 14.6, 37, 29)
     root_from_camera = look_at(1.2 * eye, rng.uniform(-0.1, 0.1, 3) + 1e-3, roll)
@@ -136,7 +136,7 @@ def _contains(solid: Solid, point: np.ndarray) -> bool:
     return bool((np.abs(local) <= solid.half).all() if solid.half is not None else local @ local <= solid.radius**2)
 
 
-def test_space_in_front_of_a_table_is_free_and_what_is_hidden_is_not():
+def test_space_in_front_of_a_table_is_free_and_hidden_space_is_not():
     grid = view([TABLE, PART])
     assert states_at(grid, np.array([[0.3, -0.1, 0.3]])) == FREE
     assert states_at(grid, np.array([[0.5, 0.0, 0.099]])) == SEEN  # the top of the part
@@ -252,7 +252,7 @@ def test_a_surface_that_another_view_shows_is_kept_where_the_robot_was_removed()
 PICKED = Obstacle("part", Box(0.1, 0.1, 0.1), PART.pose)
 
 
-def test_cells_of_a_body_are_removed_and_those_it_shares_stay():
+def test_cells_inside_a_body_are_removed_and_shared_cells_stay():
     grid = view([TABLE, PART])
     rest = remove_body(grid, PICKED)
     cells = np.argwhere(grid.occupied & ~rest.occupied) + grid.low
@@ -264,7 +264,7 @@ def test_cells_of_a_body_are_removed_and_those_it_shares_stay():
 
 @given(seed=st.integers(0, 1000), eye=vectors)
 @settings(max_examples=20, deadline=None)
-def test_an_image_looks_through_a_body_to_be_picked_but_proves_nothing_behind_it(seed, eye):
+def test_space_behind_a_removed_body_is_not_proven_free(seed, eye):
     rng = np.random.default_rng(seed)
     camera = look_at(np.array([0.5, 0, 1.1]) + eye * [0.5, 0.5, 0.2], np.array([0.5, 0, 0.0]), rng.uniform(-3, 3))
     grid = view_without(PICKED, [TABLE, PART, BEHIND], camera)
@@ -283,7 +283,7 @@ def test_cells_at_the_visible_faces_of_a_removed_body_are_free():
     assert "part is removed" in grid.record[1]
 
 
-def test_what_the_outline_of_a_removed_body_hides_is_not_free():
+def test_space_hidden_by_the_outline_of_a_removed_body_is_not_free():
     # A plate beside the body, entirely behind its top face and within the last pixel of its outline; small cells.
     coarse, eye = Intrinsics(57.0, 57.0, 31.5, 31.5, 64, 64), np.diag([1.0, -1.0, -1.0, 1.0])
     eye[:3, 3] = 0.5, 0.0, 0.6

@@ -85,7 +85,7 @@ def assert_states(grid: OccupancyGrid, root: Node, least: float = 0.0) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_cells_of_both_formats_are_those_of_the_tree(tmp_path: Path, seed: int) -> None:
+def test_cells_of_both_formats_equal_the_tree(tmp_path: Path, seed: int) -> None:
     root = random_tree(seed)
     grids = [
         OccupancyGrid.from_octomap(written(tmp_path, name, root, kind=kind))

@@ -117,7 +117,7 @@ def test_a_start_in_self_collision_names_the_command(wrist):
         pp.validate_picks(arm, pp.Scene(), [pp.Pick("a", pp.pose((0, 0, 0.5)))])
 
 
-def test_an_obstacle_at_home_is_no_reason_for_an_srdf():
+def test_contact_with_an_obstacle_at_home_gives_no_hint_of_an_srdf():
     arm = pp.load_robot("ur5").arm()
     scene = pp.Scene([pp.Obstacle("block", pp.Box(2, 2, 2))])
     plan = pp.RrtConnect().plan(pp.CollisionChecker(arm, scene), arm.home, arm.home + 0.1, rng=0)

@@ -522,7 +522,7 @@ def test_several_supports_at_once(gantry):
 
 @pytest.mark.parametrize("finely", [0, 2])
 @pytest.mark.parametrize("sink", [0.0, 0.0005, -0.0005])
-def test_directions_to_facets_are_those_of_floor_and_wall(gantry, finely, sink):
+def test_directions_to_facets_are_the_normals_of_floor_and_wall(gantry, finely, sink):
     checker = CollisionChecker(gantry, Scene([Obstacle("table", tray(finely))]), attached=[CUBE])
     (pair,) = (k for k, (i, j) in enumerate(checker.pairs) if checker.bodies[j].owner == "table")
 
@@ -549,7 +549,7 @@ def test_a_part_whose_hull_contains_its_support_is_undecided(gantry):
 
 
 @pytest.mark.parametrize("inverted", [False, True])
-def test_a_part_of_overlapping_bodies_leaves_what_stands_under_its_hull(gantry, inverted):
+def test_a_part_of_overlapping_bodies_separates_from_a_body_under_its_hull(gantry, inverted):
     """A bridge over a rail: its hull contains the rail, each of its three bodies leaves the table by itself."""
     boxes = [
         trimesh.creation.box(bounds=bounds)

@@ -220,7 +220,7 @@ def test_invalid_constraints_are_refused(create, words: str) -> None:
 
 
 @pytest.mark.parametrize("constraints", [pp.Upright(tolerance=0.1), ["upright"], [None]])
-def test_what_is_no_constraint_is_refused(constraints) -> None:
+def test_an_object_that_is_not_a_constraint_is_refused(constraints) -> None:
     arm = ARMS["ur5"]
     with pytest.raises(pp.InputError, match="constraints"):
         pp.certify(pp.JointPath([START], arm.joint_names), pp.CollisionChecker(arm), constraints=constraints)

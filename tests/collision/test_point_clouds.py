@@ -47,7 +47,7 @@ cells_of_any_shape = st.lists(st.tuples(*[st.integers(-3, 3)] * 3), min_size=1, 
 
 
 @given(cells_of_any_shape)
-def test_boxes_hold_each_cell_once_and_nothing_else(cells):
+def test_boxes_contain_each_cell_once_and_no_other_space(cells):
     low, high = merged_cells(cells)
     held = [
         cell
@@ -80,7 +80,7 @@ def test_the_boxes_are_where_the_cells_are():
         assert boxed == there
 
 
-def test_distances_are_those_of_the_surface_of_the_cells():
+def test_distances_equal_those_of_the_surface_of_the_cells():
     """The distance of a ball from the boxes is that from one mesh of the outer faces of all cells."""
     cloud, ball = noisy_table(0.005), coal.Sphere(0.02)
     bodies = [*shape_bodies("cloud", None, cloud, pose()), shape_body("cloud", "cloud", None, cloud, pose())]

@@ -244,7 +244,7 @@ def turned(axis: np.ndarray, angle: float) -> np.ndarray:
     return pp.pose((0, 0, 0), (x, y, z)).rotation
 
 
-def test_what_a_linear_move_touches_is_found(line: Cell) -> None:
+def test_a_contact_on_a_linear_move_is_found(line: Cell) -> None:
     checker, motion = line
     arm = checker.arm
     beside, behind = (motion.end, pp.AnalyticIk().solve_all(arm, pp.pose((0.5, 0.45, 0.2), (np.pi, 0, 0))).q)

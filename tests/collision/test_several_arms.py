@@ -99,7 +99,7 @@ def test_all_pairs_of_links_of_different_robots_are_checked() -> None:
     assert not [e for e in checker.excluded if e.owners[0][:2] != e.owners[1][:2]]
 
 
-def test_pairs_within_each_robot_are_those_of_the_robot_alone() -> None:
+def test_pairs_within_each_robot_equal_the_pairs_of_the_robot_alone() -> None:
     alone = pp.CollisionChecker(pp.load_robot("panda").arm())
     panda, ur10 = pp.load_robot("panda").arm(), pp.load_robot("ur10").arm()
     cell = pp.CollisionChecker(pp.assemble({"p": (panda, np.eye(4)), "u": (ur10, pp.pose(xyz=(2, 0, 0)))}))

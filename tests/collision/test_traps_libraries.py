@@ -45,9 +45,9 @@ def test_a_shape_pinocchio_does_not_know_is_dropped_there_and_kept_here(capfd):
         load_robot_from_text(one_joint(moving='<cone radius="0.1" length="0.5"/>'))
 
 
-def test_places_that_are_none_are_refused():
+def test_invalid_poses_are_refused():
     placement = pin.SE3(np.full((3, 3), np.nan), np.zeros(3))
-    assert np.isnan(placement.rotation).all()  # the trap: nothing was said
+    assert np.isnan(placement.rotation).all()  # the trap: no error
     skewed = pin.SE3(np.diag([1.0, 2.0, 1.0]), np.zeros(3))
     for pose_of in (placement, skewed):
         with pytest.raises(InputError, match="pose of obstacle 'b'"):

@@ -29,7 +29,7 @@ def beside(slider, **settings):
 
 @pytest.mark.parametrize("margin", [0.0, 0.01])
 @pytest.mark.parametrize("share", [0.5, 0.999])
-def test_obstacles_may_be_moved_by_what_is_left_beyond_the_margin(slider, path, margin, share):
+def test_obstacles_may_be_displaced_by_the_clearance_beyond_the_margin(slider, path, margin, share):
     moved = share * (GAP - margin)
     certificate = certify(path(slider, [0.0], [0.4]), beside(slider, margin=margin), obstacle_tolerance=moved)
     assert certificate.status is FREE

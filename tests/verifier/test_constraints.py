@@ -104,7 +104,7 @@ def test_a_forged_constraint_is_refused(document, forgery, number):
 
 
 @pytest.mark.parametrize(("number", "key"), [(0, "axis"), (0, "direction"), (1, "axis")])
-def test_a_direction_that_is_no_unit_vector_is_refused(document, number, key):
+def test_a_direction_without_unit_length_is_refused(document, number, key):
     forged = copy.deepcopy(document)
     forged["constraints"][number][key] = [0.0, 0.0, 2.0]
     assert not verify(forged).ok

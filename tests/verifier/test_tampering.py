@@ -253,7 +253,7 @@ def at(document, line):
 @pytest.mark.slow
 @examples(120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof, rehashed, oracle, data):
+def test_numbers_changed_at_random_never_prove_a_motion_in_collision(proof, rehashed, oracle, data):
     """Whoever changes numbers and hashes alike may get another proof, but never an untrue one."""
     document = copy.deepcopy(proof)
     part = data.draw(st.sampled_from(["bodies", "joints", "curve", "settings", "intervals", "pairs"]))

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from pinproof.viewer.animation import quaternions
 
 
-def test_quaternions_are_those_of_scipy_up_to_the_sign() -> None:
+def test_quaternions_equal_those_of_scipy_up_to_the_sign() -> None:
     rotations = [np.eye(3), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])]
     matrices = np.concatenate([rotations, Rotation.random(2000, random_state=0).as_matrix()])
     found, expected = quaternions(matrices), Rotation.from_matrix(matrices).as_quat()

@@ -211,7 +211,7 @@ def test_good_and_bad_grasps_have_their_colours(page: Page) -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(1200, 800), (390, 800)])
-def test_nothing_sticks_out_of_a_window(
+def test_content_stays_within_a_narrow_window(
     browser: Browser, pages: Callable[[str], Path], report: PickReport, width: int, height: int
 ) -> None:
     path = pages("widths")

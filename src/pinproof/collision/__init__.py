@@ -24,7 +24,7 @@ from pinproof.collision.certificates.program_proof import (
     certify_program,
     export_program,
 )
-from pinproof.collision.certificates.proof_file import verify_proof
+from pinproof.collision.certificates.proof_comparison import verify_proof
 from pinproof.collision.checking.audit import AuditResult, audit
 from pinproof.collision.checking.checker import CheckResult, CollisionChecker, Contact
 from pinproof.collision.checking.movers import Mover, TimedScene, with_movers

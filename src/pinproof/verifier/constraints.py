@@ -20,13 +20,10 @@ from math import pi
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .interval_bounds import IntervalBounds
 from .parts import LARGEST_PARAMETER, Joint, placement, unit_vector
-from .reading import Refused, check_fields, index, items, member, number, numbers, shown, text
-
-Array = npt.NDArray[np.float64]
+from .reading import Array, Refused, check_fields, index, items, member, number, numbers, shown, text
 
 COMMON = ("name", "kind", "joint", "tolerance", "largest", "intervals")
 FIELDS = {

@@ -29,9 +29,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .parts import Body, Curve, Joint, support
-from .reading import Refused
+from .reading import Array, Refused
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 AT_ONCE = 1 << 12

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .reading import Refused, check_fields, index, is_text, items, member, number, numbers, shown, text
-
-Array = npt.NDArray[np.float64]
+from .reading import Array, Refused, check_fields, index, is_text, items, member, number, numbers, shown, text
 
 RIGID = 1e-9
 """Largest error of rotation matrices and unit vectors, which are then made orthonormal."""

@@ -13,6 +13,7 @@ from .constraints import Constraint
 from .interval_bounds import IntervalBounds
 from .parts import LARGEST_PARAMETER, Body, Curve, Joint
 from .reading import (
+    Array,
     Refused,
     check_fields,
     index,
@@ -25,7 +26,6 @@ from .reading import (
     text,
 )
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 FORMAT, VERSION = "pinproof proof", 2

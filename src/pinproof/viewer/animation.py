@@ -7,18 +7,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import Mover, Obstacle
 from pinproof.errors import InputError
 from pinproof.ik import SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
-from pinproof.spatial import matrix
+from pinproof.spatial import Array, matrix
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.wire import Commands, node_path
-
-Array = npt.NDArray[np.float64]
 
 FRAME_RATE = 60.0
 """Key frames per second. The viewer interpolates in between (slerp); at 3 rad/s and 1 m the error is 0.3 mm."""

@@ -18,10 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.geometry.inner_shapes import spiral_directions
+from pinproof.spatial import Array
 from pinproof.viewer.stage import DrawnObstacle, Stage, box_corners
 from pinproof.viewer.surfaces import Surface
-
-Array = npt.NDArray[np.float64]
 
 FIELD_OF_VIEW = 30.0
 """Vertical angle of view in degrees. A small angle limits the perspective distortion of near links."""
@@ -70,7 +69,7 @@ NEAR_SHARE = 0.18
 """Obstacles within this fraction of the radius of the robot's motion from the tool are in the picture."""
 
 NEAR_SAMPLES = 200
-"""Sample points on the surface of each obstacle, of which those near the tool are in the picture."""
+"""Sample points on the surface of each obstacle; the picture contains the ones near the tool."""
 
 MOST_TOOL_POINTS = 200
 """Largest number of points of the tool to which the distance of obstacles is computed."""

@@ -1,4 +1,4 @@
-"""What is drawn in addition to the robot and the scene.
+"""Objects that are drawn in addition to the robot and the scene.
 
 Pose markers (arrows, for example at the grasps of many picks), frames with names, contacts with their normals,
 transparent copies of links (other IK solutions, the tool along a motion), coloured points, and the floor, lights and
@@ -17,14 +17,13 @@ import numpy.typing as npt
 
 from pinproof.collision import CheckResult, FirstContact
 from pinproof.errors import InputError
-from pinproof.spatial import finite
+from pinproof.spatial import Array, finite
 from pinproof.viewer.animation import Film
 from pinproof.viewer.camera import View
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.surfaces import Rgba, Surface, ball, box_triangles, cone, revolved, shade, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 
-Array = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
 
 LONGEST, SHORTEST = 0.07, 0.015

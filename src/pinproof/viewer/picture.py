@@ -1,4 +1,4 @@
-"""The content of a picture: what is shown, its layers, and its caption.
+"""The content of a picture: its objects, its layers, and its caption.
 
 :class:`Picture` turns an arm, a scene and a motion into commands and settings for the page. The caption is FREE only
 with a certificate for exactly the motion, arm, scene and attached objects that are shown.
@@ -22,7 +22,7 @@ from pinproof.errors import InputError, UnknownNameError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
-from pinproof.spatial import SE3, finite, matrix, rigid
+from pinproof.spatial import SE3, Array, finite, matrix, rigid
 from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, film_of_elbow, still
 from pinproof.viewer.camera import View, choose_view, tool_points
 from pinproof.viewer.overlays import (
@@ -238,8 +238,6 @@ def checked_layers(names: Collection[str]) -> frozenset[str]:
             raise UnknownNameError("layer", name, LAYERS, "layers")
     return frozenset([names] if isinstance(names, str) else names)
 
-
-Array = npt.NDArray[np.float64]
 
 PATH_RADIUS, PATH_SHARE = 0.004, 0.006
 """Radius of the drawn tcp path: metres, and the largest fraction of the radius of the picture."""

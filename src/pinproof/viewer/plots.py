@@ -17,8 +17,7 @@ import numpy.typing as npt
 from pinproof.model import JointGroup
 from pinproof.motion import MotionLimits, RateConstraint, Trajectory
 from pinproof.motion.plot import Panel, panels_of
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 WIDTH, HEIGHT = 360, 150
 """Size of a panel in SVG units, which are pixels on a narrow screen."""
@@ -168,7 +167,7 @@ def _number(value: float, percent: bool) -> str:
 
 
 def _points(x: Array, y: Array) -> str:
-    """The points of a line, without those that are within :data:`FLAT` of the line between their neighbours."""
+    """The points of a line, without points within :data:`FLAT` of the line between their neighbours."""
     kept = [0]
     for i in range(1, len(x) - 1):
         first = kept[-1]

@@ -91,7 +91,7 @@ def find_browser() -> str:
 
 
 def screenshot(html: str, fragment: str, size: tuple[int, int], browser: str, fallback_folder: Path) -> bytes:
-    """Render a page as PNG of a size in pixels; ``fragment`` is that of its URL, such as ``#still``.
+    """Render a page as PNG of a size in pixels; ``fragment`` is the end of its URL, such as ``#still``.
 
     Temporary files are created in ``fallback_folder`` if the browser cannot access the folder of the system.
     ViewerError if the browser fails, exceeds :data:`TIMEOUT`, or does not support WebGL.

@@ -16,10 +16,8 @@ from pinproof.collision import Obstacle, Scene
 from pinproof.description import LinkGeometry
 from pinproof.errors import MeshError
 from pinproof.model import JointGroup
-from pinproof.spatial import matrix
+from pinproof.spatial import Array, matrix
 from pinproof.viewer.surfaces import Surface, body_surfaces, link_surfaces, merge_by_colour, obstacle_surfaces, shade
-
-Array = npt.NDArray[np.float64]
 
 MAX_BYTES = 10e6
 """Size of all meshes of a page in base64. With the viewer (1 MB) and a motion, the page is then below 15 MB."""

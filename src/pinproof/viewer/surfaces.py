@@ -44,8 +44,8 @@ from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description import LinkGeometry, meshes
 from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, collada_unit, read_mesh, resolved, z_up
 from pinproof.errors import InputError, MeshError, ViewerError
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Rgba = tuple[float, float, float, float]
 Triangles = tuple[Array, npt.NDArray[np.int64]]
 """Vertices (V, 3) in metres and triangles (F, 3) of vertex indices."""

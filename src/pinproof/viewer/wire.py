@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.spatial import Array
 from pinproof.viewer.surfaces import Surface
-
-Array = npt.NDArray[np.float64]
 
 TYPED_ARRAYS = {"float32": "Float32Array", "int8": "Int8Array", "uint16": "Uint16Array", "uint32": "Uint32Array"}
 

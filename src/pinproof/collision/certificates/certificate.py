@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision.certificates.identity import body_digest, curve_hash, setup_hash
 from pinproof.collision.certificates.path_constraints import (
@@ -27,13 +26,12 @@ from pinproof.common.display import html_block, html_list, outline
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import JointGroup
 from pinproof.motion import Curve, MotionRecord
+from pinproof.spatial import Array
 
 if TYPE_CHECKING:
     from pinproof.collision.certificates.proof_file import ProvenMotion
     from pinproof.collision.checking.checker import CollisionChecker
     from pinproof.collision.checking.movers import Mover
-
-Array = npt.NDArray[np.float64]
 
 
 EVIDENCE_PAIR, EVIDENCE_DISTANCE = 2, 3

@@ -40,9 +40,7 @@ from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.errors import InputError
 from pinproof.motion import Curve, Trajectory
 from pinproof.motion.curve import read_only
-from pinproof.spatial import finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite
 
 GOAL_SHARE = 0.5
 """A pair is dropped once this share of the smallest distance found so far is proven, so that the bound is useful."""

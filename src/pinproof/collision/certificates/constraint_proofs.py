@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import ConstraintSettings, prove_constraint
 from pinproof.collision.certificates.certificate import Certificate, CertificateStatus, ProofLimits, parameter_text
@@ -24,8 +23,6 @@ from pinproof.collision.certificates.path_constraints import (
 from pinproof.model import Arm
 from pinproof.motion import Curve
 from pinproof.motion.curve import read_only
-
-Array = npt.NDArray[np.float64]
 
 RESOLUTION = 1e-6
 """rad or m: an interval in which the tcp moves less is not bisected further; the smallest tolerance of a constraint."""

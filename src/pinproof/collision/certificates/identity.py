@@ -210,7 +210,7 @@ _notes: WeakKeyDictionary[CollisionChecker, tuple[list[str], list[str]]] = WeakK
 
 
 def _unchanging_notes(checker: CollisionChecker) -> tuple[list[str], list[str]]:
-    """The notes before and after those about changed files."""
+    """Return the notes that precede and follow the notes about changed files."""
     if checker in _notes:
         return _notes[checker]
     arm, notes = checker.group, list(checker.scene.notes)
@@ -244,12 +244,9 @@ def _some(names: Sequence[str]) -> str:
 
 
 def body_digest(body: Obstacle) -> str:
-    """Return a hash of name, shape and pose of an attached body; a mesh file is hashed by content, not by path.
+    """Return a hash of name, shape and pose of an attached body; FileError if a mesh file cannot be read.
 
-    Raises
-    ------
-    FileError
-        If a mesh file cannot be read.
+    A mesh file is hashed by content, not by path.
     """
     shape, digest = body.shape, hashlib.sha256()
     if isinstance(shape, Mesh) and shape.path is not None:
@@ -263,9 +260,9 @@ def body_digest(body: Obstacle) -> str:
 
 
 def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) -> tuple[str, ...]:
-    """List, in sentences, what a motion was certified with and the checker does not have.
+    """List, in sentences, which parts of the setup of a certified motion the checker does not have.
 
-    Compared are attached bodies, positions of held joints, and the obstacles if the checker has none at all.
+    Compared are attached bodies, positions of held joints, and the obstacles if the checker has none.
     """
     if not records:
         return ()

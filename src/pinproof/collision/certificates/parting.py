@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import Departure, DepartureProof
 from pinproof.collision.certificates.certificate import (
@@ -45,9 +44,7 @@ from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import Curve, bezier
 from pinproof.motion.curve import BezierCurve, read_only
-from pinproof.spatial import matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, matrix
 
 DEEPEST = 1e-3
 """Penetration (m) that is allowed at the start: the usual error of measured or taught poses."""
@@ -196,13 +193,13 @@ class _WithFacets(NamedTuple):
 
     checker: CollisionChecker
     pieces: dict[int, list[_SeparatingPair]]
-    """The separations from the facets of an exact mesh, by the pair of the whole mesh."""
+    """The separations from the facets of an exact mesh, by the pair of the complete mesh."""
     parts_of: dict[int, set[int]]
     """The pairs of its facets and of the rest of the mesh."""
 
 
 class _StartContact(NamedTuple):
-    """A pair in contact at the start beyond what is allowed, with signed distance (m) and margin (m)."""
+    """A pair whose contact at the start is not allowed, with signed distance (m) and margin (m)."""
 
     pair: int
     distance: float
@@ -286,7 +283,7 @@ def _separating_pair(
 def _best(
     moving: MovingBody, tried: Array, levels: Array, gaps: Array, enough: float, motion: _Motion
 ) -> tuple[Departure, DepartureProof, float]:
-    """Return the direction along which a body leaves a convex obstacle: first those with the largest gap are tried.
+    """Return the direction along which a body separates from a convex obstacle; directions with a large gap come first.
 
     Directions along which the two overlap more than at the start are not tried. If no direction separates them, the one
     with the longest span in which the body is proven not to approach is returned.
@@ -306,7 +303,7 @@ def _best(
 
 
 def _directions(body: Body, at: Array, measured: Array) -> Array:
-    """Return (d, 3) unit directions to try: the root's z, the obstacle's axes, and that of the nearest points."""
+    """Return (d, 3) unit directions to try: z of the root, the axes of the obstacle, the line of the nearest points."""
     if isinstance(body.geometry, coal.Halfspace):
         return np.array([at[:3, 2]])
     own = at[:3, :3].T
@@ -342,7 +339,7 @@ def _split(
 
 
 def _with_facets(checker: CollisionChecker, splits: Sequence[_Split]) -> tuple[CollisionChecker, list[list[int]]]:
-    """Return a checker with the parts of meshes, and the pairs of each split: those of its groups, then the rest."""
+    """Return a checker with the parts of meshes, and the pairs of each split: its groups first, then the rest."""
     if not splits:
         return checker, []
     bodies = [body for split in splits for body in split.bodies]
@@ -434,7 +431,7 @@ def _find_start_contact(
 def _start_contact_verdict(
     curve: Curve, checker: CollisionChecker, start_contact: _StartContact, prove: Prove
 ) -> Certificate:
-    """Return the verdict on a curve that starts with a contact beyond what ``parting`` allows."""
+    """Return the verdict on a curve that starts with a contact that ``parting`` does not allow."""
     first, _ = curve.domain
     found = prove(_Part.of(curve, first, first), checker)
     one, other = _owners(checker, start_contact.pair)
@@ -501,7 +498,7 @@ def _not_separated(
 def _on_complete_curve(
     curve: Curve, checker: CollisionChecker, before: Sequence[Certificate], last: Certificate
 ) -> Certificate:
-    """Return the verdict ``last`` on a part, after parts that are proven, as the verdict on the whole curve."""
+    """Return the verdict ``last`` on a part, which follows proven parts, as the verdict on the complete curve."""
     own, setup, notes = identity_of(curve, checker)
     return replace(
         last,

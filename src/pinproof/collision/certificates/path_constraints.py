@@ -1,4 +1,4 @@
-"""Constraints of the tcp along a motion: keep the tool upright, stay in a region, look at a point.
+"""Constraints of the tcp along a motion: an upright tool, a region, an axis that points at a point.
 
 Each constraint is the condition ``error(arm, q) <= tolerance`` at every configuration of a curve. :func:`certify`
 proves it between samples too, and the planners of :mod:`pinproof.planning` plan motions that satisfy it.
@@ -17,9 +17,8 @@ import numpy.typing as npt
 from pinproof._core import PathConstraint as CompiledConstraint
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.spatial import SE3, finite, frozen, matrix, rigid
+from pinproof.spatial import SE3, Array, finite, frozen, matrix, rigid
 
-Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 SMALLEST = 1e-6
@@ -63,7 +62,7 @@ class Upright:
 
     @classmethod
     def keeping(cls, arm: Arm, q: npt.ArrayLike, *, tolerance: float, up: Sequence[float] = (0.0, 0.0, 1.0)) -> Upright:
-        """The constraint with the axis of the tcp that points along ``up`` at q (n,): what is upright stays upright."""
+        """Return the constraint with the axis of the tcp that points along ``up`` at q (n,)."""
         axis = arm.forward_kinematics(q).rotation.T @ np.array(_unit("up", up))
         return cls(tolerance=tolerance, axis_in_tcp=_vector(axis), up=_vector(up))
 
@@ -244,7 +243,7 @@ PathConstraint = Upright | Within | LookAt
 
 @dataclass(frozen=True, eq=False)
 class ConstraintProof:
-    """What is known of one constraint over a curve.
+    """The proof of one constraint over a curve, or the reason why it is not proven.
 
     Parameters
     ----------
@@ -319,7 +318,7 @@ def check_constraints(constraints: Sequence[PathConstraint]) -> tuple[PathConstr
 
 
 def exact_text(constraint: PathConstraint) -> str:
-    """The constraint as text, exact to the last bit; equal texts mean equal constraints."""
+    """Return the constraint as text, exact to the last bit; equal texts mean equal constraints."""
     if isinstance(constraint, Within):
         place = matrix(constraint.base_from_region).tolist()
         numbers = (constraint.tolerance, place, constraint.low, constraint.high, constraint.point_in_tcp)
@@ -328,7 +327,7 @@ def exact_text(constraint: PathConstraint) -> str:
 
 
 def amount(constraint: PathConstraint, error: float) -> str:
-    """An error of a constraint as text: degrees or millimetres, rounded up."""
+    """Return an error of a constraint as text: degrees or millimetres, rounded up."""
     if constraint.unit == "rad":
         return f"{_rounded_up(math.degrees(error), 2)} deg"
     return f"{_rounded_up(error * 1e3, 3)} mm"
@@ -368,7 +367,7 @@ def _angle_between(a: Array, b: Array) -> float:
 
 
 def _frame_at(point: Sequence[float], name: str, direction: Sequence[float]) -> SE3:
-    """A frame at a point whose z axis has a direction."""
+    """Return a frame at a point whose z axis has a given direction."""
     z = np.array(_unit(name, direction))
     x = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])
     x /= np.linalg.norm(x)

@@ -52,7 +52,7 @@ TRACKING = 0.01
 """rad: the assumed deviation from set points that are sent at a fixed period, whose interpolation is not published."""
 
 SAME_END = 1e-6
-"""rad: largest difference of the configuration at the end of a linear move from that of the text."""
+"""rad: largest difference of the end of a linear move from the configuration that the text states."""
 
 SEVERITY = [
     CertificateStatus.FREE,

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision.certificates.certificate import (
     EVIDENCE_DISTANCE,
@@ -24,9 +23,7 @@ from pinproof.collision.certificates.identity import Identity, checked_hash, mes
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
+from pinproof.spatial import Array
 
 
 def setup_differences(before: CollisionChecker, after: CollisionChecker) -> list[str]:
@@ -53,7 +50,7 @@ def setup_differences(before: CollisionChecker, after: CollisionChecker) -> list
 
 
 class SetupChange:
-    """The pairs of a checker that are those of another checker in a different scene, and the pairs that are not.
+    """The pairs that two checkers with different scenes have in common, and the other pairs.
 
     Motions were proven for ``before`` and are to be proven for ``after``. InputError if the robot, its attached
     objects, its held joints or the margin differ, or an array of ``after`` was modified in place.
@@ -101,7 +98,7 @@ class SetupChange:
         )
 
     def _merged(self, leaves: Array, rest: Array) -> Array:
-        """The evidence of all pairs: of those that are kept, and of the rest; the pairs are renumbered."""
+        """Return the evidence of all pairs from that of the kept pairs and of the rest; the pairs are renumbered."""
         renumbered = np.full(len(self.before.pairs), -1)
         renumbered[self.kept_before] = self.kept_after
         kept = leaves.copy()
@@ -181,7 +178,7 @@ def _same(a: Body, b: Body) -> bool:
 
 
 def _kept_pairs(before: CollisionChecker, after: CollisionChecker) -> list[tuple[int, int]]:
-    """The pairs of both checkers, as indices in each, that a joint moves and that have not changed."""
+    """Return the unchanged pairs of both checkers that a joint moves, as indices in each."""
     index = {body.name: i for i, body in enumerate(before.bodies)}
     same: dict[int, int] = {}  # bodies of `after` and `before`
     for j, body in enumerate(after.bodies):

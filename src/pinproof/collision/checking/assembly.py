@@ -19,10 +19,31 @@ from pinproof.collision.geometry.shapes import Mesh, Obstacle
 from pinproof.collision.scenes.scene import Scene
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointGroup
+from pinproof.spatial import Array
 from pinproof.units import FAR, MOST_REACH, warn_of_millimetres
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+Pair = frozenset[str]
+Levels = Mapping[Pair, int]
+
+ROUNDING = 1e-9
+"""Allowance (m) for floating-point error in placements and supports, for each metre of extent of the scene (observed:
+3e-9 m at 100 m). It is subtracted from every distance before it is compared with a margin."""
+
+Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
+"""Cache of obstacle bodies, by identity of the obstacle (of which it keeps a reference) and its link."""
+
+ARMS_KEPT = 8
+"""Number of arms whose joints are kept; several checkers are often made for one arm."""
+
+ROOT = -1
+"""In place of a joint: the body does not move."""
+
+LARGEST_MESH = 30.0
+"""Metres. A larger mesh, with no side below a metre, is assumed to be in millimetres."""
+
+LARGEST_SMALL_PART = 3.0
+"""Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
 
 
 class Margins(NamedTuple):
@@ -80,13 +101,6 @@ def checked_margin(name: str, margin: float) -> float:
     return value
 
 
-ARMS_KEPT = 8
-"""Number of arms whose joints are kept; several checkers are often made for one arm."""
-
-ROOT = -1
-"""In place of a joint: the body does not move."""
-
-
 def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> Geometry:
     """Return the joints of an arm's robot and the bodies on them, obstacles last.
 
@@ -139,10 +153,6 @@ def _joints(arm: JointGroup) -> tuple[JointTree, dict[str, tuple[int, pin.SE3]]]
     return tree, links
 
 
-Pair = frozenset[str]
-Levels = Mapping[Pair, int]
-
-
 def finer_levels(touching: Callable[[Levels], Collection[Pair]], levels: Levels) -> dict[Pair, int]:
     """Return levels of detail at which only those pairs of owners touch whose exact meshes touch.
 
@@ -162,14 +172,6 @@ def finer_levels(touching: Callable[[Levels], Collection[Pair]], levels: Levels)
         if pair in levels:
             found[pair] = levels[pair]
     return found
-
-
-ROUNDING = 1e-9
-"""Allowance (m) for floating-point error in placements and supports, for each metre of extent of the scene (observed:
-3e-9 m at 100 m). It is subtracted from every distance before it is compared with a margin."""
-
-Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
-"""Cache of obstacle bodies, by identity of the obstacle (of which it keeps a reference) and its link."""
 
 
 def only_arm(group: JointGroup) -> Arm:
@@ -230,16 +232,20 @@ class CheckedBodies:
         return self._geometry_model
 
 
+def on_joint(model: Any, body: Body) -> tuple[int, int, pin.SE3]:
+    """Return the frame and the joint of ``model`` that move a body (0 for an obstacle), and its pose on the joint."""
+    if body.link is None:
+        return 0, 0, body.link_from_body
+    index = model.getFrameId(body.link, pin.FrameType.BODY)
+    frame = model.frames[index]
+    return index, frame.parentJoint, frame.placement * body.link_from_body
+
+
 def geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Any:
     """Return Pinocchio's geometry model of the bodies on the joints of ``model``, with the checked pairs."""
     geometry = pin.GeometryModel()
     for body in bodies:
-        if body.link is None:
-            frame, joint, placement = 0, 0, body.link_from_body
-        else:
-            frame = model.getFrameId(body.link, pin.FrameType.BODY)
-            joint = model.frames[frame].parentJoint
-            placement = model.frames[frame].placement * body.link_from_body
+        frame, joint, placement = on_joint(model, body)
         geometry.addGeometryObject(pin.GeometryObject(body.name, joint, frame, placement, body.geometry))
     for i, j in pairs:
         geometry.addCollisionPair(pin.CollisionPair(i, j))
@@ -291,13 +297,6 @@ def assemble(
     rounding = ROUNDING * max((1.0, *(body.extent for body in bodies)))
     geometry = pack_geometry(arm, bodies, rounding)
     return Assembly(bodies, pairs, rounding, geometry, pack_world(geometry, pairs.checked), made)
-
-
-LARGEST_MESH = 30.0
-"""Metres. A larger mesh, with no side below a metre, is assumed to be in millimetres."""
-
-LARGEST_SMALL_PART = 3.0
-"""Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
 
 
 def warn_of_units(arm: JointGroup, bodies: Sequence[Body], scene: Scene) -> None:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.checking.checker import CollisionChecker, require_curve
@@ -19,8 +18,7 @@ from pinproof.collision.checking.movers import Mover, with_movers
 from pinproof.common.display import html_block, html_list
 from pinproof.errors import InputError
 from pinproof.motion import Curve, Trajectory
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 STEP = 0.002
 """Rad or m: no joint moves farther than this between two samples."""

@@ -44,9 +44,7 @@ from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
 from pinproof.motion.curve import Curve
-from pinproof.spatial import finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite
 
 
 @dataclass(frozen=True, eq=False)

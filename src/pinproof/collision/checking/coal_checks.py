@@ -6,13 +6,11 @@ from typing import Any, NamedTuple
 
 import coal
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.checking.assembly import CheckedBodies
 from pinproof.collision.geometry.bodies import Body
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 GJK_TOLERANCE = 1e-8
 """GJK stops when its distance d is within GJK_TOLERANCE (1 + d) metres of the true one, and not below it by more than

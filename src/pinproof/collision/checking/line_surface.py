@@ -21,9 +21,7 @@ from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import HeightMap, Mesh, Obstacle, PointCloud, Sphere
 from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
 from pinproof.errors import InputError
-from pinproof.spatial import SE3
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array
 
 CONE_SIDES = 128
 """Sides of the inscribed pyramid by which the surface of a cone is intersected; it is within 0.03 % of the radius."""

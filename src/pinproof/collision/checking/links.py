@@ -43,7 +43,7 @@ KINDS: dict[str, type[Box] | type[Sphere] | type[Cylinder] | type[Capsule]] = {
 }
 
 DEFAULT = "*"
-"""The key of a mapping that stands for every link without an own key."""
+"""The key of a mapping for every link without an own key."""
 
 
 def meshes_of(links: Iterable[str], link_meshes: LinkMeshes | Mapping[str, LinkMeshes]) -> dict[str, LinkMeshes]:

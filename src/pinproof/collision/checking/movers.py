@@ -25,9 +25,7 @@ from pinproof.model import JointGroup, JointLimits, Robot
 from pinproof.model.chain import chain_of, held_values
 from pinproof.motion import Curve, Trajectory
 from pinproof.motion.group_motion import TimedColumns, merged
-from pinproof.spatial import SE3, finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, finite
 
 FARTHEST = 30.0
 """Metres. Longer travel would exceed the allowance for rounding of the distances."""
@@ -176,7 +174,7 @@ class TimedScene(NamedTuple):
     trajectory: Trajectory
     """The motion of the arm and of the movers."""
     checker: CollisionChecker
-    """The checker of the arm and the movers; its obstacles are those at rest."""
+    """The checker of the arm and the movers; its scene has only the obstacles at rest."""
     tolerances: Array
     """(N,) the tolerances of the movers (m or rad), 0 for the joints of the arm."""
 

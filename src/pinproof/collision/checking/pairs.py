@@ -124,9 +124,9 @@ def choose_pairs(
     fixed = [owner for owner, own in members.items() if bodies[own[0]].link is None]
     plain = [i for owner in fixed if owner not in named for i in members[owner]]
     carried = {owner for owner in moving if bodies[members[owner][0]].link in robot.movers.values()}
-    own = [owner for owner in moving if owner not in carried]
-    pairs = Pairs([(i, j) for a in own for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
-    for a, b in (*combinations(moving, 2), *product(own, (owner for owner in fixed if owner in named))):
+    of_robot = [owner for owner in moving if owner not in carried]
+    pairs = Pairs([(i, j) for a in of_robot for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
+    for a, b in (*combinations(moving, 2), *product(of_robot, (owner for owner in fixed if owner in named))):
         if a in carried and b in carried:
             continue
         key = frozenset((a, b))
@@ -163,7 +163,7 @@ def overlap_levels(bodies: Sequence[Body], arm: JointGroup, rules: PairRules) ->
 
 
 def _on_level(bodies: Sequence[Body], members: Sequence[int], level: int) -> list[int]:
-    """Return the bodies of one owner on a level: those of level 0, except where finer ones replace them."""
+    """Return the bodies of one owner on a level: bodies of level 0, except where finer ones replace them."""
     closer = [i for i in members if level and bodies[i].level == level]
     replaced = {bodies[i].source for i in closer}
     return [i for i in members if bodies[i].level == 0 and not (closer and bodies[i].source in replaced)] + closer
@@ -180,7 +180,7 @@ def unexplained_pairs(robot: Robot) -> set[frozenset[str]]:
 
 
 def _is_root_frame(robot: Robot, link: str) -> bool:
-    """Whether a link frame is that of the root, such as ``base_link`` fixed to ``world`` without an offset."""
+    """Whether a link frame equals the root frame, such as ``base_link`` fixed to ``world`` without an offset."""
     if link not in robot.urdf.links:
         return False
     model = robot.model

@@ -10,13 +10,11 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import Workspace, World
 from pinproof.collision.checking.assembly import CheckedBodies
 from pinproof.collision.checking.coal_checks import CoalWorkspace, Distance, MeasureConvex
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 
 class NearestBodies(NamedTuple):

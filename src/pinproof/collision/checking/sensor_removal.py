@@ -19,12 +19,10 @@ from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
-from pinproof.spatial import matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, matrix
 
 SEEN_THROUGH = 0.5
-"""Largest share of the pixels on a body that may measure what is behind it: more show that the body is elsewhere."""
+"""Largest share of the pixels on a body that may measure surfaces behind it; more show that the body is elsewhere."""
 
 JOINED = 1e-6
 """Metres between two convex pieces of a body up to which a ray that leaves one enters the other."""
@@ -65,10 +63,10 @@ class _Crossing(NamedTuple):
 def remove_robot(
     grid: OccupancyGrid, checker: CollisionChecker, q: npt.ArrayLike, *, padding: float | None = None
 ) -> OccupancyGrid:
-    """Return a grid without the robot itself, which the camera sees and which hides what is behind it.
+    """Return a grid without the robot itself, which the camera sees and which hides the space behind it.
 
     Cells that are entirely within ``padding`` of a link or attached object become free. Anything else in them is no
-    longer an obstacle; the record states how many cells this are.
+    longer an obstacle; the record states the number of cells.
 
     Parameters
     ----------

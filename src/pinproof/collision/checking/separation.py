@@ -19,9 +19,8 @@ from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.checking.coal_checks import MeasureConvex
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.hulls import Solid, bvh
-from pinproof.spatial import matrix
+from pinproof.spatial import Array, matrix
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Follow = Callable[[Departure], DepartureProof]
 

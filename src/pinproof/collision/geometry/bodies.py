@@ -41,9 +41,7 @@ from pinproof.collision.geometry.shapes import (
 from pinproof.collision.geometry.surfaces import Cells, Ground, cell_faces, cells_of, ground_surface, merged_boxes
 from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
-from pinproof.spatial import frozen, matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, frozen, matrix
 
 MESHES_KEPT = 128
 """Number of mesh files whose hull or solid is cached."""

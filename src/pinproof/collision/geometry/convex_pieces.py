@@ -29,12 +29,10 @@ from itertools import combinations
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision.geometry.hulls import Solid, box_of, bvh, inside
 from pinproof.collision.geometry.triangles import PointHull, cut_crossing, with_area
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 
 def _heights(points: Array, plane: Array, snap: float) -> Array:

@@ -27,11 +27,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.geometry.triangles import PointHull, cut_crossing, with_area
+from pinproof.spatial import Array
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-Array = npt.NDArray[np.float64]
 
 PIECES = 12
 """Maximum number of hulls: more hulls increase the number of pairs more than they improve the fit."""

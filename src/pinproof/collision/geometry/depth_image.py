@@ -1,4 +1,4 @@
-"""Depth images and point clouds: cameras, checks of units and sizes, and the bodies that an image looks through."""
+"""Depth images and point clouds: cameras, checks of units and sizes, and bodies that are removed from them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ import numpy.typing as npt
 
 from pinproof._core import Shape
 from pinproof.collision.geometry.sensor_files import read_image, read_points
+from pinproof.collision.geometry.shape_values import point_array
 from pinproof.common.validation import named_arguments, require_integer, require_positive
 from pinproof.errors import InputError
-from pinproof.spatial import SE3, finite, matrix, rigid
+from pinproof.spatial import SE3, Array, finite, matrix, rigid
 from pinproof.units import MOST_REACH
-
-Array = npt.NDArray[np.float64]
 
 DEPTH_UNCERTAINTY = 0.005
 """Default largest error (m) of a measured depth: about that of common depth cameras at a distance of 1 m."""
@@ -25,17 +24,17 @@ LEAST_DEPTH = 0.01
 """Metres. A median depth below this is too near for any depth camera: the image is in other units."""
 
 LARGEST_WHOLE = 10.0
-"""Metres. An image of whole numbers whose median exceeds this is in millimetres."""
+"""Metres. An image of integers whose median exceeds this is in millimetres."""
 
 SATURATED = 2**16 - 1
-"""The largest number of 16 bits, which is no measurement."""
+"""The largest number of 16 bits, which marks pixels without a measurement."""
 
 SAMPLES = 10_000
-"""Number of pixels of which the unit of an image is judged."""
+"""Number of pixels by which the unit of an image is checked."""
 
 OFF_CENTER = 0.2
-"""Share of the image by which the principal point of a camera may be off the center of its image; that of an image of
-half the size is off by 0.25."""
+"""Share of the image by which the principal point of a camera may be off the center of its image; the principal point
+for an image of half the size is off by 0.25."""
 
 
 @named_arguments
@@ -256,16 +255,9 @@ def _pixels(image: Any) -> npt.NDArray[Any]:
 def _measured_points(points: npt.ArrayLike | str | Path) -> tuple[Array, str]:
     """Return the finite points (N, 3) of an array or file, and a sentence on their number."""
     what = f"the point cloud {points}" if isinstance(points, (str, Path)) else "the point cloud"
-    try:
-        stated = np.array(read_points(points) if isinstance(points, (str, Path)) else points, dtype=float)
-        if isinstance(points, np.ma.MaskedArray):
-            stated[np.ma.getmaskarray(points)] = np.nan  # masked points are no measurements
-    except (TypeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{what} must be numbers of the shape (N, 3): {error}") from error
-    if stated.size and (stated.ndim != 2 or stated.shape[1] != 3):
-        raise InputError(f"{what} must have the shape (N, 3); it has {stated.shape}")
+    stated = point_array(what, read_points(points) if isinstance(points, (str, Path)) else points)
+    if isinstance(points, np.ma.MaskedArray):
+        stated[np.ma.getmaskarray(points)] = np.nan  # masked points are no measurements
     if not stated.size:
         raise InputError(f"{what} is empty")
     cloud = stated[np.isfinite(stated).all(axis=1)]

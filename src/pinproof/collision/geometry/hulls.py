@@ -15,8 +15,10 @@ import numpy.typing as npt
 
 from pinproof.collision.geometry.triangles import connected_parts
 from pinproof.errors import InputError
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
+Triangles = npt.NDArray[np.int64]
+"""Indices of vertices (F, 3)."""
 
 FLAT = 1e-6
 """Metres. Points with a smaller extent in some direction are flat: Qhull terminates the interpreter on them."""
@@ -91,7 +93,7 @@ def bvh(vertices: Array, triangles: npt.NDArray[np.int64]) -> Any:
 
 
 def _principal_box(points: Array) -> tuple[Array, Array, Array, Array]:
-    """Centre (3,), axes as rows (3, 3), and the lowest and highest coordinates along them: the points' own box."""
+    """Return centre (3,), principal axes as rows (3, 3), and the extreme coordinates (3,) of points along them."""
     centre = points.mean(axis=0)
     # The right singular vectors of the centred points are the eigenvectors of their 3 x 3 scatter; QR keeps accuracy.
     triangle = np.linalg.qr(np.concatenate([points - centre, np.zeros((3, 3))]), mode="r")
@@ -100,11 +102,8 @@ def _principal_box(points: Array) -> tuple[Array, Array, Array, Array]:
     return centre, axes, along.min(axis=0), along.max(axis=0)
 
 
-Triangles = npt.NDArray[np.int64]
-
-
 class Inside(Protocol):
-    """The volume that a surface encloses."""
+    """The volume that a surface encloses, as a protocol of all kinds of surfaces."""
 
     @property
     def watertight(self) -> bool:
@@ -142,7 +141,7 @@ class Solid:
     witnesses
         (K, 3) one vertex of each part.
     corners
-        (F, 3, 3) the triangles that have three different corners; of a watertight mesh, solid parts turned outwards.
+        (F, 3, 3) the triangles with three different corners; solid parts of a watertight mesh are oriented outwards.
     box
         (2, 3) the least and the greatest coordinates of a watertight mesh.
     solids
@@ -225,10 +224,10 @@ class _Edges:
         return cls(np.tile(np.arange(len(faces)), 3), number, np.where(ends[:, 0] < ends[:, 1], 1, -1))
 
     def parts(self, count: int) -> list[Triangles]:
-        """The triangles of each part, as indices of the ``count`` triangles.
+        """Return the triangles of each part, as indices of the ``count`` triangles.
 
         Bodies that touch, or share vertices or edges, are separate parts: an edge of more than two triangles, or of two
-        in one direction, connects none.
+        in the same direction, does not connect them.
         """
         order = np.argsort(self.number, kind="stable")
         begins = np.flatnonzero(np.diff(self.number[order], prepend=-1))
@@ -250,7 +249,7 @@ class _Edges:
 
 
 def _oriented(points: Array, faces: Triangles, parts: list[Triangles]) -> tuple[Array, bool]:
-    """The triangles (F, 3, 3), solid parts turned outwards and cavities inwards, and whether there are no cavities."""
+    """Return triangles (F, 3, 3), solid parts oriented outwards and cavities inwards, and whether no cavity exists."""
     corners = points[faces]
     corners = corners - corners.mean(axis=(0, 1))  # avoids cancellation far from the origin
     volume = np.array([np.linalg.det(corners[part]).sum() / 6 for part in parts])
@@ -258,9 +257,7 @@ def _oriented(points: Array, faces: Triangles, parts: list[Triangles]) -> tuple[
     if volume.sum() < 0:
         corners, volume = corners[:, ::-1], -volume
     cavities = False
-    for k in sorted(
-        np.flatnonzero(volume < 0), key=lambda k: float(volume[k])
-    ):  # large parts first: they contain small ones
+    for k in sorted(np.flatnonzero(volume < 0), key=lambda k: float(volume[k])):  # large parts contain small ones
         others = np.concatenate([part for i, part in enumerate(parts) if i != k])
         within = winding_number(corners[parts[k][0], 0], corners[others]) > 0.5
         if not within or _touch(corners[parts[k]], corners[others]):

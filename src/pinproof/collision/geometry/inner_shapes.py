@@ -10,13 +10,11 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision.geometry.bodies import MOST_EXCESS, Body, Support
 from pinproof.collision.geometry.hulls import Solid, winding_number
 from pinproof.collision.geometry.triangles import with_area
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 MOST_BALLS = 24
 """Largest number of balls in a body."""
@@ -211,7 +209,7 @@ def _distance(point: Array, corners: Array) -> float:
 
 
 def _far_apart(points: Array) -> Array:
-    """Return (m, 3) a subset of points (k, 3), each as far as possible from those before it."""
+    """Return (m, 3) a subset of points (k, 3), each as far as possible from the previous ones."""
     if len(points) <= MOST_CORNERS:
         return points
     chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]

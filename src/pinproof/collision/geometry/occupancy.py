@@ -23,15 +23,14 @@ from pinproof.collision.geometry.octomap_file import THRESHOLD, OctomapLeaves, r
 from pinproof.collision.geometry.shape_values import LARGEST_SIZE, ByContent, checked_size
 from pinproof.common.validation import named_arguments, require_integer, require_positive
 from pinproof.errors import InputError
-from pinproof.spatial import finite, matrix
+from pinproof.spatial import Array, finite, matrix
 
-Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.uint8]
 Bounds = Sequence[Sequence[float]] | Array
 
 FREE, SEEN, UNKNOWN, CLEARED = 0, 1, 2, 3
-"""The states of a cell: proven free; a surface was measured in it or right beside it; neither; free, because a body was
-removed, which another view may contradict."""
+"""The states of a cell: proven free; a surface was measured in it or directly beside it; unknown; free because a body
+was removed, which another view may contradict."""
 
 MOST_CELLS = 2**26
 """Largest number of cells of a grid: 64 MB."""
@@ -41,7 +40,7 @@ PIXEL_MARGIN = 1
 centres of two pixels, and then only one of them measures the body."""
 
 POLICIES = ("occupied", "free")
-"""What cells are that were not seen."""
+"""The valid states of cells that were not seen."""
 
 
 @named_arguments
@@ -136,7 +135,7 @@ class OccupancyGrid(ByContent):
 
     @property
     def remark(self) -> str:
-        """What a certificate states about the grid."""
+        """The note of certificates about the grid."""
         low, high = (", ".join(f"{x:g}" for x in corner) for corner in np.round(self.bounds, 6))
         policy = {"occupied": "space that was not seen is an obstacle", "free": "space that was not seen is free"}
         head = f"occupancy grid of cells of {self.voxel:g} m; {policy[self.unknown]}; space outside of ({low}) to "

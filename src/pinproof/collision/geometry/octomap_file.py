@@ -34,7 +34,7 @@ THRESHOLD = 0.5
 """Default occupancy from which a leaf of a ``.ot`` file is occupied, as in OctoMap."""
 
 HEADS = {b"# Octomap OcTree binary file": True, b"# Octomap OcTree file": False}
-"""How the first line begins, and whether the data are those of a ``.bt`` file."""
+"""The beginning of the first line, and whether the file is a ``.bt`` file."""
 
 COLOURS = {"OcTree": 0, "ColorOcTree": 3}
 """Bytes between the log-odds of a node and its children in ``.ot`` files, by the ``id`` of the tree."""
@@ -184,7 +184,7 @@ def _binary_tree(path: Path, data: bytes) -> tuple[int, Integers, npt.NDArray[np
 
 
 def _full_tree(path: Path, data: bytes, kind: str, least: float) -> tuple[int, Integers, npt.NDArray[np.bool_]]:
-    """The same of a ``.ot`` file; leaves whose log-odds are ``least`` or more are occupied."""
+    """Return the same for a ``.ot`` file; leaves whose log-odds are ``least`` or more are occupied."""
     if kind not in COLOURS:
         raise FileError(path, f"holds a tree of the type {kind!r}; valid: {', '.join(COLOURS)}")
     node = np.dtype([("odds", "<f4"), ("colour", "u1", (COLOURS[kind],)), ("children", "u1")])

@@ -10,9 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-from pinproof.spatial import finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite
 
 SMALLEST_SIZE = 1e-6
 """Metres. Smaller sides are refused: coal's hulls fail near 1e-8, and no real object is thinner."""
@@ -41,6 +39,19 @@ def coordinates(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) 
     if array.size and float(np.abs(array).max()) > LARGEST_SIZE:
         raise InputError(f"{name} holds {np.abs(array).max():g}; coordinates are limited to {LARGEST_SIZE:g} m")
     array.setflags(write=False)
+    return array
+
+
+def point_array(name: str, value: npt.ArrayLike) -> Array:
+    """Return points (N, 3), which may be not finite; InputError if the shape is another."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} must be numbers of the shape (N, 3): {error}") from error
+    if array.size == 0:
+        return np.zeros((0, 3))
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"{name} must have the shape (N, 3); it has {array.shape}")
     return array
 
 

@@ -22,26 +22,17 @@ import pinocchio as pin
 
 from pinproof.collision.geometry.hulls import refuse_flat
 from pinproof.collision.geometry.occupancy import OccupancyGrid
-from pinproof.collision.geometry.shape_values import LARGEST_SIZE, SMALLEST_SIZE, ByContent, checked_size, coordinates
+from pinproof.collision.geometry.shape_values import (
+    LARGEST_SIZE,
+    SMALLEST_SIZE,
+    ByContent,
+    checked_size,
+    coordinates,
+    point_array,
+)
 from pinproof.common.validation import named_arguments
 from pinproof.errors import InputError
-from pinproof.spatial import finite, frozen, rigid
-
-Array = npt.NDArray[np.float64]
-
-
-def _points(name: str, value: npt.ArrayLike) -> Array:
-    """Return points (N, 3), which may be not finite."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name} must be numbers of shape (N, 3): {error}") from error
-    if array.size == 0:
-        return np.zeros((0, 3))
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(f"{name} must have the shape (N, 3); it has {array.shape}")
-    return array
-
+from pinproof.spatial import Array, finite, frozen, rigid
 
 GRID_CELLS = 2**20
 """Number of cells of a point cloud on either side of the origin along each axis: three indices fit into 63 bits."""
@@ -156,7 +147,7 @@ class PointCloud(ByContent):
     resolution: float
 
     def __post_init__(self) -> None:
-        stated = _points("PointCloud.points", self.points)
+        stated = point_array("PointCloud.points", self.points)
         measured = np.isfinite(stated).all(axis=1)
         points = coordinates("PointCloud.points", stated[measured], (None, 3))
         if len(points) == 0:
@@ -317,7 +308,7 @@ SHAPES_BY_KEY: dict[str, type[Shape]] = {
 """Every shape by its key in files: ``half_space`` for :class:`HalfSpace`."""
 
 ANYTHING = "*"
-"""In an allowed contact: any robot link or attached object."""
+"""The name of any robot link or attached object in an allowed contact."""
 
 
 @dataclass(frozen=True, eq=False)

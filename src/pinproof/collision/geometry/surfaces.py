@@ -1,4 +1,4 @@
-"""Height maps and point clouds as closed triangle surfaces, and the volumes that they enclose.
+"""Height maps, point clouds and occupancy grids as closed surfaces, as boxes, and as volumes.
 
 Coal's height fields have no distance queries and no queries against meshes. Coal's octrees are not usable either: two
 of them are always in contact, queries against an ellipsoid are not supported, they cannot be pickled, and points
@@ -9,18 +9,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import permutations
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import GRID_CELLS, HeightMap, PointCloud, cell_numbers
-from pinproof.collision.geometry.triangles import connected_parts
+from pinproof.collision.geometry.triangles import Indices, connected_parts
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
+CellShape = PointCloud | OccupancyGrid
 
 
-def ground_surface(ground: HeightMap) -> tuple[Array, npt.NDArray[np.int64]]:
+def ground_surface(ground: HeightMap) -> tuple[Array, Indices]:
     """Return the closed surface of a height map: vertices (V, 3), triangles (F, 3) counter-clockwise from outside."""
     rows, columns = ground.heights.shape
     x, y = np.meshgrid(
@@ -44,14 +46,10 @@ def ground_surface(ground: HeightMap) -> tuple[Array, npt.NDArray[np.int64]]:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The volume enclosed by a height map."""
+    """The volume of a height map, which is solid."""
 
     ground: HeightMap
-
-    @property
-    def watertight(self) -> bool:
-        """A height map is always solid."""
-        return True
+    watertight: ClassVar[bool] = True
 
     @property
     def witnesses(self) -> Array:
@@ -85,12 +83,6 @@ class Ground:
 def _ridge_ac(heights: Array) -> npt.NDArray[np.bool_]:
     """(ny - 1, nx - 1) whether the diagonal from the low-x, low-y corner of a cell is the higher one at its middle."""
     return np.asarray(heights[:-1, :-1] + heights[1:, 1:] >= heights[:-1, 1:] + heights[1:, :-1])
-
-
-Indices = npt.NDArray[np.int64]
-
-
-CellShape = PointCloud | OccupancyGrid
 
 
 def cells_of(shape: CellShape) -> tuple[Indices, float]:
@@ -202,6 +194,7 @@ class Cells:
     (m), and ``witnesses`` (W, 3) are the middles of one cell of each part that is connected by faces.
     """
 
+    watertight: ClassVar[bool] = True
     cells: Indices
     resolution: float
     witnesses: Array = field(init=False)
@@ -212,11 +205,6 @@ class Cells:
         object.__setattr__(self, "_keys", np.sort(keys))
         first = _first_of_each_part(self.cells, keys)
         object.__setattr__(self, "witnesses", (self.cells[first] + 0.5) * self.resolution)
-
-    @property
-    def watertight(self) -> bool:
-        """Cells are solid."""
-        return True
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3) lies in an occupied cell."""

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
+
 Indices = npt.NDArray[np.int64]
 
 PRODUCTS = 2**20

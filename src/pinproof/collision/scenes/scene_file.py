@@ -8,6 +8,10 @@ Unknown keys and invalid values are refused with their line, because a scene tha
 
 from __future__ import annotations
 
+import base64
+import binascii
+import math
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -16,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pinproof.collision.geometry.occupancy import OccupancyGrid
+from pinproof.collision.geometry.depth_image import DepthView, Intrinsics
+from pinproof.collision.geometry.occupancy import MOST_CELLS, OccupancyGrid
 from pinproof.collision.geometry.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, Shape
-from pinproof.collision.scenes.grid_file import read_grid, stated_grid
-from pinproof.collision.scenes.scene_keys import ATTACHED, OBSTACLE, POSE, SCENE, SHAPES
+from pinproof.collision.scenes.scene_keys import ATTACHED, INTRINSICS, OBSTACLE, POSE, SCENE, SHAPES, VIEW
 from pinproof.common.files import is_file
 from pinproof.common.yaml_file import (
     LinedMapping,
@@ -32,6 +36,9 @@ from pinproof.common.yaml_file import (
 from pinproof.errors import InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, Array, finite, pose
 from pinproof.units import MOST_REACH, refuse_degrees
+
+GRID_SOURCES = ("cells", "views", "octomap")
+"""The keys of which an occupancy grid has exactly one."""
 
 LARGEST_INDEX = 2**53
 """Up to this number every integer is a double."""
@@ -54,7 +61,7 @@ def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
     if kind == "mesh":
         return _mesh(path, stated)
     if kind == "occupancy_grid":
-        return read_grid(path, stated, where, numbers_of, pose_of)
+        return _grid(path, stated, where)
     missing = [key for key in table.required if key not in stated]
     if missing:
         raise InputError(f"{kind} does not state its {' and '.join(missing)}")
@@ -73,7 +80,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
         inside = file.relative_to(folder) if file.is_relative_to(folder) else file
         return "mesh", {"path": inside.as_posix(), "scale": _listed(shape.scale), **how}
     if isinstance(shape, OccupancyGrid):
-        return "occupancy_grid", stated_grid(shape)
+        return "occupancy_grid", _stated_grid(shape)
     kind = next((kind for kind, made in SHAPES_BY_KEY.items() if type(shape) is made), None)
     if kind is None:
         raise InputError(f"a {type(shape).__name__} has no key in files; valid: {', '.join(SHAPES)}")
@@ -116,14 +123,123 @@ def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:
         raise InputError("mesh does not state its path, nor its vertices and triangles")
     if "vertices" in stated or "triangles" in stated:
         raise InputError("mesh has a path, and vertices or triangles; only one or the other is possible")
-    file = stated["path"]
-    if not isinstance(file, str) or not file:
-        raise InputError(f"mesh.path: {file!r} is not a file name")
-    full = path.parent / file
-    if not is_file(full):
-        raise InputError(f"mesh.path: there is no file {full}; paths are relative to the scene file")
+    file = _existing(path, "mesh.path", stated["path"])
     scale = numbers_of("mesh.scale", stated.get("scale", 1.0))
-    return Mesh(full, tuple(scale) if isinstance(scale, list) else scale, hull, hollow)
+    return Mesh(file, tuple(scale) if isinstance(scale, list) else scale, hull, hollow)
+
+
+def _stated_grid(grid: OccupancyGrid) -> dict[str, Any]:
+    """Return a grid as a mapping for a file; it has about one byte for every twenty cells."""
+    packed = base64.b64encode(zlib.compress(grid.cells.tobytes(), 9)).decode("ascii")
+    return {
+        "voxel": grid.voxel,
+        "unknown": grid.unknown,
+        "low": list(grid.low),
+        "count": list(grid.cells.shape),
+        "cells": packed,
+        "record": list(grid.record),
+    }
+
+
+def _grid(path: Path, stated: Mapping[str, Any], where: str) -> OccupancyGrid:
+    """Return the grid of a mapping: the states of its cells, the depth images of which it is made, or a map."""
+    source = [key for key in GRID_SOURCES if key in stated]
+    if len(source) != 1:
+        raise InputError(
+            f"occupancy_grid has {' and '.join(source) or 'no source of its cells'}; it needs one of "
+            f"{', '.join(GRID_SOURCES)}"
+        )
+    required = {"cells": ("voxel", "low", "count"), "views": ("voxel", "bounds"), "octomap": ()}[source[0]]
+    optional = {"cells": ("record",), "views": (), "octomap": ("bounds", "threshold")}[source[0]]
+    valid = (source[0], "unknown", *required, *optional)
+    refuse_unknown(SceneError, path, f"key of occupancy_grid with {source[0]}", stated, valid, where)
+    missing = [key for key in required if key not in stated]
+    if missing:
+        raise InputError(f"occupancy_grid does not state its {' and '.join(missing)}")
+
+    def number(key: str, shape: tuple[int, ...] = ()) -> np.ndarray:
+        return finite(f"occupancy_grid.{key}", numbers_of(f"occupancy_grid.{key}", stated[key]), shape)
+
+    unknown = stated.get("unknown", "occupied")
+    if "octomap" in stated:
+        threshold = {"threshold": float(number("threshold"))} if "threshold" in stated else {}
+        box = number("bounds", (2, 3)) if "bounds" in stated else None
+        file = _existing(path, "occupancy_grid.octomap", stated["octomap"])
+        return OccupancyGrid.from_octomap(file, unknown=unknown, bounds=box, **threshold)
+    voxel = float(number("voxel"))
+    if "cells" in stated:
+        low, count = (number(key, (3,)) for key in ("low", "count"))
+        record = stated.get("record", [])
+        if not isinstance(record, list) or not all(isinstance(line, str) for line in record):
+            raise InputError("occupancy_grid.record: must be a list of texts")
+        return OccupancyGrid(
+            _cells(stated["cells"], count.tolist()), voxel, tuple(low.tolist()), unknown, tuple(record)
+        )
+    views = stated["views"]
+    if not isinstance(views, list) or not views:
+        raise InputError(f"occupancy_grid.views: {views!r} is not a list of views")
+    bounds = number("bounds", (2, 3))
+    grids = []
+    for view in views:
+        if not isinstance(view, dict):
+            raise InputError(f"occupancy_grid.views: {view!r} is not a view; valid keys: {', '.join(VIEW.names)}")
+        refuse_unknown(SceneError, path, "key of a view", view, VIEW.names, where)
+        seen, margin = _view(path, view, where)
+        grids.append(OccupancyGrid.from_view(seen, voxel=voxel, bounds=bounds, unknown=unknown, **margin))
+    return grids[0].fuse(*grids[1:])
+
+
+def _existing(path: Path, key: str, stated: object) -> Path:
+    """Return the file that a key of the scene file ``path`` names."""
+    if not isinstance(stated, str) or not stated:
+        raise InputError(f"{key}: {stated!r} is not a file name")
+    file = path.parent / stated
+    if not is_file(file):
+        raise InputError(f"{key}: there is no file {stated!r} in {path.parent}; paths are relative to the scene file")
+    return file
+
+
+def _cells(stated: object, count: list[float]) -> np.ndarray:
+    """Return the states of cells (nx, ny, nz) of their text."""
+    shape = tuple(int(side) for side in count)
+    size = math.prod(shape)
+    if list(shape) != count or min(shape) < 1 or size > MOST_CELLS:
+        raise InputError(f"occupancy_grid.count: {count} must be three integers, with at most {MOST_CELLS} cells")
+    try:
+        unpacked = zlib.decompressobj()
+        data = unpacked.decompress(base64.b64decode(str(stated), validate=True), size + 1)
+    except (binascii.Error, ValueError, zlib.error) as error:
+        raise InputError(f"occupancy_grid.cells: cannot be decoded ({error}); Scene.save writes it") from error
+    if len(data) != size:
+        raise InputError(f"occupancy_grid.cells: does not hold the states of {size} cells")
+    return np.frombuffer(data, dtype=np.uint8).reshape(shape)
+
+
+def _view(path: Path, stated: Mapping[str, Any], where: str) -> tuple[DepthView, dict[str, int]]:
+    """Return a depth image or point cloud as seen by its camera, and the ``pixel_margin`` if it is stated."""
+    missing = [key for key in VIEW.required if key not in stated]
+    if missing:
+        raise InputError(f"a view of occupancy_grid does not state its {' and '.join(missing)}")
+    source = [key for key in ("image", "points") if key in stated]
+    if len(source) != 1 or ("points" in stated and "depth_scale" in stated):
+        raise InputError("a view of occupancy_grid needs one of image and points; points have no depth_scale")
+    file = _existing(path, f"view.{source[0]}", stated[source[0]])
+    for key, table in (("intrinsics", INTRINSICS), ("camera", POSE)):
+        if not isinstance(stated[key], dict):
+            raise InputError(f"view.{key}: {stated[key]!r} is not a mapping of {', '.join(table.names)}")
+        refuse_unknown(SceneError, path, f"key of {key}", stated[key], table.names, where)
+    lens = {key: numbers_of(f"intrinsics.{key}", value) for key, value in stated["intrinsics"].items()}
+    settings = {
+        key: float(finite(f"view.{key}", numbers_of(f"view.{key}", stated[key]), ()))
+        for key in ("depth_scale", "depth_uncertainty")
+        if key in stated
+    }
+    for key in ("width", "height"):
+        if key in lens and lens[key] == int(lens[key]):
+            lens[key] = int(lens[key])
+    read = DepthView.read if source == ["image"] else DepthView.from_points
+    seen = read(file, Intrinsics(**lens), pose_of(stated["camera"]), **settings)
+    return seen, {key: stated[key] for key in ("pixel_margin",) if key in stated}
 
 
 def _truth(key: str, stated: object) -> bool:

@@ -92,7 +92,7 @@ INTRINSICS = KeyTable(
 
 
 def _without(*keys: str) -> dict[str, Any]:
-    """The rule of a schema that none of some keys is present."""
+    """Return the rule of a schema that excludes some keys."""
     return {"not": {"anyOf": [{"required": [key]} for key in keys]}}
 
 
@@ -129,7 +129,7 @@ GRID = KeyTable(
     "occupancy_grid",
     "Space that depth images prove free, or that a map of OctoMap states free; everything else is an obstacle.",
     FileKey("voxel", SIZE, "with `views` or `cells`: side of a cell", "m"),
-    FileKey("unknown", {"enum": list(POLICIES)}, "what cells are that were not seen", "", POLICIES[0]),
+    FileKey("unknown", {"enum": list(POLICIES)}, "the state of cells that were not seen", "", POLICIES[0]),
     FileKey("views", list_of(VIEW, 1), "the depth images; a cell is free if one of them proves it free"),
     FileKey("octomap", TEXT, "a map of OctoMap (BT or OT), relative to the folder of this file, instead of `views`"),
     FileKey(

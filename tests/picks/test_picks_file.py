@@ -320,7 +320,7 @@ def test_the_grip_limits_of_a_picks_file_are_read(write) -> None:
     assert pp.read_picks(write(row)).grip_limits == pp.picks.GripLimits()
     for stated, expected in (
         ("{width: 1}", "unknown key"),
-        ("{area: -1}", "0 or more"),
+        ("{area: -1}", "at least 0"),
         ("{compliance: 0}", "above 0"),
     ):
         with pytest.raises(PicksError, match=expected):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,8 +36,7 @@ from pinproof.spatial import SE3, twist_size
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Reached:
+class Reached(NamedTuple):
     """Configurations q (k, n) at the grasp within the limits, and the index of the grasp of each, ``member`` (k,).
 
     ``stages`` are the results of the stages reach and limits. If there is no configuration, and this is proven,
@@ -79,10 +79,10 @@ def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDA
 
 
 def reach_between(task: Task, members: list[Member], reached: Reached) -> Reached | None:
-    """The configurations along the curves of IK solutions at the first grasps; None if none of them is collision-free.
+    """The configurations along the curves of IK solutions at the first grasps; None if all are in contact.
 
-    For an arm of seven joints, whose known configurations are those at some values of the redundant joint. Grasps at
-    which a body at the tcp collides, and so every configuration, are left out.
+    An arm of seven joints has more configurations than those known for some values of the redundant joint. Grasps at
+    which a body at the tcp collides are omitted, because every configuration collides there.
     """
     known = [reached.q[reached.member == i] for i in range(len(members))]
     rest = [i for i, q in enumerate(known) if not len(q) or not _contacts_at_every_configuration(task.at_grasp, q[0])]
@@ -169,8 +169,7 @@ MOST_CONTACTS = 6
 """Largest number of contacts in a reason."""
 
 
-@dataclass(frozen=True, eq=False)
-class Gripped:
+class Gripped(NamedTuple):
     """The result of the grip stage, and whether each configuration holds the object while the hand can close.
 
     ``refuted`` states why a configuration is excluded; the text is empty for those that are ``kept`` (k,).
@@ -196,16 +195,20 @@ def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.i
     if task.name is None:
         message = "not checked: the pick states no object"
         return Gripped(np.ones(len(q), dtype=bool), StageResult(Stage.GRIP, True, message), ("",) * len(q))
+
+    def gripped(kept: Mask, message: str, figures: dict[str, float]) -> Gripped:
+        return Gripped(kept, StageResult(Stage.GRIP, bool(kept.any()), message, figures), tuple(refuted))
+
     refuted = ["" if task.grip(members[i]).held else not_held_words(task, members[i]) for i in of]
     kept = np.array([not why for why in refuted])
     if not kept.any():
         tried = sorted(set(of.tolist()))
         best = task.grip(members[tried[0]])
         more = f"; none of the {len(tried)} grasps holds the part" if len(tried) > 1 else ""
-        return Gripped(kept, StageResult(Stage.GRIP, False, best.message + more, best.figures), tuple(refuted))
+        return gripped(kept, best.message + more, best.figures)
     if not task.cell.fingers:
         grip = task.grip(members[of[kept][0]])
-        return Gripped(kept, StageResult(Stage.GRIP, True, grip.message, grip.figures), tuple(refuted))
+        return gripped(kept, grip.message, grip.figures)
     closing = task.closing
     closes = kept.copy()
     closes[kept] = closing.is_free_batch(q[kept])
@@ -215,17 +218,15 @@ def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.i
             refuted[i] = _of(members[of[i]]) + closing_words(task, contact)
         worst = max(found, key=lambda each: min((c.distance for c in each[1].contacts), default=-np.inf))
         more = f"; all {len(found)} IK solutions collide" if len(found) > 1 else ""
-        message = closing_words(task, worst[1]) + more
-        figures = {"distance": min((c.distance for c in worst[1].contacts), default=np.nan)}
-        return Gripped(closes, StageResult(Stage.GRIP, False, message, figures), tuple(refuted))
+        distance = min((c.distance for c in worst[1].contacts), default=np.nan)
+        return gripped(closes, closing_words(task, worst[1]) + more, {"distance": distance})
     for i in np.flatnonzero(kept & ~closes).tolist():
         refuted[i] = _of(members[of[i]]) + closing_words(task, closing.check(q[i]))
     first = int(np.flatnonzero(closes)[0])
     grip = task.grip(members[of[first]])
     clear = closing.clearance(q[first])
     message = f"{grip.message}; {clear * 1e3:.1f} mm clearance while closing"
-    figures = {**grip.figures, "closing_clearance": clear}
-    return Gripped(closes, StageResult(Stage.GRIP, True, message, figures), tuple(refuted))
+    return gripped(closes, message, {**grip.figures, "closing_clearance": clear})
 
 
 def closing_words(task: Task, result: CheckResult) -> str:
@@ -264,11 +265,10 @@ class Candidate:
     manipulability: float
 
 
-@dataclass(frozen=True, eq=False)
-class Screened:
+class Screened(NamedTuple):
     """The configurations that are collision-free and hold the object, the best first, and the results of the stages.
 
-    If no configuration is left, ``refuted`` states why each one is excluded; ``not_held`` is True if no grasp holds the
+    Without any, ``refuted`` states why each configuration is excluded, and ``not_held`` whether no grasp holds the
     object, which does not depend on the configuration.
     """
 
@@ -386,7 +386,7 @@ def _with_obstacle(contact: Contact, checker: CollisionChecker) -> bool:
 
 
 def _other_pairs(found: list[CheckResult], described: CheckResult) -> str:
-    """The most frequent pairs in contact beside those of the described result, and their number of IK solutions."""
+    """The most frequent pairs in contact that the described result lacks, and the number of their IK solutions."""
     counts: Counter[tuple[str, str]] = Counter()
     for each in found:
         counts.update({contact.bodies for contact in each.contacts})

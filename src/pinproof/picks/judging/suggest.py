@@ -145,10 +145,10 @@ def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None
 def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Trials) -> str:
     """The longest good approach or retreat of those tried, with a resolution of one millimetre."""
     key = stage.value
-    asked = float(getattr(pick, key))
-    length = np.floor(attempt.fraction * asked / STEP) * STEP
+    stated = float(getattr(pick, key))
+    length = np.floor(attempt.fraction * stated / STEP) * STEP
     for _ in range(trials.left):  # the line alone costs much less than a judged pick
-        if not 0 < length < asked:
+        if not 0 < length < stated:
             return ""
         shorter = task.with_pick(**{key: float(length)})
         line = (
@@ -159,9 +159,9 @@ def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Tr
         length = np.floor(min(line.fraction * length, length - STEP) / STEP) * STEP
 
     def to_length(steps: int) -> Change:
-        return Change(shorten_words(key, asked, steps * STEP), pick, asked - steps * STEP)
+        return Change(shorten_words(key, stated, steps * STEP), pick, stated - steps * STEP)
 
-    low, high = round(length / STEP), int(np.ceil(asked / STEP - 1e-9))
+    low, high = round(length / STEP), int(np.ceil(stated / STEP - 1e-9))
     if low <= 0 or not trials.good(to_length(low)):
         return trials.words()
     step = 1  # other configurations may allow more
@@ -253,7 +253,7 @@ def _nearest(candidates: list[Change], trials: _Trials) -> str:
     """The suggestion of the smallest good candidate of those that the budget allows to judge.
 
     All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then each
-    direction is bisected below the best one found; what is left of the budget goes to the others by size.
+    direction is bisected below the best change found, and the rest of the budget is spent on the others by size.
     """
     if len(candidates) > trials.left:
         for each in candidates:

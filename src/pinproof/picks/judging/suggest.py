@@ -16,6 +16,7 @@ The budget is a number of judged picks (:attr:`pinproof.picks.PickBudget.remedie
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -73,7 +74,8 @@ class _Trials:
         self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
         self._possible, self._checks = possible, CHECKS * budget
         self._seen: dict[str, bool] = {}
-        self._good: Change | None = None
+        self.best: Change | None = None
+        """The smallest good change so far."""
         self._helps: tuple[Change, str] | None = None
 
     def good(self, candidate: Change) -> bool:
@@ -89,22 +91,17 @@ class _Trials:
         self.left -= 1
         verdict = self._judge(candidate.pick)
         self._seen[candidate.words] = verdict.ok
-        if verdict.ok and (self._good is None or candidate.size < self._good.size):
-            self._good = candidate
+        if verdict.ok and (self.best is None or candidate.size < self.best.size):
+            self.best = candidate
         helps = verdict.failed is not None and ORDER.index(verdict.failed) > self._failed
         if verdict.failed is not None and helps and (self._helps is None or candidate.size < self._helps[0].size):
             self._helps = candidate, verdict.failed.value
         return verdict.ok
 
-    @property
-    def best(self) -> Change | None:
-        """The smallest good candidate so far."""
-        return self._good
-
     def words(self) -> str:
         """The suggestion; empty if no candidate helps."""
-        if self._good is not None:
-            return self._good.words
+        if self.best is not None:
+            return self.best.words
         if self._helps is None:
             return ""
         candidate, stage = self._helps
@@ -129,7 +126,10 @@ def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None
     found = []
     if attempt is not None and stage in (Stage.APPROACH, Stage.RETREAT):
         found.append(_shorter(task, pick, stage, attempt, trials()))
-        found.append(_upwards(pick, stage, trials()))
+    if attempt is not None and stage is Stage.RETREAT and (pick.retreat_frame, pick.retreat_direction) != (ROOT, UP):
+        upwards = trials()
+        upwards.good(Change(UPWARDS, pick, 0.0))
+        found.append(upwards.words())
     if stage is Stage.PLACE and pick.place is not None:
         found.append(_nearest_shift(*place_shifts(task, pick), partial(_screened_places, task), trials()))
     if not task.pick.spin.sampled:
@@ -150,7 +150,7 @@ def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Tr
     for _ in range(trials.left):  # the line alone costs much less than a judged pick
         if not 0 < length < stated:
             return ""
-        shorter = task.with_pick(**{key: float(length)})
+        shorter = Task(replace(task.pick, **{key: float(length)}), task.cell)  # type: ignore[arg-type]
         line = (
             line_in(shorter, attempt.candidate) if stage is Stage.APPROACH else line_out(shorter, attempt.candidate)[0]
         )
@@ -167,14 +167,6 @@ def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Tr
     step = 1  # other configurations may allow more
     while low + step < high and trials.good(to_length(low + step)):
         low, step = low + step, 2 * step
-    return trials.words()
-
-
-def _upwards(pick: Pick, stage: Stage, trials: _Trials) -> str:
-    """The vertical retreat, if the retreat failed and has another direction."""
-    if stage is not Stage.RETREAT or (pick.retreat_frame == ROOT and pick.retreat_direction == UP):
-        return ""
-    trials.good(Change(UPWARDS, pick, 0.0))
     return trials.words()
 
 

@@ -215,10 +215,6 @@ class Task:
         """The first of the groups: the nominal grasp and its rotations."""
         return next(self.groups())
 
-    def with_pick(self, **changes: object) -> Task:
-        """The task with another approach, retreat or pose, for suggestions."""
-        return Task(replace(self.pick, **changes), self.cell)  # type: ignore[arg-type]
-
     # -- poses --------------------------------------------------------------------------------------------------------
 
     def grasp(self, member: Member) -> SE3:

@@ -128,8 +128,8 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
         complete = proven or (complete and every_branch_is_known(task, targets, wide))
         starts = "" if task.cell.closed_form else f" (best of {STARTS} starts)"
         failed = out_of_reach(task, Stage.REACH, targets[0], seed, "out of reach", f"the target{starts}")
-        refuted = tuple(f"{_of(member)}no IK solution reaches the pose" for member in members)
-        return Reached(*empty, (failed,), refuted if complete else ())
+        reasons = (f"{_of(member)}no IK solution reaches the pose" for member in members if complete)
+        return Reached(*empty, (failed,), tuple(reasons))
     by = [float(np.abs(q - limits.clip(q)).sum()) for q in inside]
     best = int(np.argmin(by))
     if by[best] == 0.0:  # found by the search only with the wider limits
@@ -138,16 +138,16 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
     outside = "; ".join(limits.violations(inside[best], arm.joint_names))
     outside += f" ({', '.join(f'{arm.joint_names[j]} by {beyond[j]:.3g}' for j in np.flatnonzero(beyond))})"
     figures = {"outside": by[best], "configurations": float(len(inside))}
-    reached = StageResult(
-        Stage.REACH, True, "reachable if the joint limits are ignored", {"configurations": float(len(inside))}
-    )
+    ignoring = "reachable if the joint limits are ignored", {"configurations": float(len(inside))}
+    reached = StageResult(Stage.REACH, True, *ignoring)
     failed = StageResult(Stage.LIMITS, False, f"reachable only outside the joint limits: {outside}", figures)
-    refuted = tuple(
-        f"{_of(members[i])}{'; '.join(limits.violations(q, arm.joint_names))}" for i, q in zip(row, inside, strict=True)
-    )
+    refuted: tuple[str, ...] = ()
     if proven:  # the configurations outside the limits are a sample
-        refuted = tuple(f"{_of(member)}{NO_SOLUTION} the grasp" for member in members)
-    return Reached(*empty, (reached, failed), refuted if complete or proven else ())
+        refuted = tuple(map(unreached, members))
+    elif complete:
+        violated = ("; ".join(limits.violations(q, arm.joint_names)) for q in inside)
+        refuted = tuple(_of(members[i]) + words for i, words in zip(row, violated, strict=True))
+    return Reached(*empty, (reached, failed), refuted)
 
 
 def out_of_reach(task: Task, stage: Stage, target: SE3, seed: int, what: str, where: str) -> StageResult:
@@ -284,19 +284,19 @@ def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
     free = checker.is_free_batch(reached.q)
     if not free.any():
         return _all_in_contact(checker, members, reached)
+    own = StageResult(Stage.SELF, True, "no self-collision")
     count = f"{int(free.sum())} of {len(free)} IK solution{'' if len(free) == 1 else 's'} collision-free"
     reasons = at_rest(task, [members[i] for i in reached.member[free]], reached.q[free])
     if all(reasons):
         failed = StageResult(Stage.GRASP, False, f"{reasons[0]}; {count}, and torque limits exclude all of them")
         in_contact = [checker.check(each) for each in reached.q[~free]]
         refuted = (*reasons, *_contacts_of_each(in_contact, members, reached.member[~free]))
-        return Screened((), (StageResult(Stage.SELF, True, "no self-collision"), failed), refuted)
+        return Screened((), (own, failed), refuted)
     if any(reasons):
         count += f", {sum(map(bool, reasons))} of them excluded by torque limits"
         free[np.flatnonzero(free)[[bool(reason) for reason in reasons]]] = False
     q, of_member = reached.q[free], reached.member[free]
     gripped = judge_grip(task, members, q, of_member)
-    own = StageResult(Stage.SELF, True, "no self-collision")
     if not gripped.kept.any():
         stages = (own, StageResult(Stage.GRASP, True, count, {"free": float(free.sum())}), gripped.result)
         if not any(grip_holds(task, member) for member in members):

@@ -418,7 +418,7 @@ BEYOND_A_SCHEMA = re.compile(
     r"|sec must be from 0 to|the end of the segments|at the end of a segment|two events|starts at"
     r"|the arm does not rest|the arm moves at|accelerations are required"
     # the number of picks, the files
-    r"|pattern\.grid has|there is no (file|folder)|only if the robot is|a cup and fingers|the cup has the radius"
+    r"|pattern\.grid has|there is no (file|folder)|only if the robot is|a cup and fingers|tilt of the cup"
 )
 """Reasons for which a reader refuses a file that its schema accepts, because a schema cannot state them."""
 

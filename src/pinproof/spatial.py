@@ -37,6 +37,7 @@ __all__ = [
     "rotation_about_line",
     "translated",
     "twist_size",
+    "unit_vector",
     "xyz_rpy",
 ]
 
@@ -296,6 +297,16 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
         index = place[0] if len(place) == 1 else place
         raise InputError(f"{name} holds {array[place]} at index {index}; all numbers must be finite")
     return array
+
+
+def unit_vector(name: str, value: npt.ArrayLike) -> tuple[float, float, float]:
+    """Return the direction of a vector (3,) as a unit vector; raise InputError if it is zero or not finite."""
+    vector = finite(name, value, (3,))
+    if (largest := float(np.abs(vector).max())) < 1e-9:
+        raise InputError(f"{name} is zero; it must be a direction")
+    vector /= largest  # so that no square overflows
+    x, y, z = (vector / np.linalg.norm(vector)).tolist()
+    return x, y, z
 
 
 def _shape_text(shape: tuple[int | None, ...]) -> str:

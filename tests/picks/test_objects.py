@@ -15,6 +15,8 @@ from pinproof.picks import PickStatus, Stage
 DOWN = (np.pi, 0, 0)
 TIP = 0.105
 QUICK = pp.picks.PickBudget(compared=1, remedies=0)
+PICKER = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
+SHARED = {"tip": pp.pose((0, 0, TIP)), "tool": (PICKER,), "margin": 0.002}
 
 
 def table() -> pp.Obstacle:
@@ -34,10 +36,8 @@ def arm(arms) -> pp.Arm:
 
 
 def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, **shared) -> pp.picks.PickVerdict:
-    picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
     scene = pp.Scene([table(), bolt(0.45, 0.15), *obstacles], allowed=[("base_link", "table")])
-    settings = {"tip": pp.pose((0, 0, TIP)), "tool": (picker,), "margin": 0.002, **shared}
-    (verdict,) = pp.validate_picks(arm, scene, pp.Picks((pick,), **settings), budget=QUICK).verdicts
+    (verdict,) = pp.validate_picks(arm, scene, pp.Picks((pick,), **{**SHARED, **shared}), budget=QUICK).verdicts
     return verdict
 
 
@@ -153,9 +153,8 @@ def bin_mesh(finely: int) -> pp.Mesh:
 def test_an_object_is_lifted_out_of_a_bin_given_as_an_exact_mesh(arm, finely: int) -> None:
     # The floor of the bin is where the table's top is, and the table is elsewhere.
     bin_ = pp.Obstacle("bin", bin_mesh(finely), pp.pose((0.45, 0.15, -0.005), (0, 0, 0.3)))
-    picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
     scene = pp.Scene([bin_, bolt(0.45, 0.15)])
-    picks = pp.Picks((PICK,), tip=pp.pose((0, 0, TIP)), tool=(picker,), margin=0.002)
+    picks = pp.Picks((PICK,), **SHARED)
     (verdict,) = pp.validate_picks(arm, scene, picks, budget=QUICK).verdicts
     recheck(verdict, arm)
     retreat = verdict.motions[-1].certificate
@@ -173,11 +172,10 @@ def test_an_object_may_have_several_supports(arm) -> None:
     rails = [pp.Obstacle(f"rail_{k}", pp.Box(0.004, 0.1, 0.02), pp.pose((0.45 + x, 0.15, -0.015))) for k, x in
              enumerate((-0.005, 0.005))]  # fmt: skip
     scene = pp.Scene([*rails, bolt(0.45, 0.15)])
-    picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
 
     def lifted(support) -> pp.picks.PickVerdict:
         pick = replace(PICK, support=support)
-        picks = pp.Picks((pick,), tip=pp.pose((0, 0, TIP)), tool=(picker,), margin=0.002)
+        picks = pp.Picks((pick,), **SHARED)
         (verdict,) = pp.validate_picks(arm, scene, picks, budget=QUICK).verdicts
         return verdict
 
@@ -288,11 +286,9 @@ def test_every_grasp_of_a_family_puts_the_object_at_the_same_pose(arm) -> None:
 def test_suggestions_for_a_place_of_the_object_hold(arm) -> None:
     far = pp.pose((0.95, 0, 0.015), (0, 0, 0.7))
     pick = replace(PICK, place=pp.picks.PlaceTarget(far, pose_of="object"))
-    picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
     scene = pp.Scene([table(), bolt(0.45, 0.15)], allowed=[("base_link", "table")])
-    shared = {"tip": pp.pose((0, 0, TIP)), "tool": (picker,), "margin": 0.002}
     budget = pp.picks.PickBudget(compared=1, remedies=4)
-    (verdict,) = pp.validate_picks(arm, scene, pp.Picks((pick,), **shared), budget=budget).verdicts
+    (verdict,) = pp.validate_picks(arm, scene, pp.Picks((pick,), **SHARED), budget=budget).verdicts
     assert verdict.failed is Stage.PLACE
     assert verdict.suggestions
     for suggestion in verdict.suggestions:

@@ -320,7 +320,7 @@ def test_the_grip_limits_of_a_picks_file_are_read(write) -> None:
     assert pp.read_picks(write(row)).grip_limits == pp.picks.GripLimits()
     for stated, expected in (
         ("{width: 1}", "unknown key"),
-        ("{area: -1}", "0 or more"),
+        ("{area: -1}", "at least 0"),
         ("{compliance: 0}", "above 0"),
     ):
         with pytest.raises(PicksError, match=expected):
@@ -357,3 +357,11 @@ def test_typing_errors_of_shared_keys_name_the_place_and_the_remedy(write, share
 
 def test_a_pick_without_a_name_is_reported_as_such(write):
     assert "states no name" in pp.read_picks(write("{xyz: [0.4, 0.1, 0.2]}")).problems[0].reason
+
+
+def test_a_robot_of_a_cell_states_arguments_for_the_xacro_file_of_all(write):
+    robots = "robot: arm.xacro\nrobots: {left: {base: {xyz: [0, 0, 0]}, xacro_args: {length: 1}}}"
+    settings = pp.read_picks(write("{name: a, xyz: [0, 0, 1], rpy: [0, 0, 0]}", shared=robots)).robots["left"].settings
+    assert settings.xacro_args == {"length": "1"}
+    with pytest.raises(PicksError, match=r"ends in \.xacro"):
+        pp.read_picks(write(GOOD_ROW, shared=robots.replace("arm.xacro", "ur5")))

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
-from pinproof.spatial import finite
+from pinproof.spatial import finite, unit_vector
 
 Array = npt.NDArray[np.float64]
 
@@ -32,21 +32,18 @@ def approach_directions(axis: npt.ArrayLike = (0.0, 0.0, -1.0), half_angle: floa
     ----------
     Swinbank, Purser (2006), "Fibonacci grids: a novel approach to global modelling".
     """
-    direction = finite("axis", axis, (3,))
-    length = float(np.linalg.norm(direction))
-    if length < 1e-9:
-        raise InputError("axis is zero")
+    direction = np.array(unit_vector("axis", axis))
     require_positive("half_angle", half_angle, zero=True)
     if half_angle > np.pi:
         raise InputError(f"half_angle = {half_angle}; it must be from 0 to pi rad")
     require_integer("count", count, 1)
     if count == 1 or half_angle == 0.0:
-        return (direction / length)[None]
+        return direction[None]
     index = np.arange(count)
     height = 1.0 - (1.0 - np.cos(half_angle)) * (index + 0.5) / count
     radius, turn = np.sqrt(1.0 - height**2), GOLDEN_ANGLE * index
     around = np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)
-    return np.asarray(around @ _with_z(direction / length).T)
+    return np.asarray(around @ _with_z(direction).T)
 
 
 def tool_orientations(directions: npt.ArrayLike = (0.0, 0.0, -1.0), spins: int = 8) -> Array:

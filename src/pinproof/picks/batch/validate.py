@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy.typing as npt
@@ -99,7 +99,7 @@ def validate_picks(
     if executor is None and workers is None:
         judged = _one_by_one(setup, picks)
     else:
-        judged = _by_workers(_VerdictTask(setup), picks, executor=executor, workers=workers, in_flight=in_flight)
+        judged = _by_workers(setup, picks, executor=executor, workers=workers, in_flight=in_flight)
     found: dict[int, PickVerdict] = {}
     try:
         with closing(judged):
@@ -130,16 +130,12 @@ def _one_by_one(setup: PickSetup, picks: Picks) -> Generator[tuple[int, PickVerd
         yield index, setup.judge(index, pick)
 
 
-@dataclass(frozen=True, eq=False)
-class _VerdictTask:
-    setup: PickSetup
-
-    def __call__(self, start: int, part: Iterable[Pick]) -> list[PickVerdict]:
-        return [self.setup.judge(index, pick) for index, pick in enumerate(part, start)]
+def _verdicts(setup: PickSetup, start: int, part: Iterable[Pick]) -> list[PickVerdict]:
+    return [setup.judge(index, pick) for index, pick in enumerate(part, start)]
 
 
-def _by_workers(task: _VerdictTask, picks: Picks, **where: Any) -> Generator[tuple[int, PickVerdict], None, None]:
-    for outcome in do_chunks(task, lambda i, j: picks.picks[i:j], [(0, len(picks))], **where):
+def _by_workers(setup: PickSetup, picks: Picks, **where: Any) -> Generator[tuple[int, PickVerdict], None, None]:
+    for outcome in do_chunks(partial(_verdicts, setup), lambda i, j: picks.picks[i:j], [(0, len(picks))], **where):
         if outcome.crashed:
             name = picks.picks[outcome.start].name
             raise CampaignError(f"every worker process that judged pick {name!r} alone died")

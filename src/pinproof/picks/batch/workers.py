@@ -179,6 +179,10 @@ class Outcome:
     worker: str = ""
 
 
+def _outcome(chunk: Chunk, answer: Answer) -> Outcome:
+    return Outcome(chunk.start, chunk.stop, answer.result, False, answer.seconds, answer.worker)
+
+
 class ChunkQueue:
     """Divides ranges (start, stop) of picks into chunks of about :data:`CHUNK_SECONDS`, or of a fixed ``size``.
 
@@ -295,7 +299,7 @@ class TrackedExecutor:
         if chunk is None:
             self._ready, self._failed_starts = True, 0
         elif answer.known:
-            yield Outcome(chunk.start, chunk.stop, answer.result, False, answer.seconds, answer.worker)
+            yield _outcome(chunk, answer)
         else:
             # A new worker returns all chunks queued for it; the task is large, so it is sent with only one of them.
             packed = chunk.returned or answer.worker not in self._workers_with_task
@@ -332,7 +336,7 @@ class TrackedExecutor:
                     failed.append(chunk)
             else:
                 if chunk is not None and answer.known:
-                    yield Outcome(chunk.start, chunk.stop, answer.result, False, answer.seconds, answer.worker)
+                    yield _outcome(chunk, answer)
                 elif chunk is not None:
                     failed.append(chunk)
         self.pending.clear()

@@ -9,8 +9,7 @@ import numpy as np
 
 from pinproof.collision import Mover
 from pinproof.common.validation import require_positive, unique_names
-from pinproof.errors import InputError
-from pinproof.spatial import finite
+from pinproof.spatial import unit_vector
 
 NAME = "conveyor"
 """The name of the mover."""
@@ -57,11 +56,8 @@ class Conveyor:
         for name in ("dwell", "tolerance"):
             require_positive(f"{name} of the conveyor", getattr(self, name), zero=True)
         parts = unique_names("conveyor.parts", self.parts)
-        along = finite("the direction of the conveyor", self.direction, (3,))
-        if not (length := float(np.linalg.norm(along))) > 0.0:
-            raise InputError("the direction of the conveyor is zero")
         object.__setattr__(self, "parts", parts)
-        object.__setattr__(self, "direction", tuple((along / length).tolist()))
+        object.__setattr__(self, "direction", unit_vector("the direction of the conveyor", self.direction))
         self.mover(parts)  # refuses too long a travel
 
     def travel(self, time: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -21,7 +21,7 @@ from pinproof.model.dynamics import checked_payloads
 from pinproof.motion import ToolLimits
 from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3, finite, frozen, pose, rigid, rotation_about, translated, xyz_rpy
+from pinproof.spatial import SE3, finite, frozen, pose, rigid, rotation_about, translated, unit_vector, xyz_rpy
 
 Array = npt.NDArray[np.float64]
 
@@ -209,11 +209,7 @@ class GripperFingers:
         opening, grip = finite("opening and grip of the fingers", [self.opening, self.grip], (2,)).tolist()
         if not 0 <= grip <= opening:
             raise InputError(f"the fingers open to {opening} m and grip at {grip} m; required: 0 <= grip <= opening")
-        axis = finite("axis of the fingers", self.axis, (3,))
-        if (largest := float(np.abs(axis).max())) < 1e-9:
-            raise InputError("axis of the fingers is zero")
-        axis /= largest  # so that no square overflows
-        object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
+        object.__setattr__(self, "axis", unit_vector("axis of the fingers", self.axis))
 
     def apart(self) -> tuple[Obstacle, Obstacle]:
         """The open fingers, before the grasp."""
@@ -249,12 +245,9 @@ class SuctionCup:
     tilt: float = 0.1
 
     def __post_init__(self) -> None:
-        radius, gap, tilt = finite("radius, gap and tilt of the cup", [self.radius, self.gap, self.tilt], (3,)).tolist()
-        if not (radius > 0 and gap > 0 and 0 < tilt < np.pi / 2):
-            raise InputError(
-                f"the cup has the radius {radius} m, the gap {gap} m and the tilt {tilt} rad; radius and gap must be "
-                "above 0, and tilt between 0 and pi/2"
-            )
+        require_positive("radius of the cup", self.radius)
+        require_positive("gap of the cup", self.gap)
+        require_positive("tilt of the cup", self.tilt, below=np.pi / 2)
 
 
 Direction = tuple[float, float, float]
@@ -536,14 +529,11 @@ def _check_move(thing: Pick | PlaceTarget, move: str, of: str) -> None:
         raise InputError(
             f"{move} of {of} is {value:g} m; it must be from 0 to {LONGEST_MOVE:g} (lengths are in metres)"
         )
-    direction = finite(f"{move}_direction of {of}", getattr(thing, f"{move}_direction"), (3,))
-    if (largest := float(np.abs(direction).max())) < 1e-9:
-        raise InputError(f"{move}_direction of {of} is zero")
-    direction /= largest  # so that no square overflows
+    direction = unit_vector(f"{move}_direction of {of}", getattr(thing, f"{move}_direction"))
     if getattr(thing, f"{move}_frame") not in (TIP, ROOT):
         raise UnknownNameError(f"{move}_frame", getattr(thing, f"{move}_frame"), (TIP, ROOT), of)
     object.__setattr__(thing, move, value)
-    object.__setattr__(thing, f"{move}_direction", tuple((direction / np.linalg.norm(direction)).tolist()))
+    object.__setattr__(thing, f"{move}_direction", direction)
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ def _read(path: Path, content: LinedMapping, key: str, reader: Callable[[Any, Pa
 
 
 def _robots(path: Path, content: LinedMapping, shared: Picks) -> dict[str, CellRobot]:
-    """The robots of a cell; settings that one does not state are those of the file."""
+    """The robots of a cell; settings that a robot does not state are those of the file."""
     stated = content.get("robots", {})
     if not isinstance(stated, LinedMapping):
         if stated == {}:

@@ -282,16 +282,16 @@ FINGERS = KeyTable(
 CUP = KeyTable(
     "cup",
     "The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip.",
-    required("radius", NUMBER, "radius of the face, above 0", "m"),
+    required("radius", ABOVE_ZERO, "radius of the face, above 0", "m"),
     _field(
         SuctionCup,
         "gap",
-        NUMBER,
+        ABOVE_ZERO,
         "largest distance of any point of the rim from the surface of the object along the axis; bellows allow "
         "more than a flat cup",
         "m",
     ),
-    _field(SuctionCup, "tilt", NUMBER, "largest angle between the face and the surface at its rim", "rad"),
+    _field(SuctionCup, "tilt", ABOVE_ZERO, "largest angle between the face and the surface at its rim", "rad"),
 )
 
 

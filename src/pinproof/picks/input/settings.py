@@ -6,10 +6,9 @@ Budgets count work instead of seconds, so that the verdict is the same on every 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from pinproof.common.validation import require_integer
-from pinproof.errors import InputError
+from pinproof.common.validation import require_integer, require_positive
 from pinproof.planning import DEFAULT_PLANNER, make_planner
 
 
@@ -36,10 +35,8 @@ class PickWeights:
     duration: float = 3.0
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if not 0 <= value < float("inf"):
-                raise InputError(f"PickWeights.{each.name} = {value}; it must be a finite number, 0 or more")
+        for name, value in vars(self).items():
+            require_positive(f"PickWeights.{name}", value, zero=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,11 +115,6 @@ class GripLimits:
     tip: float = 5e-3
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if not (isinstance(value, int | float) and 0 <= value < float("inf")):
-                raise InputError(f"GripLimits.{each.name} = {value!r}; it must be a finite number, 0 or more")
-        if self.compliance == 0:
-            raise InputError("GripLimits.compliance = 0; it must be above 0 for round parts to have a contact area")
-        if not self.angle < math.pi / 2:
-            raise InputError(f"GripLimits.angle = {self.angle}; it must be below pi/2")
+        for name, value in vars(self).items():  # without compliance, round parts have no contact area
+            most = math.pi / 2 if name == "angle" else math.inf
+            require_positive(f"GripLimits.{name}", value, zero=name != "compliance", below=most)

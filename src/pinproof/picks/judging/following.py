@@ -97,7 +97,7 @@ class _Excess(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Phases:
-    """The pose of the tip as a function of time; time 0 is the begin of the tracking.
+    """The pose of the tip as a function of time; time 0 is the start of the tracking.
 
     ``take_up`` and ``give_up`` are the durations in which the speed of the belt is taken up and given up, ``into`` and
     ``out`` those of the lines, whose displacements are ``approach`` and ``retreat``.

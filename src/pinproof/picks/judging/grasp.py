@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,8 +36,7 @@ from pinproof.spatial import SE3, twist_size
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Reached:
+class Reached(NamedTuple):
     """Configurations q (k, n) at the grasp within the limits, and the index of the grasp of each, ``member`` (k,).
 
     ``stages`` are the results of the stages reach and limits. If there is no configuration, and this is proven,
@@ -79,10 +79,10 @@ def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDA
 
 
 def reach_between(task: Task, members: list[Member], reached: Reached) -> Reached | None:
-    """The configurations along the curves of IK solutions at the first grasps; None if none of them is collision-free.
+    """The configurations along the curves of IK solutions at the first grasps; None if all are in contact.
 
-    For an arm of seven joints, whose known configurations are those at some values of the redundant joint. Grasps at
-    which a body at the tcp collides, and so every configuration, are left out.
+    An arm of seven joints has more configurations than those known for some values of the redundant joint. Grasps at
+    which a body at the tcp collides are omitted, because every configuration collides there.
     """
     known = [reached.q[reached.member == i] for i in range(len(members))]
     rest = [i for i, q in enumerate(known) if not len(q) or not _contacts_at_every_configuration(task.at_grasp, q[0])]
@@ -128,8 +128,8 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
         complete = proven or (complete and every_branch_is_known(task, targets, wide))
         starts = "" if task.cell.closed_form else f" (best of {STARTS} starts)"
         failed = out_of_reach(task, Stage.REACH, targets[0], seed, "out of reach", f"the target{starts}")
-        refuted = tuple(f"{_of(member)}no IK solution reaches the pose" for member in members)
-        return Reached(*empty, (failed,), refuted if complete else ())
+        reasons = (f"{_of(member)}no IK solution reaches the pose" for member in members if complete)
+        return Reached(*empty, (failed,), tuple(reasons))
     by = [float(np.abs(q - limits.clip(q)).sum()) for q in inside]
     best = int(np.argmin(by))
     if by[best] == 0.0:  # found by the search only with the wider limits
@@ -138,16 +138,16 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
     outside = "; ".join(limits.violations(inside[best], arm.joint_names))
     outside += f" ({', '.join(f'{arm.joint_names[j]} by {beyond[j]:.3g}' for j in np.flatnonzero(beyond))})"
     figures = {"outside": by[best], "configurations": float(len(inside))}
-    reached = StageResult(
-        Stage.REACH, True, "reachable if the joint limits are ignored", {"configurations": float(len(inside))}
-    )
+    ignoring = "reachable if the joint limits are ignored", {"configurations": float(len(inside))}
+    reached = StageResult(Stage.REACH, True, *ignoring)
     failed = StageResult(Stage.LIMITS, False, f"reachable only outside the joint limits: {outside}", figures)
-    refuted = tuple(
-        f"{_of(members[i])}{'; '.join(limits.violations(q, arm.joint_names))}" for i, q in zip(row, inside, strict=True)
-    )
+    refuted: tuple[str, ...] = ()
     if proven:  # the configurations outside the limits are a sample
-        refuted = tuple(f"{_of(member)}{NO_SOLUTION} the grasp" for member in members)
-    return Reached(*empty, (reached, failed), refuted if complete or proven else ())
+        refuted = tuple(map(unreached, members))
+    elif complete:
+        violated = ("; ".join(limits.violations(q, arm.joint_names)) for q in inside)
+        refuted = tuple(_of(members[i]) + words for i, words in zip(row, violated, strict=True))
+    return Reached(*empty, (reached, failed), refuted)
 
 
 def out_of_reach(task: Task, stage: Stage, target: SE3, seed: int, what: str, where: str) -> StageResult:
@@ -169,8 +169,7 @@ MOST_CONTACTS = 6
 """Largest number of contacts in a reason."""
 
 
-@dataclass(frozen=True, eq=False)
-class Gripped:
+class Gripped(NamedTuple):
     """The result of the grip stage, and whether each configuration holds the object while the hand can close.
 
     ``refuted`` states why a configuration is excluded; the text is empty for those that are ``kept`` (k,).
@@ -196,16 +195,20 @@ def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.i
     if task.name is None:
         message = "not checked: the pick states no object"
         return Gripped(np.ones(len(q), dtype=bool), StageResult(Stage.GRIP, True, message), ("",) * len(q))
+
+    def gripped(kept: Mask, message: str, figures: dict[str, float]) -> Gripped:
+        return Gripped(kept, StageResult(Stage.GRIP, bool(kept.any()), message, figures), tuple(refuted))
+
     refuted = ["" if task.grip(members[i]).held else not_held_words(task, members[i]) for i in of]
     kept = np.array([not why for why in refuted])
     if not kept.any():
         tried = sorted(set(of.tolist()))
         best = task.grip(members[tried[0]])
         more = f"; none of the {len(tried)} grasps holds the part" if len(tried) > 1 else ""
-        return Gripped(kept, StageResult(Stage.GRIP, False, best.message + more, best.figures), tuple(refuted))
+        return gripped(kept, best.message + more, best.figures)
     if not task.cell.fingers:
         grip = task.grip(members[of[kept][0]])
-        return Gripped(kept, StageResult(Stage.GRIP, True, grip.message, grip.figures), tuple(refuted))
+        return gripped(kept, grip.message, grip.figures)
     closing = task.closing
     closes = kept.copy()
     closes[kept] = closing.is_free_batch(q[kept])
@@ -215,17 +218,15 @@ def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.i
             refuted[i] = _of(members[of[i]]) + closing_words(task, contact)
         worst = max(found, key=lambda each: min((c.distance for c in each[1].contacts), default=-np.inf))
         more = f"; all {len(found)} IK solutions collide" if len(found) > 1 else ""
-        message = closing_words(task, worst[1]) + more
-        figures = {"distance": min((c.distance for c in worst[1].contacts), default=np.nan)}
-        return Gripped(closes, StageResult(Stage.GRIP, False, message, figures), tuple(refuted))
+        distance = min((c.distance for c in worst[1].contacts), default=np.nan)
+        return gripped(closes, closing_words(task, worst[1]) + more, {"distance": distance})
     for i in np.flatnonzero(kept & ~closes).tolist():
         refuted[i] = _of(members[of[i]]) + closing_words(task, closing.check(q[i]))
     first = int(np.flatnonzero(closes)[0])
     grip = task.grip(members[of[first]])
     clear = closing.clearance(q[first])
     message = f"{grip.message}; {clear * 1e3:.1f} mm clearance while closing"
-    figures = {**grip.figures, "closing_clearance": clear}
-    return Gripped(closes, StageResult(Stage.GRIP, True, message, figures), tuple(refuted))
+    return gripped(closes, message, {**grip.figures, "closing_clearance": clear})
 
 
 def closing_words(task: Task, result: CheckResult) -> str:
@@ -264,11 +265,10 @@ class Candidate:
     manipulability: float
 
 
-@dataclass(frozen=True, eq=False)
-class Screened:
+class Screened(NamedTuple):
     """The configurations that are collision-free and hold the object, the best first, and the results of the stages.
 
-    If no configuration is left, ``refuted`` states why each one is excluded; ``not_held`` is True if no grasp holds the
+    Without any, ``refuted`` states why each configuration is excluded, and ``not_held`` whether no grasp holds the
     object, which does not depend on the configuration.
     """
 
@@ -284,19 +284,19 @@ def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
     free = checker.is_free_batch(reached.q)
     if not free.any():
         return _all_in_contact(checker, members, reached)
+    own = StageResult(Stage.SELF, True, "no self-collision")
     count = f"{int(free.sum())} of {len(free)} IK solution{'' if len(free) == 1 else 's'} collision-free"
     reasons = at_rest(task, [members[i] for i in reached.member[free]], reached.q[free])
     if all(reasons):
         failed = StageResult(Stage.GRASP, False, f"{reasons[0]}; {count}, and torque limits exclude all of them")
         in_contact = [checker.check(each) for each in reached.q[~free]]
         refuted = (*reasons, *_contacts_of_each(in_contact, members, reached.member[~free]))
-        return Screened((), (StageResult(Stage.SELF, True, "no self-collision"), failed), refuted)
+        return Screened((), (own, failed), refuted)
     if any(reasons):
         count += f", {sum(map(bool, reasons))} of them excluded by torque limits"
         free[np.flatnonzero(free)[[bool(reason) for reason in reasons]]] = False
     q, of_member = reached.q[free], reached.member[free]
     gripped = judge_grip(task, members, q, of_member)
-    own = StageResult(Stage.SELF, True, "no self-collision")
     if not gripped.kept.any():
         stages = (own, StageResult(Stage.GRASP, True, count, {"free": float(free.sum())}), gripped.result)
         if not any(grip_holds(task, member) for member in members):
@@ -386,7 +386,7 @@ def _with_obstacle(contact: Contact, checker: CollisionChecker) -> bool:
 
 
 def _other_pairs(found: list[CheckResult], described: CheckResult) -> str:
-    """The most frequent pairs in contact beside those of the described result, and their number of IK solutions."""
+    """The most frequent pairs in contact that the described result lacks, and the number of their IK solutions."""
     counts: Counter[tuple[str, str]] = Counter()
     for each in found:
         counts.update({contact.bodies for contact in each.contacts})

@@ -384,7 +384,7 @@ def _lowered(name: str) -> str:
 def _with_lowered(checker: CollisionChecker, pairs: Pairs) -> CollisionChecker:
     """The checker in which the object is checked against copies of its supports that are lower by :data:`SINK`.
 
-    The object rests on a support at the begin or at the end of the motion; the margin does not apply to the two.
+    The object rests on a support at the start or at the end of the motion, where the margin does not apply to the pair.
     """
     if not pairs:
         return checker

@@ -2,7 +2,7 @@
 
 With stops, the transit ends at rest where the approach begins, and the approach starts from rest. Here the transit ends
 on the line instead, with the velocity of the line there, and only the part of the line next to the part is followed.
-The same holds for the end of the retreat, and for the begin of the approach to a place. The result is never slower than
+The same holds for the end of the retreat, and for the start of the approach to a place. The result is never slower than
 the motion with stops, and is certified; if that fails, the arm stops.
 """
 

@@ -129,24 +129,24 @@ class Placer:
     @once_per_grasp
     def _what_is_ahead(self, member: Member, exact: bool) -> _Ahead:
         task, arm, here = self._task, self._task.arm, self.releases(member)
-        after, asked = np.zeros(len(here)), task.place
+        after, place = np.zeros(len(here)), task.place
         none = np.where(np.eye(len(here), dtype=bool), 0.0, np.inf)
-        if asked is None or not len(here):
+        if place is None or not len(here):
             return _Ahead(here, none, after)
         release = task.release(member)
-        if len(behind := every_branch(task, asked.after(release), exact and asked.retreat > 0)):
+        if len(behind := every_branch(task, place.after(release), exact and place.retreat > 0)):
             after = least_seconds(arm, here, behind).min(axis=1)
-        if len(before := every_branch(task, asked.before(release), exact and asked.approach > 0)):
+        if len(before := every_branch(task, place.before(release), exact and place.approach > 0)):
             return _Ahead(before, least_seconds(arm, before, here), after)
         return _Ahead(here, none, after)
 
-    def _bounds(self, asked: PlaceTarget, attempt: Attempt, tried: list[int], scores: Scores) -> list[float]:
+    def _bounds(self, place: PlaceTarget, attempt: Attempt, tried: list[int], scores: Scores) -> list[float]:
         """Upper bounds of the score through each of the releases, before their lines are planned."""
         task, member = self._task, attempt.candidate.member
         ahead = self._what_is_ahead(member, True)
         there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
         seconds = there.min(axis=0) + ahead.after - SLACK_SECONDS
-        clearances = self._clearances(member, asked.retreat > 0) + SLACK
+        clearances = self._clearances(member, place.retreat > 0) + SLACK
         return scores.without_lines(clearances[tried], np.maximum(seconds, 0.0)[tried]).tolist()
 
     @once_per_grasp
@@ -219,12 +219,12 @@ class Placer:
         return out_of_reach(self._task, Stage.PLACE, target, self._seed, "the release is out of reach", "it")
 
     @once_per_grasp
-    def _lines(self, member: Member, index: int, asked: PlaceTarget) -> Release:
+    def _lines(self, member: Member, index: int, place: PlaceTarget) -> Release:
         """The lines of one of the releases."""
-        return release_lines(self._task, asked, member, self.releases(member)[index])
+        return release_lines(self._task, place, member, self.releases(member)[index])
 
     def transfer(
-        self, asked: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], *, turns: bool = True
+        self, place: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], *, turns: bool = True
     ) -> tuple[StageResult, Placing | None]:
         """The transfer from the retreat to the approach of the place, with ``turns`` at any full rotations."""
         task, arm = self._task, self._task.arm
@@ -256,11 +256,11 @@ class Placer:
         by = shifts[plan.goal]
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
         upright = f" {constraints[0]}" if constraints else ""
-        message = f"transfer of {path.length:.2f} rad{upright}, {asked.approach * 1e3:.0f} mm approach{support}, "
+        message = f"transfer of {path.length:.2f} rad{upright}, {place.approach * 1e3:.0f} mm approach{support}, "
         proven = np.nan if plan.certificate is None else plan.certificate.clearance
         figures = {"length": path.length, "clearance": min(down.proven, proven)}
         return (
-            StageResult(Stage.PLACE, True, f"{message}{asked.retreat * 1e3:.0f} mm retreat", figures),
+            StageResult(Stage.PLACE, True, f"{message}{place.retreat * 1e3:.0f} mm retreat", figures),
             Placing(
                 path, shifted(down.lift, by), shifted(down.leave, by), down.parting, min(down.clearance, clearance)
             ),
@@ -271,19 +271,19 @@ def _failure(down: Release) -> StageResult:
     return StageResult(Stage.PLACE, False, down.why, {"passed": float(down.passed)})
 
 
-def release_lines(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
+def release_lines(task: Task, place: PlaceTarget, member: Member, q: Array) -> Release:
     """The approach to a release q (n,), and the retreat from it with the empty hand."""
     release = task.release(member)
     carrying, free_hand = task.carrying(member), task.letting_go(member)
     if not free_hand.is_free(q):
         return Release(q, 0, f"at the release: {'; '.join(contact_words(free_hand.check(q)))}")
-    parting = task.supports(carrying, q, asked.support)
-    down = line(Stage.PLACE, task, carrying, q, asked.before(release), asked.approach, parting, start="the release")
+    parting = task.supports(carrying, q, place.support)
+    down = line(Stage.PLACE, task, carrying, q, place.before(release), place.approach, parting, start="the release")
     if not down.result.ok:
         return Release(q, DOWN, f"approach to the place: {down.result.message}")
     if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
         return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
-    leave = line(Stage.PLACE, task, free_hand, q, asked.after(release), asked.retreat, start="the release")
+    leave = line(Stage.PLACE, task, free_hand, q, place.after(release), place.retreat, start="the release")
     leave = passing(leave, task.passing_off(member), q)
     if not leave.result.ok:
         return Release(q, OFF, f"retreat from the place: {leave.result.message}")

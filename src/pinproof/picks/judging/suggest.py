@@ -16,6 +16,7 @@ The budget is a number of judged picks (:attr:`pinproof.picks.PickBudget.remedie
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -73,7 +74,8 @@ class _Trials:
         self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
         self._possible, self._checks = possible, CHECKS * budget
         self._seen: dict[str, bool] = {}
-        self._good: Change | None = None
+        self.best: Change | None = None
+        """The smallest good change so far."""
         self._helps: tuple[Change, str] | None = None
 
     def good(self, candidate: Change) -> bool:
@@ -89,22 +91,17 @@ class _Trials:
         self.left -= 1
         verdict = self._judge(candidate.pick)
         self._seen[candidate.words] = verdict.ok
-        if verdict.ok and (self._good is None or candidate.size < self._good.size):
-            self._good = candidate
+        if verdict.ok and (self.best is None or candidate.size < self.best.size):
+            self.best = candidate
         helps = verdict.failed is not None and ORDER.index(verdict.failed) > self._failed
         if verdict.failed is not None and helps and (self._helps is None or candidate.size < self._helps[0].size):
             self._helps = candidate, verdict.failed.value
         return verdict.ok
 
-    @property
-    def best(self) -> Change | None:
-        """The smallest good candidate so far."""
-        return self._good
-
     def words(self) -> str:
         """The suggestion; empty if no candidate helps."""
-        if self._good is not None:
-            return self._good.words
+        if self.best is not None:
+            return self.best.words
         if self._helps is None:
             return ""
         candidate, stage = self._helps
@@ -129,7 +126,10 @@ def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None
     found = []
     if attempt is not None and stage in (Stage.APPROACH, Stage.RETREAT):
         found.append(_shorter(task, pick, stage, attempt, trials()))
-        found.append(_upwards(pick, stage, trials()))
+    if attempt is not None and stage is Stage.RETREAT and (pick.retreat_frame, pick.retreat_direction) != (ROOT, UP):
+        upwards = trials()
+        upwards.good(Change(UPWARDS, pick, 0.0))
+        found.append(upwards.words())
     if stage is Stage.PLACE and pick.place is not None:
         found.append(_nearest_shift(*place_shifts(task, pick), partial(_screened_places, task), trials()))
     if not task.pick.spin.sampled:
@@ -145,12 +145,12 @@ def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None
 def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Trials) -> str:
     """The longest good approach or retreat of those tried, with a resolution of one millimetre."""
     key = stage.value
-    asked = float(getattr(pick, key))
-    length = np.floor(attempt.fraction * asked / STEP) * STEP
+    stated = float(getattr(pick, key))
+    length = np.floor(attempt.fraction * stated / STEP) * STEP
     for _ in range(trials.left):  # the line alone costs much less than a judged pick
-        if not 0 < length < asked:
+        if not 0 < length < stated:
             return ""
-        shorter = task.with_pick(**{key: float(length)})
+        shorter = Task(replace(task.pick, **{key: float(length)}), task.cell)  # type: ignore[arg-type]
         line = (
             line_in(shorter, attempt.candidate) if stage is Stage.APPROACH else line_out(shorter, attempt.candidate)[0]
         )
@@ -159,22 +159,14 @@ def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Tr
         length = np.floor(min(line.fraction * length, length - STEP) / STEP) * STEP
 
     def to_length(steps: int) -> Change:
-        return Change(shorten_words(key, asked, steps * STEP), pick, asked - steps * STEP)
+        return Change(shorten_words(key, stated, steps * STEP), pick, stated - steps * STEP)
 
-    low, high = round(length / STEP), int(np.ceil(asked / STEP - 1e-9))
+    low, high = round(length / STEP), int(np.ceil(stated / STEP - 1e-9))
     if low <= 0 or not trials.good(to_length(low)):
         return trials.words()
     step = 1  # other configurations may allow more
     while low + step < high and trials.good(to_length(low + step)):
         low, step = low + step, 2 * step
-    return trials.words()
-
-
-def _upwards(pick: Pick, stage: Stage, trials: _Trials) -> str:
-    """The vertical retreat, if the retreat failed and has another direction."""
-    if stage is not Stage.RETREAT or (pick.retreat_frame == ROOT and pick.retreat_direction == UP):
-        return ""
-    trials.good(Change(UPWARDS, pick, 0.0))
     return trials.words()
 
 
@@ -253,7 +245,7 @@ def _nearest(candidates: list[Change], trials: _Trials) -> str:
     """The suggestion of the smallest good candidate of those that the budget allows to judge.
 
     All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then each
-    direction is bisected below the best one found; what is left of the budget goes to the others by size.
+    direction is bisected below the best change found, and the rest of the budget is spent on the others by size.
     """
     if len(candidates) > trials.left:
         for each in candidates:

@@ -44,8 +44,8 @@ class Cell:
     """The arm in its scene, with the checkers of the open, the closed and the closing hand.
 
     ``checker`` has the tool and the open fingers attached, and transits start at ``home`` (n,). ``trial`` is the stage
-    at which a pick failed, if changed picks are judged for suggestions: of these, only a good verdict or a failure at a
-    later stage counts, so that their stages need not be judged in order.
+    at which a pick failed, if changed picks are judged for suggestions. Only their good verdicts and failures at later
+    stages count, so their stages need not be judged in order.
     """
 
     checker: CollisionChecker
@@ -214,10 +214,6 @@ class Task:
     def nearest_group(self) -> list[Member]:
         """The first of the groups: the nominal grasp and its rotations."""
         return next(self.groups())
-
-    def with_pick(self, **changes: object) -> Task:
-        """The task with another approach, retreat or pose, for suggestions."""
-        return Task(replace(self.pick, **changes), self.cell)  # type: ignore[arg-type]
 
     # -- poses --------------------------------------------------------------------------------------------------------
 

@@ -289,7 +289,7 @@ def _with_wider_margins(checker: CollisionChecker, name: str, by: float, kept: P
 
 
 def part_of(task: Task, member: Member, name: str, curves: Curves = (), parting: Pairs = ()) -> MotionPart:
-    """A part of a motion with the conditions under which it is certified; ``parting`` if it begins or ends at rest."""
+    """A part of a motion with the conditions under which it is certified; pairs of ``parting`` may touch at one end."""
     if task.name is None or name == "transit":
         return MotionPart(name, curves, task.outside)
     if name == "approach":

@@ -1,7 +1,7 @@
 """The HTML page of a report: summary, table, a 3D view with every grasp, and the motions of the good picks.
 
-The page is one file that opens offline in any browser. Its motions are resampled for display, and the page states so;
-the proofs hold for the original motions, which the page does not contain. A pick is captioned FREE only if a
+The page is one file that opens offline in any browser. As it states, its motions are resampled for display; the proofs
+hold for the original motions, which the page does not contain. A pick is captioned FREE only if a
 certificate matches exactly what is shown.
 """
 
@@ -243,19 +243,21 @@ class PageMotions:
         return cls(stage, scene, films, bodies, tuple(notes))
 
     @property
+    def _shown(self) -> list[Film]:
+        return [each for each in self.films if each is not None]
+
+    @property
     def shown_poses(self) -> Array:
         """(M, L, 4, 4) poses of the links at some moments of the motions, for the camera."""
-        films = [each for each in self.films if each is not None]
-        none = np.empty((0, len(self.stage.links), 4, 4))
+        films, none = self._shown, np.empty((0, len(self.stage.links), 4, 4))
         chosen = films[:: max(1, len(films) * 2 // SHOWN_POSES)]
         return np.concatenate([none, *(each.poses[[len(each.times) // 2, -1]] for each in chosen)])
 
     @property
     def shown_points(self) -> Array:
         """(N, 3) points on the paths of the tcp and of carried bodies, for the camera."""
-        films = [each for each in self.films if each is not None]
-        carried = [poses[:, :3, 3] for each in films for poses in each.riders.values()]
-        points = np.concatenate([np.empty((0, 3)), *(each.tcps[:, 0] for each in films), *carried])
+        carried = [poses[:, :3, 3] for each in self._shown for poses in each.riders.values()]
+        points = np.concatenate([np.empty((0, 3)), *(each.tcps[:, 0] for each in self._shown), *carried])
         return points[:: -(-len(points) // SHOWN_POINTS) or 1]
 
     @property
@@ -297,7 +299,7 @@ class PageMotions:
     def at_rest(self, rest: Film) -> list[dict[str, Any]]:
         """Commands that restore the pose of everything that a motion has moved."""
         names = {name for bodies in self.bodies for name in bodies}
-        names |= {name for shown in self.films if shown is not None for name in shown.moved}
+        names |= {name for shown in self._shown for name in shown.moved}
         back = [
             transform_command(node_path("robot", link.name), at)
             for link, at in zip(self.stage.links, rest.poses[0], strict=True)
@@ -402,8 +404,8 @@ def write_page(
     if arm is None or scene is None or picks is None:
         missing = [name for name, value in {"arm": arm, "scene": scene, "picks": picks}.items() if value is None]
         raise InputError(
-            f"{path}: this result does not contain what its picks were judged with, which the 3D view needs; "
-            f"add to save(): {', '.join(f'{name}=...' for name in missing)}"
+            f"{path}: this result does not contain the {', '.join(missing)} of the 3D view; add to save(): "
+            f"{', '.join(f'{name}=...' for name in missing)}"
         )
     shown = list(islice(content.rows, MOST_ROWS))
     notes = [f"Not covered: {note}" for note in content.notes]

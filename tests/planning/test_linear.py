@@ -255,6 +255,13 @@ def test_settings_that_make_no_sense(ur5: pp.Arm, free: pp.CollisionChecker, nam
         pp.plan_linear(free, READY, ur5.forward_kinematics(READY), **{name: value})
 
 
+def test_infinite_settings_remove_their_limits(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target = _moved(ur5, READY, (0.1, 0.25, 0.1))
+    settings = dict.fromkeys(("deviation", "rotation_deviation", "max_joint_step"), np.inf)
+    move = pp.plan_linear(free, READY, target, **settings).or_raise()
+    assert len(move.path.q) <= len(pp.plan_linear(free, READY, target).or_raise().path.q)
+
+
 def test_a_target_that_is_not_rigid(free: pp.CollisionChecker) -> None:
     with pytest.raises(pp.InputError, match="target"):
         pp.plan_linear(free, READY, np.zeros((4, 4)))

@@ -212,7 +212,7 @@ class JointLimits:
                 raise UnknownNameError("joint", name, joint_names, "limits")
             index = list(joint_names).index(name)
             try:
-                lower[index], upper[index] = map(float, bounds)
+                lower[index], upper[index] = np.array(bounds, dtype=float)  # refuses a text and a set, too
             except (TypeError, ValueError) as error:
                 raise InputError(f"the limits of joint {name!r} must be (lower, upper), not {bounds!r}") from error
         return dataclasses.replace(self, lower=lower, upper=upper)

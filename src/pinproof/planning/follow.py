@@ -6,6 +6,7 @@ every point. The loop is compiled (``src/core/planning/route_follower.h``, with 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -135,7 +136,8 @@ class RouteFollower:
 
     def __post_init__(self) -> None:
         for name in ("deviation", "rotation_deviation", "translation_step", "rotation_step", "max_joint_step"):
-            require_positive(name, getattr(self, name))
+            if getattr(self, name) != math.inf:  # infinite: without limit
+                require_positive(name, getattr(self, name))
 
     @property
     def mask(self) -> Array:

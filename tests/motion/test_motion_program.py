@@ -194,6 +194,9 @@ def test_split_and_join_restore_a_trajectory_exactly() -> None:
     for time in (0.0, 1.0, 0.3):
         with pytest.raises(InputError, match=r"no point"):
             whole.split(time)
+    for wrong in (float("nan"), "0.5"):
+        with pytest.raises(InputError, match=r"time \(s\)"):
+            whole.split(wrong)
     moving = pp.Trajectory([0, 1, 2], [[0], [1], [2]], [[0], [1], [0]], ["a"])
     with pytest.raises(InputError, match=r"moves"):
         moving.split(1.0)

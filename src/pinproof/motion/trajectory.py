@@ -160,6 +160,7 @@ class Trajectory(BezierCurve):
         InputError
             If the trajectory has no inner point at this time, or moves there.
         """
+        require_positive("time (s)", time, zero=True)
         clock = whole_nanoseconds(self.times)
         k = int(np.searchsorted(clock, round(time * trajectory_files.NANO)))
         if not 0 < k < len(clock) - 1 or clock[k] != round(time * trajectory_files.NANO):

@@ -49,6 +49,9 @@ def test_joints_are_selected_by_index_or_mask():
     assert limits.select([2, 0]).upper.tolist() == [2.0, 0.0]
     assert limits.select([True, False, True]).upper.tolist() == [0.0, 2.0]
     assert len(limits.select([])) == 0
+    for wrong in (3, 1, True, [1.0], [3], [True], "a", "", None, {}, [[0]]):
+        with pytest.raises(pp.InputError):
+            limits.select(wrong)
 
 
 def test_violations_name_joint_and_range():

@@ -147,8 +147,19 @@ class JointLimits:
         return len(self.lower)
 
     def select(self, joints: Sequence[int] | npt.NDArray[np.int64]) -> JointLimits:
-        """Return the limits of the joints with these indices, in this order."""
-        index = np.arange(len(self))[list(joints)]  # a mask selects, too, instead of the joints 0 and 1
+        """Return the limits of the joints with these indices, in this order, or of the joints of a mask.
+
+        Raises
+        ------
+        InputError
+            If the values are not indices of joints, and not a mask with a value for each joint.
+        """
+        stated = np.asarray(joints) if np.size(joints) else np.empty(0, dtype=int)
+        try:
+            index = np.arange(len(self))[stated]
+        except IndexError as error:
+            what = f"indices from 0 to {len(self) - 1} or a mask of {len(self)} values"
+            raise InputError(f"joints must be {what}, not {joints!r:.80}") from error
         values = {kind: getattr(self, kind) for kind in LIMIT_KINDS}
         chosen: dict[str, Any] = {kind: None if value is None else value[index] for kind, value in values.items()}
         return dataclasses.replace(self, **chosen)

@@ -457,7 +457,7 @@ def _dask_executor() -> Iterator[Any]:
     with (
         tempfile.TemporaryDirectory() as scratch,
         LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
+            n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=":0",
             local_directory=scratch, silence_logs=logging.ERROR,
         ) as cluster,
         Client(cluster) as client,

@@ -45,7 +45,7 @@ def test_search_on_dask_is_interrupted_resumed_and_equal_to_that_of_one_process(
     with (
         dask.config.set(busy),
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
+            n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=":0",
             local_directory=str(tmp_path / "scratch"),
         ) as cluster,
         distributed.Client(cluster) as client,

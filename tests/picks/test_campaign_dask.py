@@ -42,7 +42,7 @@ def cluster(tmp_path_factory) -> Iterator[distributed.LocalCluster]:
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address=None,
+                dashboard_address=":0",
                 local_directory=str(tmp_path_factory.mktemp("scratch")),
             ) as made,
         ):

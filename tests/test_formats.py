@@ -363,6 +363,7 @@ def files_of(name: str) -> list[Any]:
 
 
 @pytest.mark.parametrize("name", READERS)
+@pytest.mark.slow
 def test_reader_and_schema_refuse_an_unknown_key_wherever_it_is(name: str, folder: Path) -> None:
     seen = set()
     for tree in files_of(name):
@@ -380,6 +381,7 @@ def test_reader_and_schema_refuse_an_unknown_key_wherever_it_is(name: str, folde
 
 
 @pytest.mark.parametrize("name", READERS)
+@pytest.mark.slow
 def test_reader_and_schema_refuse_a_mapping_without_a_required_key(name: str, folder: Path) -> None:
     described, lost = tables(name), set()
     for tree in files_of(name):
@@ -431,6 +433,7 @@ EXAMPLES = int(os.environ.get("PINPROOF_FUZZ_EXAMPLES", "40"))
     max_examples=EXAMPLES, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck)
 )
 @given(data=st.data())
+@pytest.mark.slow
 def test_reader_and_schema_agree_on_changed_files(name: str, folder: Path, data: st.DataObject) -> None:
     tree = data.draw(worse_tree(EVERYTHING[name], most=1))
     reason = refused(name, tree, folder)
@@ -472,6 +475,7 @@ def closed(schema: Any) -> Any:
     return {**found, "additionalProperties": False} if "required" in found and "properties" in found else found
 
 
+@pytest.mark.slow
 def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     arm = pp.load_robot("generic_6dof").arm()
     table = pp.Obstacle("table", pp.Box(1, 1, 0.1), pp.pose((0, 0, -2), (0, 0, 1)), (0, 0, 1, 1))

@@ -234,6 +234,7 @@ RULES: list[Rule] = [
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
+@pytest.mark.slow
 def test_package_follows_the_rule(rule: Rule) -> None:
     assert list(source_files(PACKAGE)), f"no source found in {PACKAGE}"
     assert rule(PACKAGE) == []

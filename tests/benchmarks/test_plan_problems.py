@@ -28,6 +28,7 @@ def same(a: PlanProblem, b: PlanProblem) -> bool:
 
 
 @pytest.mark.parametrize(("robot", "scene"), FEW)
+@pytest.mark.slow
 def test_a_problem_depends_only_on_the_seed_and_its_number(robot: str, scene: str) -> None:
     one, two = list(own_problems(robot, scene, 1)), list(own_problems(robot, scene, 2))
     assert same(one[0], two[0])

@@ -29,6 +29,7 @@ def report(cell: tuple[pp.Arm, pp.Scene, pp.Picks]) -> pp.picks.PickReport:
     return pp.validate_picks(*cell, budget=QUICK)
 
 
+@pytest.mark.slow
 def test_each_kind_of_change_is_found(cell: tuple[pp.Arm, pp.Scene, pp.Picks], report: pp.picks.PickReport) -> None:
     arm, scene, picks = cell
     without_stop = scene.remove("stop")
@@ -48,6 +49,7 @@ def test_each_kind_of_change_is_found(cell: tuple[pp.Arm, pp.Scene, pp.Picks], r
     assert [each.name for each in backwards.of(PickChange.LOST)] == ["unturned"]
 
 
+@pytest.mark.slow
 def test_slower_joints_make_picks_slower(cell: tuple[pp.Arm, pp.Scene, pp.Picks], report: pp.picks.PickReport) -> None:
     arm, scene, picks = cell
     limits = arm.limits
@@ -75,6 +77,7 @@ def test_reports_on_different_picks_are_refused(report: pp.picks.PickReport) -> 
         compare(report, replace(report, verdicts=report.verdicts[:2]))
 
 
+@pytest.mark.slow
 def test_proven_tolerance_contains_no_collision(report: pp.picks.PickReport) -> None:
     study = tolerance_study(report, position=0.001, rotation=0.01, samples=4, largest=3.0)
     assert [each.good for each in study.picks] == [True, True, False]

@@ -288,6 +288,7 @@ def test_robot_on_the_ceiling_is_judged_with_the_vertical_of_the_cell(arm: pp.Ar
 
 
 @pytest.mark.parametrize("names", [("bolt_1", "bolt_6"), ("bolt_2",)])
+@pytest.mark.slow
 def test_proven_empty_cells_have_no_placement(
     arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, names: tuple[str, ...]
 ) -> None:

@@ -113,6 +113,7 @@ def test_plan_into_an_obstacle_names_it(run: Run, tmp_path: Path) -> None:
     assert "floor" in out
 
 
+@pytest.mark.slow
 def test_plan_and_certify_keep_the_tool_upright(run: Run) -> None:
     goal, start = "1 -1.2 1.6 -1.97 -1.57 0.5", "-1 -1.2 1.6 -1.97 -1.57 0"
     request = ("plan", "ur5", "--start", start, "--goal", goal, "--upright", "5 deg", "-o", "motion.json", "--json")

@@ -89,6 +89,7 @@ def test_the_report_does_not_depend_on_workers(run: Run) -> None:
         (("--dask", "nonsense"), "no Dask scheduler answers at nonsense: "),
     ],
 )
+@pytest.mark.slow
 def test_wrong_usage_is_2(run: Run, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: str) -> None:
     monkeypatch.setattr(pick, "CONNECT_SECONDS", 1)
     code, out, err = run("pick", "picks.yaml", "--campaign", "out", *words)

@@ -31,6 +31,7 @@ def run(run: Run, tmp_path: Path) -> Run:
     return partial(run, "certify")
 
 
+@pytest.mark.slow
 def test_a_proof_is_saved_and_verified_by_the_same_command(run: Run) -> None:
     words = ("ur5", "motion.json", "--scene", "scene.yaml", "--margin", "0.002")
     code, out, _ = run(*words, "--obstacle-tolerance", "0.003", "--save-proof", "proof.json.gz")
@@ -50,6 +51,7 @@ def test_a_proof_is_saved_and_verified_by_the_same_command(run: Run) -> None:
     assert answer["not_compared"] == ["the robot", "the scene", "the motion"]
 
 
+@pytest.mark.slow
 def test_a_proof_for_something_else_is_rejected(run: Run) -> None:
     assert run("ur5", "motion.json", "--scene", "scene.yaml", "--save-proof", "proof.json")[0] == 0
     code, out, _ = run("ur5", "motion.json", "--scene", "moved.yaml", "--verify", "proof.json")
@@ -71,6 +73,7 @@ def test_no_proof_is_written_for_a_motion_in_contact(run: Run) -> None:
     assert not Path("proof.json").exists()
 
 
+@pytest.mark.slow
 def test_the_audit_states_its_samples_and_the_contact(run: Run) -> None:
     code, out, _ = run("ur5", "motion.json", "--scene", "scene.yaml", "--audit", "--audit-step", "0.01")
     assert code == 0

@@ -24,6 +24,7 @@ def run(run: Run) -> Run:
     return partial(run, "reach", "generic_6dof", *REGION)
 
 
+@pytest.mark.slow
 def test_the_tool_of_a_picks_file_is_a_collision_body(run: Run) -> None:
     scene = ("--scene", str(CELL / "scene.yaml"))
     assert run(*scene, "--tip", "0 0 0.105", "-o", "tip.npz")[0] == 0
@@ -44,6 +45,7 @@ def test_the_tool_of_a_picks_file_is_a_collision_body(run: Run) -> None:
     np.testing.assert_array_equal(screened.free, tool.free.ravel())
 
 
+@pytest.mark.slow
 def test_a_new_placement_is_compared_with_the_previous_one(run: Run) -> None:
     scene = ("--scene", str(CELL / "scene.yaml"))
     assert run(*scene, "-o", "here.npz")[0] == 0
@@ -95,6 +97,7 @@ def any_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
     return lambda *words: run_main("reach", *words, *REGION)
 
 
+@pytest.mark.slow
 def test_orientations_that_the_arm_never_takes_are_reported(any_run: Run) -> None:
     code, out, _ = any_run("side.yaml", "-o", "map.html")
     assert code == 1

@@ -55,6 +55,7 @@ def test_layers_are_shown_as_stated_and_an_unknown_one_is_refused(run: Run) -> N
     assert not Path("b.html").exists()
 
 
+@pytest.mark.slow
 def test_a_dh_table_is_shown_with_its_branches_as_ghosts(run: Run) -> None:
     table = robots_folder() / "scara" / "dh.yaml"
     code, _, err = run(str(table), "--q", "0.4 0.9 0.1 0", "--branches", "--html", "a.html")

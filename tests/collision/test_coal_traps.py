@@ -221,6 +221,7 @@ def _surface(shape, rng):
     return np.stack([shape.radius * np.cos(angle), shape.radius * np.sin(angle), z], axis=1)
 
 
+@pytest.mark.slow
 def test_a_mesh_on_which_qhull_gives_up_is_refused_by_name():
     """Some meshes of this humanoid have no hull that coal can use; each is refused as a mesh."""
     robots = example_robot_data() / "example-robot-data" / "robots"

@@ -73,6 +73,7 @@ def test_the_held_joints_of_an_arm_cannot_be_changed_in_place(panda):
 
 
 @pytest.mark.parametrize("robot_name", ["panda", "ur5", "pr2_left"])
+@pytest.mark.slow
 def test_the_pinocchio_models_of_an_arm_and_its_robot_are_copies(robot_name):
     arm = load_robot(robot_name).arm()
     scene = Scene([Obstacle("post", Box(0.1, 0.1, 1.0), pose((0.0, 0.0, 4.0)))])

@@ -76,6 +76,7 @@ def test_bounds_of_depth_are_rounded_away_from_the_surface():
 
 @given(seed=st.integers(0, 2**32), margin=st.integers(0, 2), eye=vectors, roll=st.floats(-3, 3))
 @settings(max_examples=25, deadline=None)
+@pytest.mark.slow
 def test_states_equal_their_definition(seed, margin, eye, roll):
     rng = np.random.default_rng(seed)
     camera = Intrinsics(31.0, 29.0, 18.3, 14.6, 37, 29)
@@ -110,6 +111,7 @@ solids = st.builds(
     seed=st.integers(0, 1000),
 )
 @settings(max_examples=60, deadline=None)
+@pytest.mark.slow
 def test_no_point_of_a_surface_is_in_a_free_cell(scene, eyes, seed):
     """Seen or unseen: from random cameras, also of several views together."""
     rng = np.random.default_rng(seed)

@@ -85,6 +85,7 @@ def assert_states(grid: OccupancyGrid, root: Node, least: float = 0.0) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.slow
 def test_cells_of_both_formats_equal_the_tree(tmp_path: Path, seed: int) -> None:
     root = random_tree(seed)
     grids = [
@@ -211,6 +212,7 @@ def test_damaged_files_are_refused(tmp_path: Path, change: str, reason: str, suf
     assert caught.value.path == str(path)
 
 
+@pytest.mark.slow
 def test_every_truncation_is_refused(tmp_path: Path) -> None:
     for name in ("map.bt", "map.ot"):
         path = written(tmp_path, name, random_tree(9, levels=2))

@@ -183,6 +183,7 @@ def line() -> Cell:
 
 
 @pytest.mark.parametrize("dialect", MOVING)
+@pytest.mark.slow
 def test_a_straight_line_of_the_tcp_becomes_a_certified_linear_move(line: Cell, dialect: str) -> None:
     checker, motion = line
     program, certificate = export_program(motion, checker, dialect, linear=True)
@@ -196,6 +197,7 @@ def test_a_straight_line_of_the_tcp_becomes_a_certified_linear_move(line: Cell, 
 
 
 @pytest.mark.parametrize(("margin", "listed"), [(1e-5, True), (1e-3, False)])
+@pytest.mark.slow
 def test_a_linear_move_closer_to_a_limit_than_its_trace_is_exact_is_listed(
     line: Cell, margin: float, listed: bool
 ) -> None:

@@ -105,6 +105,7 @@ def test_fingers_that_move_with_their_leader(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["generic_6dof", "stanford", "scara", "ur5"])
+@pytest.mark.slow
 def test_other_arms_among_round_things_in_a_tube(tmp_path, name):
     arm = load_robot(name).arm()
     rng, proven = np.random.default_rng(1), 0

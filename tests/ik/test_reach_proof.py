@@ -202,6 +202,7 @@ def overlap_near(rng: np.random.Generator, arm: pp.Arm, q: np.ndarray, gap: floa
 
 
 @pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.slow
 def test_overlaps_never_exclude_a_configuration_without_one(arms, name) -> None:
     """The configuration is barely free of each overlap; some of them, slightly larger, do exclude their targets."""
     arm, rng, proven = arms[name], np.random.default_rng(5), 0

@@ -43,6 +43,7 @@ def test_overlaps_are_links_of_the_robot(name):
 
 
 @pytest.mark.parametrize("family", ["alex", "baxter", "g1", "pr2", "romeo", "talos", "tiago_dual", "tiago_pro"])
+@pytest.mark.slow
 def test_arms_of_a_dual_arm_robot_hold_each_other(family):
     left, right = (pp.load_robot(f"{family}_{side}").arm() for side in ("left", "right"))
     assert not set(left.joint_names) & set(right.joint_names)

@@ -23,6 +23,7 @@ from .timing_problems import (
 
 @examples(150)
 @given(problems())
+@pytest.mark.slow
 def test_timing_keeps_the_image_and_the_limits_of_straight_paths(problem):
     path, limits = problem
     trajectory = time_parametrise(path, limits)

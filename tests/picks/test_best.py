@@ -45,6 +45,7 @@ def search(made: pp.picks.PickSetup, pick: pp.Pick, *, bounded: bool) -> BestFir
         ("panda", "picks.yaml", "cube_2", None),
     ],
 )
+@pytest.mark.slow
 def test_the_bound_leaves_the_winner_as_it_is(robot: str, file: str, name: str | None, weights) -> None:
     made, picks = setup(robot, file, weights)
     pick = picks.picks[0] if name is None else next(each for each in picks if each.name == name)

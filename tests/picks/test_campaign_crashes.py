@@ -181,6 +181,7 @@ def test_workers_that_never_start_are_an_error_and_no_pick_is_blamed(stick, many
     assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
 
 
+@pytest.mark.slow
 def test_workers_that_always_die_are_an_error_and_no_pick_is_blamed(stick, many, judges, tmp_path) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_always)
     with pytest.raises(CampaignError, match=r"every worker process died on each of the first 10 picks.* enough memory"):

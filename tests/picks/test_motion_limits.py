@@ -71,12 +71,14 @@ def test_torques_of_a_pick_are_limited_and_reported(judge):
 NEEDS = r"joint '\w+' needs \d+\.?\d* N m to hold the arm at rest at q = \[.*limit is (150|28) N m \(payload {} kg\)"
 
 
+@pytest.mark.slow
 def test_a_transfer_that_fails_only_because_of_torque_names_joint_torque_and_part(judge):
     _, _, verdict = judge(defaults="payload: {mass: 25}, ")
     assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
     assert re.search("^transfer: .*" + NEEDS.format(25), verdict.reason)
 
 
+@pytest.mark.slow
 def test_an_object_too_heavy_for_every_configuration_at_the_grasp_is_refuted(judge):
     arm, _, verdict = judge(defaults="payload: {mass: 60}, ")
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)

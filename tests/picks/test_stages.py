@@ -119,6 +119,7 @@ def test_approach_blocked(arms) -> None:
     assert "of the line: " in verdict.reason
 
 
+@pytest.mark.slow
 def test_retreat_blocked(arm, pick) -> None:
     aside = pick.pose.rotation[:, 0]
     post = ball("post", pick.pose.translation + 0.16 * aside, 0.05)

@@ -86,6 +86,7 @@ def test_arm_waits_until_a_door_opens() -> None:
     assert checked(later, checker, [door], 2.0).duration < motion.duration - 1.5
 
 
+@pytest.mark.slow
 def test_goal_is_reached_within_its_window_or_the_reason_is_given() -> None:
     checker, goals = behind_a_door()
     start = np.array([0.0, -2.2, 2.2, -1.57, -1.57, 0.0])

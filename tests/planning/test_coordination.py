@@ -58,6 +58,7 @@ FORK = """<robot name="rails"><link name="root"/>
 <limit lower="-1" upper="3" velocity="1" effort="1"/></joint></robot>"""
 
 
+@pytest.mark.slow
 def test_arm_between_the_fingers_of_another_moves_slower_along_its_path() -> None:
     """At full speed, the puck meets the finger ahead of it or the one behind, whenever it starts."""
     group = pp.model.load_robot_from_text(FORK).arms("fork", "puck")

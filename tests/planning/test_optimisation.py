@@ -147,6 +147,7 @@ class SpeedLimit:
         return np.linalg.norm(control, axis=2).max(axis=1) / self.most
 
 
+@pytest.mark.slow
 def test_torque_limits_are_kept_and_still_shorten_the_motion(panda: pp.Arm) -> None:
     """The planned path brakes with the load at a large distance, where gravity uses most of the torque."""
     checker = pp.CollisionChecker(

@@ -68,6 +68,7 @@ def test_on_a_short_interval_the_bound_is_close_to_the_distance(proof, rehashed,
     assert found[:, 0] == pytest.approx(look.distances(q), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_bounds_computed_together_equal_the_bounds_of_each_pair_alone(proof, rehashed, monkeypatch):
     rng = np.random.default_rng(8)
     checked = Proof(with_curve(proof, rehashed, curve(rng, 0.3, 3, 2), 0.01))

@@ -73,6 +73,7 @@ def test_nothing_is_printed_and_the_program_ends_by_itself() -> None:
     assert (done.stdout, done.stderr) == ("", "")
 
 
+@pytest.mark.slow
 def test_a_view_shows_a_slider_for_the_elbow_until_the_arm_is_moved() -> None:
     arm = load_robot("panda").arm()
     motion = AnalyticIk(redundant_steps=12).self_motion(arm, arm.forward_kinematics(arm.home), arm.home)

@@ -33,6 +33,7 @@ def test_the_page_of_the_ur5_is_small(ur5, cell, tmp_path) -> None:
     assert (tmp_path / "pick.html").stat().st_size < 5 * MEGABYTE
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes() -> None:
     arm = small_arm()
     assert render_page(Picture(arm, None, swing(arm))).text == render_page(Picture(arm, None, swing(arm))).text

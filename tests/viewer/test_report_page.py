@@ -345,6 +345,7 @@ def test_a_proof_of_another_scene_is_not_accepted(tmp_path, report: PickReport) 
     assert text.count('"headline":"NOT VALIDATED"') == 2
 
 
+@pytest.mark.slow
 def test_a_part_proven_with_other_obstacles_is_not_a_proof(tmp_path) -> None:
     late = Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))
     done, more = carried(), standing(1.0).add(late)
@@ -356,6 +357,7 @@ def test_a_part_proven_with_other_obstacles_is_not_a_proof(tmp_path) -> None:
         assert f'"headline":"{headline}"' in (tmp_path / "a.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_names_cannot_become_markup_and_the_same_report_gives_the_same_bytes(tmp_path, report: PickReport) -> None:
     texts = []
     for name in ("a.html", "b.html"):

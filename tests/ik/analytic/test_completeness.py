@@ -146,6 +146,7 @@ def test_parallel_and_spherical_triples_give_the_same_branches(generic):
 
 @examples(24)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 6), prismatic=st.sets(st.integers(0, 5), max_size=3))
+@pytest.mark.slow
 def test_joints_in_general_position_are_solved(seed, count, prismatic):
     """Three to six axes in general position, up to three of them prismatic."""
     rng = np.random.default_rng(seed)

@@ -191,6 +191,7 @@ def test_the_tolerance_is_part_of_the_completeness_claim(ur5, tolerance):
 
 @pytest.mark.parametrize("name", ["stanford", "irb120", "z1", "ur5"])
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-6])
+@pytest.mark.slow
 def test_targets_off_by_less_than_the_tolerance_are_not_impossible(name, tolerance):
     """A configuration at special angles or limits reaches the targets within the tolerance."""
     arm = arm_named(name)

@@ -201,7 +201,7 @@ def test_a_bad_csv_names_file_row_and_column(old, new, place, reason, tmp_path):
         (YAML[YAML.index("rows") :], "rows: []", "key rows", "key rows"),
         (YAML, "just words", "", "contains a str"),
         (YAML, "rows: {]", "line 1", "is not valid YAML"),
-        ("rows", "tool: {xyz: [0, 0]}\nrows", "key tool.xyz", r"must have the shape \(3,\)"),
+        ("rows", "tool: {xyz: [0, 0]}\nrows", "key tool.xyz", "must have 3 numbers, not 2"),
         ("rows", "tool: {xyz: [0, 0, up]}\nrows", "key tool.xyz", "'up' is not a number"),
         ("rows", "tool: &t {xyz: &x [*x, 0, 0]}\nrows", "line 2", "refers to its own parent"),
         ("rows", "tool: {xyz: [0, 0, 0], matrix: []}\nrows", "key tool", "either matrix, or xyz"),
@@ -258,6 +258,15 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
         DhTable([DhRow("other", 0, 0, 1, 0)], convention="standard").save(path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_limits_of_a_prismatic_joint_in_millimetres_are_refused(tmp_path):
+    path = tmp_path / "rail.yaml"
+    row = "{name: rail, type: prismatic, theta: 0, d: 0, a: 0, alpha: 0, lower: -500, upper: 500}"
+    path.write_text(f"convention: standard\nrows:\n  - {row}\n")
+    with pytest.raises(DhTableError, match=r"500 mm = 0\.5 m") as caught:
+        DhTable.load(path)
+    assert caught.value.place == "line 3, row 1, column upper"
 
 
 def test_saving_into_a_missing_folder_names_the_file(tmp_path):

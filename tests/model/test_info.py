@@ -66,7 +66,7 @@ def test_missing_meshes_are_named(tmp_path):
         '<limit lower="-1" upper="1"/></joint></robot>'
     )
     robot = pp.load_robot(file)
-    assert robot.notes == ("1 collision meshes were not found: package://p/gone.stl",)
+    assert robot.notes == ("1 collision mesh was not found: package://p/gone.stl",)
     assert robot.notes[0] in robot.info(robot.arm("b")).missing
     with pytest.raises(pp.errors.MeshError, match=r"the mesh of link 'b' was not found; .*contains 'p'.*; tried:\n"):
         pp.CollisionChecker(robot.arm("b"))

@@ -24,7 +24,8 @@ def notes(urdf: Urdf, srdf: Srdf) -> tuple[str, ...]:
         if lost:
             uris = list(dict.fromkeys(g.mesh.uri for g in lost if g.mesh is not None))
             how = "; use / in paths, not \\" if any("\\" in uri for uri in uris) else ""
-            found.append(f"{len(lost)} {kind} meshes were not found: {_listed(uris)}{how}")
+            meshes = "mesh was" if len(lost) == 1 else "meshes were"
+            found.append(f"{len(lost)} {kind} {meshes} not found: {_listed(uris)}{how}")
     for joint in urdf.joints.values():
         try:
             for limit in (joint.lower, joint.upper) if joint.type == "revolute" else ():

@@ -260,15 +260,6 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_limits_of_a_prismatic_joint_in_millimetres_are_refused(tmp_path):
-    path = tmp_path / "rail.yaml"
-    row = "{name: rail, type: prismatic, theta: 0, d: 0, a: 0, alpha: 0, lower: -500, upper: 500}"
-    path.write_text(f"convention: standard\nrows:\n  - {row}\n")
-    with pytest.raises(DhTableError, match=r"500 mm = 0\.5 m") as caught:
-        DhTable.load(path)
-    assert caught.value.place == "line 3, row 1, column upper"
-
-
 def test_saving_into_a_missing_folder_names_the_file(tmp_path):
     with pytest.raises(FileError, match=r"nowhere/arm\.csv: cannot be written"):
         DhTable([DhRow("j", 0, 0, 1, 0)], convention="standard").save(tmp_path / "nowhere" / "arm.csv")

@@ -59,6 +59,12 @@ def said_of(path: Path) -> str:
         ("scene.yaml", SCENE.format("box: [1, 1, 1], xyz: [400, 0, 300]"), "'a' is 400 m away; lengths are in metres"),
         ("picks.csv", f"{HEAD}a,460,150,35,pi,0,0\n", "460 mm = 0.46"),
         ("dh.csv", f"{DH}a,0,330,0,0,,\nb,0,0,425,0,,\n", "425 mm = 0.425"),
+        ("dh.csv", f"{DH.replace('theta', 'type,theta', 1)}a,prismatic,0,0,0,0,-500,500\n", "column upper: 500 m is"),
+        (
+            "r.urdf",
+            ROBOT.replace("revolute", "prismatic").format("", '<limit lower="0" upper="500"/>'),
+            "joint 'j': 500 m is too long",
+        ),
         # commas, tabs, encodings
         ("picks.csv", f"{HEAD}a,0,46,0,15,0,035,3,14,0,0\n", "11 cells under 7 columns; decimals have a point"),
         ("picks.csv", f'{HEAD}a,"0,46",0,0,pi,0,0\n', "'0,46' is not a number: use a decimal point"),

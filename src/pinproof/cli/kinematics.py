@@ -96,9 +96,8 @@ def ik(
 ) -> None:
     """Compute joint values for a pose of the tcp, or of the tip of a tool.
 
-    With --scene, --margin, --tool-of or --attached, the solution is also collision-free.
-
-    Exit code 1 if no joint values are found.
+    With --scene, --margin, --tool-of or --attached, the solution is also collision-free. Exit code 1 if no joint
+    values are found.
 
     Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
     """

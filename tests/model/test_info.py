@@ -58,6 +58,11 @@ def test_missing_parts_are_named(zoo):
     assert any("no acceleration limits" in words for words in zoo.missing)
 
 
+def test_links_with_visual_geometry_only_are_named():
+    robot = pp.load_robot("z1")
+    assert "no collision geometry, only visual: link01, link05" in robot.info(robot.arm()).missing
+
+
 def test_missing_meshes_are_named(tmp_path):
     file = tmp_path / "r.urdf"
     file.write_text(

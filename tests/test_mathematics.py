@@ -70,6 +70,14 @@ def test_numbers_in_the_text_are_those_of_the_code() -> None:
         assert value == stated
 
 
+def test_functions_in_the_text_exist() -> None:
+    files = [*(ROOT / "src" / "core").rglob("*.h"), *(ROOT / "src" / "pinproof").rglob("*.py")]
+    source = "".join(path.read_text(encoding="utf-8") for path in files)
+    named = re.findall(r"[(;] ?`(?:\w+::)?(\w+)`\)", TEXT)
+    assert len(named) > 4
+    assert not [name for name in named if f" {name}(" not in source]
+
+
 def test_links_lead_somewhere() -> None:
     links = re.findall(r"\]\((?!https?://|#)([^)#]+)", TEXT)
     assert links

@@ -105,7 +105,8 @@ class UnknownNameError(InputError):
         place = f" in {where}" if where else ""
         more = f", ... ({len(self.valid)} in all)" if len(self.valid) > LISTED else ""
         choices = ", ".join(self.valid[:LISTED]) + more
-        super().__init__(f"unknown {kind} {name!r}{place}; valid: {choices or 'none'}")
+        thing, of, whole = kind.partition(" of ")
+        super().__init__(f"unknown {thing} {name!r}{of}{whole}{place}; valid: {choices or 'none'}")
 
     def __reduce__(self) -> tuple[object, ...]:
         return (_rebuild, (type(self), self.args, self.__dict__))

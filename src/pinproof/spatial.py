@@ -291,6 +291,8 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
     if array.shape != shape and (
         array.ndim != len(shape) or any(w is not None and w != s for w, s in zip(shape, array.shape, strict=True))
     ):
+        if len(shape) == 1 and shape[0] is not None and array.ndim <= 1:
+            raise InputError(f"{name} must have {shape[0]} number{'' if shape[0] == 1 else 's'}, not {array.size}")
         raise InputError(f"{name} must have the shape {_shape_text(shape)}; it has {array.shape}")
     if not all_finite(array):
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])

@@ -222,7 +222,7 @@ def test_file_of_several_robots_is_refused_for_a_single_arm(cell) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("left: {base:", "left: {bse:", "unknown key of robot 'left' 'bse'"),
+        ("left: {base:", "left: {bse:", "unknown key 'bse' of robot 'left'"),
         ("right: {base: {xyz: [0.45, 0, 0], rpy: [0, 0, pi]}}", "right: {tcp: tool0}", "states no base"),
     ],
 )

@@ -241,8 +241,8 @@ def test_adjacency_reaches_across_links_without_geometry(arm_from_links):
     checker = CollisionChecker(robot.arm(tcp="tip"))
     assert checked(checker) == {frozenset("ac")}
     assert reasons(checker) == {
-        frozenset("ab"): "adjacent: only links without geometry between them (empty), joints within 5 mm "
-        "(housing 7.75 mm); in contact in 100% of sampled configurations",
+        frozenset("ab"): "adjacent: only links without geometry between them (empty), joints 5 mm apart "
+        "(one housing: at most 7.75 mm); in contact in 100% of sampled configurations",
         frozenset("bc"): "adjacent: joined by a joint",
     }
     assert not checker.is_free(np.zeros(3))

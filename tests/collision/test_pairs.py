@@ -96,7 +96,7 @@ def test_the_housing_is_a_setting_that_the_certificate_states(chain):
     stay = JointPath(np.zeros((2, 2)), arm.joint_names)
     (left_out,) = (each for each in certify(stay, checker).excluded if frozenset(each.owners) == pair)
     assert left_out.reason == (
-        "adjacent: only links without geometry between them (empty_1), joints within 4 mm (housing 5 mm); "
+        "adjacent: only links without geometry between them (empty_1), joints 4 mm apart (one housing: at most 5 mm); "
         "in contact in 100% of sampled configurations"
     )
     assert CollisionChecker(arm, housing=0.0).fingerprint() != checker.fingerprint()

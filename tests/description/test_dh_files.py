@@ -201,7 +201,7 @@ def test_a_bad_csv_names_file_row_and_column(old, new, place, reason, tmp_path):
         (YAML[YAML.index("rows") :], "rows: []", "key rows", "key rows"),
         (YAML, "just words", "", "contains a str"),
         (YAML, "rows: {]", "line 1", "is not valid YAML"),
-        ("rows", "tool: {xyz: [0, 0]}\nrows", "key tool.xyz", r"must have the shape \(3,\)"),
+        ("rows", "tool: {xyz: [0, 0]}\nrows", "key tool.xyz", "must have 3 numbers, not 2"),
         ("rows", "tool: {xyz: [0, 0, up]}\nrows", "key tool.xyz", "'up' is not a number"),
         ("rows", "tool: &t {xyz: &x [*x, 0, 0]}\nrows", "line 2", "refers to its own parent"),
         ("rows", "tool: {xyz: [0, 0, 0], matrix: []}\nrows", "key tool", "either matrix, or xyz"),

@@ -58,6 +58,11 @@ def test_missing_parts_are_named(zoo):
     assert any("no acceleration limits" in words for words in zoo.missing)
 
 
+def test_links_with_visual_geometry_only_are_named():
+    robot = pp.load_robot("z1")
+    assert "no collision geometry, only visual: link01, link05" in robot.info(robot.arm()).missing
+
+
 def test_missing_meshes_are_named(tmp_path):
     file = tmp_path / "r.urdf"
     file.write_text(
@@ -66,7 +71,7 @@ def test_missing_meshes_are_named(tmp_path):
         '<limit lower="-1" upper="1"/></joint></robot>'
     )
     robot = pp.load_robot(file)
-    assert robot.notes == ("1 collision meshes were not found: package://p/gone.stl",)
+    assert robot.notes == ("1 collision mesh was not found: package://p/gone.stl",)
     assert robot.notes[0] in robot.info(robot.arm("b")).missing
     with pytest.raises(pp.errors.MeshError, match=r"the mesh of link 'b' was not found; .*contains 'p'.*; tried:\n"):
         pp.CollisionChecker(robot.arm("b"))

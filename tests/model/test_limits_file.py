@@ -100,7 +100,7 @@ def test_joints_outside_the_arm_are_ignored_and_unknown_joints_refused(tmp_path)
             "line 2, column 3, joint j: max_velocity requires has_velocity_limits",
         ),
         ("joint_limits:\n  j: {has_velocity_limits: 1, max_velocity: 3}", "true or false, not 1"),
-        ("joint_limits:\n  j: {has_velocity_limits: true}", "max_velocity must be a finite number, not None"),
+        ("joint_limits:\n  j: {has_velocity_limits: true}", "has_velocity_limits: true requires max_velocity"),
         ("joint_limits:\n  j: {has_velocity_limits: true, max_velocity: .inf}", "finite number, not inf"),
         ("joint_limits:\n  j: {has_jerk_limits: true, max_jerk: 0}", "max_jerk must be above 0"),
         (

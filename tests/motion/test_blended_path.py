@@ -162,7 +162,7 @@ def test_a_path_without_motion() -> None:
 
 @pytest.mark.parametrize(
     ("reach", "word"),
-    [([0, 0.6, 0.6, 0], "overlap"), ([0, -0.1, 0, 0], "0 or more"), ([0.1, 0, 0, 0], "both ends"), ([0, 0], "shape")],
+    [([0, 0.6, 0.6, 0], "overlap"), ([0, -0.1, 0, 0], "0 or more"), ([0.1, 0, 0, 0], "both ends"), ([0, 0], "4 num")],
 )
 def test_a_reach_that_makes_no_sense(reach: list[float], word: str) -> None:
     path = pp.JointPath([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], NAMES)

@@ -85,7 +85,7 @@ def ik(
         autocompletion=method_names,
         metavar="METHOD",
     ),
-    all_branches: bool = option("Print all IK solutions. Requires an arm with closed-form IK.", False, "--all"),
+    all_branches: bool = option("Print all IK solutions; for arms with at most seven joints.", False, "--all"),
     q0: str | None = option("Joint values where the search starts. Default: home.", None, metavar="VALUES"),
     seed: Seed = 0,
     *,
@@ -105,7 +105,7 @@ def ik(
     if not xyz and task is not TaskOption.ORIENTATION:
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
     if all_branches and (method not in ("clik", "analytic") or task is not TaskOption.POSE):
-        raise InputError("--all uses the closed form and full poses; remove --method and --task")
+        raise InputError("--all uses the method analytic and full poses; remove --method and --task")
     angles = numbers(rpy, "--rpy", "roll pitch yaw")
     refuse_degrees("--rpy", angles)
     arm, tip = chain.arm(robot, tool=tool), tool.tip

@@ -7,6 +7,7 @@ wrong usage or unreadable input; 3, an internal error; 130, interrupted by Ctrl-
 from __future__ import annotations
 
 import difflib
+import inspect
 import os
 import platform
 import re
@@ -146,7 +147,9 @@ for words, command in COMMANDS.items():
     if group and not groups[group].registered_commands:
         app.add_typer(groups[group], name=group, rich_help_panel=PANELS[group])
     panel = None if group else PANELS[name]
-    groups[group].command(name, cls=_Command, rich_help_panel=panel)(expand_options(command, _ErrorOptions.set_verbose))
+    text = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.getdoc(command) or "")  # the parser keeps newlines
+    register = groups[group].command(name, cls=_Command, rich_help_panel=panel, help=text)
+    register(expand_options(command, _ErrorOptions.set_verbose))
 
 
 def _version(wanted: bool) -> None:

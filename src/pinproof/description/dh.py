@@ -278,12 +278,14 @@ def _row(path: Path, place: str, stated: Mapping[Any, Any]) -> DhRow:
 
 
 def _unit_problem(values: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return the first column whose angle is probably in degrees, and the reason."""
+    """Return the first column that is probably in degrees or millimetres, and the reason."""
     try:
         for column in ("theta", "alpha"):
             refuse_degrees(column, [values[column]])
         for column in ("lower", "upper") if values["joint_type"] == "revolute" else ():
             refuse_degree_limit(column, values[column])
+        if values["joint_type"] == "prismatic":
+            refuse_millimetres("upper", [values["lower"], values["upper"]])
     except InputError as error:
         column, _, reason = str(error).partition(": ")
         return column, reason

@@ -10,7 +10,7 @@ from pinproof.description.srdf import Srdf
 from pinproof.description.urdf import Urdf, read_urdf
 from pinproof.description.xml_reader import parse_file
 from pinproof.errors import InputError
-from pinproof.units import refuse_degree_limit
+from pinproof.units import refuse_degree_limit, refuse_millimetres
 
 NAMED = 5
 """Largest number of names that a note lists."""
@@ -24,10 +24,14 @@ def notes(urdf: Urdf, srdf: Srdf) -> tuple[str, ...]:
         if lost:
             uris = list(dict.fromkeys(g.mesh.uri for g in lost if g.mesh is not None))
             how = "; use / in paths, not \\" if any("\\" in uri for uri in uris) else ""
-            found.append(f"{len(lost)} {kind} meshes were not found: {_listed(uris)}{how}")
+            meshes = "mesh was" if len(lost) == 1 else "meshes were"
+            found.append(f"{len(lost)} {kind} {meshes} not found: {_listed(uris)}{how}")
     for joint in urdf.joints.values():
+        limits = [limit for limit in (joint.lower, joint.upper) if limit is not None]
         try:
-            for limit in (joint.lower, joint.upper) if joint.type == "revolute" else ():
+            if joint.type == "prismatic":
+                refuse_millimetres(f"limit of joint {joint.name!r}", limits)
+            for limit in limits if joint.type == "revolute" else ():
                 refuse_degree_limit(f"limit of joint {joint.name!r}", limit)
         except InputError as odd:
             found.append(str(odd))

@@ -322,6 +322,12 @@ class Urdf:
     kinematics: str
     text: str
 
+    @property
+    def visual_only(self) -> tuple[str, ...]:
+        """The links with visual geometry but no collision geometry."""
+        solid = {geometry.link for geometry in self.collisions}
+        return tuple(dict.fromkeys(geometry.link for geometry in self.visuals if geometry.link not in solid))
+
     def text_for(self, path: Path) -> str:
         """Return the XML text for a file at ``path``, from which all meshes that were found are found again."""
         from lxml import etree

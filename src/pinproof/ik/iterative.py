@@ -334,7 +334,7 @@ class IterativeIk(ABC):
         while True:
             found = search.next(count, first is None)
             if found.fulfils:
-                result = _result(IkStatus.FOUND, found, engine, None)
+                result = _result(IkStatus.FOUND, found, engine, task)
                 if _accepts(accept, result.q):
                     return result
                 refusals += 1
@@ -344,7 +344,7 @@ class IterativeIk(ABC):
             if first is None:
                 errors = found.position_error, found.orientation_error
                 message = not_found(arm, task.counted, found.q, errors, found.iterations, found.attempts)
-                return _result(IkStatus.NOT_FOUND, found, engine, message)
+                return _result(IkStatus.NOT_FOUND, found, engine, task, message)
             return replace(
                 first,
                 status=IkStatus.REFUSED,
@@ -360,9 +360,9 @@ SOLVERS_KEPT = 16
 _SOLVERS: WeakKeyDictionary[Arm, dict[tuple[IterativeIk, Task], IkSolver]] = WeakKeyDictionary()
 
 
-def _result(status: IkStatus, found: AnyCandidate, engine: str, words: str | None) -> IkResult:
+def _result(status: IkStatus, found: AnyCandidate, engine: str, task: Task, words: str | None = None) -> IkResult:
     errors = found.position_error, found.orientation_error
-    return IkResult(status, found.q, *errors, found.iterations, found.attempts - 1, engine, words)
+    return IkResult(status, found.q, *errors, found.iterations, found.attempts - 1, engine, words, task.counted)
 
 
 def _accepts(accept: Accept | None, q: Array) -> bool:

@@ -62,9 +62,11 @@ class IkOutcome:
         return self
 
 
-def found(errors: Errors, iterations: int, attempt: int) -> str:
-    """The message of a solution."""
-    return f"found: error {_errors(errors)} after {_count(iterations, 'step')} and {_count(attempt, 'restart')}"
+def found(errors: Errors, counted: Counted, iterations: int, attempt: int) -> str:
+    """The message of a solution, with the errors that the task counts."""
+    return (
+        f"found: error {_errors(errors, counted)} after {_count(iterations, 'step')} and {_count(attempt, 'restart')}"
+    )
 
 
 def not_found(
@@ -118,7 +120,7 @@ def sampled(solutions: int, attempts: int, refusals: int) -> str:
     )
 
 
-def _errors(errors: Errors, counted: Counted = (True, True)) -> str:
+def _errors(errors: Errors, counted: Counted) -> str:
     """Distance and angle, those of them that count; the distance in m from 1 m and in mm below."""
     distance = f"{errors[0]:.3g} m" if errors[0] >= 1.0 else f"{1000.0 * errors[0]:.3g} mm"
     texts = (distance, f"{errors[1]:.3g} rad")
@@ -194,6 +196,8 @@ class IkResult(IkOutcome):
         ``"compiled"``, ``"pinocchio"`` or ``"analytic"``.
     words
         The message; by default it is composed from the other fields of a solution.
+    counted
+        Whether the task selects any coordinates of the position, and of the orientation.
     """
 
     status: IkStatus
@@ -204,6 +208,7 @@ class IkResult(IkOutcome):
     restarts: int
     engine: str
     words: str | None = None
+    counted: Counted = (True, True)
 
     def __post_init__(self) -> None:
         if self.q.flags.writeable:
@@ -214,7 +219,7 @@ class IkResult(IkOutcome):
         """Status, errors and reason as text, with a suggestion if there is no solution."""
         if self.words is not None:
             return self.words
-        return found((self.position_error, self.orientation_error), self.iterations, self.restarts)
+        return found((self.position_error, self.orientation_error), self.counted, self.iterations, self.restarts)
 
     def __repr__(self) -> str:
         q = ", ".join(f"{value:.6g}" for value in self.q)
@@ -328,6 +333,7 @@ class IkBatch:
             int(self.restarts[index]),
             self.engine,
             self._words(index),
+            self.counted,
         )
 
     def __iter__(self) -> Iterator[IkResult]:

@@ -453,9 +453,11 @@ def _stated(path: Path, place: str, stated: LinedMapping, kind: str, keys: tuple
         raise FileError(path, f"{flag} must be true or false, not {has!r}", place)
     if not has:
         return None
+    if missing := [key for key in keys if key not in stated]:
+        raise FileError(path, f"{flag}: true requires {' and '.join(missing)}", place)
     values = []
     for key in keys:
-        value = stated.get(key)
+        value = stated[key]
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(float(value)):
             raise FileError(path, f"{key} must be a finite number, not {value!r}", place)
         values.append(abs(float(value)) if kind == "deceleration" else float(value))

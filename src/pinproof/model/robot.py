@@ -953,6 +953,8 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
         notes.append("no collision geometry: contact of its links is not detected")
     elif robot.has_generated_bodies:
         notes.append(GENERATED_BODIES)
+    if robot.urdf.collisions and robot.urdf.visual_only:
+        notes.append(f"no collision geometry, only visual: {', '.join(robot.urdf.visual_only)}")
     slow = [name for name, v in zip(arm.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]
     if slow:
         notes.append(f"no velocity limit: {', '.join(slow)}")

@@ -263,8 +263,8 @@ class _Neighbours:
             length, housing = self._length(moving), self._housing(a.link)
             if solid_between or (up and down) or length > housing or any(joint.type == "prismatic" for joint in moving):
                 return "", False
-            claim = f"adjacent: only links without geometry between them ({', '.join(between)}), joints within "
-            claim += f"{length * 1e3:.3g} mm (housing {housing * 1e3:.3g} mm)"
+            claim = f"adjacent: only links without geometry between them ({', '.join(between)}), joints "
+            claim += f"{length * 1e3:.3g} mm apart (one housing: at most {housing * 1e3:.3g} mm)"
         if not any(joint.name in self._own for joint in moving):
             return f"{claim}; {NOT_MOVED}", False
         return claim, True

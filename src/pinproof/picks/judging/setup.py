@@ -190,8 +190,6 @@ class PickSetup:
         """
         checker = self.checker
         urdf = checker.arm.robot.urdf
-        solid = {geometry.link for geometry in urdf.collisions}
-        visual_only = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
         notes = []
         if False in with_object:
             notes.append("picks without `object:` are judged with an empty gripper after the grasp")
@@ -212,12 +210,12 @@ class PickSetup:
         if torques is not None:
             notes.append("joint friction and the inertia of motors, which add to the torques")
             notes += torques.notes
-        if not solid:
+        if not urdf.collisions:
             notes.append("the robot has no collision geometry, so contact of its links is not detected")
         elif has_generated_bodies(urdf):
             notes.append(GENERATED_BODIES)
-        if solid and visual_only:
-            notes.append(f"links with visual geometry but no collision geometry: {', '.join(visual_only)}")
+        if urdf.collisions and urdf.visual_only:
+            notes.append(f"links with visual geometry but no collision geometry: {', '.join(urdf.visual_only)}")
         if not checker.scene.obstacles:
             notes.append("the scene has no obstacles, so the robot was checked only against itself")
         for thing in checker.scene.obstacles:

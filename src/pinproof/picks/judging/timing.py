@@ -303,7 +303,8 @@ def part_of(task: Task, member: Member, name: str, curves: Curves = (), parting:
 def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
     """The part of a motion that is timed already, with the supports that the object leaves or reaches."""
     place = task.pick.place
-    names, what = PARTS, f"with object {task.name!r}"
+    names: tuple[str, ...] = PARTS
+    what = f"with object {task.name!r}"
     if task.name is None:
         names, what = ("pick", *PARTS[:3]), "without an object"
     elif place is None:  # the object would be where it was grasped

@@ -21,6 +21,7 @@ from pinproof.cell import (
     PlacementRegion,
     PlacementResult,
     place_base,
+    stages,
     without_parts,
 )
 from pinproof.cell.placement.base_proofs import BaseContacts
@@ -31,6 +32,7 @@ from pinproof.cell.placement.region import mounting_pose
 from pinproof.cell.placement.screening import GraspTable, PlacementScreening
 from pinproof.common.files import json_text
 from pinproof.picks import PickBudget, PickWeights
+from pinproof.picks.batch.workers import LocalWorkers
 from pinproof.picks.judging.task import Cell
 
 from ..processes import PATIENCE, RUN_CLI, started, wait_for
@@ -235,6 +237,27 @@ def test_killed_search_with_two_workers_resumes_to_the_same_result(tmp_path: Pat
     assert answers[0] == answers[1]
     assert answers[0][0] == 1  # one pick of the file is wrong on purpose
     assert answers[0][1]["placements"][0]["good"] > 0
+
+
+@pytest.mark.slow
+def test_resumed_search_starts_its_workers_once(
+    tmp_path: Path, arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[LocalWorkers] = []
+
+    class Counted(LocalWorkers):
+        def __init__(self, count: int) -> None:
+            super().__init__(count)
+            started.append(self)
+
+    monkeypatch.setattr(stages, "LocalWorkers", Counted)
+    tiny = PlacementBudget(grid=4, runs=0, evaluations=0, certified=1, proofs=0)
+    for _ in range(2):  # rows from the folder have no motions, so the second search judges the picks again
+        place_base(
+            arm, scene, some(bolts, "bolt_1"), PlacementRegion(x=(-0.05, 0.05), y=(-0.05, 0.05)),
+            placement_budget=tiny, budget=QUICK, folder=tmp_path / "search", workers=1,
+        )  # fmt: skip
+    assert len(started) == 2
 
 
 def test_base_stays_out_of_forbidden_zones(arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks) -> None:

@@ -111,6 +111,12 @@ def test_changed_number_is_noticed_by_certifying_again(carried, tmp_path: Path) 
     assert all(proof.free for proof in proofs[1:])
 
 
+def test_program_that_puts_the_part_down_is_refused_for_a_pick_without_a_place(carried) -> None:
+    report, picks = carried  # without a place, the part would be where it was grasped while the hand leaves
+    with pytest.raises(InputError, match=r"'transfer', which does not exist in a pick without a place"):
+        report.setup.recertify(report.good[0].program(), replace(picks.picks[0], place=None))
+
+
 def test_program_of_another_pick_is_refused(carried, empty) -> None:
     report, picks = carried
     with pytest.raises(InputError, match=r"'pick'"):

@@ -66,14 +66,22 @@ class StageRunner:
         if self._local is not None:
             self._local.close(wait_for_them=kind is None)
 
-    def run(self, stage: str, task: Callable[[int, Any], list[Any]], items: Sequence[Any], chunk: int) -> list[Any]:
+    def run(
+        self,
+        stage: str,
+        task: Callable[[int, Any], list[Any]],
+        items: Sequence[Any],
+        chunk: int,
+        *,
+        in_memory: bool = False,
+    ) -> list[Any]:
         """The rows ``task(start, part)`` of all items, in order.
 
-        The rows of a stage do not depend on the division into chunks. Without a folder they are of any type. With one,
-        they are dictionaries, which may have the key ``keep`` with a value that stays in memory.
+        The rows of a stage do not depend on the division into chunks. Without a folder, or ``in_memory``, they are of
+        any type. With one, they are dictionaries, which may have the key ``keep`` with a value that stays in memory.
         """
         known = self.rows[stage] = {}
-        if self.folder is None:
+        if self.folder is None or in_memory:
             for outcome in self._work(task, items, [(0, len(items))], chunk):
                 known.update(enumerate(outcome.result, outcome.start))
                 self._report(stage, len(known), len(items))

@@ -407,7 +407,7 @@ class _Search:
         rows = dict(zip(items, self.runner.run(stage, task, items, 1), strict=True))
         # rows that were read from the folder have no motions, so these picks are judged again
         if read := [item for item, row in rows.items() if "keep" not in row]:
-            again = replace(self.runner, folder=None).run(f"{stage}_again", task, read, 1)
+            again = self.runner.run(f"{stage}_again", task, read, 1, in_memory=True)
             rows.update(zip(read, again, strict=True))
         for (k, index), row in rows.items():
             known[k][index] = row["keep"]

@@ -302,11 +302,16 @@ def part_of(task: Task, member: Member, name: str, curves: Curves = (), parting:
 
 def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
     """The part of a motion that is timed already, with the supports that the object leaves or reaches."""
-    parts = ("pick", "transit", "approach", "retreat") if task.name is None else PARTS
-    if name not in parts:
-        what = "without an object" if task.name is None else f"with object {task.name!r}"
+    place = task.pick.place
+    names: tuple[str, ...] = PARTS
+    what = f"with object {task.name!r}"
+    if task.name is None:
+        names, what = ("pick", *PARTS[:3]), "without an object"
+    elif place is None:  # the object would be where it was grasped
+        names, what = PARTS[:3], "without a place"
+    if name not in names:
         raise InputError(f"the program has a motion {name!r}, which does not exist in a pick {what}")
-    part, place = part_of(task, member, name), task.pick.place
+    part = part_of(task, member, name)
     if name == "retreat":
         return replace(part, parting=task.supports(part.checker, trajectory.start, task.pick.support))
     if name == "place" and place is not None:

@@ -451,7 +451,7 @@ def _pose(stated: object) -> pin.SE3:
         raise InputError(f"{stated!r} is not a pose with position and orientation")
     rotation = stated.get("orientation")
     quaternion = [rotation.get(key, 0.0) for key in "xyzw"] if isinstance(rotation, Mapping) else rotation
-    quaternion = None if quaternion is None else numbers_of("orientation", quaternion)
+    quaternion = None if quaternion is None else finite("orientation", numbers_of("orientation", quaternion), (4,))
     position = _three(stated["position"]) if stated.get("position") is not None else np.zeros(3)
     return pose(position.tolist(), quat_xyzw=quaternion if quaternion is not None and np.any(quaternion) else None)
 

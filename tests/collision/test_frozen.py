@@ -115,7 +115,8 @@ def test_a_mesh_that_was_modified_in_place_is_refused_and_read_again_by_a_new_ch
     torus = trimesh.creation.torus(0.1, 0.03, 12, 8)
     torus.export(tmp_path / "torus.stl")
     arrays = torus.vertices, torus.faces
-    shapes = [Mesh.from_arrays(*arrays, hull=False), Mesh.from_arrays(*arrays), Mesh(tmp_path / "torus.stl", hull=False)]
+    file = Mesh(tmp_path / "torus.stl", hull=False)
+    shapes = [Mesh.from_arrays(*arrays, hull=False), Mesh.from_arrays(*arrays), file]
     scene = Scene([Obstacle(f"ring{k}", shape, pose((0.1 * k, 0.0, 3.0))) for k, shape in enumerate(shapes)])
     move = JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
     for name in ("ring0", "ring1", "ring2", panda.robot.urdf.collisions[0].link):

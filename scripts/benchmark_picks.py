@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from benchmark_page import FOLDER, page_parser, report, run
+from benchmark_page import FOLDER, page_parser, run
 from picks_measurements import (
     CELLS,
     RUNS,
@@ -145,9 +145,7 @@ def measure(options: argparse.Namespace) -> PicksTable:
     if options.durations:
         return replace(PicksTable.load(FOLDER / "picks.json"), durations=tuple(map(duration_row, options.files)))
     counts = {name: getattr(options, name) for name in ("picks", "poses", "campaign", "overhead")}
-    return picks_benchmark(
-        options.cells or CELLS, **counts, durations=options.files, seed=options.seed, on_progress=report
-    )
+    return picks_benchmark(options.cells or CELLS, **counts, durations=options.files, seed=options.seed)
 
 
 if __name__ == "__main__":

@@ -34,8 +34,9 @@ OTHERS = (
     "The motions of other orders are planned, shortened and certified in the same manner, and the table has the share "
     "by which the sequence is shorter. The nearest neighbour is the pick with the shortest transit from the present "
     "configuration. In the greedy sequence, the grasp and the IK branches are those of this transit; the other two "
-    "have the best grasps and IK branches for their order, by dynamic programming. No order can be shorter by more "
-    "than the share in the columns *at most*, which follows from the lower bound."
+    "have the best grasps and IK branches for their order, by dynamic programming. No order, with the grasps and IK "
+    "branches that are considered, can be shorter by more than the share in the columns *at most*, which follows from "
+    "the lower bound."
 )
 
 

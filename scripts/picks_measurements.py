@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from benchmark_page import fastest
+from benchmark_page import fastest, report
 
 from pinproof.benchmarks.tables import BenchmarkTable, provenance
 from pinproof.collision import CollisionChecker, Cylinder, Obstacle, Scene, audit
@@ -181,7 +181,6 @@ def picks_benchmark(
     overhead: int = 20_000,
     durations: Sequence[str] = tuple(SHIPPED),
     seed: int = 0,
-    on_progress: Callable[[str], object] = lambda _: None,
 ) -> PicksTable:
     """Run the benchmark in the cells of the package.
 
@@ -197,29 +196,24 @@ def picks_benchmark(
             raise UnknownNameError("file of picks", file, list(SHIPPED))
     selected = [pick_cell(name) for name in cells]
     origin = provenance(seed)  # first, since the load must be that of other processes
-    verdicts: list[VerdictRow] = []
-    screening: list[ScreenRow] = []
-    campaigns: list[CampaignRow] = []
-    idle: list[CampaignRow] = []
+    rows: dict[str, list[Any]] = {name: [] for name in PicksTable.row_types}
     for cell in selected:
         if picks:
-            on_progress(f"{cell.name}: {picks} picks through all stages")
-            verdicts += verdict_rows(cell, picks, seed)
+            report(f"{cell.name}: {picks} picks through all stages")
+            rows["verdicts"] += verdict_rows(cell, picks, seed)
         if poses and cell.name in DISTANCES:
-            on_progress(f"{cell.name}: {poses:,} poses screened")
-            screening += screen_rows(cell, poses, seed)
-    if campaign and selected:
-        for row in campaign_rows(selected[0], campaign, seed):
-            on_progress(f"{row.cell}: campaign of {campaign:,} picks, {row.workers}: {row.wall_s:.1f} s")
-            campaigns.append(row)
+            report(f"{cell.name}: {poses:,} poses screened")
+            rows["screening"] += screen_rows(cell, poses, seed)
+    for row in campaign_rows(selected[0], campaign, seed) if campaign and selected else ():
+        report(f"{row.cell}: campaign of {campaign:,} picks, {row.workers}: {row.wall_s:.1f} s")
+        rows["campaigns"].append(row)
     if overhead and selected:
-        on_progress(f"{selected[0].name}: campaign of {overhead:,} picks without judging")
-        idle.append(overhead_row(selected[0], overhead, seed))
-    lengths = []
+        report(f"{selected[0].name}: campaign of {overhead:,} picks without judging")
+        rows["overhead"].append(overhead_row(selected[0], overhead, seed))
     for file in durations:
-        on_progress(f"{file}: durations")
-        lengths.append(duration_row(file))
-    return PicksTable(counts, origin, tuple(verdicts), tuple(screening), tuple(campaigns), tuple(idle), tuple(lengths))
+        report(f"{file}: durations")
+        rows["durations"].append(duration_row(file))
+    return PicksTable(counts, origin, **{name: tuple(found) for name, found in rows.items()})
 
 
 # -- random picks ------------------------------------------------------------------------------------------------------

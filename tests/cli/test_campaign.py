@@ -51,7 +51,7 @@ def test_rows_stream_to_the_folder_and_all_good_is_0(run: Run) -> None:
 def test_rows_of_a_campaign_are_written_as_a_page(run: Run) -> None:
     code, out, _ = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1", "-o", "page.html")
     assert code == 0
-    assert out.endswith("wrote page.html\n")
+    assert out.endswith("wrote out/rows.jsonl and page.html\n")
     page = Path("page.html").read_text(encoding="utf-8")
     assert all(f'"name":"pin_{k}"' in page for k in range(3))
     assert '"motions":[null,null,null]' in page

@@ -68,6 +68,7 @@ def test_the_help_names_the_values_of_options_and_no_types_of_python(run: Run, w
         word for word in ("<int", "<str", "<float", "<path", "<list", "range>", "x>=", "{", "[[") if word in out
     }
     assert "--seed INTEGER>=0" in " ".join(out.split()) or "--seed" not in out
+    assert not {word for word in ("json", "audit", "live", "pages", "torque", "screen") if f"--no-{word}" in out}
 
 
 def test_an_internal_error_asks_for_a_report(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

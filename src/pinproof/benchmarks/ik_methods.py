@@ -8,16 +8,13 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.ik import AnalyticIk, Fabrik, IkResult, IterativeIk, Tracker, track
 from pinproof.ik.methods import IK_METHODS
 from pinproof.ik.task import GoalName
 from pinproof.model import Arm
-from pinproof.spatial import SE3, rigid
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, rigid
 
 TOLERANCE = 1e-6
 """Largest accepted error of an answer, in m and rad."""

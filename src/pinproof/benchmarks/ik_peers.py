@@ -16,7 +16,6 @@ from typing import Any
 from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.benchmarks.ik_methods import (
     RESTARTS,
@@ -34,8 +33,7 @@ from pinproof.description.dh_urdf import TCP as TIP
 from pinproof.ik.analytic.geometry import lines_of
 from pinproof.model import Arm
 from pinproof.model.robot import load_robot_from_text
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 BASE = "base_link"
 

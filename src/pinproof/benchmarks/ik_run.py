@@ -29,9 +29,8 @@ from pinproof.benchmarks.ik_table import IkRow, IkTable
 from pinproof.benchmarks.tables import installed_versions, leave_out, provenance
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
-from pinproof.spatial import rigid, twist_size
+from pinproof.spatial import Array, rigid, twist_size
 
-Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 REDUCED_RANGES = "ranges wider than one full rotation reduced to +-pi about their centre"

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.collision import Scene
@@ -27,8 +26,6 @@ from pinproof.description.catalogue import catalogue_names
 from pinproof.errors import FileError
 from pinproof.model import JointGroup, Robot, load_robot
 from pinproof.model.chain import link_path
-
-Array = npt.NDArray[np.float64]
 
 COLLECTION = "mbm"
 

@@ -15,7 +15,6 @@ from time import process_time_ns
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
 from pinproof.benchmarks.plan_methods import Stopwatch
@@ -38,9 +37,7 @@ from pinproof.model import Arm, JointLimits, Payload, load_robot
 from pinproof.motion import TorqueLimits, Trajectory
 from pinproof.motion.rate_constraints import RateConstraint
 from pinproof.planning import RrtConnect, optimise, shortcut
-from pinproof.spatial import SE3, matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, matrix
 
 ACCELERATION, JERK = 15.0, 500.0
 """Limits of every joint in rad/s^2 and rad/s^3: those with which cuRobo publishes its durations."""

@@ -13,16 +13,14 @@ from dataclasses import astuple, dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Scene
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik import Clik
 from pinproof.model import Arm, JointGroup, load_robot
-from pinproof.spatial import SE3, pose
+from pinproof.spatial import SE3, Array, pose
 
-Array = npt.NDArray[np.float64]
 Rng = np.random.Generator
 PoseSampler = Callable[[Rng], SE3]
 

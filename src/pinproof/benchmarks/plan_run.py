@@ -10,7 +10,6 @@ from pathlib import Path
 from time import perf_counter_ns
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
 from pinproof.benchmarks.plan_methods import NANOSECONDS_PER_MS, TIME_LIMIT, PlanMethod, Solve, own_method
@@ -30,8 +29,7 @@ from pinproof.collision.checking.audit import STEP, audit
 from pinproof.errors import InputError
 from pinproof.motion import Curve
 from pinproof.planning import DEFAULT_PLANNER
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 OWN_PROBLEMS = 10
 """Problems that are generated in each of our scenes for each robot."""

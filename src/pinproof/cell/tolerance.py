@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.cell.placement.placement_keys import TOLERANCE_SCHEMA
 from pinproof.cell.stages import Progress, StageRunner
@@ -41,8 +40,6 @@ from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 from pinproof.spatial import SE3, pose
-
-Array = npt.NDArray[np.float64]
 
 Distribution = Literal["uniform", "normal"]
 DISTRIBUTIONS = ("uniform", "normal")

@@ -95,7 +95,7 @@ def bench_plan(
         autocompletion=planner_names,
     ),
     motion: bool = option(
-        "Measure the durations of optimised motions to the goal poses of the problems of --mbm.", False, "--motion"
+        "Measure the durations of optimised motions to the goal poses of the problems of --mbm.", False
     ),
     repeats: int = option("Runs per problem; the fastest counts.", 1, min=1),
     peers: Peers = True,

@@ -67,11 +67,9 @@ class ConditionOptions:
 class OrderOptions:
     """How the order is searched."""
 
-    free_start: bool = option("Start at the first approach instead of home.", False, "--free-start")
-    free_end: bool = option("End after the last pick instead of at home.", False, "--free-end")
-    file_order: bool = option(
-        "Keep the order of the file, and choose only grasps and IK branches.", False, "--file-order"
-    )
+    free_start: bool = option("Start at the first approach instead of home.", False)
+    free_end: bool = option("End after the last pick instead of at home.", False)
+    file_order: bool = option("Keep the order of the file, and choose only grasps and IK branches.", False)
     options: int = option("Number of grasps and IK branches that are considered for each pick.", 4, min=1)
 
 

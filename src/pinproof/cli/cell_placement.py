@@ -92,7 +92,7 @@ class EffortOptions:
     runs: int = option("Number of the best placements that are then refined.", 4, min=0)
     evaluations: int = option("Number of placements that each refinement tries.", 160, min=0)
     certified: int = option("Number of the best placements at which all picks are checked completely.", 3, min=1)
-    no_proofs: bool = option("Do not prove that parts of the region contain no valid placement.", False, "--no-proofs")
+    no_proofs: bool = option("Do not prove that parts of the region contain no valid placement.", False)
 
     def budget(self) -> PlacementBudget:
         """The options as a budget."""
@@ -201,9 +201,7 @@ def cell_tolerance(
     *,
     position: float = option("Largest error of the position of a part along each axis (m).", 0.003, min=0.0),
     rotation: str = option("Largest error of its rotation about any axis (rad).", "pi/90", metavar="ANGLE"),
-    normal: bool = option(
-        "Sample a normal distribution with half of the errors as standard deviation.", False, "--normal"
-    ),
+    normal: bool = option("Sample a normal distribution with half of the errors as standard deviation.", False),
     samples: int = option("Number of sampled poses for each pick.", 20, min=0),
     output: Path | None = option("The study (.json, .csv, .md).", None, "-o", "--output"),
     pool: WorkerOptions,

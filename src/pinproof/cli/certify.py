@@ -93,9 +93,7 @@ def certify_motion(
     proof: ProofOptions,
     audit_options: AuditOptions,
     ignore_record: IgnoreRecord = False,
-    allow_changes: bool = option(
-        "Accept a robot program that was edited after it was written.", False, "--allow-changes"
-    ),
+    allow_changes: bool = option("Accept a robot program that was edited after it was written.", False),
     html: Html = None,
     rates: RateOptions,
     chain: ChainOptions,

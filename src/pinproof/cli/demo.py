@@ -31,7 +31,7 @@ def demo(
         "-o",
         "--output",
     ),
-    live: bool = option("Also open the motion in a browser; Ctrl-C ends it.", False, "--live"),
+    live: bool = option("Also open the motion in a browser; Ctrl-C ends it.", False),
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:

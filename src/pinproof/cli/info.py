@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def info(
     robot: Robot,
     overlaps: bool = option(
-        "Sample configurations, and list which pairs of links touch always, sometimes or never.", False, "--overlaps"
+        "Sample configurations, and list which pairs of links touch always, sometimes or never.", False
     ),
     samples: int = option("Number of configurations that --overlaps samples.", 1000, min=1),
     write_srdf: Path | None = option(

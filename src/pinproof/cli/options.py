@@ -310,7 +310,7 @@ class RateOptions:
         None,
         metavar="MASS",
     )
-    torque: bool = option("Apply the torque limits of the joints (effort in the URDF).", False, "--torque")
+    torque: bool = option("Apply the torque limits of the joints (effort in the URDF).", False)
     tool_speed: float | None = option("Largest speed of the tcp in m/s, such as 0.25 beside persons.", None)
 
     def torque_limits(self, arm: pp.Arm) -> pp.motion.TorqueLimits | None:
@@ -389,13 +389,14 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
                 default = inspect.Parameter.empty if each.default is MISSING else each.default
                 info = each.metadata.get("option")
                 hint = hints[each.name] if info is None else Annotated[hints[each.name], info]
-                options.append((each.name, _with_value(hint, getattr(groups[name], "PANEL", None)), default))
+                panel = getattr(groups[name], "PANEL", None)
+                options.append((each.name, _with_value(each.name, hint, default, panel), default))
         elif isinstance(parameter.default, Field):
             default = inspect.Parameter.empty if parameter.default.default is MISSING else parameter.default.default
             info = parameter.default.metadata["option"]
-            options.append((name, _with_value(Annotated[parameter.annotation, info]), default))
+            options.append((name, _with_value(name, Annotated[parameter.annotation, info], default), default))
         else:
-            options.append((name, _with_value(parameter.annotation), parameter.default))
+            options.append((name, _with_value(name, parameter.annotation, parameter.default), parameter.default))
     options.append(("verbose", Verbose, False))
 
     @functools.wraps(command)
@@ -421,11 +422,16 @@ VALUES = {int: "INTEGER", float: "NUMBER", Path: "FILE", str: "TEXT"}
 """What the help shows for the value of an option by default."""
 
 
-def _with_value(hint: Any, panel: str | None = None) -> Any:
-    """An annotation whose option names the value that the user may enter, such as ``NUMBER>=0``, and its panel."""
+def _with_value(name: str, hint: Any, default: Any, panel: str | None = None) -> Any:
+    """An annotation whose option names the value that the user may enter, such as ``NUMBER>=0``, and its panel.
+
+    A switch that is off by default has no opposite (``--no-...``).
+    """
     kind, info = get_args(hint)
     info = copy.copy(info)
     info.rich_help_panel = panel
+    if default is False and not isinstance(info.default, str):  # typer stores the first stated name there
+        info.param_decls = (f"--{name.replace('_', '-')}",)
     plain = next(each for each in (*get_args(kind), kind) if each is not type(None))
     if info.metavar is None and isinstance(plain, type) and issubclass(plain, Enum):
         info.metavar = "|".join(each.value for each in plain)

@@ -106,7 +106,7 @@ class OutputOptions:
         "--output",
         metavar="FILE|FOLDER",
     )
-    pages: bool = option("Also write a page for each motion to the folder of -o; these are large.", False, "--pages")
+    pages: bool = option("Also write a page for each motion to the folder of -o; these are large.", False)
     grip_dwell: float = option("Seconds that the arm rests in programs while the gripper closes.", 0.0, min=0.0)
     release_dwell: float = option("Seconds that the arm rests in programs while the gripper opens.", 0.0, min=0.0)
 
@@ -277,9 +277,7 @@ def pick(
         None,
         metavar="FOLDER",
     ),
-    screen: bool = option(
-        "Check only the grasp: reach, limits and collisions; -o writes a table (.csv).", False, "--screen"
-    ),
+    screen: bool = option("Check only the grasp: reach, limits and collisions; -o writes a table (.csv).", False),
     optimise: int | None = option(
         "How many changes of each transit and each transfer are tried to reduce its duration. With 0, the "
         "planned paths are followed. Default: the key optimise of the picks file, otherwise 100.",

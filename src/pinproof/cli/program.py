@@ -41,7 +41,7 @@ def export(
         "Seconds between set points: the program streams the motion (servoj) instead of moves. URScript only.", None
     ),
     linear: bool = option(
-        "Write linear moves (movel, LIN) where the tcp moves on a straight line between two stops.", False, "--linear"
+        "Write linear moves (movel, LIN) where the tcp moves on a straight line between two stops.", False
     ),
     ignore_record: IgnoreRecord = False,
     *,

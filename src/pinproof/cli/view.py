@@ -68,9 +68,7 @@ def view(
     robot: Robot,
     motion: Path | None = argument("A motion file to play (.json, .csv, .yaml or .yml).", None, metavar="MOTION"),
     q: Configuration = None,
-    branches: bool = option(
-        "Also show all other IK solutions for the tcp pose of --q, transparent.", False, "--branches"
-    ),
+    branches: bool = option("Also show all other IK solutions for the tcp pose of --q, transparent.", False),
     layer: list[str] | None = option(
         "A layer to show at first: collision, frames or sweep; can be given several times.", None, metavar="LAYER"
     ),

@@ -28,7 +28,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.common.validation import require_type
 from pinproof.description.dh import DhRow, DhTable
@@ -37,9 +36,7 @@ from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.model.chain import link_path
 from pinproof.model.dh_proof import prove_table_equals_arm
-from pinproof.spatial import inverse_matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, inverse_matrix
 
 PARALLEL = 1e-10
 """Radians. Axes whose directions differ by less are treated as parallel. This moves a tool at a distance of 3 m by

@@ -8,15 +8,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.description.srdf import DisabledPair, EndEffector, Group, GroupState, Srdf
 from pinproof.description.urdf import JointType, LinkGeometry, Urdf, UrdfJoint, urdf_of
 from pinproof.description.urdf_elements import add_joint, numbers_text, origin_attributes
 from pinproof.description.xml_reader import Element, parse_text
 from pinproof.errors import InputError
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 WORLD = "world"
 """The root link of a cell."""

@@ -36,10 +36,8 @@ from pinproof.common.validation import require_type
 from pinproof.common.yaml_file import LinedMapping, parse_number, read_yaml, refuse_unknown
 from pinproof.description.dh_keys import CONVENTIONS, DEFAULT_EFFORT, JOINT_TYPES, LARGEST, ROW, TABLE, TRANSFORM
 from pinproof.errors import DhTableError, InputError, UnknownNameError
-from pinproof.spatial import finite, matrix, pose, rigid
+from pinproof.spatial import Array, finite, matrix, pose, rigid
 from pinproof.units import refuse_degree_limit, refuse_degrees, refuse_millimetres
-
-Array = npt.NDArray[np.float64]
 
 DEFAULT_REVOLUTE_LIMIT = math.pi
 """Rad. Default limits of a revolute row are -pi and pi: one full rotation."""

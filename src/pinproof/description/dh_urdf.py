@@ -53,14 +53,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.description.dh import DhRow, DhTable, row_transform
 from pinproof.description.urdf import Urdf
 from pinproof.description.urdf_elements import origin_attributes
 from pinproof.errors import InputError
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 
 def ahead(row: DhRow, convention: str) -> Array:

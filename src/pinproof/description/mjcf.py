@@ -15,15 +15,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.description.srdf import DisabledPair, GroupState, Srdf
 from pinproof.description.urdf import Urdf, urdf_of
 from pinproof.description.urdf_elements import numbers_text, origin_attributes
 from pinproof.description.xml_reader import Element, numbers, place, required, spelt_attributes
 from pinproof.errors import UnknownNameError, UrdfError
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Attributes = dict[str, dict[str, str]]
 
 LARGEST = 1e100

@@ -5,12 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-import numpy as np
-import numpy.typing as npt
-
 from pinproof.description.xml_reader import Element
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 
 def rpy_of(rotation: Array) -> tuple[float, float, float]:

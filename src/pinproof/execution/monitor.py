@@ -33,9 +33,7 @@ from pinproof.common.display import html_block, html_of, html_table
 from pinproof.common.validation import require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory
-from pinproof.spatial import finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite
 
 JOINT_TOLERANCE = 0.01
 """rad or m: default deviation of each joint that the tube covers."""

@@ -20,9 +20,7 @@ from pinproof.execution import library_file
 from pinproof.motion import Trajectory, time_parametrise
 from pinproof.planning import PlanResult, shortcut
 from pinproof.planning.planners import Planner, planner_of
-from pinproof.spatial import SE3, finite, matrix, rigid
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, finite, matrix, rigid
 
 JOINTS = 1e-3
 """rad or m: by default, a motion has a given start or goal if no joint differs by more."""

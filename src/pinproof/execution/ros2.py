@@ -25,7 +25,7 @@ from pinproof.errors import InputError, PinproofError, UnknownNameError
 from pinproof.execution.monitor import Monitor
 from pinproof.motion import Trajectory
 from pinproof.motion.trajectory_files import Reader, from_message, to_message
-from pinproof.spatial import finite
+from pinproof.spatial import Array, finite
 
 __all__ = [
     "CertifiedExecution",
@@ -43,7 +43,6 @@ __all__ = [
     "robot_trajectory",
 ]
 
-Array = npt.NDArray[np.float64]
 Message = dict[str, Any]
 
 POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}

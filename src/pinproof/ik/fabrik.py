@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import ClikStep, FabrikStep
 from pinproof.errors import InputError
@@ -17,9 +16,8 @@ from pinproof.ik.loop import CompiledRule, DescentState, Stall, StepRule
 from pinproof.ik.task import GoalName, IkGoal, Task
 from pinproof.ik.windings import TURN, stops
 from pinproof.model import Arm
-from pinproof.spatial import inverse_matrix, matrix, rotation_about_line
+from pinproof.spatial import Array, inverse_matrix, matrix, rotation_about_line
 
-Array = npt.NDArray[np.float64]
 WeightedEnds = Iterable[tuple[float, Array]]
 
 HANDOVER = 1e-2

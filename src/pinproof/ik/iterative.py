@@ -41,9 +41,8 @@ from pinproof.ik.result import (
 from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
 from pinproof.ik.windings import difference, wraps
 from pinproof.model import Arm
-from pinproof.spatial import SE3, finite, rigid, rigid_many, rigid_matrix
+from pinproof.spatial import SE3, Array, finite, rigid, rigid_many, rigid_matrix
 
-Array = npt.NDArray[np.float64]
 Accept = Callable[[Array], bool]
 EngineName = Literal["auto", "compiled", "pinocchio"]
 

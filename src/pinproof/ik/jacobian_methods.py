@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import ClikStep, SingularStep
 from pinproof.common.validation import require_positive
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.loop import NOTHING, CompiledRule, DescentState, StepRule
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,6 @@ from typing import NamedTuple, Protocol, TypeAlias, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import Candidate as CompiledCandidate
 from pinproof._core import ClikStep, FabrikStep, IkSolver, SingularStep
@@ -33,9 +32,8 @@ from pinproof.ik.result import Candidate, judge
 from pinproof.ik.task import Goal, Task
 from pinproof.ik.windings import TURN, nearest_winding, stops, wraps
 from pinproof.model import Arm
-from pinproof.spatial import SE3, matrix
+from pinproof.spatial import SE3, Array, matrix
 
-Array = npt.NDArray[np.float64]
 Key = TypeVar("Key", bound=Hashable)
 Value = TypeVar("Value")
 

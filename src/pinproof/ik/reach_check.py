@@ -25,7 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
+
 Integers = npt.NDArray[np.int64]
 
 SPLIT, CUT_LOWER, CUT_UPPER, EXCLUDED = range(4)

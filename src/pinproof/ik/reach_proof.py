@@ -25,10 +25,8 @@ from pinproof.ik.result import IkOutcome, judge
 from pinproof.ik.task import make_task
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
-from pinproof.spatial import SE3, rigid
+from pinproof.spatial import SE3, Array, rigid
 from pinproof.units import far_hint
-
-Array = npt.NDArray[np.float64]
 
 FIRST_BOXES = 64
 """Number of boxes before a numerical search for a solution; most poses that are out of reach need fewer."""

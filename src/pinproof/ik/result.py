@@ -20,6 +20,7 @@ from pinproof.errors import IkFailed
 from pinproof.ik.task import Task
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
+from pinproof.spatial import Array
 from pinproof.units import far_hint
 
 Errors = tuple[float, float]
@@ -126,9 +127,6 @@ def _errors(errors: Errors, counted: Counted = (True, True)) -> str:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,8 @@ from pinproof._core import Task as CompiledTask
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 TaskName = Literal["pose", "position", "orientation", "spin_x", "spin_y", "spin_z"]
 TaskLike: TypeAlias = "TaskName | IkTask | Sequence[bool]"
 

@@ -16,9 +16,8 @@ from pinproof.ik.result import AT_LIMIT, IkOutcome
 from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.motion import JointPath
-from pinproof.spatial import SE3, finite, matrix, rigid, rigid_many
+from pinproof.spatial import SE3, Array, finite, matrix, rigid, rigid_many
 
-Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 AT_FULL_SPEED = 1 - 1e-6

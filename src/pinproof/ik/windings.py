@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 TURN = 2 * np.pi
 

@@ -23,8 +23,7 @@ from pinproof.common.validation import require_type
 from pinproof.description import Srdf, Urdf, UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.limits import JointLimits
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 MAX_JOINTS = 250
 """Largest number of joints of an arm; creating ``pinocchio.Data`` takes 1 s for 250 joints and 100 s for 900."""

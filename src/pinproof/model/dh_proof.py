@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.description.dh import DhTable
 from pinproof.description.dh_urdf import TCP
 from pinproof.errors import ConversionError, PinproofError
 from pinproof.model.robot import Arm, load_robot_from_text
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 FK_TOLERANCE = 1e-12
 """Largest difference of a frame, in metres and radians: several thousand rounding errors at a reach of one metre, and

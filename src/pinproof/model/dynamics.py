@@ -14,9 +14,7 @@ from pinproof._core import DynamicTree
 from pinproof.common.validation import named_arguments, require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.chain import aligned_axes
-from pinproof.spatial import finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite
 
 GRAVITY = (0.0, 0.0, -9.81)
 """m/s^2. Acceleration of free fall in the root link, unless stated otherwise."""

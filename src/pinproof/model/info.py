@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.display import html_block, html_list, html_table, outline
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 PARALLEL_TOLERANCE = 1e-4
 """Rad. Axes closer to parallel than this count as parallel: URDF files write 1.5708 for pi/2 (an error of 4e-6)."""

@@ -19,8 +19,7 @@ from pinproof.common.file_keys import BOOLEAN, PLAIN_NUMBER, FileKey, KeyTable, 
 from pinproof.common.validation import named_arguments
 from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, UnknownNameError
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 DEFAULT_RAMP = 0.5
 """Seconds in which a joint reaches its velocity limit if no acceleration limit is known (a URDF has none)."""

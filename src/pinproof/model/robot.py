@@ -42,9 +42,7 @@ from pinproof.model.chain import (
 from pinproof.model.dynamics import GRAVITY, Payload, checked_payloads, dynamic_tree, inverse_dynamics
 from pinproof.model.info import SAMPLES, JointInfo, RobotInfo, Role, describe_axes
 from pinproof.model.limits import JointLimits, LimitsFile
-from pinproof.spatial import finite, frozen
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite, frozen
 
 Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
 REFERENCES: tuple[Reference, ...] = ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD")

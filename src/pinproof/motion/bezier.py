@@ -18,8 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 EXTREME_TOLERANCE = 1e-12
 """Maximum error of an extremum, relative to the largest coefficient, for degrees without a closed form: far above the

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.motion import bezier, corner
 from pinproof.motion.cubic_path import CubicPath
-from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, ends_meet, increasing, read_only
+from pinproof.motion.curve import BezierCurve, checked_joint_names, ends_meet, increasing, read_only
 from pinproof.motion.joint_path import JointPath
-from pinproof.spatial import finite
+from pinproof.spatial import Array, finite
 
 MAX_DEGREE = 5
 """Maximum degree of a piece: a rounding prescribes position, tangent and zero second derivative at both ends."""

@@ -19,11 +19,9 @@ line to 0 for a reversal. By symmetry the middle is the point nearest to p, at t
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.errors import InputError
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 REVERSAL = 0.1
 """|u + v| below which a corner is not rounded: the direction is reversed to within 6 degrees, and the arm would almost

@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.motion import bezier
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 MEET_TOLERANCE = 1e-12
 """Maximum difference (rad or m, rad/s or m/s) of two ends that are joined: rounding errors only."""

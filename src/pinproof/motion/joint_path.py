@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from pinproof.common.display import html_block, html_table
 from pinproof.errors import InputError
-from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, ends_meet, read_only
-from pinproof.spatial import finite
+from pinproof.motion.curve import BezierCurve, checked_joint_names, ends_meet, read_only
+from pinproof.spatial import Array, finite
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 RATE_TOLERANCE = 1e-9
 """Relative excess over a velocity, acceleration or jerk limit that is attributed to rounding."""

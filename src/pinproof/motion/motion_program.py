@@ -20,11 +20,12 @@ import numpy as np
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import read_text, write_text_whole
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.curve import MEET_TOLERANCE, Array, ends_meet
+from pinproof.motion.curve import MEET_TOLERANCE, ends_meet
 from pinproof.motion.motion_keys import EVENT_KINDS, INTERPOLANTS, PROGRAM, PROGRAM_SCHEMA, PROGRAM_UNITS
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, RATES, Reader, stamp
+from pinproof.spatial import Array
 
 EventKind = Literal["grip", "release"]
 

@@ -12,9 +12,7 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.motion import bezier
 from pinproof.motion.limits import MotionLimits
-from pinproof.spatial import finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite
 
 SAMPLES = 12
 """Number of samples of each polynomial piece, so that jumps of acceleration and jerk remain vertical."""

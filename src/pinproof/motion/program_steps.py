@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pinproof.motion.curve import Array
 from pinproof.motion.trajectory_files import Record
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, Array
 
 
 @dataclass(frozen=True)

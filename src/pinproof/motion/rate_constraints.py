@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.errors import InputError, TimingError
 from pinproof.motion.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 
 @runtime_checkable

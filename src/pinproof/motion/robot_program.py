@@ -21,7 +21,7 @@ import numpy.typing as npt
 from pinproof.common.files import read_text, write_text_whole
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.curve import Array, Curve, TimedCurve, checked_joint_names, read_only
+from pinproof.motion.curve import Curve, TimedCurve, checked_joint_names, read_only
 from pinproof.motion.dialects import Dialect, dialect_of_file, find_dialect
 from pinproof.motion.joint_path import JointPath
 from pinproof.motion.program_steps import (
@@ -34,7 +34,7 @@ from pinproof.motion.program_steps import (
     StreamedTrajectory,
     Wait,
 )
-from pinproof.spatial import finite
+from pinproof.spatial import Array, finite
 
 FORMAT = "pinproof program 1"
 """The first words of the comments, with the version of the format."""

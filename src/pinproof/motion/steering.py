@@ -17,10 +17,10 @@ import numpy as np
 
 from pinproof._core import EdgeChecker, StaggeredMove, StaggeredSearch
 from pinproof.motion import bezier
-from pinproof.motion.curve import Array
 from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds
+from pinproof.spatial import Array
 
 State = tuple[list[float], list[float], list[float]]
 """Positions, velocities and accelerations of all joints. Lists, because ruckig converts them faster than arrays."""

@@ -14,13 +14,13 @@ import numpy.typing as npt
 
 from pinproof._core import corners, time_path
 from pinproof.errors import InputError, TimingError
-from pinproof.motion.curve import Array, Curve
+from pinproof.motion.curve import Curve
 from pinproof.motion.joint_path import JointPath
 from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds, MotionLimits
 from pinproof.motion.rate_constraints import RateConstraint, checked_constraints, constraint_rows
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import LONGEST
-from pinproof.spatial import finite
+from pinproof.spatial import Array, finite
 
 IMAGE_TOLERANCE = 1e-5
 """Maximum deviation (rad or m, in any joint) of the timed curve from the path: 0.01 mm at a reach of 1 m, which is less

@@ -10,8 +10,8 @@ from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
 from pinproof.model import Arm, JointGroup
 from pinproof.model.dynamics import kinematic_tree
-from pinproof.motion.curve import Array
 from pinproof.motion.trajectory import Trajectory
+from pinproof.spatial import Array
 
 DIRECTIONS = 16
 """Number of directions in which a bound of the length of a vector is imposed during timing. The regular polygon with

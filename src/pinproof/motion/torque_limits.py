@@ -16,10 +16,9 @@ from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
 from pinproof.model import JointGroup, Payload
 from pinproof.model.dynamics import GRAVITY, checked_payloads, dynamic_tree, massless_joints
-from pinproof.motion.curve import Array
 from pinproof.motion.tool_limits import controls, require_joints, time_of
 from pinproof.motion.trajectory import Trajectory
-from pinproof.spatial import finite
+from pinproof.spatial import Array, finite
 
 SAMPLES_PER_PIECE = 65
 """Configurations of a piece at which the torque at standstill is computed for an error message."""

@@ -17,7 +17,7 @@ from pinproof.common.display import PLOT_POINTS, html_block, html_list, html_plo
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
-from pinproof.motion.curve import MEET_TOLERANCE, Array, BezierCurve, checked_joint_names, ends_meet, read_only
+from pinproof.motion.curve import MEET_TOLERANCE, BezierCurve, checked_joint_names, ends_meet, read_only
 from pinproof.motion.dialects import find_dialect
 from pinproof.motion.limits import MotionLimits
 from pinproof.motion.motion_record import Certified, MotionRecord, records_of
@@ -25,7 +25,7 @@ from pinproof.motion.plot import DrawnConstraint, plot_trajectory
 from pinproof.motion.program_steps import Blend, StreamedTrajectory
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
 from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
-from pinproof.spatial import finite
+from pinproof.spatial import Array, finite
 from pinproof.verifier import curve_digest
 
 

@@ -26,8 +26,7 @@ from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import TrajectoryError
 from pinproof.motion.motion_keys import CUBIC_UNITS, INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
 from pinproof.motion.motion_record import MotionRecord
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 NANO = 1_000_000_000
 """Nanoseconds in a second."""

@@ -34,9 +34,8 @@ from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanResult, PlanStatus, _Outcome
 from pinproof.planning.rrt_connect import SEARCH_PAD, RrtConnect, sampling_box
 from pinproof.planning.simplification import shortcut
-from pinproof.spatial import finite
+from pinproof.spatial import Array, finite
 
-Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 STEP = 0.05

@@ -12,12 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import Workspace
 from pinproof.collision import CollisionChecker, Contact
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 VALUES = 128
 """Number of values of a joint that are checked between the start and the nearest goal."""

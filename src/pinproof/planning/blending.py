@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, is_proven_free
 from pinproof.errors import InputError
 from pinproof.motion import BlendedPath, JointPath, corner
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 MAX_HALVINGS = 5
 """Maximum number of times that a rounding that is not free is halved. A smaller one saves less time than its proof

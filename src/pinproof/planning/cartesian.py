@@ -18,9 +18,7 @@ from pinproof.motion import BlendedPath, CubicPath
 from pinproof.planning.follow import FollowedRoute, RouteFollower, line_task, nearest_target
 from pinproof.planning.result import LinearPlanResult, LinearStatus, PosesPlanResult
 from pinproof.planning.route import Route, routes_through
-from pinproof.spatial import SE3, rigid, rigid_many
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, rigid, rigid_many
 
 MAX_STARTS = 64
 """Maximum number of configurations that are tried at the first pose; those nearest to the home configuration."""

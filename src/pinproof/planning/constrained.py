@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import Manifold
 from pinproof.collision import CollisionChecker, PathConstraint
@@ -20,8 +19,7 @@ from pinproof.collision.certificates.path_constraints import amount
 from pinproof.model import Arm
 from pinproof.motion import BlendedPath, CubicPath
 from pinproof.planning.edges import Edges
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 STEP = 0.3
 """rad or m: maximum length of a step along the constraints, before it is halved until its edge is proven."""

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import EdgeChecker
 from pinproof.collision import CollisionChecker
 from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.errors import InputError
 from pinproof.motion import TorqueLimits
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 PAD = 5e-4
 """Default distance (m) in addition to the margin that samples must keep."""

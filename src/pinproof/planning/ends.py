@@ -19,9 +19,7 @@ from pinproof.model.limits import AT_LIMIT
 from pinproof.motion import TorqueLimits
 from pinproof.planning.constrained import manifold_of, violations_at
 from pinproof.planning.result import PlanResult, PlanStatus
-from pinproof.spatial import finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite
 
 TURN = 2 * np.pi
 

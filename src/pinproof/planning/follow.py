@@ -23,9 +23,8 @@ from pinproof.model import Arm
 from pinproof.motion import CubicPath
 from pinproof.planning.result import LinearStatus
 from pinproof.planning.route import Route
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, Array
 
-Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 _Stop = tuple[LinearStatus, str, tuple[str, ...]]
 

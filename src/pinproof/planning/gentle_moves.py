@@ -14,15 +14,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.errors import TimingError
 from pinproof.motion import Trajectory
 from pinproof.motion.limits import Bounds
 from pinproof.motion.rate_constraints import RateConstraint
 from pinproof.motion.steering import Move, State, Steering
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 SHARE = 0.998
 """Share of the bound of a constraint that samples may use, because the constraint holds between samples too."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.errors import TimingError
@@ -20,8 +19,7 @@ from pinproof.motion.steering import Move, MoveSequence, State, Steering, inside
 from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
 from pinproof.planning.gentle_moves import GentleMoves
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 RESOLUTION = 0.06
 """Metres that bodies move between two samples of an edge; samples of motions are taken in time."""

@@ -26,8 +26,7 @@ from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.planning.rrt_connect import SEARCH_PAD, sampling_box
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 UNLIMITED = 86_400.0
 """Time limit (s) of a planner that is limited by its edges; OMPL does not accept infinity."""

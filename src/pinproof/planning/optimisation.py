@@ -46,9 +46,7 @@ from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
 from pinproof.planning.gentle_moves import GentleMoves
 from pinproof.planning.rrt_connect import sampling_box
-from pinproof.spatial import finite
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite
 
 BUDGET = 500
 """Default number of evaluations: about 25 ms for an arm of seven joints between shelves."""

@@ -18,13 +18,10 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof._core import Route as CompiledRoute
 from pinproof.motion import corner
-from pinproof.spatial import SE3, log6, matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, log6, matrix
 
 LEVER = 0.25
 """Weight of rotations (m/rad) in the length of a segment, about the size of a gripper. It affects the spacing of poses

@@ -34,8 +34,7 @@ from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends, with_turns
 from pinproof.planning.result import PlanProgress, PlanResult, PlanStatus, Progress
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 SEARCH_PAD = 2e-3
 """Distance (m) in addition to the margin that the edges of the trees initially keep. With a quarter of it, the proofs

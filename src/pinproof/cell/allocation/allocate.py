@@ -27,8 +27,8 @@ from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.model import JointGroup, Payload
 from pinproof.model.robot import PART
 from pinproof.picks import Pick, Picks, PickSetup
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], object]
 
 CROWDED = 3.0

@@ -22,8 +22,8 @@ from pinproof.model import JointGroup
 from pinproof.model.chain import link_path
 from pinproof.motion import Trajectory, synchronise
 from pinproof.motion.trajectory_files import NANO, whole_nanoseconds
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 SLACK = 0.02

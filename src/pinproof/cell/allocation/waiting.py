@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
+
 Mask = npt.NDArray[np.bool_]
 
 TICK = 0.05

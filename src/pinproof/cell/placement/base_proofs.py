@@ -19,15 +19,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.cell.placement.placed_robot import PlacedRobot
 from pinproof.collision import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.inner_shapes import ROUNDING, InnerShapes, inner_shapes
-from pinproof.spatial import matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, matrix
 
 INSIDE = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)
 """Points of a box that are tried along each axis, as multiples of its half side."""

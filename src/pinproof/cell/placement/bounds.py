@@ -35,9 +35,7 @@ from pinproof.cell.placement.screening import PlacementScreening
 from pinproof.ik.reach_proof import is_provable
 from pinproof.model import Arm, JointLimits
 from pinproof.picks.input.pick import GraspTolerance
-from pinproof.spatial import matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, matrix
 
 BOXES = 12
 """Largest number of boxes of joint values in a proof; ten times more raise the bound by a few percent."""

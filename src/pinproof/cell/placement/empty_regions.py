@@ -34,9 +34,7 @@ from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.model import Arm, JointLimits
 from pinproof.picks.batch.proposals import Span
 from pinproof.picks.input.pick import GraspTolerance, Picks, family
-from pinproof.spatial import matrix, rigid
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, matrix, rigid
 
 EMPTY_BUDGET = 64
 """Boxes of joint values for each grasp; on the cells of the benchmark, six times more prove no further cell."""

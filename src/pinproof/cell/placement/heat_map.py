@@ -12,9 +12,9 @@ import numpy.typing as npt
 from pinproof.cell.placement.region import AXES
 from pinproof.common.files import csv_text, figure
 from pinproof.common.validation import freeze_arrays
+from pinproof.spatial import Array
 from pinproof.viewer import ColouredPoints
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 INSIDE = 1e-9

@@ -46,8 +46,7 @@ from pinproof.picks.judging.setup import PickSetup, check_held_joints
 from pinproof.picks.judging.task import Cell
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 SAMPLE = 24
 """Number of picks that are judged at each of many placements, before all picks are judged at the best few."""

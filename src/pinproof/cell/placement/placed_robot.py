@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import Box, Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Scene, Sphere
 from pinproof.description import LinkGeometry
@@ -25,9 +24,7 @@ from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Robot
 from pinproof.picks.input.pick import Pick, Picks
-from pinproof.spatial import matrix
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, matrix
 
 FARTHEST = 1e3
 """Metres or rad: limits of the placement joints, beyond every region."""

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from pinproof.cell.placement.heat_map import EmptyCell, PlacementMap, SlowCell
 from pinproof.cell.placement.region import Placement, PlacementRegion
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 RED, BLACK, GREY = "#b3191f", "#1c1c1c", "#d9d9d9"

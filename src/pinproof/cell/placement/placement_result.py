@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.cell.placement.heat_map import EmptyCell, PlacementMap, SlowCell, finite_or_none
 from pinproof.cell.placement.placed_robot import PlacedRobot
@@ -23,8 +22,6 @@ from pinproof.model import Arm
 from pinproof.picks.input.pick import Picks
 from pinproof.picks.report.report import PickReport
 from pinproof.spatial import SE3, rigid, xyz_rpy
-
-Array = npt.NDArray[np.float64]
 
 MOST_FAILING = 20
 """Largest number of failing picks that are listed in text; JSON has all of them."""

@@ -12,9 +12,8 @@ from pinproof.collision import Obstacle
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
-from pinproof.spatial import SE3, finite, frozen, pose, rigid, rigid_matrix
+from pinproof.spatial import SE3, Array, finite, frozen, pose, rigid, rigid_matrix
 
-Array = npt.NDArray[np.float64]
 Range = tuple[float, float]
 
 AXES = ("x", "y", "z", "yaw")

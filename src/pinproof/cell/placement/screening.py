@@ -24,9 +24,8 @@ from pinproof.picks.batch.screening import ScreenStatus, code_of
 from pinproof.picks.input.pick import Member, Picks
 from pinproof.picks.judging.configurations import TURN, manipulability
 from pinproof.picks.judging.task import Cell, Task
-from pinproof.spatial import matrix
+from pinproof.spatial import Array, matrix
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 

@@ -22,8 +22,7 @@ from pinproof.picks.input.settings import PickWeights
 from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.report.report import PickReport
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 FAILS = 1e4
 """Value of the objective for each pick that fails, larger than any cycle time of one pick (s)."""

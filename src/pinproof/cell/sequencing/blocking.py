@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.cell.sequencing.options import Job, PickOption
 from pinproof.cell.sequencing.precedence import Pair
@@ -15,8 +14,7 @@ from pinproof.motion import CubicPath
 from pinproof.picks import PickSetup
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.task import DOWN, SUPPORT_GAP, Cell, Task
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 SAMPLES = 9
 """Number of samples of each straight line. They only find the precedence; every motion is certified later."""

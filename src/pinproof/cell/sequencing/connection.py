@@ -22,8 +22,8 @@ from pinproof.picks.judging.lines import shifted, span
 from pinproof.planning import make_planner
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import with_turns
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 NEAREST = 4

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.cell.sequencing.parts import other_supports
 from pinproof.collision import Obstacle, Scene
@@ -21,8 +20,7 @@ from pinproof.picks.judging.lines import Attempt, along
 from pinproof.picks.judging.motion_limits import rate_limits
 from pinproof.picks.judging.place import Placer, Release, release_lines
 from pinproof.picks.judging.task import Cell, Task
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 RELEASES = 2
 """Number of IK solutions at the release that are considered for each configuration at the grasp, the nearest ones."""

@@ -23,8 +23,8 @@ from pinproof.cell.sequencing.sequence_run import SequenceBudget, SequenceRun
 from pinproof.cell.stages import Progress, StageRunner
 from pinproof.errors import InputError
 from pinproof.picks import Pick, PickSetup
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 End = Literal["home", "free"] | npt.ArrayLike
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.cell.sequencing.cycle_time import cycle_time
 from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult
@@ -16,7 +15,7 @@ from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common.files import os_errors, write_text_whole
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model.limits import guess_note
-from pinproof.spatial import SE3, matrix
+from pinproof.spatial import SE3, Array, matrix
 from pinproof.viewer.animation import Film, pose_tracks, tracks
 from pinproof.viewer.camera import choose_view, placed_points, tool_points
 from pinproof.viewer.overlays import ColouredPoints
@@ -25,7 +24,6 @@ from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import Stage, box_corners, set_stage, simplified
 from pinproof.viewer.wire import Commands, node_path
 
-Array = npt.NDArray[np.float64]
 Riders = dict[str, list[tuple[float, Array]]]
 """Key frames (time, ``root_from_object``) of carried parts by name."""
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.cell.sequencing.blocking import geometric_precedence
 from pinproof.cell.sequencing.connection import connected
@@ -26,8 +25,7 @@ from pinproof.errors import InputError, NoAnswer
 from pinproof.motion import Trajectory
 from pinproof.motion.limits import Bounds
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 Moved = frozenset[int]
 """The options of the picks that have moved a part."""

@@ -28,8 +28,8 @@ import numpy.typing as npt
 from pinproof._core import search_tour
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.tour_bound import arc_bound
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 EXACT = 10

@@ -24,7 +24,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
+
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 

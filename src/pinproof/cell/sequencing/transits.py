@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.cell.sequencing.options import Job, PickOption, least_times
 from pinproof.collision import Certificate, Scene
@@ -26,8 +25,7 @@ from pinproof.picks.judging.task import Cell, Task
 from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
 from pinproof.picks.judging.verdict import Stage
 from pinproof.planning import make_planner, optimise
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 RETRIED = 1.02
 """A motion that takes this multiple of its lower bound is searched again with other random numbers."""

@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from pinproof.model import Arm
-from pinproof.motion.curve import Array
 from pinproof.motion.joint_path import JointPath
+from pinproof.spatial import Array
 
 UNIT = 0.2
 """Metres that count as much as one radian, about the size of a wrist."""

@@ -26,7 +26,7 @@ from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
-from pinproof.motion.curve import Array, Curve
+from pinproof.motion.curve import Curve
 from pinproof.motion.dialects import find_dialect
 from pinproof.motion.joint_path import JointPath
 from pinproof.motion.program_steps import (
@@ -42,6 +42,7 @@ from pinproof.motion.program_steps import (
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
 from pinproof.motion.timing import time_parametrise
 from pinproof.motion.trajectory import Trajectory
+from pinproof.spatial import Array
 
 StepKind = TypeVar("StepKind", bound=Step)
 

@@ -23,9 +23,7 @@ from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
 from pinproof.ik.task import Task, TaskLike, make_task
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
-from pinproof.spatial import SE3, finite, rigid, rigid_many
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, finite, rigid, rigid_many
 
 DOUBLE, SHAPE = np.dtype(np.float64), (4, 4)
 

@@ -18,9 +18,8 @@ from pinproof.ik.result import IkOutcome
 from pinproof.ik.windings import TURN, nearest_winding
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
+from pinproof.spatial import Array
 from pinproof.units import far_hint
-
-Array = npt.NDArray[np.float64]
 
 END = 1e-9
 """Rad or m: accuracy of the ends of an interval."""

@@ -13,8 +13,7 @@ from pinproof.ik.analytic.plan import Plan
 from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.windings import TURN, difference
 from pinproof.model import Arm
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 SCAN = 72
 """Number of values of the parameter over its range at which members are computed to find the ends of the family."""

@@ -16,13 +16,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.errors import NoClosedForm
 from pinproof.model import Arm
-from pinproof.spatial import rotation_about_line
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, rotation_about_line
 
 SNAP_TOLERANCE = 5e-3
 """Rad, and m for an arm of 1 m. Calibration moves axes by less, and Newton's method on the true arm still converges."""

@@ -27,9 +27,7 @@ from pinproof.ik.analytic.geometry import (
     size_of,
 )
 from pinproof.model import Arm
-from pinproof.spatial import rigid
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, rigid
 
 TRIALS = 12
 """Number of random poses on which a plan is tested."""

@@ -16,8 +16,7 @@ from pinproof.ik.analytic.plan import Plan
 from pinproof.ik.result import IkOutcome
 from pinproof.ik.windings import difference, nearest_winding
 from pinproof.model import Arm
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 END = 1e-9
 """Rad or m: accuracy of the ends of a curve."""

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.curve import Array
 from pinproof.motion.program_steps import Blend, SetOutput, Step, Wait
+from pinproof.spatial import Array
 
 Body = Sequence[tuple[int, str]]
 """The lines of a program without the comments of pinproof, each with its number."""

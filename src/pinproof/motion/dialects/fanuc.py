@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from pinproof.errors import TrajectoryError
-from pinproof.motion.curve import Array
 from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, in_degrees
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step
+from pinproof.spatial import Array
 
 CONTINUOUS = 50
 """The CNT value of a blended point; its blend may use at most half of each of the two moves."""

@@ -6,9 +6,9 @@ import re
 from collections.abc import Sequence
 
 from pinproof.errors import InputError
-from pinproof.motion.curve import Array
 from pinproof.motion.dialects.dialect import NUMBER, Dialect, Rule, numbers_of, positive
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step, StreamedPoint
+from pinproof.spatial import Array
 
 START_SPEED = "a=0.5, v=0.3"
 """rad/s^2 and rad/s of the move to the first point."""

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from pinproof.ik import AnalyticIk, Clik, IkBranchesBatch
 from pinproof.model import Arm
 from pinproof.picks.judging.configurations import SWEEP, has_closed_form, turned_inside, widened
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 

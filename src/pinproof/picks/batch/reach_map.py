@@ -23,9 +23,8 @@ from pinproof.ik import Clik
 from pinproof.model import Arm
 from pinproof.picks.batch.reach_region import ReachRegion
 from pinproof.picks.batch.screening import Screening, ScreenStatus, code_of, in_chunks
-from pinproof.spatial import SE3, matrix, rigid, rigid_many
+from pinproof.spatial import SE3, Array, matrix, rigid, rigid_many
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 SCHEMA = "pinproof/reach/1"

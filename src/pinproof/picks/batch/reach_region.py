@@ -9,9 +9,7 @@ import numpy.typing as npt
 
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
-from pinproof.spatial import finite, unit_vector
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array, finite, unit_vector
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 """Radians between consecutive points of the spiral."""

@@ -21,9 +21,8 @@ from pinproof.picks.judging.configurations import limit_margin
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.setup import check_held_joints
 from pinproof.picks.judging.task import Cell, Task
-from pinproof.spatial import SE3, matrix, rigid, rigid_many
+from pinproof.spatial import SE3, Array, matrix, rigid, rigid_many
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 UNREADABLE, CONTACT, FREE = map(code_of, (ScreenStatus.UNREADABLE, ScreenStatus.CONTACT, ScreenStatus.FREE))

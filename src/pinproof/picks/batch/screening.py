@@ -19,8 +19,8 @@ from pinproof.common.validation import freeze_arrays, require_integer
 from pinproof.picks.batch.proposals import Wanted, proposals_for
 from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.verdict import Stage
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 

@@ -21,9 +21,7 @@ from pinproof.model.dynamics import checked_payloads
 from pinproof.motion import ToolLimits
 from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3, finite, frozen, pose, rigid, rotation_about, translated, unit_vector, xyz_rpy
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, finite, frozen, pose, rigid, rotation_about, translated, unit_vector, xyz_rpy
 
 STEPS = 24
 """Number of tried rotations of a free spin: one every 15 degrees."""

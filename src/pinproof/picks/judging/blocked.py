@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
@@ -17,9 +16,7 @@ from pinproof.collision.geometry.inner_shapes import inner_shapes
 from pinproof.description.urdf import moved_by
 from pinproof.ik import Overlap, ReachProof, is_provable, prove_unreachable
 from pinproof.model import Arm
-from pinproof.spatial import SE3
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array
 
 BOXES = 3000
 """Largest number of boxes of a proof; each takes 10 to 40 microseconds."""

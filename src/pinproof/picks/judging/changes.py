@@ -24,7 +24,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.ik import Clik
@@ -33,9 +32,7 @@ from pinproof.picks.input.pick import ROOT, TIP, Pick
 from pinproof.picks.judging.configurations import has_closed_form
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage
-from pinproof.spatial import SE3, rotation_about, translated
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, rotation_about, translated
 
 RESOLUTION = 0.01
 """Millimetres: printed lengths and components of vectors are multiples of this."""

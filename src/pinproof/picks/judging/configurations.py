@@ -12,8 +12,7 @@ from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm, JointLimits
 from pinproof.model.limits import AT_LIMIT
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 SWEEP = AnalyticIk(redundant_steps=24)
 """The solver for arms of seven joints: 24 values of the redundant joint, 15 degrees apart for a full rotation."""

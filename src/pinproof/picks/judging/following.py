@@ -14,7 +14,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.ik import IkTask, track
 from pinproof.motion import CubicPath, Trajectory
@@ -24,9 +23,7 @@ from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.task import Task
 from pinproof.planning.follow import RouteFollower
 from pinproof.planning.route import Route
-from pinproof.spatial import SE3, translated
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, translated
 
 TIME_STEP = 0.01
 """Seconds between solved poses."""

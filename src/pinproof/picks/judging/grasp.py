@@ -31,9 +31,7 @@ from pinproof.picks.judging.configurations import (
 from pinproof.picks.judging.motion_limits import at_rest
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
-from pinproof.spatial import SE3, twist_size
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, twist_size
 
 
 class Reached(NamedTuple):

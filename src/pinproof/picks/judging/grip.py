@@ -23,7 +23,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import ConvexHull, Obstacle
 from pinproof.collision.checking.line_surface import (
@@ -40,9 +39,7 @@ from pinproof.description.urdf import moved_by
 from pinproof.model import Arm
 from pinproof.picks.input.pick import GripperFingers
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3, translated
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array, translated
 
 CONE_EDGES = 16
 """Edges of the pyramids inscribed in the friction cones, which are conservative by 2 %."""

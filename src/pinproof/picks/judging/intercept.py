@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, Mover, Upright, certify
 from pinproof.collision.certificates.identity import curve_hash, setup_hash
@@ -30,8 +29,6 @@ from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, Pi
 from pinproof.planning.among_movers import plan_among_movers
 from pinproof.planning.ends import with_turns
 from pinproof.spatial import translated
-
-Array = npt.NDArray[np.float64]
 
 TIME_STEP = 0.1
 """Seconds between the times at which the reach of the part is determined."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import Certificate
 from pinproof.errors import InputError, TimingError
@@ -22,8 +21,7 @@ from pinproof.motion import CubicPath, RateConstraint, Trajectory, time_parametr
 from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import State, rest, rest_to_rest_times
 from pinproof.planning.moving_ends import MovingEnds
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 SPEEDS = (1.2, 0.95, 0.7)
 """Speeds at the outer end of a line that are tried, as shares of its largest speed between two stops. The largest

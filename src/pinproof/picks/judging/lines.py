@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, certify
 from pinproof.collision.certificates.certificate import proven_millimetres
@@ -20,9 +19,8 @@ from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import LinearPlanResult, PlanResult, make_planner, plan_linear, shortcut
 from pinproof.planning.ends import with_turns
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, Array
 
-Array = npt.NDArray[np.float64]
 Pairs = tuple[tuple[str, str], ...]
 
 

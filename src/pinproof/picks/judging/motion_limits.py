@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
-
 from pinproof.collision import CollisionChecker
 from pinproof.errors import InputError
 from pinproof.model import Arm, Payload
 from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
 from pinproof.picks.input.pick import Member, Pick, Picks
 from pinproof.picks.judging.task import Task
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 CARRYING = ("retreat", "transfer", "place")
 """The parts of the motion with the object in the hand."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.motion import BlendedPath, CubicPath, JointPath
 from pinproof.picks.input.pick import Member, PlaceTarget
@@ -20,8 +19,7 @@ from pinproof.picks.judging.task import Task, once_per_grasp
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify
 from pinproof.planning.ends import with_turns
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 
 class Scores:

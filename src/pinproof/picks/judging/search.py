@@ -28,7 +28,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.model import Arm
 from pinproof.motion import JointPath
@@ -39,8 +38,7 @@ from pinproof.picks.judging.lines import Attempt, Crossing, along, control_point
 from pinproof.picks.judging.place import Placer, Placing, Release, Scores
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import Array
 
 TURNS = range(-2, 3)
 """Numbers of full rotations at which a joint is searched within its limits."""

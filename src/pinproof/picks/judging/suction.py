@@ -9,13 +9,10 @@ Openings that are narrower than the distance of the lines (1/256 of the rim, 1/3
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.picks.input.pick import SuctionCup
 from pinproof.picks.judging.grip import CupContact, GripResult, HeldPart
-from pinproof.spatial import SE3
-
-Array = npt.NDArray[np.float64]
+from pinproof.spatial import SE3, Array
 
 RIM, ACROSS = 256, 32
 """Number of lines around the rim, and along the diameter of the face."""

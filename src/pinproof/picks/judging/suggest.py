@@ -40,8 +40,8 @@ from pinproof.picks.judging.configurations import configurations
 from pinproof.picks.judging.lines import Attempt, line_in, line_out
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult
+from pinproof.spatial import Array
 
-Array = npt.NDArray[np.float64]
 Judge = Callable[[Pick], PickVerdict]
 
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)

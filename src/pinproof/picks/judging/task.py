@@ -33,7 +33,7 @@ from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fing
 from pinproof.picks.judging.suction import grip_by_cup
 from pinproof.picks.judging.verdict import Stage
 from pinproof.planning.planners import CONSTRAINED_PLANNERS
-from pinproof.spatial import SE3, matrix
+from pinproof.spatial import SE3, Array, matrix
 
 GRIPS_KEPT = 256
 """Number of grips that a cell keeps for other picks of equal parts."""
@@ -136,8 +136,6 @@ class Cell:
         """Whether the arm has a closed form that gives every IK branch."""
         return has_closed_form(self.arm)
 
-
-Array = npt.NDArray[np.float64]
 
 FAR_GRASP = 0.1
 """Metres. A tip and fingers that are farther from the surface of the object are probably stated in another frame."""

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import Obstacle, Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
@@ -28,7 +27,7 @@ from pinproof.model.limits import guess_note
 from pinproof.picks.input.pick import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickVerdict
-from pinproof.spatial import matrix, pose
+from pinproof.spatial import Array, matrix, pose
 from pinproof.viewer.animation import Film, Phase, film, still, tracks
 from pinproof.viewer.camera import View, choose_view, extremes, placed_points, tool_points
 from pinproof.viewer.overlays import LONGEST, PoseMarkers, arrow
@@ -140,8 +139,6 @@ def _without(scene: Scene, names: set[str], arm: Arm) -> str:
     """The hash of the arm and the scene without the named obstacles."""
     return setup_hash(arm, scene.remove(*names.intersection(scene.names)))
 
-
-Array = npt.NDArray[np.float64]
 
 FRAMED = 1.3
 """Grasps within this multiple of the extent of the robot are framed; a distant one would make all others too small."""

@@ -112,17 +112,25 @@ def test_an_arm_and_its_robot_are_read_only(panda):
         narrow.limits = panda.limits
 
 
-def test_certify_refuses_a_checker_whose_mesh_was_modified(panda):
+def test_a_mesh_that_was_modified_in_place_is_refused_and_read_again_by_a_new_checker(panda, tmp_path):
+    torus = trimesh.creation.torus(0.1, 0.03, 12, 8)
+    torus.export(tmp_path / "torus.stl")
+    arrays = torus.vertices, torus.faces
+    file = Mesh(tmp_path / "torus.stl", hull=False)
+    shapes = [Mesh.from_arrays(*arrays, hull=False), Mesh.from_arrays(*arrays), file]
+    scene = Scene([Obstacle(f"ring{k}", shape, pose((0.1 * k, 0.0, 3.0))) for k, shape in enumerate(shapes)])
     move = JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
-    checker = CollisionChecker(panda, link_meshes="mesh")
-    assert certify(move, checker).free
-    mesh = next(body for body in checker.bodies if body.solid is not None)
-    mesh.geometry.vertices()[0] += 1.0
-    try:
-        with pytest.raises(InputError, match=mesh.name):
+    for name in ("ring0", "ring1", "ring2", panda.robot.urdf.collisions[0].link):
+        checker = CollisionChecker(panda, scene, link_meshes="mesh")
+        index = next(i for i, body in enumerate(checker.bodies) if body.owner == name)
+        vertices = checker.bodies[index].geometry.vertices()
+        before = vertices.copy()
+        vertices += 1.0
+        with pytest.raises(InputError, match=checker.bodies[index].name):
             certify(move, checker)
-    finally:
-        mesh.geometry.vertices()[0] -= 1.0  # bodies of mesh files are shared by all checkers of the process
+        again = CollisionChecker(panda, scene, link_meshes="mesh")
+        assert certify(move, again).free
+        np.testing.assert_array_equal(again.bodies[index].geometry.vertices(), before)
 
 
 def test_a_pose_given_to_an_obstacle_is_copied():

@@ -181,6 +181,7 @@ def test_a_frame_the_file_does_not_place_must_be_the_root_of_the_robot(read, ur5
         ([{"id": "p", "primitives": ["box"]}], {}, "'p'"),
         ([box(primitive_poses=[{}, {}])], {}, "2 poses"),
         ([box(pose={"position": [0, 0]})], {}, "'box'.*position"),
+        ([box(pose={"orientation": [0, [0], 0, 1]})], {}, "'box'.*orientation"),
         ([{"id": "m", "meshes": [{"resource": "package://none/cup.stl"}]}], {}, "was not found"),
         ([{"id": "m", "planes": [{"coef": [0, 0, 0, 1]}]}], {}, "no length"),
         (

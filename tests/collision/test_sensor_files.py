@@ -179,6 +179,10 @@ obstacles:
         path.write_text(text.format(source=source), encoding="utf-8")
         with pytest.raises(SceneError, match=r"points"):
             Scene.load(path)
+    for wrong in ("[160]", ".nan"):
+        path.write_text(text.format(source="points: cloud.ply").replace("width: 160", f"width: {wrong}"), "utf-8")
+        with pytest.raises(SceneError, match=r"'camera'.*width"):
+            Scene.load(path)
 
 
 def test_half_floats_in_millimetres_are_converted_without_rounding():

@@ -233,7 +233,8 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
     if not isinstance(shape, Mesh) or shape.hull is not None:
         return [shape_body(name, name, link, shape, link_from_body)]
     stamped, file = _stamped(shape)
-    made, remark = _own_shape(stamped, file)
+    hull, pieces, remark = _own_shape(stamped, file)
+    made = pieces or (_unmodified(replace(stamped, hull=hull), file),)
     names = [name] if len(made) == 1 else [f"{name}_part_{i}" for i in range(len(made))]
     source = "" if len(made) == 1 else name
     return [
@@ -371,7 +372,17 @@ def _height_map(shape: HeightMap) -> Made:
 
 
 def _mesh(shape: Mesh) -> Made:
-    return _made_of_mesh(*_stamped(shape))
+    return _unmodified(*_stamped(shape))
+
+
+def _unmodified(shape: Mesh, file: FileStamp | None) -> Made:
+    """Return the cached result for a mesh; made again if its vertices, which coal cannot protect, were modified."""
+    made = _made_of_mesh(shape, file)
+    geometry, _, _, solid = made
+    if isinstance(solid, Solid) and not np.array_equal(geometry.vertices(), solid.vertices):
+        _made_of_mesh.cache_clear()
+        made = _made_of_mesh(shape, file)
+    return made
 
 
 def _stamped(shape: Mesh) -> tuple[Mesh, FileStamp | None]:
@@ -384,32 +395,33 @@ def _stamped(shape: Mesh) -> tuple[Mesh, FileStamp | None]:
 
 
 @lru_cache(maxsize=MESHES_KEPT)
-def _own_shape(shape: Mesh, file: FileStamp | None) -> tuple[tuple[Made, ...], str]:
-    """Return the bodies of a mesh that is represented as a solid, and a remark on simplifications."""
+def _own_shape(shape: Mesh, _file: FileStamp | None) -> tuple[bool, tuple[Made, ...], str]:
+    """Return how a mesh is represented as a solid (``hull``, or several pieces), and a remark on simplifications."""
     mesh = triangles_of(shape)
     what = "the mesh" if shape.path is None else Path(shape.path).name
     solid = Solid(mesh.vertices, mesh.triangles)
     if not solid.watertight:
         remark = f"{what} is not watertight, so it is replaced by its convex hull, which fills its openings"
-        return (_made_of_mesh(replace(shape, hull=True), file),), remark
+        return True, (), remark
     cover = convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
     if cover is None or cover.excess > MOST_EXCESS:
         remark = (
             f"{what} is represented by its exact triangles, because {MOST_PIECES} convex pieces do not fit it within "
             f"{MOST_EXCESS * 1e3:g} mm; checks take longer, and proofs cannot be saved"
         )
-        return (_made_of_mesh(replace(shape, hull=False), file),), remark
+        return False, (), remark
     if len(cover.points) == 1:
-        return (_made_of_mesh(replace(shape, hull=True), file),), ""
+        return True, (), ""
     pieces = []
     for points in cover.points:
         geometry = hull_of_any(points)
         corners = np.array(geometry.points(), dtype=float)
         pieces.append((geometry, _box_around(corners), Support(corners), None))
-    return tuple(pieces), (
+    remark = (
         f"{what} is covered by {len(pieces)} convex pieces, which extend at most {cover.excess * 1e3:.1f} mm beyond it "
         f"(at {SAMPLES} points)"
     )
+    return False, tuple(pieces), remark
 
 
 @lru_cache(maxsize=MESHES_KEPT)

@@ -449,11 +449,12 @@ def _pose(stated: object) -> pin.SE3:
         return pin.SE3.Identity()
     if not isinstance(stated, Mapping):
         raise InputError(f"{stated!r} is not a pose with position and orientation")
-    rotation = stated.get("orientation")
-    quaternion = [rotation.get(key, 0.0) for key in "xyzw"] if isinstance(rotation, Mapping) else rotation
-    quaternion = None if quaternion is None else numbers_of("orientation", quaternion)
+    rotation, quaternion = stated.get("orientation"), None
+    if rotation is not None:
+        listed = [rotation.get(key, 0.0) for key in "xyzw"] if isinstance(rotation, Mapping) else rotation
+        quaternion = finite("orientation", numbers_of("orientation", listed), (4,)).tolist()
     position = _three(stated["position"]) if stated.get("position") is not None else np.zeros(3)
-    return pose(position.tolist(), quat_xyzw=quaternion if quaternion is not None and np.any(quaternion) else None)
+    return pose(position.tolist(), quat_xyzw=quaternion if quaternion is not None and any(quaternion) else None)
 
 
 def _three(stated: object) -> Array:

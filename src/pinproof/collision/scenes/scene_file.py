@@ -235,7 +235,7 @@ def _view(path: Path, stated: Mapping[str, Any], where: str) -> tuple[DepthView,
         if key in stated
     }
     for key in ("width", "height"):
-        if key in lens and lens[key] == int(lens[key]):
+        if isinstance(lens.get(key), float) and lens[key].is_integer():
             lens[key] = int(lens[key])
     read = DepthView.read if source == ["image"] else DepthView.from_points
     seen = read(file, Intrinsics(**lens), pose_of(stated["camera"]), **settings)

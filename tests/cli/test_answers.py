@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.description import robots_folder
+from pinproof.description import catalogue_names, robots_folder
 from pinproof.ik.methods import IK_METHODS
 
 from ..pages import Run
@@ -221,6 +221,15 @@ def test_a_usage_error_is_one_line_and_exit_code_2(run: Run, words: tuple[str, .
     assert out == ""
     assert expected in err
     assert "Traceback" not in err
+
+
+def test_the_catalogue_is_listed_without_a_robot(run: Run) -> None:
+    code, out, _ = run("info")
+    listed = tuple(out.replace("\n", " ").strip().split(", "))
+    assert code == 0
+    assert listed == catalogue_names()
+    assert json.loads(run("info", "--json")[1]) == {"robots": list(listed)}
+    assert run("info", "--tcp", "tool0")[0] == run("info", "--overlaps")[0] == 2
 
 
 def test_missing_data_of_a_robot_is_listed(run: Run) -> None:

@@ -4,19 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from textwrap import wrap
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 import pinproof as pp
+from pinproof.cli.complete import robot_names
 from pinproof.cli.console import check_output_files, print_result, progress_status, written
-from pinproof.cli.options import ChainOptions, Json, Robot, option
-from pinproof.errors import MeshError
+from pinproof.cli.options import ChainOptions, Json, option
+from pinproof.errors import InputError, MeshError
 
 if TYPE_CHECKING:
     from pinproof.model import JointInfo
 
 
 def info(
-    robot: Robot,
+    robot: Annotated[
+        str | None,
+        typer.Argument(
+            help="A catalogue name such as ur5, a robot file, or a DH table. Without it, the catalogue is listed.",
+            metavar="ROBOT",
+            autocompletion=robot_names,
+        ),
+    ] = None,
     overlaps: bool = option(
         "Sample configurations, and list which pairs of links touch always, sometimes or never.", False
     ),
@@ -35,6 +46,14 @@ def info(
 
     Example: pinproof info ur5
     """
+    if robot is None:
+        from pinproof.description import catalogue_names
+
+        if overlaps or write_srdf or write_urdf or chain != ChainOptions():
+            raise InputError("missing argument 'ROBOT'; see 'pinproof info --help'")
+        names = catalogue_names()
+        print_result({"robots": names}, wrap(", ".join(names), 100), as_json=as_json)
+        return
     check_output_files([write_srdf, write_urdf], [robot, *chain.files])
     arm = chain.arm(robot)
     if write_urdf is not None:

@@ -10,7 +10,7 @@ import copy
 import functools
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import cached_property
@@ -488,7 +488,7 @@ def parse_configuration(text: str | None, arm: pp.Arm, option: str) -> npt.NDArr
     values = numbers(text, option)
     if len(values) != arm.dof:
         joints = ", ".join(arm.joint_names)
-        raise InputError(f"{option} needs a value for each joint ({joints}); {text!r} has {len(values)} numbers")
+        raise InputError(f"{option} needs a value for each joint ({joints}); {text!r} has {_count(values)}")
     q = arm.configuration(values, option)
     warn_of_degrees(option, q[arm.angular & np.isfinite(arm.limits.lower)].tolist())
     return q
@@ -534,5 +534,9 @@ def numbers(text: str, option: str, *forms: str) -> list[float]:
             raise InputError(f"{option}: {error}") from error
     if forms and len(values) not in {len(form.split()) for form in forms}:
         valid = " or ".join(f'"{form}"' for form in forms)
-        raise InputError(f"{option} must be {valid}; {text!r} has {len(values)} numbers")
+        raise InputError(f"{option} must be {valid}; {text!r} has {_count(values)}")
     return values
+
+
+def _count(values: Sized) -> str:
+    return "1 number" if len(values) == 1 else f"{len(values)} numbers"

@@ -77,7 +77,8 @@ def load_robot(
         return _robot_of_table(source, srdf, xacro_args)
     path = Path(source)
     if path.suffix not in ROBOT_SUFFIXES:
-        raise UrdfError(path, f"is not a robot description: its name must end in one of {', '.join(ROBOT_SUFFIXES)}")
+        what = "is a folder" if path.is_dir() else "is not a robot description"
+        raise UrdfError(path, f"{what}; the name of a robot file ends in one of {', '.join(ROBOT_SUFFIXES)}")
     urdf, semantic = read_description(path, package_dirs=folders, xacro_args=xacro_args)
     if srdf is not None:
         semantic = read_srdf(srdf)

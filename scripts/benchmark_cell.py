@@ -351,9 +351,9 @@ def markdown(table: CellTable) -> str:
         "above; CPU: the processor time of all processes. Good: picks that are certified at the best placement. Best: "
         "the certified cycle time there, and how far it is below the median. For the median, placements of the grid at "
         f"which the base and all grasps are free are judged, {QUANTILES} at equal steps of the rank of their estimated "
-        "cycle time, and those at which all picks are good count; feasible states how many. In rows without this, "
-        "7 placements with an estimate were judged. Empty: share of the region that is proven to have no placement. "
-        "Slower: share of the region in which every placement is proven to be slower than the best one.",
+        "cycle time, and those at which all picks are good count; feasible states how many. Empty: share of the region "
+        "that is proven to have no placement. Slower: share of the region in which every placement is proven to be "
+        "slower than the best one.",
         {
             "cell": lambda row: row.cell,
             "picks": lambda row: row.picks,

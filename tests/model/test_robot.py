@@ -96,9 +96,11 @@ def test_unknown_robot_names_the_catalogue():
         pp.load_robot("ur55")
 
 
-def test_file_of_another_kind_is_refused(tmp_path):
-    with pytest.raises(pp.errors.UrdfError, match="must end in"):
+def test_file_of_another_kind_and_a_folder_are_refused(tmp_path):
+    with pytest.raises(pp.errors.UrdfError, match="ends in"):
         pp.load_robot(tmp_path / "robot.sdf")
+    with pytest.raises(pp.errors.UrdfError, match="is a folder"):
+        pp.load_robot(tmp_path)
 
 
 def test_one_package_folder_without_a_list_is_refused(tmp_path):

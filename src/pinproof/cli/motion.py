@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pinproof as pp
 from pinproof.cli.certify import largest_torque, torque_figures, verdict
@@ -83,7 +83,7 @@ class PlanOptions:
     )
 
     def found_jerk(self) -> float | Literal["limits"] | None:
-        """The jerk limit; ``"limits"`` stands for the jerk limits of the arm."""
+        """The jerk limit; ``"limits"`` selects the jerk limits of the arm."""
         if self.jerk is None or self.jerk == "limits":
             return None if self.jerk is None else "limits"
         try:
@@ -158,22 +158,31 @@ def plan(
     if html is not None:
         drawn = pp.viewer.PlotLimits(arm.limits, arm.limits.jerk if jerk == "limits" else jerk, rate_limits)
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, plot=drawn)
-    figures = {
-        "stops": simplified.stops,
-        "length": path.length,
-        "duration_of_path": shortest.duration_before,
-        "duration": shortest.duration,
-        "lower_bound": shortest.lower_bound,
-    }
+    figures, summary = _figures(simplified, shortest, optimised=effort.optimise > 0)
     data = {"ok": certificate.free, **figures, **torque_figures(torques, torque_notes), **verdict(certificate)}
-    stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
-    optimised = f"; optimised motion {shortest.duration:.2f} s" if effort.optimise else ""
-    bound = f"lower bound without obstacles {shortest.lower_bound:.2f} s ({trajectory.limits_note})"
     lines = [
-        f"path of length {path.length:.3g} rad, {stops}, {shortest.duration_before:.2f} s{optimised}, {bound}",
+        summary,
         *largest_torque(torques),
         str(certificate),
         *(f"note: {note}" for note in torque_notes),
         *written(output, html),
     ]
     print_result(data, lines, as_json=as_json, ok=certificate.free)
+
+
+def _figures(
+    simplified: pp.planning.SimplifyResult, shortest: pp.planning.OptimiseResult, *, optimised: bool
+) -> tuple[dict[str, Any], str]:
+    """The stops, the length and the durations (s) of a planned motion, and the same as a line of text."""
+    length = simplified.path.length
+    figures = {
+        "stops": simplified.stops,
+        "length": length,
+        "duration_of_path": shortest.duration_before,
+        "duration": shortest.duration,
+        "lower_bound": shortest.lower_bound,
+    }
+    stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
+    then = f"; optimised motion {shortest.duration:.2f} s" if optimised else ""
+    bound = f"lower bound without obstacles {shortest.lower_bound:.2f} s ({shortest.trajectory.limits_note})"
+    return figures, f"path of length {length:.3g} rad, {stops}, {shortest.duration_before:.2f} s{then}, {bound}"

@@ -36,7 +36,6 @@ PACKAGES = (
     "picks",
     "cell",
     "formats",
-    "benchmarks",
     "cli",
 )
 SIBLINGS = ({"ik", "collision"},)

@@ -97,9 +97,9 @@ def plan_from_contact() -> object:
     return pp.RrtConnect().plan(judge, (path.q[0] + path.q[1]) / 2, [path.q[1]]).or_raise()
 
 
-def plan_without_ompl() -> object:
-    with patch.dict(sys.modules, {"ompl": None}):
-        return pp.planning.OmplPlanner("RRTConnect").plan(checker(), np.zeros(6), [np.ones(6)])
+def xacro_file_without_xacro() -> object:
+    with patch.dict(sys.modules, {"xacro": None}):
+        return pp.load_robot(write("arm.urdf.xacro", URDF))
 
 
 def verdict(x: float, *obstacles: pp.Obstacle) -> str:
@@ -141,7 +141,7 @@ MESSAGES: dict[str, Callable[[], object]] = {
     "unknown key of picks": lambda: pp.read_picks(write("picks.yaml", "robot: ur5\npicks: []\nscenes: cell.yaml\n")),
     "pick out of reach": lambda: verdict(1.2),
     "pick in collision": lambda: verdict(0.5, pp.Obstacle("wall", pp.Box(0.2, 0.01, 0.4), pp.pose((0.5, 0.13, 0.2)))),
-    "extra not installed": plan_without_ompl,
+    "extra not installed": xacro_file_without_xacro,
 }
 
 

@@ -16,7 +16,7 @@ else:
     import tomli as tomllib
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-EXTRAS = ("dask", "ompl", "sensor", "xacro")
+EXTRAS = ("dask", "sensor", "xacro")
 
 only_in_ci = pytest.mark.skipif(
     not os.environ.get("CI"), reason="takes 15 s of CPU time; outside CI test_wheel.py installs for the current Python"
@@ -46,7 +46,7 @@ def test_all_requirements_have_wheels(python: str, index: None, tmp_path: Path) 
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["install"]
     names = {one["metadata"]["name"].lower() for one in found}
-    assert {"pin", "coal", "numpy", "ompl", "distributed"} <= names
+    assert {"pin", "coal", "numpy", "distributed"} <= names
     assert [one["download_info"]["url"] for one in found if not one["download_info"]["url"].endswith(".whl")] == []
 
 

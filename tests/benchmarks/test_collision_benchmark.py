@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmark_collision import collision_markdown, write_collision_table
-from collision_checks import CollisionTable, boxes, collision_benchmark
-from collision_edges import ROBOTS, check_edges, check_verdict, random_edge, random_scene
+from benchmarks.collision import CollisionTable, boxes, collision_benchmark, collision_markdown, write_collision_table
+from benchmarks.collision_edges import ROBOTS, check_edges, check_verdict, random_edge, random_scene
 
 import pinproof as pp
 from pinproof.collision.checking.coal_checks import PlainCoal
@@ -162,7 +160,7 @@ def test_scenes_and_edges_are_the_same_for_the_same_seed() -> None:
 
 @pytest.mark.slow
 def test_the_script_prints_the_table() -> None:
-    command = [sys.executable, str(ROOT / "scripts" / "benchmark_collision.py"), "--only-edges", "5"]
+    command = [str(ROOT / "scripts" / "benchmark"), "collision", "--only-edges", "5"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "| all | 5 |" in done.stdout

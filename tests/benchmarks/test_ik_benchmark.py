@@ -8,14 +8,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ik_success import DocsIkTable, SuccessRow, success_markdown, success_rates
+from benchmarks.ik import DocsIkTable, SuccessRow, success_markdown, success_rates
+from benchmarks.ik_methods import OWN_METHODS, PARTS, IkMethod, Part, PreparedMethod
+from benchmarks.ik_peers import PEERS
+from benchmarks.ik_run import (
+    COLUMNS,
+    IkRow,
+    IkTable,
+    ik_benchmark,
+    ik_markdown,
+    measured_row,
+    random_targets,
+    smooth_targets,
+    with_reduced_ranges,
+    write_ik_table,
+)
 
 import pinproof as pp
-from pinproof.benchmarks import IkTable, ik_benchmark, ik_markdown, write_ik_table
-from pinproof.benchmarks.ik_methods import OWN_METHODS, PARTS, IkMethod, Part, PreparedMethod
-from pinproof.benchmarks.ik_peers import PEERS
-from pinproof.benchmarks.ik_run import measure, random_targets, smooth_targets, with_reduced_ranges
-from pinproof.benchmarks.ik_table import COLUMNS, IkRow
 from pinproof.errors import FileError, InputError
 
 POINTS = 20
@@ -148,7 +157,7 @@ def wrong_method(arm: pp.Arm, part: Part) -> PreparedMethod:
 def test_wrong_answers_are_false_positives(part: Part) -> None:
     arm = with_reduced_ranges(pp.load_robot("ur5").arm())
     make = random_targets if part.problem == "random" else smooth_targets
-    row = measure(arm, "ur5", IkMethod("wrong", "wrong", wrong_method), part, make(arm, POINTS, 0))
+    row = measured_row(arm, "ur5", IkMethod("wrong", "wrong", wrong_method), part, make(arm, POINTS, 0))
     assert row is not None
     assert row.success == 0.0
     assert row.false_positives == 2 * POINTS  # single calls and a batch
@@ -166,7 +175,7 @@ def test_the_trajectory_starts_each_call_at_the_last_answer() -> None:
             solve=lambda target, q0: (seen.append(q0), ik.solve(arm, target, q0))[1], read=lambda found: found.q[None]
         )
 
-    row = measure(arm, "ur5", IkMethod("seen", "seen", prepare), Part("trajectory", "pose", True), targets)
+    row = measured_row(arm, "ur5", IkMethod("seen", "seen", prepare), Part("trajectory", "pose", True), targets)
     np.testing.assert_allclose(seen, [targets.start, *targets.q[:-1]], atol=1e-5)
     assert row.largest_step == pytest.approx(np.abs(np.diff(targets.q, axis=0)).max(), abs=1e-5)
 
@@ -176,7 +185,7 @@ def test_an_error_of_a_peer_is_listed_and_does_not_end_the_run(monkeypatch: pyte
         raise OSError("its library is gone")
 
     peer = IkMethod("broken", "broken", broken, compared_with="clik")
-    monkeypatch.setattr("pinproof.benchmarks.ik_run.PEERS", (peer,))
+    monkeypatch.setattr("benchmarks.ik_run.PEERS", (peer,))
     made = ik_benchmark(["ur5"], points=1, methods=["clik", "broken"])
     assert made.left_out == {"ur5": {"broken": "OSError: its library is gone"}}
     assert {row.method for row in made.rows} == {"clik"}
@@ -184,7 +193,7 @@ def test_an_error_of_a_peer_is_listed_and_does_not_end_the_run(monkeypatch: pyte
 
 def test_the_ratio_refers_to_our_method_in_the_same_part(monkeypatch: pytest.MonkeyPatch) -> None:
     peer = replace(OWN_METHODS[0], key="peer", compared_with="clik", textbook=None)
-    monkeypatch.setattr("pinproof.benchmarks.ik_run.PEERS", (peer,))
+    monkeypatch.setattr("benchmarks.ik_run.PEERS", (peer,))
     made = ik_benchmark(["ur5"], points=2, methods=["clik", "peer"])
     for part in PARTS:
         ours, theirs = made.part("ur5", part)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.ik_run import check_answers, random_targets, with_reduced_ranges
 
 import pinproof as pp
-from pinproof.benchmarks.ik_run import check_answers, random_targets, with_reduced_ranges
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ik_success import DocsIkTable, success_markdown
-
-from pinproof.benchmarks import ik_markdown
-from pinproof.benchmarks.ik_methods import PARTS
+from benchmarks.ik import DocsIkTable, success_markdown
+from benchmarks.ik_methods import PARTS
+from benchmarks.ik_run import ik_markdown
 
 from ..pages import ROOT, run_page
 
@@ -23,7 +22,7 @@ def stored() -> DocsIkTable:
 
 def test_the_page_shows_the_stored_table(stored: DocsIkTable) -> None:
     text = (FOLDER / "ik.md").read_text(encoding="utf-8")
-    assert text.endswith(ik_markdown(stored) + success_markdown(stored.success)), "run scripts/benchmark_ik.py --render"
+    assert text.endswith(ik_markdown(stored) + success_markdown(stored.success)), "run ./scripts/benchmark ik --render"
 
 
 def test_the_stored_table_is_complete(stored: DocsIkTable) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.ik_peers import TIP, chain_urdf, screw_axes
+from benchmarks.tables import NotApplicableError
 
 import pinproof as pp
-from pinproof.benchmarks.ik_peers import TIP, chain_urdf, screw_axes
-from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.errors import ConversionError
 from pinproof.model.robot import load_robot_from_text
 

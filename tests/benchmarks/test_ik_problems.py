@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.ik_methods import PERIOD
+from benchmarks.ik_run import random_targets, smooth_targets, with_reduced_ranges
 
 import pinproof as pp
-from pinproof.benchmarks.ik_methods import PERIOD
-from pinproof.benchmarks.ik_run import random_targets, smooth_targets, with_reduced_ranges
 
 ROBOTS = ("ur5", "panda", "kinova", "scara")
 

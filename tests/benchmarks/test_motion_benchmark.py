@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.planning import MotionTable, limit_excess, motion_benchmark, motion_markdown, pose_goals
 
 import pinproof as pp
-from pinproof.benchmarks import MotionTable, motion_benchmark, motion_markdown
-from pinproof.benchmarks.plan_motion import limit_excess, pose_goals
 
 FOLDER = Path(__file__).parents[2] / "docs" / "benchmarks"
 
@@ -55,4 +54,4 @@ def test_the_stored_table_is_complete_and_no_motion_is_unsafe() -> None:
     assert stored.unsafe == []
     assert all(row.certified for row in stored.rows if not row.variant)
     page = (FOLDER / "planning.md").read_text(encoding="utf-8")
-    assert page.endswith(motion_markdown(stored)), "run scripts/benchmark_planning.py --render"
+    assert page.endswith(motion_markdown(stored)), "run ./scripts/benchmark planning --render"

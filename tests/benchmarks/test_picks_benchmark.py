@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmark_picks import picks_markdown, write_picks_table
-from picks_measurements import CELLS, CampaignRow, PicksTable, pick_cell, picks_benchmark, steady_rate
+from benchmarks.picks import (
+    CELLS,
+    CampaignRow,
+    PicksTable,
+    pick_cell,
+    picks_benchmark,
+    picks_markdown,
+    steady_rate,
+    write_picks_table,
+)
 
 import pinproof as pp
 from pinproof.errors import FileError, InputError
@@ -81,7 +88,7 @@ def test_invalid_settings_are_refused(how: dict) -> None:
 
 @pytest.mark.slow
 def test_the_script_prints_the_table() -> None:
-    command = [sys.executable, str(ROOT / "scripts" / "benchmark_picks.py"), "generic_6dof", "--picks", "2"]
+    command = [str(ROOT / "scripts" / "benchmark"), "picks", "generic_6dof", "--picks", "2"]
     command += ["--poses", "0", "--campaign", "0", "--overhead", "0", "--files", "generic_6dof/picks"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

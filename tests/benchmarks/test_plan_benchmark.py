@@ -9,17 +9,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mplib_peer import mplib_method
+from benchmarks.mplib_peer import mplib_method
+from benchmarks.planning_methods import OURS, PEERS, STEPS, PlanAnswer, PlanMethod
+from benchmarks.planning_problems import OWN_SCENES, PlanProblem, own_problems
+from benchmarks.planning_run import (
+    PlanTable,
+    curve_length,
+    motion_faults,
+    plan_benchmark,
+    plan_markdown,
+    write_plan_table,
+)
 
 import pinproof as pp
-from pinproof.benchmarks import PlanTable, plan_benchmark, plan_markdown, write_plan_table
-from pinproof.benchmarks.plan_methods import OURS, STEPS, PlanAnswer, PlanMethod
-from pinproof.benchmarks.plan_peers import PEERS
-from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems
-from pinproof.benchmarks.plan_run import curve_length, motion_faults
 from pinproof.errors import FileError, InputError
 from pinproof.motion import JointPath
 
+OMPL = "benchmarks.ompl_adapter:OmplPlanner"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -172,7 +178,7 @@ def test_an_unsafe_motion_of_our_planner_is_listed(monkeypatch: pytest.MonkeyPat
     def through(problem: PlanProblem, checker: pp.CollisionChecker):
         return lambda seed: PlanAnswer(straight(problem), {"plan": 1.0}, certified=True, clearance=0.1)
 
-    monkeypatch.setattr("pinproof.benchmarks.plan_run.own_method", lambda name: PlanMethod(OURS, OURS, through))
+    monkeypatch.setattr("benchmarks.planning_run.own_method", lambda name: PlanMethod(OURS, OURS, through))
     table = plan_benchmark(["generic_6dof"], sets=["narrow_slot"], problems=1, peers=False)
     assert [row.name for row in table.unsafe] == ["generic_6dof/narrow_slot/1"]
     assert "## Unsafe: pinproof" in plan_markdown(table)
@@ -180,10 +186,10 @@ def test_an_unsafe_motion_of_our_planner_is_listed(monkeypatch: pytest.MonkeyPat
 
 def test_another_planner_is_a_method_of_its_own() -> None:
     pytest.importorskip("ompl")
-    table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1, planners=["rrt_connect", "ompl"], peers=False)
+    table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1, planners=["rrt_connect", OMPL], peers=False)
     assert [(row.method, row.certified, row.faults) for row in table.rows] == [
         ("pinproof", True, ()),
-        ("pinproof_ompl", True, ()),
+        (f"pinproof_{OMPL}", True, ()),
     ]
 
 
@@ -266,7 +272,7 @@ def test_an_error_of_a_peer_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch
     def broken(problem: PlanProblem, checker: pp.CollisionChecker):
         raise ZeroDivisionError("theirs")
 
-    monkeypatch.setattr("pinproof.benchmarks.plan_run.PEERS", (PlanMethod("peer", "peer", broken, "numpy"),))
+    monkeypatch.setattr("benchmarks.planning_run.PEERS", (PlanMethod("peer", "peer", broken, "numpy"),))
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
     assert table.left_out == {"peer on generic_6dof/shelf/1": "ZeroDivisionError: theirs"}
 
@@ -278,7 +284,7 @@ def test_invalid_settings_are_refused(wrong: dict) -> None:
 
 
 def test_a_scene_without_a_problem_is_left_out_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pinproof.benchmarks.plan_problems.SCENES", 0)
+    monkeypatch.setattr("benchmarks.planning_problems.SCENES", 0)
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1, peers=False)
     assert "no start and goal for 'generic_6dof'" in table.left_out["generic_6dof/shelf"]
     assert plan_markdown(table)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-
-from pinproof.benchmarks import PlanTable, plan_markdown
-from pinproof.benchmarks.plan_problems import OWN_ROBOTS, OWN_SCENES
-from pinproof.benchmarks.plan_run import OWN_PROBLEMS
+from benchmarks.planning_problems import OWN_ROBOTS, OWN_SCENES
+from benchmarks.planning_run import OWN_PROBLEMS, PlanTable, plan_markdown
 
 FOLDER = Path(__file__).parents[2] / "docs" / "benchmarks"
 
@@ -20,7 +18,7 @@ def stored() -> PlanTable:
 
 def test_the_page_shows_the_stored_table(stored: PlanTable) -> None:
     text = (FOLDER / "planning.md").read_text(encoding="utf-8")
-    assert plan_markdown(stored) in text, "run scripts/benchmark_planning.py --render"
+    assert plan_markdown(stored) in text, "run ./scripts/benchmark planning --render"
 
 
 def test_the_stored_table_is_complete(stored: PlanTable) -> None:

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from benchmarks.planning_problems import find_sets, read_problems
+from benchmarks.tables import NotApplicableError
 
 import pinproof as pp
-from pinproof.benchmarks.plan_mbm import find_sets, read_problems
-from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.errors import FileError
 
 URDF = """<robot name="slider"><link name="base"/><link name="tool"/>

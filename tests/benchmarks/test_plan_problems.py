@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-import pinproof as pp
-from pinproof.benchmarks.plan_problems import (
+from benchmarks.planning_problems import (
     MARGIN,
     OWN_ROBOTS,
     OWN_SCENES,
@@ -16,6 +14,8 @@ from pinproof.benchmarks.plan_problems import (
     own_reach,
     select_sets,
 )
+
+import pinproof as pp
 from pinproof.errors import UnknownNameError
 from pinproof.motion import JointPath
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from ik_steps import METHODS, step_sizes
+from benchmarks.ik_steps import METHODS, step_sizes
 
 import pinproof as pp
 

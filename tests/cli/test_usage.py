@@ -24,7 +24,7 @@ from ..processes import PATIENCE, RUN_CLI, started
     ("words", "expected"),
     [
         ("fkk ur5", "(did you mean 'fk'); see 'pinproof --help'"),
-        ("bench ikk", "(did you mean 'ik'); see 'pinproof bench --help'"),
+        ("cell placee", "(did you mean 'place'); see 'pinproof cell --help'"),
         ("fk", "'ROBOT'; see 'pinproof fk --help'"),
         ("fk ur5 --fram tool0", "(did you mean --frame)"),
         ("fk ur5 --q 0 1 0", '--q "0 -pi/2 0"'),
@@ -52,7 +52,7 @@ def test_a_usage_error_is_one_line_with_its_remedy_and_one_json_document(run: Ru
     assert (data["kind"], data["exit_code"], f"pinproof: {data['message']}\n") == ("usage", 2, err)
 
 
-@pytest.mark.parametrize("words", ["", "bench"])
+@pytest.mark.parametrize("words", ["", "cell"])
 def test_without_a_command_the_help_is_printed(run: Run, words: str) -> None:
     code, out, err = run(*words.split())
     assert code == 2

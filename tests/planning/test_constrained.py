@@ -100,12 +100,6 @@ def test_a_goal_on_the_other_side_of_an_impossible_region_is_not_found(ur5: pp.A
     assert plan.path is None
 
 
-def test_ompl_refuses_constraints(ur5: pp.Arm, checker: pp.CollisionChecker) -> None:
-    pytest.importorskip("ompl")
-    with pytest.raises(pp.InputError, match="rrt_connect"):
-        pp.planning.OmplPlanner().plan(checker, START, GOAL, constraints=[pp.Upright(tolerance=0.1)])
-
-
 def test_projection_ends_inside_the_tolerance_and_the_limits(panda: pp.Arm) -> None:
     rng = np.random.default_rng(0)
     low, high = panda.limits.lower, panda.limits.upper

@@ -1,4 +1,4 @@
-"""Every registered planner returns certified, reproducible paths; an unknown name is refused with the valid ones."""
+"""Every planner returns certified, reproducible paths; an unknown name is refused with the valid ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import pytest
 
 import pinproof as pp
 from pinproof.planning import Planner, make_planner
-from pinproof.planning.planners import PLANNERS
 
 START, GOAL = [-1.0, -1.2, 1.2, -1.57, -1.57, 0.0], [1.0, -1.2, 1.2, -1.57, -1.57, 0.0]
 POST = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.0), pp.pose(xyz=(0.55, 0.0, 0.5)))
@@ -18,9 +17,9 @@ def checker() -> pp.CollisionChecker:
     return pp.CollisionChecker(pp.load_robot("ur5").arm(), pp.Scene([POST]))
 
 
-@pytest.fixture(params=PLANNERS)
+@pytest.fixture(params=["rrt_connect", "benchmarks.ompl_adapter:OmplPlanner"])
 def planner(request: pytest.FixtureRequest) -> Planner:
-    if request.param == "ompl":
+    if "ompl" in request.param:
         pytest.importorskip("ompl")
     return make_planner(request.param)
 
@@ -62,6 +61,17 @@ def test_settings_are_passed_to_the_planner() -> None:
 def test_an_unknown_planner_is_refused_with_the_valid_names() -> None:
     with pytest.raises(pp.errors.UnknownNameError) as caught:
         make_planner("rrt")
-    assert set(caught.value.valid) == set(PLANNERS)
+    assert set(caught.value.valid) == {"rrt_connect", "MODULE:CLASS"}
     with pytest.raises(pp.InputError, match="rrt_connect"):
         pp.picks.PickBudget(planner="rrt")
+
+
+@pytest.mark.parametrize("name", ["nowhere.to_be_found:Planner", "pinproof:NoPlanner", "pinproof:"])
+def test_a_class_that_cannot_be_imported_is_refused_by_its_name(name: str) -> None:
+    with pytest.raises(pp.errors.UnknownNameError, match=name):
+        make_planner(name)
+
+
+def test_a_class_without_the_methods_of_a_planner_is_refused_with_what_is_missing() -> None:
+    with pytest.raises(pp.InputError, match="plan"):
+        make_planner("pinproof:Clik")

@@ -1,4 +1,4 @@
-"""Tab completion of robot names, robot files, IK methods, planners, links and joint groups."""
+"""Tab completion of robot names, robot files, IK methods, links and joint groups."""
 
 from __future__ import annotations
 
@@ -24,13 +24,6 @@ def method_names(incomplete: str) -> list[str]:
     from pinproof.ik.methods import IK_METHODS
 
     return _starting_with(incomplete, IK_METHODS)
-
-
-def planner_names(incomplete: str) -> list[str]:
-    """The registered planners."""
-    from pinproof.planning.planners import PLANNERS
-
-    return _starting_with(incomplete, PLANNERS)
 
 
 def file_names(*suffixes: str) -> Callable[[str], list[str]]:

@@ -22,7 +22,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import pinproof as pp
-from pinproof.cli.bench import bench_ik, bench_plan
+from pinproof.cli.bench import bench
 from pinproof.cli.cell import cell_allocate, cell_sequence
 from pinproof.cli.cell_placement import cell_compare, cell_place, cell_tolerance
 from pinproof.cli.certify import certify_motion
@@ -109,10 +109,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,
     "schema": schema,
-    "bench ik": bench_ik,
-    "bench plan": bench_plan,
+    "bench": bench,
 }
-"""The commands by name; ``cell`` and ``bench`` are groups of commands."""
+"""The commands by name; ``cell`` is a group of commands."""
 
 PANELS = {
     **dict.fromkeys(("demo", "pick", "reach", "cell"), PICKS),
@@ -140,7 +139,6 @@ groups = {
         cls=_Group,
         no_args_is_help=True,
     ),
-    "bench": typer.Typer(help="Run the benchmarks on this machine.", cls=_Group, no_args_is_help=True),
 }
 for words, command in COMMANDS.items():
     group, _, name = words.rpartition(" ")

@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 import pinproof as pp
 from pinproof.cli.certify import largest_torque, torque_figures, verdict
-from pinproof.cli.complete import planner_names
 from pinproof.cli.console import check_output_files, print_result, progress_status, written
 from pinproof.cli.options import (
     ChainOptions,
@@ -68,7 +67,9 @@ class PlanOptions:
 
     blend: bool = option("Round the corners of the path; with --no-blend the arm stops at each corner.", True)
     planner: str = option(
-        "The planner: rrt_connect or ompl.", "rrt_connect", autocompletion=planner_names, metavar="PLANNER"
+        "The planner: rrt_connect, or MODULE:CLASS for a class with the methods of pinproof.planning.Planner.",
+        "rrt_connect",
+        metavar="PLANNER",
     )
     jerk: str | None = option(
         "Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for the jerk limits in the file of "

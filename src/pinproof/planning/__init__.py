@@ -1,10 +1,9 @@
-"""Planning: RRT-Connect, OMPL, simplification of paths, and Cartesian moves; every path has a certificate."""
+"""Planning: RRT-Connect, simplification of paths, and Cartesian moves; every path has a certificate."""
 
 from pinproof.planning.among_movers import TimedPlanResult, plan_among_movers
 from pinproof.planning.blending import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.coordination import CoordinationResult, coordinate, plan_arms
-from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
 from pinproof.planning.optimisation import OptimiseResult, optimise
 from pinproof.planning.planners import DEFAULT_PLANNER, Planner, make_planner
 from pinproof.planning.result import (
@@ -23,7 +22,6 @@ __all__ = [
     "CoordinationResult",
     "LinearPlanResult",
     "LinearStatus",
-    "OmplPlanner",
     "OptimiseResult",
     "PlanProgress",
     "PlanResult",
@@ -36,7 +34,6 @@ __all__ = [
     "blend",
     "coordinate",
     "make_planner",
-    "ompl_planners",
     "optimise",
     "plan_among_movers",
     "plan_arms",

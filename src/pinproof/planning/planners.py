@@ -1,9 +1,10 @@
-"""The planners by name. The command line, the planning benchmark and the picks select planners from this table."""
+"""What a planner is, and how the command line and the picks name one: any object with these methods is a planner."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +12,10 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import TorqueLimits
-from pinproof.planning.ompl_adapter import OmplPlanner
 from pinproof.planning.result import PlanResult
 from pinproof.planning.rrt_connect import RrtConnect
+
+DEFAULT_PLANNER = "rrt_connect"
 
 
 class Planner(Protocol):
@@ -32,7 +34,8 @@ class Planner(Protocol):
     ) -> PlanResult:
         """Plan from ``start`` (n,) to any of ``goals`` (g, n), as :meth:`RrtConnect.plan` does.
 
-        A planner that does not support constraints raises InputError if there are any.
+        A planner that does not support constraints raises InputError if there are any. One that supports them has the
+        attribute ``supports_constraints = True``.
         """
         ...
 
@@ -41,34 +44,34 @@ class Planner(Protocol):
         ...
 
 
-PLANNERS: dict[str, Callable[..., Planner]] = {"rrt_connect": RrtConnect, "ompl": OmplPlanner}
-"""Planner classes by name; each can be created without arguments and accepts ``time_limit`` in seconds."""
-
-DEFAULT_PLANNER = "rrt_connect"
-
-CONSTRAINED_PLANNERS = ("rrt_connect",)
-"""The planners that support constraints of the tcp."""
-
-
 def make_planner(name: str = DEFAULT_PLANNER, **settings: Any) -> Planner:
-    """Return a planner of :data:`PLANNERS`, with its default settings except for those given.
+    """Return the planner ``"rrt_connect"``, or a planner of another package, named ``"module:Class"``.
+
+    It has its default settings except for those given.
 
     Raises
     ------
     UnknownNameError
-        If there is no planner with this name.
+        If there is no planner with this name, or its module cannot be imported.
     InputError
-        If a setting is invalid, or the library of the planner is not installed.
+        If a setting is invalid, or the class has not the methods of :class:`Planner`.
     """
-    if name not in PLANNERS:
-        raise UnknownNameError("planner", name, PLANNERS)
-    return PLANNERS[name](**settings)
+    if name == DEFAULT_PLANNER:
+        return RrtConnect(**settings)
+    module, _, attribute = name.partition(":")
+    try:
+        planner = getattr(import_module(module), attribute)(**settings) if module and attribute else None
+    except (ImportError, AttributeError) as error:
+        raise UnknownNameError("planner", name, (DEFAULT_PLANNER, "MODULE:CLASS"), str(error)) from error
+    if planner is None:
+        raise UnknownNameError("planner", name, (DEFAULT_PLANNER, "MODULE:CLASS"))
+    return planner_of(planner)
 
 
-def planner_of(given: Planner | None) -> Planner:
-    """Return the given planner, or the default one for None; refuse anything else, such as the name of a planner."""
-    if given is not None and not callable(getattr(given, "plan", None)):
-        raise InputError(
-            f"planner must be make_planner(NAME), with NAME one of {', '.join(PLANNERS)}, not {given!r:.80}"
-        )
-    return make_planner() if given is None else given
+def planner_of(given: object | None) -> Planner:
+    """Return the given planner, or the default one for None; refuse anything without the methods of a planner."""
+    if given is None:
+        return RrtConnect()
+    if missing := [name for name in ("plan", "limited_to") if not callable(getattr(given, name, None))]:
+        raise InputError(f"planner must have the methods plan and limited_to; {given!r:.80} lacks {missing[0]}")
+    return cast(Planner, given)

@@ -18,6 +18,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -95,6 +96,9 @@ class RrtConnect:
     max_nodes: int = 20_000
     max_samples: int = 200_000
     time_limit: float = 20.0
+
+    supports_constraints: ClassVar[bool] = True
+    """Constraints of the tcp are kept; a planner without this attribute refuses them."""
 
     def __post_init__(self) -> None:
         for name in ("step", "resolution", "max_nodes", "max_samples", "time_limit"):

@@ -52,7 +52,7 @@ from pinproof.picks.report.report import problem_row, verdict_row
 
 PACKAGE = Path(__file__).parents[2]
 
-BESIDE_IT = ("benchmarks", "cli", "viewer")
+BESIDE_IT = ("cli", "viewer")
 """Packages that do not affect verdicts. They are not hashed, so editing them does not invalidate rows."""
 
 LIBRARIES = ("pin", "coal", "numpy")

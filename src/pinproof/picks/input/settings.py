@@ -58,7 +58,7 @@ class PickBudget:
     remedies
         Number of changed picks of each kind (moved, turned, shortened) that are judged to find suggestions; 0 for none.
     planner
-        The planner of transits and transfers, a key of :data:`pinproof.planning.planners.PLANNERS`.
+        The planner of transits and transfers, as :func:`pinproof.planning.make_planner` names it.
     motion
         Number of evaluations by which :func:`~pinproof.optimise` shortens each transit and each transfer; with 0, they
         follow the planned paths.

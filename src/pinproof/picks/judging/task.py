@@ -32,7 +32,7 @@ from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip
 from pinproof.picks.judging.suction import grip_by_cup
 from pinproof.picks.judging.verdict import Stage
-from pinproof.planning.planners import CONSTRAINED_PLANNERS
+from pinproof.planning import make_planner
 from pinproof.spatial import SE3, Array, matrix
 
 GRIPS_KEPT = 256
@@ -191,9 +191,8 @@ class Task:
             for support in support_names(stated) or ():
                 if support not in names:
                     raise UnknownNameError("support", support, names, self.scene.where)
-        if pick.upright is not None and cell.budget.planner not in CONSTRAINED_PLANNERS:
-            valid = ", ".join(CONSTRAINED_PLANNERS)
-            raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use {valid}")
+        if pick.upright is not None and not getattr(make_planner(cell.budget.planner), "supports_constraints", False):
+            raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use rrt_connect")
         self.name = pick.object_name
         self.place = None if pick.place is None else self._place_of_tip(pick.place)
         self.kept: dict[tuple[Hashable, ...], Any] = {}

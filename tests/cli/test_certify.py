@@ -40,7 +40,7 @@ def test_a_proof_is_saved_and_verified_by_the_same_command(run: Run) -> None:
     assert "wrote proof.json.gz" in out
     code, out, _ = run(*words, "--verify", "proof.json.gz")
     assert code == 0
-    assert "compared with your files: the robot, the scene, the motion" in out
+    assert "compared with your files: the robot, the scene, the joint limits, the motion" in out
     assert "not checked: base_link and shoulder_link" in out
     code, out, _ = run("--verify", "proof.json.gz", "--json")
     answer = json.loads(out)

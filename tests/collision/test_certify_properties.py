@@ -77,7 +77,7 @@ def test_no_verdict_is_wrong(oracle, torus, name, seed, margin):
     arm, rng = arm_of(name), np.random.default_rng(seed)
     checker = CollisionChecker(arm, random_scene(rng, torus), margin=margin)
     curve, independent = random_curve(rng, arm, checker), oracle(checker)
-    certificate = certify(curve, checker, max_intervals=2000)
+    certificate = certify(curve, checker, max_intervals=2000, limits=None)
     first, last = curve.domain
     if certificate.status is CertificateStatus.FREE:
         seen = min(independent.clearance(q) for q in curve(np.linspace(first, last, 40)))

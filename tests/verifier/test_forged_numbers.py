@@ -44,7 +44,8 @@ def slider(rehashed, obstacle_at, joints, control, knots=(0.0, 1.0)):
     return rehashed(
         {
             "format": "pinproof proof",
-            "version": 2,
+            "version": 3,
+            "limits": None,
             "made_by": "a forger",
             "claim": {"status": "FREE", "clearance": 0.0},
             "settings": {"margin": 0.0, "margins": [], "joint_tolerance": [0.0], "obstacle_tolerance": 0.0},
@@ -198,7 +199,7 @@ def test_a_boolean_is_not_a_number(tampered):
         assert not verify(document).ok, line
 
 
-@pytest.mark.parametrize("version", [True, 2.0, "2", 1, 3])
+@pytest.mark.parametrize("version", [True, 3.0, "3", 2, 4])
 def test_another_version_is_refused(tampered, version):
     tampered["version"] = version
     assert "format" in str(verify(tampered))
@@ -281,7 +282,7 @@ def find(value, key):
 
 
 def test_an_integer_of_ten_thousand_digits_is_refused(proof, tmp_path):
-    (tmp_path / "proof.json").write_text(json.dumps(proof).replace('"version": 2', f'"version": 1{"0" * 10_000}'))
+    (tmp_path / "proof.json").write_text(json.dumps(proof).replace('"version": 3', f'"version": 1{"0" * 10_000}'))
     with pytest.raises(ValueError, match="10001 digits"):
         load(tmp_path / "proof.json")
 

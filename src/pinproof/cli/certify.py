@@ -25,9 +25,7 @@ from pinproof.cli.options import (
 )
 from pinproof.cli.program import certify_program_file
 from pinproof.errors import InputError
-
-LIMIT_TOLERANCE = 1e-6
-"""Rad or m for positions, relative for velocities. Motion files of other programs are often rounded to six digits."""
+from pinproof.motion.limit_check import LIMIT_TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -168,13 +166,14 @@ def _report(
 ) -> None:
     """Print the result; exit code 1 unless the motion is certified, within its limits and without contacts found."""
     arm = checker.arm
-    violations = _limit_violations(trajectory, arm) + rates.violations(arm, trajectory, LIMIT_TOLERANCE)
+    within = [] if certificate.limits is None else list(map(str, certificate.limits.violations))
+    violations = within + rates.violations(arm, trajectory, LIMIT_TOLERANCE)
     attached = [body.name for body in checker.attached]
     torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
     figures = None if audit is None else {key: getattr(audit, key) for key in ("samples", "distance", "message")}
     found = {"attached": attached, "outside_limits": violations, "audit": figures}
     lines = [str(certificate), *([f"attached: {', '.join(attached)}"] if attached else [])]
-    lines += [f"outside the limits: {violation}" for violation in violations]
+    lines += [f"outside the limits: {violation}" for violation in violations[len(within) :]]
     lines += [f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in certificate.excluded]
     lines += [*largest_torque(torques), *(f"note: {note}" for note in torque_notes)]
     lines += [] if audit is None else [f"audit: {audit.message}"]
@@ -215,26 +214,9 @@ def _verify(
         constraints = constraint_options.constraints(arm, curve.start)
     result: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve, constraints)
     keys = ("ok", "reasons", "clearance", "margin", "joint_tolerance", "obstacle_tolerance", "pairs", "excluded")
-    data = {key: getattr(result, key) for key in (*keys, "constraints", "compared", "not_compared")}
+    data = {key: getattr(result, key) for key in (*keys, "constraints", "limits", "compared", "not_compared")}
     lines = [str(result), *(f"not checked: {a} and {b} ({reason})" for a, b, reason in result.excluded)]
     print_result(data, lines, as_json=as_json, ok=result.ok)
-
-
-def _limit_violations(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
-    """Violations of the position and velocity limits over the whole motion, beyond :data:`LIMIT_TOLERANCE`."""
-    from pinproof.model.limits import distinct
-
-    limits, violations = arm.limits, []
-    low, high = trajectory.range()
-    speeds = trajectory.max_velocity()
-    for i, name in enumerate(arm.joint_names):
-        if low[i] < limits.lower[i] - LIMIT_TOLERANCE or high[i] > limits.upper[i] + LIMIT_TOLERANCE:
-            a, b, lower, upper = distinct(low[i], high[i], limits.lower[i], limits.upper[i])
-            violations.append(f"{name} moves in [{a}, {b}]; its limits are [{lower}, {upper}]")
-        if speeds[i] > limits.velocity[i] * (1 + LIMIT_TOLERANCE):
-            speed, limit = distinct(speeds[i], limits.velocity[i])
-            violations.append(f"{name} reaches a velocity of {speed}; its limit is {limit} (rad/s or m/s)")
-    return violations
 
 
 def verdict(certificate: pp.Certificate) -> dict[str, Any]:
@@ -265,6 +247,7 @@ def verdict(certificate: pp.Certificate) -> dict[str, Any]:
             for proof in certificate.constraints
         ],
         "violation": violation,
+        "limits_compared": [] if certificate.limits is None else list(certificate.limits.checked),
         "excluded": [[*pair.owners, pair.reason] for pair in certificate.excluded],
         "notes": list(certificate.notes),
     }

@@ -5,6 +5,7 @@ from pinproof.motion.cubic_path import CubicPath
 from pinproof.motion.curve import Curve
 from pinproof.motion.group_motion import separate, synchronise
 from pinproof.motion.joint_path import JointPath
+from pinproof.motion.limit_check import LimitCheck, LimitViolation, check_limits
 from pinproof.motion.limits import MotionLimits
 from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramSegment
 from pinproof.motion.motion_record import MotionRecord
@@ -23,6 +24,8 @@ __all__ = [
     "Curve",
     "JointMap",
     "JointPath",
+    "LimitCheck",
+    "LimitViolation",
     "MotionLimits",
     "MotionProgram",
     "MotionRecord",
@@ -34,6 +37,7 @@ __all__ = [
     "TorqueLimits",
     "TorquePeak",
     "Trajectory",
+    "check_limits",
     "separate",
     "synchronise",
     "time_parametrise",

@@ -23,7 +23,7 @@ import numpy as np
 
 from .interval_bounds import IntervalBounds
 from .parts import LARGEST_PARAMETER, Joint, placement, unit_vector
-from .reading import Array, Refused, check_fields, index, items, member, number, numbers, shown, text
+from .reading import Array, Refused, check_fields, index, member, number, numbers, optional_numbers, shown, text
 
 COMMON = ("name", "kind", "joint", "tolerance", "largest", "intervals")
 FIELDS = {
@@ -73,11 +73,7 @@ class Constraint:
 
     def _corner(self, row: Any, key: str, end: float) -> Array:
         """Return three coordinates; null is a side without an end."""
-        values = items(row, self.where, key)
-        if len(values) != 3:
-            raise Refused(f"{self.where}.{key}: must be 3 numbers or null")
-        known = [0.0 if value is None else value for value in values]
-        return np.where([value is None for value in values], end, numbers({key: known}, self.where, key, (3,)))
+        return optional_numbers(row, self.where, key, 3, end)
 
     def errors(self, bounds: IntervalBounds, joints: list[Joint], tolerance: Array, rounding: float) -> Array:
         """Return (T,) upper bounds (rad or m) of the error in each interval; joints deviate by ``tolerance`` (n,)."""

@@ -23,6 +23,15 @@ FASTEST = 1e6
 """rad or m per unit of the curve's parameter. A piece in which a joint moves faster is too narrow for its motion:
 readers that round parameters (trajectory messages have nanoseconds) would lose the piece, and its motion with it."""
 
+LIMIT_SLACK = 1.1e-6
+"""Rad or m, of rates relative: by how much a curve may exceed its limits. It is above the 1e-6 of the maker of proofs,
+so that rounding does not decide."""
+
+EPSILON = float(np.finfo(float).eps)
+
+BISECTIONS = 60
+"""Maximum number of bisections of a piece near its limits: it then has the resolution of a double."""
+
 LEVELS = 3
 """Number of levels of detail, from coarse to fine, on which bodies may represent a geometry."""
 
@@ -148,6 +157,15 @@ def _straight_up(directions: Array) -> npt.NDArray[np.bool_]:
     return np.asarray((sideways <= RIGID) & (directions[..., 2] > 0))
 
 
+def halves(control: Array) -> Array:
+    """Return the left halves of pieces (k, degree + 1, n), then the right ones, by de Casteljau's algorithm."""
+    left, right, rest = np.empty_like(control), np.empty_like(control), control
+    for r in range(control.shape[1]):
+        left[:, r], right[:, -1 - r] = rest[:, 0], rest[:, -1]
+        rest = (rest[:, :-1] + rest[:, 1:]) / 2.0
+    return np.concatenate([left, right])
+
+
 class Curve:
     """The curve: strictly increasing ``knots`` (k + 1,) and Bernstein control points (k, degree + 1, n).
 
@@ -184,6 +202,44 @@ class Curve:
             raise Refused(f"curve.control[{bad[0]}]: the next piece does not begin where this one ends")
         self.low, self.high = float(self.knots[0]), float(self.knots[-1])
         self.sha256 = curve_digest(self.names, self.knots, self.control)
+
+    def check_limits(self, limits: dict[str, tuple[Array, Array]]) -> tuple[str, ...]:
+        """Return the quantities with limits; refuse a piece that is not proven to keep them.
+
+        A piece is inside the hull of its control points, and differences of control points are those of its derivative
+        (Farouki 2012, section 3). Pieces whose hull exceeds a limit are bisected, which brings the hull closer to the
+        curve, until the hull is inside or a point of the curve itself is outside.
+        """
+        width = np.diff(self.knots)[:, None, None]
+        control, found = self.control, []
+        for order, (quantity, (low, high)) in enumerate(limits.items()):
+            if order:  # a piece of degree 0 or without width does not move
+                rise = (control.shape[1] - 1) * np.diff(control, axis=1) if control.shape[1] > 1 else 0.0 * control
+                control = np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
+            if not (np.isfinite(low) | np.isfinite(high)).any():
+                continue
+            found.append(quantity)
+            slack = (
+                np.full(self.dof, LIMIT_SLACK) if order == 0 else LIMIT_SLACK * np.where(np.isfinite(high), high, 0.0)
+            )
+            # Each difference has the rounding of its control points, divided by the width of the piece.
+            rounding = 2.0**order * EPSILON * np.abs(self.control).max(axis=(1, 2)) * self.control.shape[1] ** order
+            wide = np.maximum(width[:, 0, 0], np.finfo(float).tiny) if order else 1.0
+            spare = slack + (rounding / wide**order)[:, None]
+            parts, owner = control, np.arange(len(control))
+            for _ in range(BISECTIONS):
+                least, most = parts.min(axis=1), parts.max(axis=1)
+                open_ = ~((least >= low - spare[owner]) & (most <= high + spare[owner])).all(axis=1)
+                parts, owner = parts[open_], owner[open_]
+                ends, near = parts[:, [0, -1]], spare[owner][:, None]
+                outside = ~((ends >= low - near) & (ends <= high + near)).all(axis=(1, 2))
+                if outside.any() or not len(parts):
+                    break
+                parts, owner = halves(parts), np.concatenate([owner, owner])
+            if len(parts):
+                k = int(owner[int(outside.argmax())])
+                raise Refused(f"curve.control[{k}]: the {quantity} is not proven to keep the limits of the proof")
+        return tuple(found)
 
 
 def _digest(*parts: Any) -> str:

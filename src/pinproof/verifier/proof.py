@@ -21,6 +21,7 @@ from .reading import (
     member,
     number,
     numbers,
+    optional_numbers,
     rows_of_names,
     shown,
     text,
@@ -28,7 +29,7 @@ from .reading import (
 
 Indices = npt.NDArray[np.int64]
 
-FORMAT, VERSION = "pinproof proof", 2
+FORMAT, VERSION = "pinproof proof", 3
 
 ROUNDING = 1e-9
 """Allowance (m) for floating-point error for each metre of reach: about 10^7 roundings of numbers of that size."""
@@ -40,8 +41,8 @@ proportional to the sum beyond it (an angle of 10^3 rad is rounded by 10^-13 rad
 UNIT = 1e-3
 """Largest error of the length of a direction, which is rounded in the file and normalised here."""
 
-FIELDS = ("format", "version", "made_by", "claim", "settings", "hashes", "robot", "curve", "joints", "bodies", "notes",
-          "excluded", "intervals", "pairs", "constraints")  # fmt: skip
+FIELDS = ("format", "version", "made_by", "claim", "settings", "hashes", "robot", "curve", "limits", "joints", "bodies",
+          "notes", "excluded", "intervals", "pairs", "constraints")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,8 @@ class ProofVerdict:
         (owner, owner, reason): pairs that the proof does not cover; the reasons are the maker's own and not checked.
     constraints
         (name, proven largest error, tolerance, unit) of each constraint of the tcp, derived again; unit rad or m.
+    limits
+        The quantities whose joint limits the curve keeps: position, velocity, acceleration; empty if none are claimed.
     compared, not_compared
         What was compared with the caller's own files, and what was not, for which the proof file is trusted.
     """
@@ -81,6 +84,7 @@ class ProofVerdict:
     intervals: int = 0
     excluded: tuple[tuple[str, str, str], ...] = ()
     constraints: tuple[tuple[str, float, float, str], ...] = ()
+    limits: tuple[str, ...] = ()
     compared: tuple[str, ...] = ()
     not_compared: tuple[str, ...] = ("the robot", "the scene", "the motion")
 
@@ -98,6 +102,7 @@ class ProofVerdict:
             line = f"HOLDS: {distance} between {self.pairs} body pairs, proven over {self.intervals} intervals"
         for name, largest, tolerance, unit in self.constraints:
             line += f"; {name}: error of {largest:.6g} {unit} or less, {tolerance:.6g} {unit} allowed"
+        line += f"; within the limits of {', '.join(self.limits)}" if self.limits else "; joint limits are NOT claimed"
         if any(self.joint_tolerance):
             line += f"; joint tolerance {', '.join(f'{each:g}' for each in self.joint_tolerance)}"
         if self.obstacle_tolerance:
@@ -116,6 +121,7 @@ def verify(document: Any) -> ProofVerdict:
         proof.check_complete()
         clearance, intervals = proof.check_pairs()
         constraints = proof.check_constraints()
+        limits = proof.curve.check_limits(proof.limits)
     except Refused as refused:
         return ProofVerdict((str(refused),))
     except MemoryError:
@@ -131,6 +137,7 @@ def verify(document: Any) -> ProofVerdict:
         intervals=intervals,
         excluded=tuple((a, b, reason) for a, b, reason in proof.excluded),
         constraints=constraints,
+        limits=limits,
         not_compared=(*ProofVerdict.not_compared, *(("the constraints",) if constraints else ())),
     )
 
@@ -158,6 +165,7 @@ class Proof:
         self.curve = Curve(member(document, "", "curve"))
         if member(member(document, "", "hashes"), "hashes", "curve") != self.curve.sha256:
             raise Refused("hashes.curve: does not match the curve in the file")
+        self.limits = self._read_limits(member(document, "", "limits"))
         self.joints = [Joint(row, k, self.curve.dof) for k, row in enumerate(items(document, "", "joints"))]
         self.bodies = [Body(row, i, len(self.joints)) for i, row in enumerate(items(document, "", "bodies"))]
         names: set[str] = set()
@@ -177,6 +185,20 @@ class Proof:
         rows = items(document, "", "constraints") if "constraints" in document else []
         self.constraints = [Constraint(row, k, len(self.joints)) for k, row in enumerate(rows)]
         self.rounding = self._rounding()
+
+    def _read_limits(self, row: Any) -> dict[str, tuple[Array, Array]]:
+        """Return the lowest and highest position, velocity and acceleration (n,); nothing if no limits are claimed."""
+        if row is None:
+            return {}
+        keys = ("lower", "upper", "velocity", "acceleration")
+        check_fields(row, "limits", keys)
+        lower, upper, velocity, acceleration = (
+            optional_numbers(row, "limits", key, self.curve.dof, -np.inf if key == "lower" else np.inf) for key in keys
+        )
+        if not ((lower <= upper).all() and (velocity > 0).all() and (acceleration > 0).all()):
+            raise Refused("limits: lower must not exceed upper, and velocity and acceleration must be above 0")
+        ranges = ((lower, upper), (-velocity, velocity), (-acceleration, acceleration))
+        return dict(zip(("position", "velocity", "acceleration"), ranges, strict=True))
 
     def _read_excluded(self) -> list[tuple[str, str, str]]:
         rows = rows_of_names(self.document, "", "excluded")

@@ -192,6 +192,13 @@ def _append(values: list[Any], place: str, found: list[float]) -> None:
         found.append(value)
 
 
+def optional_numbers(holder: Any, where: str, key: str, count: int, missing: float) -> Array:
+    """Return ``count`` numbers of a key, of which null stands for ``missing``."""
+    values = items(holder, where, key)
+    known = [0.0 if value is None else value for value in values]
+    return np.where([value is None for value in values], missing, numbers({key: known}, where, key, (count,)))
+
+
 def number(holder: Any, where: str, key: str) -> float:
     """Return the finite number of a key."""
     return float(numbers(holder, where, key, ()))

@@ -25,7 +25,7 @@ from pinproof.collision.scenes.scene import Scene
 from pinproof.common.display import html_block, html_list, outline
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import JointGroup
-from pinproof.motion import Curve, MotionRecord
+from pinproof.motion import Curve, LimitCheck, MotionRecord
 from pinproof.spatial import Array
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ EVIDENCE_PAIR, EVIDENCE_DISTANCE = 2, 3
 
 
 class CertificateStatus(Enum):
-    """The verdict over a whole curve: FREE, COLLIDING, VIOLATED (a constraint of the tcp) or UNDECIDED."""
+    """The verdict over a whole curve: FREE, COLLIDING, VIOLATED (a joint limit or a constraint) or UNDECIDED."""
 
     FREE = "free"
     COLLIDING = "colliding"
@@ -173,9 +173,9 @@ class Certificate:
     ----------
     status
         FREE: at every point of the tube every checked pair is farther apart than its margin; for a pair of
-        ``partings``, after it has separated; and every constraint is satisfied. COLLIDING: a configuration on the curve
-        was found where a pair is not. VIOLATED: one was found that violates a constraint, and no contact. UNDECIDED:
-        none of these could be shown at the tolerance.
+        ``partings``, after it has separated; every constraint is satisfied, and the curve is within ``limits``.
+        COLLIDING: a configuration on the curve was found where a pair is not. VIOLATED: no contact was found, but a
+        limit or a constraint is exceeded. UNDECIDED: none of these could be shown at the tolerance.
     margin
         The required distance (m) of all pairs without an individual margin.
     clearance
@@ -214,6 +214,9 @@ class Certificate:
     constraints
         The constraints of the tcp that were requested, each with its proven largest error within ``tube.joints``.
         ``tube.largest_joints`` is about collisions only.
+    limits
+        The comparison of the curve with the joint limits: which quantities, and what exceeds them. None if it was left
+        out, which a note states.
     violation, undecided_constraint
         The first violation of a constraint, and the first span in which one is undecided.
     """
@@ -241,6 +244,7 @@ class Certificate:
     held: Mapping[str, float] = field(default_factory=dict)
     obstacles: tuple[str, ...] = ()
     constraints: tuple[ConstraintProof, ...] = ()
+    limits: LimitCheck | None = None
     violation: ConstraintViolation | None = None
     undecided_constraint: UndecidedConstraint | None = None
 
@@ -352,6 +356,7 @@ def proven_motion(certificate: Certificate, curve: Curve, checker: CollisionChec
         setup_hash=certificate.setup,
         notes=certificate.notes,
         constraints=certificate.constraints,
+        limits=certificate.limits,
     )
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,7 @@ from pinproof.collision.certificates.certificate import (
     free_sentence,
     parameter_text,
 )
-from pinproof.collision.certificates.constraint_proofs import RESOLUTION, with_constraints
+from pinproof.collision.certificates.constraint_proofs import RESOLUTION, with_constraints, with_limits
 from pinproof.collision.certificates.identity import Identity, changes_since, identity_of
 from pinproof.collision.certificates.parting import prove_parting
 from pinproof.collision.certificates.path_constraints import PathConstraint, check_constraints
@@ -38,7 +38,8 @@ from pinproof.collision.checking.coal_checks import Distance
 from pinproof.collision.checking.movers import Mover, with_movers
 from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.errors import InputError
-from pinproof.motion import Curve, Trajectory
+from pinproof.model import JointLimits
+from pinproof.motion import Curve, Trajectory, check_limits
 from pinproof.motion.curve import read_only
 from pinproof.spatial import Array, finite
 
@@ -73,9 +74,10 @@ def certify(
     parting: Sequence[tuple[str, str]] = (),
     constraints: Sequence[PathConstraint] = (),
     movers: Sequence[Mover | Trajectory] = (),
+    limits: JointLimits | Literal["arm"] | None = "arm",
     record: bool = False,
 ) -> Certificate:
-    """Prove that a curve is collision-free and satisfies constraints, or find a configuration where it does not.
+    """Prove that a curve is collision-free and within its limits and constraints, or find where it is not.
 
     Parameters
     ----------
@@ -107,6 +109,11 @@ def certify(
         :class:`~pinproof.Mover` for obstacles that move with time, such as parts on a conveyor, and trajectories of
         other joints of the robot, such as those of another arm of a cell. The certificate is then one of the motion of
         all of them, which :func:`pinproof.collision.with_movers` returns, over space and time.
+    limits
+        The limits of position, velocity and acceleration that a FREE motion keeps (a path: of position), by default
+        those of the arm of the checker. Accelerations of the arm that are default values are not compared, see
+        :func:`pinproof.motion.check_limits`. They hold for the curve itself, without ``joint_tolerance``. None: limits
+        are not compared, which the certificate states in its notes.
     record
         Store the evidence in :attr:`Certificate.evidence`, which :meth:`Certificate.save` needs.
 
@@ -114,8 +121,8 @@ def certify(
     -------
     Certificate
         FREE, COLLIDING, VIOLATED or UNDECIDED. FREE is always proven. COLLIDING is a contact at a configuration on the
-        curve itself; its distance is reduced by ``obstacle_tolerance``. VIOLATED is a configuration on the curve that
-        violates a constraint.
+        curve itself; its distance is reduced by ``obstacle_tolerance``. VIOLATED is a limit or a constraint that the
+        curve does not keep.
 
     Raises
     ------
@@ -127,6 +134,9 @@ def certify(
     if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
     joints = _checked_tolerances(curve, checker, joint_tolerance, obstacle_tolerance)
+    if limits is not None and not isinstance(limits, JointLimits) and limits != "arm":
+        raise InputError(f"limits must be JointLimits, 'arm' or None, not {limits!r:.80}")
+    within = None if limits is None else check_limits(curve, checker.group.limits if limits == "arm" else limits)
     if parting and (joints.any() or record):
         raise InputError("parting cannot be combined with joint_tolerance or record")
     constraints, checked_curve, group = check_constraints(constraints), curve, checker.group
@@ -137,7 +147,7 @@ def certify(
         curve, checker, of_movers = with_movers(curve, checker, movers)
         joints = np.concatenate([joints, np.zeros(len(of_movers) - len(joints))]) + of_movers
     tolerances = TOLERANCES if tolerance is None else (tolerance,)
-    limits = ProofLimits(tolerances, max_intervals, joints, float(obstacle_tolerance), record)
+    settings = ProofLimits(tolerances, max_intervals, joints, float(obstacle_tolerance), record)
 
     def certified(each: ProofLimits) -> Certificate:
         if not parting:
@@ -152,12 +162,12 @@ def certify(
             each,
         )
 
-    certificate = _at_finer_tolerances(certified, limits)
-    if not constraints:
-        return certificate
-    resolution = RESOLUTION if tolerance is None else tolerance
-    of_arm = limits._replace(tolerances=(resolution,), joints=joints[: group.dof])
-    return with_constraints(certificate, checked_curve, only_arm(group), constraints, of_arm)
+    certificate = _at_finer_tolerances(certified, settings)
+    if constraints:
+        resolution = RESOLUTION if tolerance is None else tolerance
+        of_arm = settings._replace(tolerances=(resolution,), joints=joints[: group.dof])
+        certificate = with_constraints(certificate, checked_curve, only_arm(group), constraints, of_arm)
+    return with_limits(certificate, within)
 
 
 def _checked_tolerances(

@@ -1,4 +1,4 @@
-"""The proof of constraints of the tcp over a whole curve, as a part of a certificate.
+"""The proof of constraints of the tcp and the check of joint limits over a whole curve, as parts of a certificate.
 
 The curve is bisected as for collisions; in each interval the error at the middle is compared with an upper bound of its
 growth (``src/core/certificate/path_constraint.h``).
@@ -21,7 +21,7 @@ from pinproof.collision.certificates.path_constraints import (
     amount,
 )
 from pinproof.model import Arm
-from pinproof.motion import Curve
+from pinproof.motion import Curve, LimitCheck
 from pinproof.motion.curve import read_only
 
 RESOLUTION = 1e-6
@@ -82,12 +82,32 @@ def with_constraints(
         violation=violation,
         undecided_constraint=span,
     )
-    if status is CertificateStatus.FREE:
-        return combined
-    tube = combined.tube
+    return combined if status is CertificateStatus.FREE else _without_proof(combined)
+
+
+def with_limits(certificate: Certificate, check: LimitCheck | None) -> Certificate:
+    """Return a certificate with the comparison of its curve with joint limits; without one, a note states that.
+
+    A contact is reported before a violation, and a violation before what is undecided.
+    """
+    if check is None:
+        return replace(certificate, notes=(*certificate.notes, "joint limits were not compared (limits=None)"))
+    if not check.violations:
+        return replace(certificate, limits=check)
+    words = "outside the limits: " + "; ".join(map(str, check.violations))
+    if certificate.status is CertificateStatus.COLLIDING:
+        return replace(certificate, limits=check, message=f"{certificate.message}; also, {words}")
+    before = "collisions: " if certificate.status is CertificateStatus.UNDECIDED else ""
+    message = f"{words}; {before}{certificate.message}"
+    return _without_proof(replace(certificate, limits=check, status=CertificateStatus.VIOLATED, message=message))
+
+
+def _without_proof(certificate: Certificate) -> Certificate:
+    """Return a certificate that is not FREE without the figures that only a proof has."""
+    tube = certificate.tube
     if tube is not None:
         tube = replace(tube, largest_joints=np.nan, largest_obstacles=np.nan)
-    return replace(combined, clearance=np.nan, tube=tube)
+    return replace(certificate, clearance=np.nan, tube=tube)
 
 
 def _verdict(

@@ -13,8 +13,9 @@ from pinproof.collision.certificates.path_constraints import PathConstraint, che
 from pinproof.collision.certificates.proof_file import bodies_of, constraint_of, joints_of
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.errors import FileError, InputError
-from pinproof.model import Arm
-from pinproof.motion import Curve
+from pinproof.model import Arm, JointLimits
+from pinproof.model.limits import GUESSED
+from pinproof.motion import Curve, Trajectory
 from pinproof.verifier import Proof, ProofVerdict, load, verify
 
 SAME = 1e-12
@@ -24,8 +25,8 @@ thousandth of what the verifier allows for rounding, so a proof of either is a p
 SHOWN = 5
 """Number of differences that are named; the others are counted."""
 
-JOINT_KEYS = ("type", "parent", "leader", "axis", "placement", "multiplier", "offset")
-BODY_KEYS = ("owner", "kind", "geometry", "level", "joint", "placement", "shape")
+JOINT_KEYS = ("name", "type", "parent", "leader", "axis", "placement", "multiplier", "offset")
+BODY_KEYS = ("owner", "kind", "geometry", "level", "joint", "placement", "shape", "mesh_sha256")
 """The compared keys of joints and bodies."""
 
 
@@ -80,6 +81,11 @@ def verify_proof(
     else:
         reasons += _differences(document, proof, checker)
         compared += ["the robot", "the scene"]
+        if not proof.limits:
+            not_compared.append("the joint limits (the proof claims none)")
+        elif not reasons:
+            reasons += _wider_limits(proof, checker.group.limits, curve)
+            compared.append("the joint limits")
         if constraints:
             reasons += _missing_constraints(document, checker.arm, check_constraints(constraints))
             compared.append("the constraints")
@@ -115,6 +121,30 @@ def _missing_constraints(document: dict[str, Any], arm: Arm, constraints: Sequen
     return found
 
 
+def _wider_limits(proof: Proof, limits: JointLimits, curve: Curve | None) -> list[str]:
+    """List the joints that the proof allows to exceed your limits; of the acceleration only those that are known.
+
+    A proof without limits of the velocity is one of a path, unless your curve is timed.
+    """
+    guessed = GUESSED in limits.acceleration_source
+    mine = {"position": (limits.lower, limits.upper)}
+    for quantity, rate in (("velocity", limits.velocity), ("acceleration", limits.acceleration)):
+        claimed = isinstance(curve, Trajectory) or bool(np.isfinite(proof.limits[quantity]).any())
+        if claimed and not (quantity == "acceleration" and guessed):
+            known = np.where(np.isnan(rate), np.inf, rate)
+            mine[quantity] = (-known, known)
+    found = []
+    for quantity, (low, high) in mine.items():
+        least, most = proof.limits[quantity]
+        wider = (least < low - SAME) | (most > high + SAME)
+        found += [
+            f"limits: the proof allows {proof.curve.names[k]} a {quantity} in [{least[k]:g}, {most[k]:g}]; "
+            f"your arm allows [{low[k]:g}, {high[k]:g}]"
+            for k in np.flatnonzero(wider)
+        ]
+    return found
+
+
 def _first_reasons(reasons: list[str]) -> tuple[str, ...]:
     rest = len(reasons) - SHOWN
     return (*reasons[:SHOWN], *([f"and {rest} more"] if rest > 0 else []))
@@ -144,6 +174,14 @@ def _differences(document: dict[str, Any], proof: Proof, checker: CollisionCheck
     names = checker.group.joint_names
     if proof.curve.names != names:
         return [f"curve.joint_names: those of your arm are {', '.join(names)}"]
+    held = {name: float(value) for name, value in checker.group.held.items()}
+    stated_held = document.get("robot", {}).get("held", {})
+    if (
+        not isinstance(stated_held, dict)
+        or stated_held.keys() != held.keys()
+        or not all(_equal(stated_held[name], value) for name, value in held.items())
+    ):
+        return [f"robot.held: your robot holds {', '.join(f'{k} = {v:g}' for k, v in held.items()) or 'no joint'}"]
     joints = joints_of(checker.group)
     if len(joints) != len(proof.joints):
         return [f"joints: the proof has {len(proof.joints)}, your robot {len(joints)} that move"]
@@ -179,7 +217,7 @@ def _differences(document: dict[str, Any], proof: Proof, checker: CollisionCheck
 
 
 def _different_keys(stated: dict[str, Any], mine: dict[str, Any], keys: Iterable[str]) -> list[str]:
-    return [key for key in keys if not _equal(stated.get(key), mine[key])]
+    return [key for key in keys if not _equal(stated.get(key), mine.get(key))]
 
 
 def _equal(a: Any, b: Any) -> bool:

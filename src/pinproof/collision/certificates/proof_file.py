@@ -33,7 +33,7 @@ from pinproof.common.files import write_bytes_whole
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm, JointGroup
 from pinproof.model.chain import joint_axis
-from pinproof.motion import Curve
+from pinproof.motion import Curve, LimitCheck
 from pinproof.spatial import SE3, Array
 from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, Refused, body_digest, verify
 
@@ -67,6 +67,8 @@ class ProvenMotion(NamedTuple):
     notes: tuple[str, ...]
     constraints: tuple[ConstraintProof, ...] = ()
     """The proofs of constraints of the tcp, with their evidence."""
+    limits: LimitCheck | None = None
+    """The joint limits that the curve keeps; None if they were not compared."""
 
 
 def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any]]:
@@ -191,6 +193,7 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
         "joints": joints_of(arm),
         "bodies": bodies_of(checker),
         "notes": list(proven.notes),
+        "limits": limits_of(proven.limits),
         "excluded": [[*pair.owners, " ".join(pair.reason.split())] for pair in checker.excluded],
         "intervals": [],
         "pairs": [],
@@ -208,6 +211,15 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
     if np.isfinite(verdict.clearance):
         document["claim"]["clearance"] = min(proven.clearance, verdict.clearance - SPARE)
     return document
+
+
+def limits_of(check: LimitCheck | None) -> dict[str, list[float | None]] | None:
+    """Return the joint limits of a proof for a file; null where none is proven."""
+    if check is None:
+        return None
+    columns = (check.limits.lower, check.limits.upper, check.velocity, check.acceleration)
+    rows = [[x if np.isfinite(x) else None for x in column.tolist()] for column in columns]
+    return dict(zip(("lower", "upper", "velocity", "acceleration"), rows, strict=True))
 
 
 def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:

@@ -90,6 +90,15 @@ CURVE = KeyTable(
     ),
 )
 
+PROOF_LIMITS = KeyTable(
+    "proof_limits",
+    "The limits that each joint of the curve keeps, except for 1e-6 (rad or m; of rates relative); null for no limit.",
+    required("lower", list_of(OPTIONAL_NUMBER), "lower limit of the position", "rad or m"),
+    required("upper", list_of(OPTIONAL_NUMBER), "upper limit of the position", "rad or m"),
+    required("velocity", list_of(OPTIONAL_NUMBER), "limit of the speed", "rad/s or m/s"),
+    required("acceleration", list_of(OPTIONAL_NUMBER), "limit of the acceleration", "rad/s² or m/s²"),
+)
+
 PROOF_JOINT = KeyTable(
     "joint",
     "A joint that moves with the arm. Its value is multiplier * q[leader] + offset, so a mimic follower has the leader "
@@ -186,6 +195,9 @@ PROOF = KeyTable(
     required("hashes", HASHES, "hashes of the inputs"),
     FileKey("robot", ROBOT, "the robot, for readers"),
     required("curve", CURVE, "the motion"),
+    required(
+        "limits", any_of(PROOF_LIMITS, {"type": "null"}), "the joint limits that the motion keeps; null: not compared"
+    ),
     required("joints", list_of(PROOF_JOINT), "the joints that move, each after its parent"),
     required("bodies", list_of(PROOF_BODY), "the bodies"),
     FileKey("notes", list_of(ANY_TEXT), "assumptions of the certificate"),

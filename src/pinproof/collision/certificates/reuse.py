@@ -19,6 +19,7 @@ from pinproof.collision.certificates.certificate import (
     final_evidence,
 )
 from pinproof.collision.certificates.certify import TOLERANCES, KnownPairs, certify, prove_rest
+from pinproof.collision.certificates.constraint_proofs import with_limits
 from pinproof.collision.certificates.identity import Identity, checked_hash, mesh_files, notes_of
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
@@ -154,6 +155,7 @@ class StoredProof:
                 joint_tolerance=self.joint_tolerance,
                 obstacle_tolerance=self.obstacle_tolerance,
                 constraints=[each.constraint for each in old.constraints],
+                limits=None if old.limits is None else old.limits.limits,
                 record=record,
             )
         fresh = prove_rest(
@@ -162,9 +164,10 @@ class StoredProof:
             known,
             ProofLimits(tolerances, max_intervals, self.joint_tolerance, self.obstacle_tolerance, record),
         )
+        # Joint limits and constraints of the tcp do not depend on the scene.
+        fresh = with_limits(fresh, old.limits)
         if not old.constraints:
             return fresh
-        # Constraints of the tcp do not depend on the scene.
         message = "; ".join((fresh.message, *map(str, old.constraints))) if fresh.free else fresh.message
         return replace(fresh, message=message, constraints=old.constraints)
 

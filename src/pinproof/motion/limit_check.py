@@ -1,0 +1,117 @@
+"""Whether a curve stays within joint limits of position, velocity and acceleration, between samples too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pinproof.errors import InputError
+from pinproof.model.limits import DEFAULT_RAMP, GUESSED, JointLimits, distinct
+from pinproof.motion import bezier
+from pinproof.motion.curve import Curve
+from pinproof.motion.trajectory import Trajectory
+from pinproof.spatial import Array
+
+LIMIT_TOLERANCE = 1e-6
+"""Rad or m for positions, relative for velocities and accelerations: motion files of other programs are often rounded
+to six digits."""
+
+Quantity = Literal["position", "velocity", "acceleration"]
+
+
+@dataclass(frozen=True)
+class LimitViolation:
+    """A joint that exceeds a limit by more than :data:`LIMIT_TOLERANCE`.
+
+    ``value`` is its extreme over the whole curve (rad or m, per s or s^2; of velocity and acceleration the magnitude),
+    and ``start`` and ``end`` are the parameters of the first piece of the curve that exceeds the ``limit``.
+    """
+
+    joint: str
+    quantity: Quantity
+    value: float
+    limit: float
+    start: float
+    end: float
+
+    def __str__(self) -> str:
+        value, limit = distinct(self.value, self.limit)
+        unit = {"position": "rad or m", "velocity": "rad/s or m/s", "acceleration": "rad/s^2 or m/s^2"}[self.quantity]
+        return f"{self.joint} reaches a {self.quantity} of {value}; its limit is {limit} ({unit})"
+
+
+@dataclass(frozen=True, eq=False)
+class LimitCheck:
+    """The comparison of a curve with joint limits.
+
+    Parameters
+    ----------
+    checked
+        The quantities that were compared: of a path only the position, and the acceleration only if it is known for at
+        least one joint, because the default accelerations of :class:`~pinproof.JointLimits` are no limits of the robot.
+    violations
+        At most two for each joint and quantity; empty if the curve is within the limits.
+    limits
+        The limits that were stated.
+    velocity, acceleration
+        (n,) those that were compared, in the order of the joints of the curve; infinite where none was.
+    """
+
+    checked: tuple[Quantity, ...]
+    violations: tuple[LimitViolation, ...]
+    limits: JointLimits
+    velocity: Array
+    acceleration: Array
+
+
+def check_limits(curve: Curve, limits: JointLimits) -> LimitCheck:
+    """Compare a curve with joint limits by the exact extremes of its polynomial pieces.
+
+    Parameters
+    ----------
+    curve
+        Velocities and accelerations are compared if it is a :class:`~pinproof.Trajectory`.
+    limits
+        The limits of the joints of the curve, in the same order.
+
+    Raises
+    ------
+    InputError
+        If the limits are those of another number of joints.
+    """
+    names = curve.joint_names
+    if len(limits) != len(names):
+        raise InputError(f"limits are those of {len(limits)} joints; the curve has {len(names)}: {', '.join(names)}")
+    timed = isinstance(curve, Trajectory)
+    velocity = np.where(np.isnan(limits.velocity) | (not timed), np.inf, limits.velocity)
+    # Accelerations that follow from the velocity limit by default say nothing about the robot.
+    guessed = (GUESSED in limits.acceleration_source) & (limits.acceleration == limits.velocity / DEFAULT_RAMP)
+    unknown = guessed | np.isnan(limits.acceleration) | (not timed)
+    acceleration = np.where(unknown, np.inf, limits.acceleration)
+    ranges: list[tuple[Quantity, Array, Array, Array]] = [("position", limits.lower, limits.upper, np.ones(len(names)))]
+    ranges += [("velocity", -velocity, velocity, velocity), ("acceleration", -acceleration, acceleration, acceleration)]
+    checked: list[Quantity] = []
+    violations: list[LimitViolation] = []
+    for order, (quantity, low, high, scale) in enumerate(ranges):
+        if order and not np.isfinite(high).any():
+            continue
+        checked.append(quantity)
+        slack = LIMIT_TOLERANCE * np.where(np.isfinite(scale), scale, 0.0)
+        knots, control = curve.bezier(order) if isinstance(curve, Trajectory) else curve.bezier()
+        least, most = bezier.hull(control)
+        # Most pieces are inside by their control points; only of the others are the extremes computed.
+        near = np.flatnonzero(~((least >= low - slack) & (most <= high + slack)).all(axis=1))
+        if not len(near):
+            continue
+        least, most = bezier.extremes(control[near])
+        sides = ((-1.0, least, low), (1.0, most, high)) if order == 0 else ((1.0, np.maximum(-least, most), high),)
+        for sign, extreme, limit in sides:
+            outside = ~(sign * extreme <= sign * limit + slack)  # also true for NaN
+            for joint in np.flatnonzero(outside.any(axis=0)):
+                first = int(near[int(outside[:, joint].argmax())])
+                span = float(knots[first]), float(knots[first + 1])
+                value = float(sign * (sign * extreme[:, joint]).max())
+                violations.append(LimitViolation(names[joint], quantity, value, float(limit[joint]), *span))
+    return LimitCheck(tuple(checked), tuple(violations), limits, velocity, acceleration)

@@ -203,7 +203,8 @@ class _Finder(ast.NodeVisitor):
             self.found.append((end - len(name.encode()), end, SWAPS[name].encode()))
         if name in ("abs", "sorted", "reversed", "round") and len(node.args) == 1:
             self.replace(node, b"(" + self.text(node.args[0]) + b")")
-        for keyword in node.keywords:
+        # Without an argument, the constructor of a dataclass is mostly a TypeError.
+        for keyword in [] if name[:1].isupper() or name == "cls" else node.keywords:
             if keyword.arg and keyword.arg not in TECHNICAL and not FOR_PEOPLE.fullmatch(keyword.arg):
                 start, stop = self.span(keyword)
                 comma = re.match(rb"\s*,\s*", self.source[stop:])

@@ -588,12 +588,12 @@ def main(arguments: list[str] | None = None) -> int:
         table[name_of[mutant.file]]["accepted"] += 1
 
     # The table.
-    print(f"\n{'file':60} mistakes noticed stopped accepted share")
+    print(f"\n{'file':60} mistakes noticed of these stopped accepted share")
     rows = [*table.items(), ("all", {state: sum(row[state] for row in table.values()) for state in COLUMNS})]
     for name, row in rows:
         noticed, count = row["noticed"] + row["stopped"], row["noticed"] + row["stopped"] + row["survived"]
         share = f"{100 * noticed / count:4.0f} %" if count else ""
-        print(f"{name:60} {count:8} {noticed:7} {row['stopped']:7} {row['accepted']:8} {share}")
+        print(f"{name:60} {count:8} {noticed:7} {row['stopped']:16} {row['accepted']:8} {share}")
     limits = (
         f"at most {options.seconds:.0f} s of tests for each mistake, {'with' if options.slow else 'without'} slow ones"
     )

@@ -92,7 +92,7 @@ def test_a_collision_is_captioned_with_bodies_and_time() -> None:
 
 def test_undecided_is_not_validated() -> None:
     arm = small_arm()
-    motion = swing(arm, -2.0, 0.8)
+    motion = swing(arm, -1.8, 0.8)
     certificate = certified(arm, SCENE, motion, max_intervals=1)
     assert certificate.status is CertificateStatus.UNDECIDED
     shown = caption_of(arm, SCENE, motion, certificate)

@@ -136,7 +136,7 @@ def certify(
     joints = _checked_tolerances(curve, checker, joint_tolerance, obstacle_tolerance)
     if limits is not None and not isinstance(limits, JointLimits) and limits != "arm":
         raise InputError(f"limits must be JointLimits, 'arm' or None, not {limits!r:.80}")
-    within = None if limits is None else check_limits(curve, checker.group.limits if limits == "arm" else limits)
+    own_limits = checker.group.limits if limits == "arm" else limits
     if parting and (joints.any() or record):
         raise InputError("parting cannot be combined with joint_tolerance or record")
     constraints, checked_curve, group = check_constraints(constraints), curve, checker.group
@@ -146,6 +146,10 @@ def certify(
             raise InputError("movers cannot be combined with parting or obstacle_tolerance; Mover has a tolerance")
         curve, checker, of_movers = with_movers(curve, checker, movers)
         joints = np.concatenate([joints, np.zeros(len(of_movers) - len(joints))]) + of_movers
+        if own_limits is not None:  # those of the movers follow; a moving obstacle has none
+            rest = checker.group.limits.select(range(group.dof, checker.group.dof))
+            own_limits = JointLimits.join([own_limits, rest])
+    within = None if own_limits is None else check_limits(curve, own_limits)
     tolerances = TOLERANCES if tolerance is None else (tolerance,)
     settings = ProofLimits(tolerances, max_intervals, joints, float(obstacle_tolerance), record)
 

@@ -117,3 +117,14 @@ def test_a_clearance_is_never_rounded_up(clearance: float) -> None:
     shown = float(proven_millimetres(clearance).removesuffix(" mm"))
     assert shown <= clearance * 1e3 + 1e-9
     assert shown == pytest.approx(clearance * 1e3, abs=0.1001)
+
+
+def test_a_motion_outside_its_limits_is_not_validated_with_the_joint() -> None:
+    arm = small_arm()
+    motion = swing(arm, -2.0, 0.8)
+    shown = caption_of(arm, Scene(), motion, certify(motion, CollisionChecker(arm, Scene())))
+    assert (shown.headline, shown.tone) == ("NOT VALIDATED", "open")
+    assert "turn reaches a velocity of" in shown.reason
+    left_out = caption_of(arm, Scene(), motion, certify(motion, CollisionChecker(arm, Scene()), limits=None))
+    assert left_out.headline == "FREE"
+    assert dict(left_out.figures)["Joint limits"] == "not compared"

@@ -133,11 +133,13 @@ def caption_of(
         )
         partings = tuple((contact, str(parting)) for parting in certificate.partings)
         kept = tuple(("Constraint", str(proof)) for proof in certificate.constraints)
+        if certificate.limits is None:
+            kept = (("Joint limits", "not compared"), *kept)
         return Caption("FREE", reason, "free", (*figures, clearance, duration, *kept, *partings), excluded)
     if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
         reason = _contact_reason(certificate.first_contact, certificate.margin)
         return Caption(UNPROVEN, reason, "colliding", (*figures, duration), contact=certificate.first_contact)
-    if certificate.violation is not None or certificate.undecided_constraint is not None:
+    if certificate.status is CertificateStatus.VIOLATED or certificate.undecided_constraint is not None:
         return _unproven(f"{certificate.message[:1].upper()}{certificate.message[1:]}.", [*figures, duration])
     return _unproven(_undecided_reason(certificate.undecided), [*figures, duration])
 

@@ -146,7 +146,7 @@ def test_a_certificate_names_the_scene(cell: Cell) -> None:
 def test_points_outside_the_limits_are_reported() -> None:
     arm = pp.load_robot("ur5").arm()
     program = make_program(
-        [JointMove(np.zeros(6)), JointMove(np.array([0, 0, 3.3, 0, 0, 0]), 1.0)], arm.joint_names, dialect="rapid"
+        [JointMove(np.zeros(6)), JointMove(np.array([0, 0, 3.3, 0, 0, 0]), 2.0)], arm.joint_names, dialect="rapid"
     )
     (sentence,) = certify_program(program, pp.CollisionChecker(arm)).outside_limits
     assert "elbow_joint" in sentence

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -173,8 +174,12 @@ class RobotProgram:
             If the dialect is unknown.
         """
         language = find_dialect(dialect)
-        lines = text.splitlines()
-        header, body = _split(language, lines)
+        header, body = _split(language, program_lines(source, text))
+        for row, instruction in body:
+            if not instruction.isascii():
+                place = next(k for k, character in enumerate(instruction) if not character.isascii())
+                reason = f"{instruction[place]!r} is not an ASCII character; only comments may contain others"
+                raise TrajectoryError(source, reason, f"line {row}, column {place + 1}")
         stated = _read_header(source, header, dialect)
         changed = _changed_line(stated.hashes, body)
         if changed is not None and not allow_changes:
@@ -395,6 +400,23 @@ def _hash_of_entries(entries: dict[str, str]) -> str:
     return _hash("\n".join(f"{key}: {value}" for key, value in sorted(entries.items()) if key))
 
 
+def program_lines(source: str, text: str) -> list[str]:
+    """The lines of a program as a controller reads them: LF or CRLF ends a line, and no other character does.
+
+    Raises
+    ------
+    TrajectoryError
+        For any other control character, of which some programs end a line and others do not, with its line and column.
+    """
+    lines = [line.removesuffix("\r") for line in text.split("\n")]
+    for number, line in enumerate(lines, 1):
+        for column, character in enumerate(line, 1):
+            if character != "\t" and unicodedata.category(character) in ("Cc", "Zl", "Zp"):
+                reason = f"contains the control character U+{ord(character):04X}; lines end with LF or CRLF only"
+                raise TrajectoryError(source, reason, f"line {number}, column {column}")
+    return lines
+
+
 def _split(language: Dialect, lines: Sequence[str]) -> tuple[list[str], list[tuple[int, str]]]:
     """The comments that pinproof wrote, unfolded, and the other lines with their numbers."""
     header: list[str] = []
@@ -412,7 +434,12 @@ def _split(language: Dialect, lines: Sequence[str]) -> tuple[list[str], list[tup
 
 
 def _read_header(source: str, header: Sequence[str], dialect: str) -> _Header:
-    stated = dict(entry.partition(": ")[::2] for entry in header)
+    entries = [entry.partition(": ")[::2] for entry in header]
+    stated = dict(entries)
+    if len(stated) < len(entries):
+        keys = [key for key, _ in entries]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise TrajectoryError(source, f"the comments of pinproof state {twice!r} twice")
     if FORMAT not in stated:
         raise TrajectoryError(
             source, f"the comments at the top do not contain {FORMAT!r}; only programs that pinproof wrote can be read"

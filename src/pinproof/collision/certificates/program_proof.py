@@ -25,10 +25,11 @@ from pinproof.collision.certificates.linear_moves import TURN_SHARE, LineTrace, 
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import InputError, NotProvenFree
-from pinproof.model import Arm
+from pinproof.model import Arm, JointLimits
 from pinproof.motion.curve import Curve
 from pinproof.motion.dialects import find_dialect
 from pinproof.motion.joint_path import JointPath
+from pinproof.motion.limit_check import LIMIT_TOLERANCE
 from pinproof.motion.program_steps import (
     Blend,
     JointMove,
@@ -104,7 +105,9 @@ class ProgramCertificate:
         a point, are at the first point, to which the move is not known, or are before a linear move. The program is
         then UNDECIDED.
     outside_limits
-        The points of the program that violate the position limits, and the linear moves on which a joint may do so.
+        The points of the program that violate the position limits, the linear moves on which a joint may do so, the
+        moves whose stated duration is too short for the velocity (and known acceleration) limits of a joint, and the
+        set points between which, or before and after which, a joint would exceed them. The program is then VIOLATED.
     untraced
         The linear moves whose joint values are not bounded, with the reason. The program is then UNDECIDED.
     """
@@ -127,10 +130,12 @@ class ProgramCertificate:
 
     @property
     def status(self) -> CertificateStatus:
-        """COLLIDING if a part is, otherwise UNDECIDED if a part is, otherwise FREE."""
+        """COLLIDING if a part is, otherwise VIOLATED outside the limits, otherwise UNDECIDED if a part is, or FREE."""
         found = {part.certificate.status for part in self.parts}
         if self.overlaps or self.untraced:
             found.add(CertificateStatus.UNDECIDED)
+        if self.outside_limits:
+            found.add(CertificateStatus.VIOLATED)
         return max(found, key=SEVERITY.index)
 
     @property
@@ -155,7 +160,9 @@ class ProgramCertificate:
             return f"FREE: {words} of the program proven, clearance {self.clearance * 1e3:.1f} mm"
         if self.status is CertificateStatus.UNDECIDED and self.untraced:
             return f"UNDECIDED: {self.untraced[0]}"
-        part = next((each for each in self.parts if not each.certificate.free), None)
+        part = next((each for each in self.parts if each.certificate.status is self.status), None)
+        if part is None and self.outside_limits:
+            return f"{self.status.name}: outside the limits: {self.outside_limits[0]}"
         if part is None:
             return (
                 f"UNDECIDED: the blend at line {self.overlaps[0]} may overlap with the one before it, so that a "
@@ -201,9 +208,8 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
         parts.append(ProgramPart(name, line, blend, certificate))
     notes = dict.fromkeys([*_notes(program), *(note for part in parts for note in part.certificate.notes)])
     overlaps = tuple(_overlaps(program, checker.arm))
-    return ProgramCertificate(
-        tuple(parts), tuple(notes), overlaps, tuple(_outside(program, checker.arm, traces)), untraced
-    )
+    outside = (*_outside(program, checker.arm, traces), *_too_fast(program, checker.arm, traces))
+    return ProgramCertificate(tuple(parts), tuple(notes), overlaps, outside, untraced)
 
 
 def export_program(
@@ -415,7 +421,10 @@ def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]
         trace = trace_line(arm, start.q, target)
         ends = not trace.reason and np.abs(trace.path.end - step.q).max() <= SAME_END
         if ends and all(np.abs(trace.path.q - each.q).max(axis=1).min() <= 2 * tolerance for each in part):
-            made.append(LinearMove(step.q, target, sum(each.duration or 0.0 for each in part)))
+            # At constant speed of the tcp a joint may be faster than in the motion.
+            rates = np.abs(np.diff(trace.path.q, axis=0)) * (len(trace.path.q) - 1) / arm.limits.velocity
+            needed = float(np.nan_to_num(rates).max(initial=0.0))
+            made.append(LinearMove(step.q, target, max(needed, sum(each.duration or 0.0 for each in part))))
         else:
             made += part
         start, part = step, []
@@ -459,6 +468,63 @@ def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -
         for q in ends:
             for sentence in arm.limits.violations(arm.limits.snap(q), arm.joint_names):
                 yield f"{where}: {sentence}"
+
+
+def _too_fast(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
+    """Yield what the joints cannot follow: stated durations that are too short, and jumps between set points.
+
+    The mean speed of a joint on a move is a lower bound of its largest. Between set points the speed is their difference by
+    the period, and the arm rests before the first and after the last one; without a known acceleration limit the default
+    is used there, because a controller that cannot follow leaves the assumed deviation.
+    """
+    limits, names = arm.limits, program.joint_names
+    largest = np.where(np.isnan(limits.velocity), np.inf, limits.velocity) * (1.0 + LIMIT_TOLERANCE)
+    here: Array | None = None
+    before = np.zeros(0)
+    stream: list[StreamedPoint] = []
+    for step in (*program.steps, None):
+        if stream and not isinstance(step, StreamedPoint):
+            yield from _stream_faults(stream, before, limits, names)
+            stream = []
+        if isinstance(step, StreamedPoint):
+            if not stream:
+                before = step.q if here is None else here
+            stream.append(step)
+        elif isinstance(step, JointMove | LinearMove) and here is not None and step.duration is not None:
+            if isinstance(step, LinearMove):  # the tcp passes the samples at equal times at constant speed
+                travel = np.abs(np.diff(traces[step.line].path.q, axis=0)).max(axis=0, initial=0.0)
+                travel *= max(len(traces[step.line].path.q) - 1, 1)
+            else:
+                travel = np.abs(step.q - here)
+            for joint in np.flatnonzero(travel > largest * step.duration):
+                yield (
+                    f"line {step.line}: {names[joint]} moves by {travel[joint]:.4g} rad in {step.duration:g} s, at "
+                    f"{travel[joint] / step.duration:.4g} rad/s; its limit is {limits.velocity[joint]:.4g} rad/s"
+                )
+        if isinstance(step, JointMove | LinearMove | StreamedPoint):
+            here = step.q
+
+
+def _stream_faults(
+    stream: Sequence[StreamedPoint], before: Array, limits: JointLimits, names: Sequence[str]
+) -> Iterator[str]:
+    """Yield the first set point at which a joint exceeds its velocity, and that of its acceleration."""
+    q = np.stack([before, *(point.q for point in stream), stream[-1].q])
+    period = np.array([*(point.period for point in stream), stream[-1].period])[:, None]
+    speed = np.diff(q, axis=0) / period
+    change = np.diff(np.concatenate([np.zeros((1, len(names))), speed]), axis=0) / period
+    rows = (("velocity", speed, limits.velocity, "rad/s"), ("acceleration", change, limits.acceleration, "rad/s^2"))
+    for quantity, values, bound, unit in rows:
+        # Rounding of the text to 1e-6 rad changes a difference of set points by at most that, and of speeds by twice it.
+        rounding = 1e-6 / period if quantity == "velocity" else 2e-6 / period**2
+        above = np.abs(values) > np.where(np.isnan(bound), np.inf, bound) * (1.0 + LIMIT_TOLERANCE) + rounding
+        if above.any():
+            row, joint = np.argwhere(above)[0]
+            line = stream[min(int(row), len(stream) - 1)].line
+            yield (
+                f"line {line}: {names[joint]} needs a {quantity} of {abs(values[row, joint]):.4g} between the set "
+                f"points; its limit is {bound[joint]:.4g} {unit}"
+            )
 
 
 def _share(blend: Blend, arm: Arm, at: Array, other: Array) -> float:

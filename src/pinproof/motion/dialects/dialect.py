@@ -46,8 +46,11 @@ class Dialect:
     """A regular expression of the names of outputs, and a description for messages."""
     wait_line = ""
     """The line of a waiting time in seconds."""
-    ignored = ""
-    """A regular expression of lines that are not a step, such as the declaration of the program."""
+    opening: tuple[str, ...] = ()
+    closing: tuple[str, ...] = ()
+    """Regular expressions of the lines before and after the instructions, in this order; each occurs once, there."""
+    ignored = "(?!)"
+    """A regular expression of instructions that are not a step, such as one that sets the speed."""
     prefix = ""
     """A regular expression of the text before the instruction of a line, such as its number."""
     supported = ""
@@ -96,6 +99,7 @@ class Dialect:
 
     def read_lines(self, source: str, body: Body, moves: Sequence[Rule]) -> list[Step]:
         """The steps of lines, with these rules for moves."""
+        body = self.instructions(source, body)
         off, on = self.output_states
         wait = re.sub(r"\{.*?\}", "{}", self.wait_line)
         rules: list[Rule] = [
@@ -117,6 +121,28 @@ class Dialect:
             except ValueError as error:
                 raise TrajectoryError(source, f"{words!r}: {error}", f"line {number}") from error
         return [step for step in steps if step is not None]
+
+    def instructions(self, source: str, body: Body) -> Body:
+        """The lines between those that open and close the program: what the controller executes, from top to bottom.
+
+        A second declaration, and anything before the first or after the end, is refused: a controller would not execute
+        it, or not in this order.
+
+        Raises
+        ------
+        TrajectoryError
+            If a line of the frame is missing or another, with its line.
+        """
+        first, last = len(self.opening), len(body) - len(self.closing)
+        if last < first:
+            raise TrajectoryError(source, "is not complete: lines that begin or end the program are missing")
+        framing = [*zip(self.opening, body[:first], strict=True), *zip(self.closing, body[last:], strict=True)]
+        for pattern, (number, line) in framing:
+            if not re.fullmatch(pattern, line.strip()):
+                expected = pattern.replace(r"\w+", "NAME").replace("\\", "")
+                reason = f"{line.strip()!r} is where {expected!r} must be: a program has one beginning and one end"
+                raise TrajectoryError(source, reason, f"line {number}")
+        return body[first:last]
 
     def comment(self, words: str) -> str:
         """A line with a comment of pinproof."""

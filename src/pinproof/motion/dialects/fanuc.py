@@ -31,9 +31,8 @@ class Fanuc(Dialect):
     deviation = 0.002
     output_line, output_states = "DO[{}]={} ;", ("OFF", "ON")
     wait_line = "WAIT {:.2f}(sec) ;"
-    ignored = (
-        r"/PROG\s+\w+|/ATTR|/MN|COMMENT = \"\w*\";|DEFAULT_GROUP = [\d,*]+;|\d*\s*:\s*(?:UFRAME_NUM|UTOOL_NUM)=\d+ ;"
-    )
+    opening = (r"/PROG\s+\w+", "/ATTR", r"COMMENT = \"\w*\";", r"DEFAULT_GROUP = 1,\*,\*,\*,\*;", "/MN")
+    ignored = r"\d*\s*:\s*(?:UFRAME_NUM=0|UTOOL_NUM=1) ;"
     prefix = r"\d*\s*:\s*"
     supported = "J P[n] .. FINE or CNTn, L P[n] ..msec FINE, DO[n]=ON/OFF, WAIT n(sec)"
 
@@ -56,13 +55,13 @@ class Fanuc(Dialect):
 
     def comment_of(self, line: str) -> str | None:
         """See :meth:`Dialect.comment_of`."""
-        found = re.fullmatch(rf"\s*\d*\s*:\s*{self.comment_mark} (.*?) ;", line)
+        found = re.fullmatch(rf"\s*\d*\s*:\s*{self.comment_mark} ([^;]*) ;", line)
         return None if found is None else found[1]
 
     def numbered(self, text: str) -> str:
         """See :meth:`Dialect.numbered`."""
         number, lines = 0, []
-        for line in text.splitlines():
+        for line in text.split("\n")[:-1]:
             number += line.startswith(":")
             lines.append(f"{number:4d}{line}" if line.startswith(":") else line)
         return "\n".join(lines) + "\n"
@@ -111,17 +110,22 @@ def _positions(source: str, body: Body, joints: int) -> dict[str, Array]:
     """The positions (rad) of the section /POS, by number."""
     found: dict[str, Array] = {}
     name = ""
-    for line, words in body:
-        text = words.strip()
-        if start := re.fullmatch(r"P\[(\d+)\]\{", text):
-            name = start[1]
-        elif text in ("GP1:", "};", "/END") or re.fullmatch(r"UF : \d+, UT : \d+,", text):
-            continue
-        elif re.fullmatch(rf"J\d+ = {NUMBER} deg(, J\d+ = {NUMBER} deg)*", text) and name not in found:
-            axes = dict(re.findall(rf"J(\d+) = ({NUMBER}) deg", text))
-            if list(axes) != [str(i) for i in range(1, joints + 1)]:
-                raise TrajectoryError(source, f"{text!r}: needed are J1 to J{joints}, in order", f"line {line}")
-            found[name] = np.deg2rad([float(value) for value in axes.values()])
-        else:
-            raise TrajectoryError(source, f"{text!r} is not supported in the section /POS", f"line {line}")
+    axes = ", ".join(rf"J{i} = ({NUMBER}) deg" for i in range(1, joints + 1))
+    entry = (r"P\[(\d+)\]\{", "GP1:", "UF : 0, UT : 1,", axes, r"\};")
+    if not body or body[-1][1].strip() != "/END":
+        raise TrajectoryError(source, "must end with /END")
+    for k, (line, words) in enumerate(body[:-1]):
+        text, part = words.strip(), k % len(entry)
+        read = re.fullmatch(entry[part], text)
+        if read is None or (part == 0 and read[1] in found):
+            needed = "a position P[n] with UF : 0, UT : 1 and its joints J1 to J" + str(joints)
+            raise TrajectoryError(
+                source, f"{text!r} is not supported in /POS; needed is {needed}, once", f"line {line}"
+            )
+        if part == 0:
+            name = read[1]
+        elif entry[part] == axes:
+            found[name] = np.deg2rad([float(value) for value in read.groups()])
+    if (len(body) - 1) % len(entry):
+        raise TrajectoryError(source, "the last position of /POS is not complete", f"line {body[-1][0]}")
     return found

@@ -32,7 +32,8 @@ class Krl(Dialect):
     deviation = 0.002
     output_line, output_states = "$OUT[{}]={}", ("FALSE", "TRUE")
     wait_line = "WAIT SEC {:.4f}"
-    ignored = r"DEF \w+\(\)|END|BAS\(#INITMOV,0\)|BAS\(#VEL_PTP,\d+\)|BAS\(#VEL_CP,[\d.]+\)"
+    opening, closing = (r"DEF \w+\(\)",), ("END",)
+    ignored = r"BAS\(#INITMOV,0\)|BAS\(#VEL_PTP,(100|[1-9]\d?)\)|BAS\(#VEL_CP,\d+(\.\d+)?\)"
     supported = "PTP {A1 .., ..} [C_PTP], LIN {X .., Y .., Z .., A .., B .., C ..}, $APO.CPTP, $OUT[n], WAIT SEC"
     contents = "moves, outputs and waiting times; set points need RSI"
 
@@ -66,10 +67,10 @@ class Krl(Dialect):
             share = float(found[1]) / 200
 
         def move(found: re.Match[str], line: int) -> Step:
-            axes = re.findall(r"([AE]\d+) ", found[1])
-            if axes != [f"A{i}" for i in range(1, joints + 1)]:
-                raise ValueError(f"has the axes {', '.join(axes)}; needed are A1 to A{joints}, in order")
-            values = numbers_of(re.sub(r"A\d+ ", "", found[1]), joints)
+            axes = [re.fullmatch(rf"A{i} +({NUMBER})", part.strip()) for i, part in enumerate(found[1].split(","), 1)]
+            if len(axes) != joints or None in axes:
+                raise ValueError(f"needed are A1 to A{joints} in order, each with one number, separated by commas")
+            values = numbers_of(",".join(axis[1] for axis in axes if axis), joints)
             return JointMove(np.deg2rad(values), None, Blend(share=share) if found[2] else None, line)
 
         def line_to(found: re.Match[str], line: int) -> Step:

@@ -26,7 +26,7 @@ class Rapid(Dialect):
     output_line, output_states = "SetDO {}, {};", ("0", "1")
     output_names, output_kind = r"[A-Za-z]\w*", "names, such as do_gripper"
     wait_line = "WaitTime {:.4f};"
-    ignored = r"MODULE \w+|PROC \w+\(\)|ENDPROC|ENDMODULE"
+    opening, closing = (r"MODULE \w+", r"PROC \w+\(\)"), ("ENDPROC", "ENDMODULE")
     supported = r"MoveAbsJ [[..],[9E9,..]]\NoEOffs, MoveL CalcRobT(..), SetDO, WaitTime"
     contents = "moves, outputs and waiting times; set points need EGM"
 

@@ -27,7 +27,8 @@ class UrScript(Dialect):
     output_line, output_states = "set_standard_digital_out({}, {})", ("False", "True")
     output_names, output_kind = "[0-9]+", "numbers, such as 0"
     wait_line = "sleep({:.6f})"
-    ignored = r"def \w+\(\):|end|stopj\(10\)"
+    opening, closing = (r"def \w+\(\):",), ("end",)
+    ignored = r"stopj\(10\)"
     supported = "movej, movel to joint values, servoj, set_standard_digital_out, sleep, stopj(10)"
     contents = "moves, set points, outputs and waiting times"
 

@@ -13,7 +13,7 @@ from pinproof.collision import certify_program, export_program
 from pinproof.collision.certificates.linear_moves import trace_line
 from pinproof.collision.certificates.program_proof import _share
 from pinproof.errors import InputError
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove, StreamedPoint
 from pinproof.motion.robot_program import RobotProgram, make_program
 
 Cell = tuple[pp.CollisionChecker, pp.Trajectory]
@@ -275,3 +275,79 @@ def test_a_linear_move_whose_joint_values_are_not_known_is_undecided(line: Cell)
         certificate = certify_program(make_program(steps, arm.joint_names, dialect="urscript"), checker)
         assert certificate.status is pp.CertificateStatus.UNDECIDED
         assert re.search(words, certificate.message)
+
+
+@pytest.fixture(scope="module")
+def checker() -> pp.CollisionChecker:
+    return pp.CollisionChecker(pp.load_robot("ur5").arm())
+
+
+class TestSpeeds:
+    """FREE includes that the joints can follow: stated durations, and the set points of a stream."""
+
+    PERIOD = 0.008
+
+    def streamed(self, checker: pp.CollisionChecker, positions: np.ndarray) -> RobotProgram:
+        """The first joint follows ``positions`` (rad from home), one set point a period."""
+        home, along = checker.arm.home, np.eye(6)[0]
+        points = [StreamedPoint(home + x * along, self.PERIOD) for x in positions]
+        return make_program([JointMove(home), *points], checker.arm.joint_names, dialect="urscript")
+
+    def ramp(self, checker: pp.CollisionChecker) -> np.ndarray:
+        """A motion of 1 rad from rest to rest within the limits, at the period."""
+        arm = checker.arm
+        path = pp.JointPath([arm.home, arm.home + np.eye(6)[0]], arm.joint_names)
+        motion = pp.time_parametrise(path, arm.limits)
+        times = np.append(np.arange(self.PERIOD, motion.duration, self.PERIOD), motion.duration)
+        return motion(times)[:, 0] - arm.home[0]
+
+    def test_a_stream_from_rest_to_rest_is_free(self, checker) -> None:
+        certificate = certify_program(self.streamed(checker, self.ramp(checker)), checker)
+        assert (certificate.status, certificate.outside_limits) == (pp.CertificateStatus.FREE, ())
+
+    def test_a_stream_that_is_cut_at_speed_is_not_free(self, checker) -> None:
+        cut = self.ramp(checker)[: len(self.ramp(checker)) // 2]
+        certificate = certify_program(self.streamed(checker, cut), checker)
+        assert certificate.status is pp.CertificateStatus.VIOLATED
+        (sentence,) = certificate.outside_limits
+        assert "acceleration" in sentence
+
+    def test_a_stream_that_begins_at_speed_is_not_free(self, checker) -> None:
+        begun = (
+            self.ramp(checker)[len(self.ramp(checker)) // 2 :] - self.ramp(checker)[len(self.ramp(checker)) // 2 - 1]
+        )
+        assert certify_program(self.streamed(checker, begun), checker).status is pp.CertificateStatus.VIOLATED
+
+    def test_a_jump_between_set_points_is_not_free(self, checker) -> None:
+        jump = np.concatenate([self.ramp(checker), np.full(20, 2.0)])
+        certificate = certify_program(self.streamed(checker, jump), checker)
+        assert certificate.status is pp.CertificateStatus.VIOLATED
+        assert [
+            word for text in certificate.outside_limits for word in ("velocity", "acceleration") if word in text
+        ] == [
+            "velocity",
+            "acceleration",
+        ]
+
+    @pytest.mark.parametrize("dialect", ["urscript", "rapid", "fanuc"])
+    @pytest.mark.parametrize(("duration", "free"), [(0.01, False), (0.37, False), (0.4, True)])
+    def test_a_move_is_free_only_if_its_duration_is_possible(self, checker, dialect, duration, free) -> None:
+        """The first joint moves by 69 degrees; at its speed limit of pi rad/s that takes 0.38 s."""
+        q = checker.arm.home + np.deg2rad(69.0) * np.eye(6)[0]
+        steps = [JointMove(checker.arm.home), JointMove(q, duration)]
+        certificate = certify_program(make_program(steps, checker.arm.joint_names, dialect=dialect), checker)
+        assert certificate.free is free
+        assert bool(certificate.outside_limits) is not free
+
+    def test_a_linear_move_that_is_too_fast_for_a_joint_is_not_free(self, checker) -> None:
+        arm = checker.arm
+        start = np.array([-0.5, -1.2, 1.6, -1.97, -1.57, 0.0])
+        first = arm.forward_kinematics(start)
+        end = pp.planning.plan_linear(
+            checker, start, pp.pose(first.translation + 0.2 * np.eye(3)[1], pp.xyz_rpy(first)[3:])
+        )
+        end = end.or_raise().path.end
+        for duration, free in ((3.0, True), (0.02, False)):
+            steps = [JointMove(start), LinearMove(end, None, duration)]
+            certificate = certify_program(make_program(steps, arm.joint_names, dialect="urscript"), checker)
+            assert certificate.free is free, certificate.message

@@ -217,3 +217,41 @@ def test_files_of_other_programs_are_refused(tmp_path: Path) -> None:
         RobotProgram.load(tmp_path / "other.script")
     with pytest.raises(InputError, match="ending"):
         RobotProgram.load(tmp_path / "program.txt")
+
+
+@pytest.mark.parametrize(
+    "character", ["\r", "\x0b", "\x0c", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u2029", "\x00"]
+)
+@pytest.mark.parametrize("dialect", MOVING)
+def test_a_character_that_only_some_programs_end_lines_at_is_refused(dialect: str, character: str) -> None:
+    lines = make_program(some_steps(dialect), NAMES, dialect=dialect).text.split("\n")
+    at = next(k for k, line in enumerate(lines) if "pinproof program" in line)
+    lines[at] = lines[at].removesuffix(" ;") + character + lines[-3]
+    with pytest.raises(TrajectoryError) as error:
+        RobotProgram.parse("\n".join(lines), dialect=dialect, allow_changes=True)
+    assert error.value.place.startswith(f"line {at + 1}, column ")
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_a_program_with_crlf_is_the_same_program(dialect: str) -> None:
+    program = make_program(some_steps(dialect), NAMES, dialect=dialect, certificate="ab12")
+    read = RobotProgram.parse(program.text.replace("\n", "\r\n"), dialect=dialect)
+    assert read.certificate == "ab12"
+    assert [type(step) for step in read.steps] == [type(step) for step in program.steps]
+
+
+@pytest.mark.parametrize("word", ["1A6 11.8", "A6 11.8 A6 12", "A7 11.8", "A6", "A6 nan", "A6 1_1.8", "A06 11.8"])
+def test_an_axis_of_krl_that_is_not_stated_exactly_is_refused(word: str) -> None:
+    text = make_program([JointMove(np.zeros(6)), JointMove(np.full(6, 0.1))], NAMES, dialect="krl").text
+    edited = re.sub(r"A6 5\.7296", word, text)
+    assert edited != text
+    with pytest.raises(TrajectoryError):
+        RobotProgram.parse(edited, dialect="krl", allow_changes=True)
+
+
+@pytest.mark.parametrize("frame", ["UFRAME_NUM=3", "UTOOL_NUM=2"])
+def test_another_frame_or_tool_of_fanuc_is_refused(frame: str) -> None:
+    text = make_program(some_steps("fanuc"), NAMES, dialect="fanuc").text
+    edited = re.sub(frame.split("=")[0] + r"=\d", frame, text)
+    with pytest.raises(TrajectoryError):
+        RobotProgram.parse(edited, dialect="fanuc", allow_changes=True)

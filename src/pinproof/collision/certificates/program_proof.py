@@ -473,9 +473,9 @@ def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -
 def _too_fast(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
     """Yield what the joints cannot follow: stated durations that are too short, and jumps between set points.
 
-    The mean speed of a joint on a move is a lower bound of its largest. Between set points the speed is their difference by
-    the period, and the arm rests before the first and after the last one; without a known acceleration limit the default
-    is used there, because a controller that cannot follow leaves the assumed deviation.
+    The mean speed of a joint on a move is a lower bound of its largest. Between set points the speed is their
+    difference by the period, and the arm rests before the first and after the last one; without a known acceleration
+    limit the default is used there, because a controller that cannot follow leaves the assumed deviation.
     """
     limits, names = arm.limits, program.joint_names
     largest = np.where(np.isnan(limits.velocity), np.inf, limits.velocity) * (1.0 + LIMIT_TOLERANCE)
@@ -515,14 +515,15 @@ def _stream_faults(
     change = np.diff(np.concatenate([np.zeros((1, len(names))), speed]), axis=0) / period
     rows = (("velocity", speed, limits.velocity, "rad/s"), ("acceleration", change, limits.acceleration, "rad/s^2"))
     for quantity, values, bound, unit in rows:
-        # Rounding of the text to 1e-6 rad changes a difference of set points by at most that, and of speeds by twice it.
+        # Rounding of the text to 1e-6 rad changes a difference of set points by that at most, one of
+        # speeds by twice it.
         rounding = 1e-6 / period if quantity == "velocity" else 2e-6 / period**2
         above = np.abs(values) > np.where(np.isnan(bound), np.inf, bound) * (1.0 + LIMIT_TOLERANCE) + rounding
         if above.any():
             row, joint = np.argwhere(above)[0]
             line = stream[min(int(row), len(stream) - 1)].line
             yield (
-                f"line {line}: {names[joint]} needs a {quantity} of {abs(values[row, joint]):.4g} between the set "
+                f"line {line}: {names[joint]} would need the {quantity} {abs(values[row, joint]):.4g} between the set "
                 f"points; its limit is {bound[joint]:.4g} {unit}"
             )
 

@@ -194,3 +194,20 @@ def test_a_language_without_outputs_is_refused_for_picks(run: Run, tmp_path: Pat
     code, _, err = run("pick", write_picks(tmp_path, 1), "-o", "out", "--export", "ros2")
     assert code == 2
     assert "urscript, rapid, krl or fanuc" in err
+
+
+@pytest.mark.slow
+def test_robot_programs_of_picks_are_certified_with_their_picks(run: Run, tmp_path: Path) -> None:
+    picks = write_picks(tmp_path, 1)
+    assert run("pick", picks, "-o", "out", "--export", "rapid")[0] == 0
+    (program,) = Path("out").glob("*.mod")
+    code, out, _ = run("pick", picks, "--program", str(program))
+    assert (code, "FREE" in out) == (0, True)
+    scene = str(robots_folder() / "generic_6dof" / "scene.yaml")
+    code, out, _ = run("certify", "generic_6dof", str(program), "--scene", scene, "--json")
+    assert (code, json.loads(out)["status"]) == (1, "UNDECIDED")
+    raised = tmp_path / "raised.yaml"
+    raised.write_text(Path(picks).read_text().replace("0.035]", "0.535]"))
+    code, out, _ = run("pick", str(raised), "--program", str(program))
+    assert (code, "VIOLATED" in out) == (1, True)
+    assert run("pick", str(raised), "--program", "out/pin_0.program.json")[0] == 1

@@ -12,8 +12,8 @@ import pytest
 import pinproof as pp
 from pinproof.errors import InputError
 from pinproof.motion import RobotProgram
-from pinproof.motion.program_steps import JointMove, SetOutput, Wait
-from pinproof.picks import PickReport, export_picks
+from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Wait
+from pinproof.picks import PickReport, certify_picks_program, export_picks
 
 ROOT = Path(__file__).parents[2]
 
@@ -87,3 +87,82 @@ def test_programs_that_do_not_meet_are_refused(report: PickReport) -> None:
     both = [(verdict.pick, report.programs()[0])] * 2
     with pytest.raises(InputError, match="does not start where"):
         export_picks(report.setup, both, "urscript", output="0")
+
+
+class TestReadBack:
+    """A program of picks is certified with its picks, in every language; without them it is undecided."""
+
+    @pytest.fixture(params=["urscript", "rapid", "krl", "fanuc"])
+    def text(self, report: PickReport, request: pytest.FixtureRequest) -> RobotProgram:
+        (verdict,) = report.good
+        output = "grip" if request.param == "rapid" else "3"
+        (program,) = report.programs(grip_dwell=0.5)
+        return export_picks(report.setup, [(verdict.pick, program)], request.param, output=output).program
+
+    def test_the_text_alone_is_certified_with_the_picks(self, report: PickReport, text: RobotProgram) -> None:
+        (verdict,) = report.good
+        read = RobotProgram.parse(text.text, dialect=text.dialect)
+        certificates, notes = certify_picks_program(report.setup, [verdict.pick], read)
+        assert [[proof.status for proof in row] for row in certificates] == [
+            [pp.CertificateStatus.FREE] * len(verdict.motions)
+        ]
+        assert len(notes) == 1
+        assert read.deviation == 0.002
+
+    def test_without_the_picks_it_is_undecided(self, report: PickReport, text: RobotProgram) -> None:
+        certificate = pp.collision.certify_program(text, report.setup.checker)
+        assert not certificate.free
+        assert len(certificate.outputs) == 2
+
+    @pytest.mark.parametrize("shift", [(0.0, 0.0, 0.5), (0.0, 0.003, 0.0)])
+    def test_a_program_for_a_part_that_is_elsewhere_is_not_free(self, report, text, shift) -> None:
+        (verdict,) = report.good
+        moved = replace(verdict.pick, pose=pp.pose(shift) * verdict.pick.pose)
+        ((_, approach, *_),) = certify_picks_program(report.setup, [moved], text)[0]
+        assert approach.status is pp.CertificateStatus.VIOLATED
+        assert "from the grasp of the pick" in approach.message
+
+    def test_an_unknown_pick_is_named(self, report, text) -> None:
+        with pytest.raises(pp.errors.UnknownNameError, match="over_the_wall"):
+            certify_picks_program(report.setup, [], text)
+
+    def test_a_program_without_picks_is_refused(self, report, text) -> None:
+        with pytest.raises(InputError, match="states no picks"):
+            certify_picks_program(report.setup, [], replace(text, picks=()))
+
+    def test_a_program_that_does_not_grip_is_not_free(self, report, text) -> None:
+        (verdict,) = report.good
+        silent = replace(text, steps=tuple(step for step in text.steps if not isinstance(step, SetOutput | Wait)))
+        ((first, *_),) = certify_picks_program(report.setup, [verdict.pick], silent)[0]
+        assert first.status is pp.CertificateStatus.VIOLATED
+
+    def test_another_number_of_moves_is_refused(self, report, text) -> None:
+        (verdict,) = report.good
+        for steps in (text.steps[:-1], (*text.steps, text.steps[-1])):
+            with pytest.raises(InputError, match=r"moves|continues"):
+                certify_picks_program(report.setup, [verdict.pick], replace(text, steps=steps))
+
+    def test_a_blend_and_a_move_that_is_too_fast_are_not_free(self, report, text) -> None:
+        (verdict,) = report.good
+        at = next(k for k, step in enumerate(text.steps) if isinstance(step, JointMove)) + 1
+        if text.dialect != "krl":  # which states no durations
+            fast = (*text.steps[:at], replace(text.steps[at], duration=1e-3), *text.steps[at + 1 :])
+            ((*proofs,),) = certify_picks_program(report.setup, [verdict.pick], replace(text, steps=fast))[0]
+            assert {proof.status for proof in proofs} == {pp.CertificateStatus.VIOLATED}
+        blended = (*text.steps[:at], replace(text.steps[at], blend=Blend(0.01)), *text.steps[at + 1 :])
+        with pytest.raises(InputError, match="stop"):
+            certify_picks_program(report.setup, [verdict.pick], replace(text, steps=blended))
+
+
+def test_a_program_that_grasps_beside_the_part_is_not_free(report: PickReport) -> None:
+    """The pose of the pick is reached, but the part is not there: the grip stage decides."""
+    (verdict,) = report.good
+    picks = pp.read_picks(ROOT / "robots" / "ur5" / "carry.yaml")
+    scene = pp.Scene.load(picks.scene)
+    part = scene[verdict.pick.object_name]
+    aside = scene.remove(part.name).add(replace(part, pose=pp.pose((0.02, 0.02, 0.0)) * part.pose))
+    setup = pp.picks.PickSetup.make(picks.load_arm(), aside, picks, home=None, rng=0)
+    (program,) = report.programs()
+    proofs = dict(zip((motion.name for motion in verdict.motions), setup.recertify(program, verdict.pick), strict=True))
+    assert proofs["approach"].status is pp.CertificateStatus.VIOLATED
+    assert np.isnan(proofs["approach"].clearance)

@@ -120,8 +120,10 @@ class OutputOptions:
         None,
         metavar="OUTPUT",
     )
-    export_deviation: float = option(
-        "For --export: assumed deviation of each joint from the moves of the program (rad).", 0.0, min=0.0
+    export_deviation: float | None = option(
+        "For --export: assumed deviation of each joint from the moves of the program (rad). Default: 0.002.",
+        None,
+        min=0.0,
     )
 
     @property
@@ -139,7 +141,7 @@ class OutputOptions:
             or self.release_dwell
             or self.export
             or self.gripper_output
-            or self.export_deviation
+            or self.export_deviation is not None
         )
 
     def check(self, suffix: str | None = None) -> None:
@@ -149,7 +151,7 @@ class OutputOptions:
             raise InputError(f"--export {self.export}: picks need digital outputs; use urscript, rapid, krl or fanuc")
         if self.gripper_output is not None and self.export is None:
             raise InputError("--gripper-output needs --export")
-        if self.export_deviation and self.export is None:
+        if self.export_deviation is not None and self.export is None:
             raise InputError("--export-deviation needs --export")
         if path is None:
             return
@@ -270,7 +272,9 @@ def pick(
     *,
     out: OutputOptions,
     program: Path | None = option(
-        "Instead of checking picks, certify this program (.program.json) again in the cell of the picks file.", None
+        "Instead of checking picks, certify this program (.program.json, or a robot program of --export) again in the "
+        "cell of the picks file.",
+        None,
     ),
     campaign: Path | None = option(
         "For many picks: write the results to this folder one by one; an interrupted run is resumed.",
@@ -365,9 +369,28 @@ def _judge(
 
 def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -> None:
     """Certify a program again in the cell of a picks file; exit code 1 unless it is FREE and unchanged."""
-    found = pp.motion.MotionProgram.load(program, allow_changes=True)
+    from pinproof.motion.dialects import is_program_file
+
     arm, world, source = cell.open(file)
     picks = source.load()
+    if is_program_file(program):
+        text = pp.motion.RobotProgram.load(program, allow_changes=True)
+        with progress_status(f"certifying {program}"):
+            setup = pp.picks.PickSetup.make(arm, world, picks, home=None, rng=0)
+            certificates, notes = pp.picks.certify_picks_program(setup, picks, text)
+        motions = [
+            {"pick": pick.name, "motion": name, **verdict(proof)}
+            for pick, row in zip(text.picks, certificates, strict=True)
+            for name, proof in zip([name for name, _ in pick.motions] if len(row) > 1 else ["pick"], row, strict=True)
+        ]
+        edited = not text.certificate
+        ok = all(row["status"] == "FREE" for row in motions) and not edited
+        lines = [f"{row['pick']}, {row['motion']}: {row['status']}: {row['message']}" for row in motions]
+        lines += ["the program was edited after it was written, or was never certified"] if edited else []
+        data = {"ok": ok, "program": text.name, "edited": edited, "motions": motions, "notes": notes}
+        print_result(data, [*lines, *(f"note: {note}" for note in notes)], as_json=as_json, ok=ok)
+        return
+    found = pp.motion.MotionProgram.load(program, allow_changes=True)
     pick = next((each for each in picks if each.name == found.name), None)
     if pick is None:
         raise UnknownNameError("pick", found.name, [each.name for each in picks], str(file))

@@ -11,7 +11,7 @@ from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramS
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.program_steps import Blend
 from pinproof.motion.rate_constraints import RateConstraint
-from pinproof.motion.robot_program import JointMap, RobotProgram
+from pinproof.motion.robot_program import JointMap, ProgramPick, RobotProgram
 from pinproof.motion.timing import time_parametrise
 from pinproof.motion.tool_limits import ToolLimits
 from pinproof.motion.torque_limits import TorqueLimits, TorquePeak
@@ -30,6 +30,7 @@ __all__ = [
     "MotionProgram",
     "MotionRecord",
     "ProgramEvent",
+    "ProgramPick",
     "ProgramSegment",
     "RateConstraint",
     "RobotProgram",

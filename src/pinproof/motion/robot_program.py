@@ -9,6 +9,7 @@ of every other line, so that an edited line is found when the program is read.
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
@@ -115,6 +116,18 @@ class JointMap:
         return cls(signs, offsets, float(found[3]))
 
 
+@dataclass(frozen=True)
+class ProgramPick:
+    """A pick of a program: its name, its grasp (:attr:`pinproof.picks.PickVerdict.member`), and its motions.
+
+    ``motions`` are the names of the motions with their numbers of moves, in order.
+    """
+
+    name: str
+    member: str
+    motions: tuple[tuple[str, int], ...]
+
+
 @dataclass(frozen=True, eq=False)
 class RobotProgram:
     """A program of a controller, as parsed from its text; see :meth:`load` and :meth:`Trajectory.to_program`.
@@ -135,6 +148,8 @@ class RobotProgram:
         The hash of the certificate of the program; empty if it was not certified.
     text
         The complete text.
+    picks
+        The picks that the program executes, in order, as :func:`pinproof.picks.export_picks` states them.
     """
 
     name: str
@@ -144,6 +159,7 @@ class RobotProgram:
     deviation: float
     certificate: str
     text: str
+    picks: tuple[ProgramPick, ...] = ()
 
     @property
     def moves(self) -> tuple[JointMove | LinearMove | StreamedPoint | StreamedTrajectory, ...]:
@@ -195,7 +211,9 @@ class RobotProgram:
         if all(isinstance(each, SetOutput | Wait) for each in steps):
             raise TrajectoryError(source, "the program has no move")
         certificate = "" if changed is not None else stated.certificate
-        return cls(stated.name, dialect, stated.joint_names, tuple(steps), stated.deviation, certificate, text)
+        return cls(
+            stated.name, dialect, stated.joint_names, tuple(steps), stated.deviation, certificate, text, stated.picks
+        )
 
     @classmethod
     def load(cls, path: str | Path, *, allow_changes: bool = False) -> RobotProgram:
@@ -233,10 +251,11 @@ def make_program(
     certificate: str = "",
     uncovered: str = "",
     joint_map: JointMap | None = None,
+    picks: Sequence[ProgramPick] = (),
 ) -> RobotProgram:
     """Write a program and parse it back; the result has the numbers of the text, with their rounding.
 
-    ``uncovered`` states in the comments what the certificate does not cover.
+    ``uncovered`` states in the comments what the certificate does not cover, ``picks`` what the program executes.
 
     Raises
     ------
@@ -272,6 +291,10 @@ def make_program(
         entries["not covered"] = uncovered
     if not mapping.is_identity:
         entries["map"] = str(mapping)
+    if picks:
+        rows = [[pick.name, pick.member, [list(motion) for motion in pick.motions]] for pick in picks]
+        # ASCII without a semicolon, which ends a comment in some languages.
+        entries["picks"] = json.dumps(rows).replace(";", "\\u003b")
     entries["lines"] = " ".join([_hash_of_entries(entries), *hashes])
     comments = [language.comment(each) for each in _fold(entries, language.comment_width)]
     text = "\n".join([*before, *comments, *body, *after]) + "\n"
@@ -374,6 +397,7 @@ class _Header:
     certificate: str
     hashes: tuple[str, ...]
     map: JointMap
+    picks: tuple[ProgramPick, ...]
 
 
 def _hash(line: str) -> str:
@@ -457,14 +481,18 @@ def _read_header(source: str, header: Sequence[str], dialect: str) -> _Header:
         mapping = JointMap.from_text(stated["map"]) if "map" in stated else JointMap.identity(len(names))
         if len(mapping.signs) != len(names):
             raise ValueError(stated["map"])
-    except ValueError as error:
+        picks = tuple(
+            ProgramPick(str(name), str(member), tuple((str(motion), int(count)) for motion, count in motions))
+            for name, member, motions in json.loads(stated.get("picks", "[]"))
+        )
+    except (TypeError, ValueError) as error:
         raise TrajectoryError(source, f"the comments at the top have an invalid entry: {error}") from error
     check, *hashes = stated.pop("lines").split() or [""]
     known = {key: value for key, value in stated.items() if key != FORMAT}
     if _hash_of_entries(known) != check:
         raise TrajectoryError(source, "the comments at the top were edited after the program was written")
     certificate = "" if stated["certificate"] == "none" else stated["certificate"]
-    return _Header(stated["name"], names, deviation, certificate, tuple(hashes), mapping)
+    return _Header(stated["name"], names, deviation, certificate, tuple(hashes), mapping, picks)
 
 
 def _changed_line(hashes: Sequence[str], body: Sequence[tuple[int, str]]) -> int | None:

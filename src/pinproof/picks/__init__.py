@@ -33,7 +33,7 @@ from pinproof.picks.judging.changes import apply_suggestion
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
-from pinproof.picks.report.program_export import PicksProgram, export_picks
+from pinproof.picks.report.program_export import PicksProgram, certify_picks_program, export_picks
 from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport
 
 __all__ = [
@@ -81,6 +81,7 @@ __all__ = [
     "apply_suggestion",
     "approach_directions",
     "attainable_orientations",
+    "certify_picks_program",
     "export_picks",
     "open_picks",
     "pick_from_belt",

@@ -108,6 +108,9 @@ class ProgramCertificate:
         The points of the program that violate the position limits, the linear moves on which a joint may do so, the
         moves whose stated duration is too short for the velocity (and known acceleration) limits of a joint, and the
         set points between which, or before and after which, a joint would exceed them. The program is then VIOLATED.
+    outputs
+        The lines that switch outputs: what a gripper then holds or leaves is not stated, so that the program is
+        UNDECIDED. Programs of picks are certified with their picks, see :func:`pinproof.picks.certify_picks_program`.
     untraced
         The linear moves whose joint values are not bounded, with the reason. The program is then UNDECIDED.
     """
@@ -117,6 +120,7 @@ class ProgramCertificate:
     overlaps: tuple[int, ...] = ()
     outside_limits: tuple[str, ...] = ()
     untraced: tuple[str, ...] = ()
+    outputs: tuple[int, ...] = ()
 
     def _repr_html_(self) -> str:
         rows = [(each.name, each.certificate.status.name, each.certificate.clearance * 1e3) for each in self.parts]
@@ -132,7 +136,7 @@ class ProgramCertificate:
     def status(self) -> CertificateStatus:
         """COLLIDING if a part is, otherwise VIOLATED outside the limits, otherwise UNDECIDED if a part is, or FREE."""
         found = {part.certificate.status for part in self.parts}
-        if self.overlaps or self.untraced:
+        if self.overlaps or self.untraced or self.outputs:
             found.add(CertificateStatus.UNDECIDED)
         if self.outside_limits:
             found.add(CertificateStatus.VIOLATED)
@@ -161,6 +165,11 @@ class ProgramCertificate:
         if self.status is CertificateStatus.UNDECIDED and self.untraced:
             return f"UNDECIDED: {self.untraced[0]}"
         part = next((each for each in self.parts if each.certificate.status is self.status), None)
+        if part is None and self.status is CertificateStatus.UNDECIDED and self.outputs:
+            return (
+                f"UNDECIDED: line {self.outputs[0]} switches an output, and what the gripper then holds is not stated; "
+                "certify a program of picks with its picks file (pinproof pick FILE --program PROGRAM)"
+            )
         if part is None and self.outside_limits:
             return f"{self.status.name}: outside the limits: {self.outside_limits[0]}"
         if part is None:
@@ -208,8 +217,9 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
         parts.append(ProgramPart(name, line, blend, certificate))
     notes = dict.fromkeys([*_notes(program), *(note for part in parts for note in part.certificate.notes)])
     overlaps = tuple(_overlaps(program, checker.arm))
-    outside = (*_outside(program, checker.arm, traces), *_too_fast(program, checker.arm, traces))
-    return ProgramCertificate(tuple(parts), tuple(notes), overlaps, outside, untraced)
+    outside = (*_outside(program, checker.arm, traces), *speed_violations(program, checker.arm, traces))
+    outputs = tuple(step.line for step in program.steps if isinstance(step, SetOutput))
+    return ProgramCertificate(tuple(parts), tuple(notes), overlaps, outside, untraced, outputs)
 
 
 def export_program(
@@ -470,7 +480,7 @@ def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -
                 yield f"{where}: {sentence}"
 
 
-def _too_fast(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
+def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
     """Yield what the joints cannot follow: stated durations that are too short, and jumps between set points.
 
     The mean speed of a joint on a move is a lower bound of its largest. Between set points the speed is their
@@ -555,8 +565,6 @@ def _notes(program: RobotProgram) -> Iterator[str]:
             "linear moves: the tool of the controller is at the tcp of the arm, its base frame is that of the arm, and "
             f"the orientation stays within {TURN_SHARE:g} times its whole rotation of a rotation about one axis"
         )
-    if any(isinstance(step, SetOutput) for step in program.steps):
-        yield "the attached bodies are the same before and after outputs are switched"
     blends = [step.blend for step in program.moves if isinstance(step, JointMove) and step.blend is not None]
     if any(blend.radius is not None for blend in blends):
         yield "the radius of blends is measured at the tcp of the arm; set the same tcp at the controller"

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from pinproof.collision import Certificate, CollisionChecker, Upright, certify
+from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Upright, certify
 from pinproof.collision.certificates.identity import curve_hash
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import (
@@ -22,6 +22,7 @@ from pinproof.motion import (
 from pinproof.motion.limits import Bounds
 from pinproof.motion.trajectory_files import seconds, whole_nanoseconds
 from pinproof.picks.input.pick import PARTS, Member
+from pinproof.picks.judging.grasp import judge_grip
 from pinproof.picks.judging.joining import Chosen, JoinedMotion, LineEnd, backwards
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
 from pinproof.picks.judging.motion_limits import peaks_of, rate_limits
@@ -30,6 +31,11 @@ from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 from pinproof.planning import optimise
 from pinproof.planning.moving_ends import MovingEnds
+from pinproof.spatial import twist_size
+
+GRASP_TOLERANCE = 1e-4
+"""m and rad: by how much the tip of a program may be away from the grasp and the release of its pick. The rounding of
+joint values in the languages of controllers, at most 1e-5 rad a joint, moves it by less."""
 
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
 
@@ -244,7 +250,9 @@ def timed_curve(
 def recertify(task: Task, program: MotionProgram, deviation: float = 0.0) -> tuple[Certificate, ...]:
     """Certify the motions of a program again in the present cell, each as :func:`time_motion` certifies it.
 
-    Motions on which a part is lifted off a support, or put onto it, are certified without the deviation (rad or m).
+    Motions on which a part is lifted off a support, or put onto it, are certified without the deviation (rad or m). The
+    motion that ends at an event is VIOLATED if the tip is not where the pick grasps or puts down, if the hand does not
+    hold the part there, or if the events are not those of the pick.
 
     Raises
     ------
@@ -255,12 +263,41 @@ def recertify(task: Task, program: MotionProgram, deviation: float = 0.0) -> tup
     member = next((each for each in members if each.words == program.member), None)
     if member is None:
         raise InputError(f"pick {task.pick.name!r} has no grasp {program.member!r}, with which the program was made")
+    faults = _event_faults(task, member, program)
     found = []
     for key, trajectory in program.motions.items():
         name = program.certificates[key].name
         part = _part_again(task, member, name, trajectory)
-        found.append(prove_part(part, trajectory, 0.0 if part.parting else deviation))
+        proof = prove_part(part, trajectory, 0.0 if part.parting else deviation)
+        if fault := faults.get(key):
+            message = f"{fault}; {proof.message}"
+            proof = replace(proof, status=CertificateStatus.VIOLATED, clearance=np.nan, message=message)
+        found.append(proof)
     return tuple(found)
+
+
+def _event_faults(task: Task, member: Member, program: MotionProgram) -> dict[str, str]:
+    """What is wrong at the events of a program, by the key of the certificate of the motion that ends there."""
+    expected = ["grip"] if task.pick.place is None else ["grip", "release"]
+    kinds = [event.kind for event in program.events]
+    if kinds != expected:
+        wanted = f"the pick has {', '.join(expected)}"
+        return {program.segments[0].certificate: f"the program has the events {', '.join(kinds) or 'none'}; {wanted}"}
+    faults: dict[str, str] = {}
+    for event in program.events:
+        segment = min(program.segments, key=lambda part: abs(part.end - event.time))
+        q, wanted = segment.trajectory.end, task.grasp(member) if event.kind == "grip" else task.release(member)
+        off, turned = twist_size(task.target(wanted), task.arm.forward_kinematics(q))
+        if off > GRASP_TOLERANCE or turned > GRASP_TOLERANCE:
+            where = "grasp" if event.kind == "grip" else "release"
+            faults[segment.certificate] = (
+                f"the tip is {off * 1e3:.3g} mm and {np.rad2deg(turned):.3g} deg from the {where} of the pick"
+            )
+        elif event.kind == "grip":
+            gripped = judge_grip(task, [member], q[None], np.zeros(1, dtype=np.int64))
+            if not gripped.result.ok:
+                faults[segment.certificate] = gripped.result.message
+    return faults
 
 
 def certify_displaced(task: Task, member: Member, motion: PickMotion, by: float) -> Certificate:

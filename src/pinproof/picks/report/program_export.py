@@ -5,19 +5,28 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from pinproof.collision import Certificate
-from pinproof.collision.certificates.program_proof import feasible
-from pinproof.errors import InputError
-from pinproof.motion import JointMap, JointPath, MotionProgram, RobotProgram, time_parametrise
+from pinproof.collision import Certificate, CertificateStatus
+from pinproof.collision.certificates.program_proof import feasible, speed_violations
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.motion import (
+    JointMap,
+    JointPath,
+    MotionProgram,
+    MotionRecord,
+    ProgramPick,
+    RobotProgram,
+    time_parametrise,
+)
 from pinproof.motion.curve import MEET_TOLERANCE
-from pinproof.motion.motion_program import ProgramEvent, ProgramSegment
+from pinproof.motion.dialects import find_dialect
+from pinproof.motion.motion_program import ProgramEvent, ProgramSegment, certificate_id
 from pinproof.motion.program_steps import JointMove, SetOutput, Step, Wait
 from pinproof.motion.robot_program import make_program, moves_along
 from pinproof.picks.input.pick import Pick
@@ -56,7 +65,7 @@ def export_picks(
     output: str,
     name: str = "picks",
     tolerance: float = 0.0005,
-    deviation: float = 0.0,
+    deviation: float | None = None,
     joint_map: JointMap | None = None,
 ) -> PicksProgram:
     """Write good picks as one program with gripper outputs and waiting times, and certify what it executes.
@@ -81,7 +90,8 @@ def export_picks(
     tolerance
         rad: largest deviation of the lines from the motions, at samples of them.
     deviation
-        rad: by how much each joint may deviate from the lines, which the text of the program states.
+        rad: by how much each joint may deviate from the lines, which the text of the program states; by default that of
+        the language, as for :func:`pinproof.collision.export_program`.
     joint_map
         The joint values of the controller from those of the model, if they differ.
 
@@ -99,6 +109,7 @@ def export_picks(
                 f"the program of pick {pick.name!r} does not start where the one before it ends (pick "
                 f"{before.name!r}); export them one by one, or plan the motions between them"
             )
+    deviation = find_dialect(dialect).deviation if deviation is None else deviation
     counts, steps = list[list[int]](), list[Step]()
     for _, program in picks:
         counts.append([])
@@ -109,28 +120,113 @@ def export_picks(
             steps += _events(program, segment, output)
     names = picks[0][1].joint_names
     steps = feasible(steps, setup.checker.arm)
+    executed = [
+        ProgramPick(
+            pick.name,
+            program.member,
+            tuple((segment.name, count - 1) for segment, count in zip(program.segments, lengths, strict=True)),
+        )
+        for (pick, program), lengths in zip(picks, counts, strict=True)
+    ]
     write = partial(
-        make_program, joint_names=names, dialect=dialect, name=name, deviation=deviation, joint_map=joint_map
+        make_program,
+        joint_names=names,
+        dialect=dialect,
+        name=name,
+        deviation=deviation,
+        joint_map=joint_map,
+        picks=executed,
     )
     written = write(steps)
-    points = iter(move for move in written.steps if isinstance(move, JointMove))
-    start, certificates, notes = next(points), [], list[str]()
-    for (pick, program), lengths in zip(picks, counts, strict=True):
-        executed, start = _executed(setup, program, lengths, start, points)
-        certificates.append(setup.recertify(executed, pick, deviation=deviation))
-        exact = [motion for motion, proof in zip(_names(executed), certificates[-1], strict=True) if proof.partings]
-        if deviation > 0 and exact:
-            notes.append(f"{pick.name}: no deviation is covered on {', '.join(exact)}, where the part is on a support")
+    certificates, notes = certify_picks_program(setup, [pick for pick, _ in picks], written)
     if all(each.free for motions in certificates for each in motions):
         records = [each.motion_record() for motions in certificates for each in motions]
         text = json.dumps([record.to_dict() for record in records], sort_keys=True)
         written = write(steps, certificate=hashlib.sha256(text.encode("utf-8")).hexdigest(), uncovered="; ".join(notes))
-    return PicksProgram(written, tuple(certificates), tuple(notes))
+    return PicksProgram(written, certificates, notes)
 
 
-def _names(program: MotionProgram) -> list[str]:
-    """The names of the certified motions, in order."""
-    return [program.certificates[key].name for key in program.motions]
+def certify_picks_program(
+    setup: PickSetup, picks: Iterable[Pick], program: RobotProgram
+) -> tuple[tuple[tuple[Certificate, ...], ...], tuple[str, ...]]:
+    """Certify what a controller executes according to the text of a program of picks, in the cell of the picks.
+
+    The motions are the straight lines between the points of the text, under the conditions of each part of a pick, with
+    the deviation that the text states. They must reach the grasp and the release of the pick, where the hand must hold
+    the part.
+
+    Parameters
+    ----------
+    setup
+        The cell of the picks.
+    picks
+        The picks, at least those that the program names.
+    program
+        A program of :func:`export_picks`, as read from its text.
+
+    Returns
+    -------
+    tuple
+        The certificates of the motions of each pick, and what they do not cover, in sentences.
+
+    Raises
+    ------
+    InputError
+        If the program states no picks, has a blend or a linear move, or other moves and outputs than it states.
+    UnknownNameError
+        If a pick of the program does not exist.
+    """
+    if not program.picks:
+        raise InputError(f"program {program.name!r} states no picks; it was not written by export_picks")
+    by_name = {pick.name: pick for pick in picks}
+    arm, steps = setup.checker.arm, list(program.steps)
+    bad = [step for step in program.moves if not isinstance(step, JointMove) or step.blend is not None]
+    if bad:
+        raise InputError(f"line {bad[0].line}: a program of picks has joint moves that end with a stop only")
+    too_fast = "; ".join(speed_violations(program, arm, {}))
+    start, certificates, notes = steps.pop(0), [], list[str]()
+    for planned in program.picks:
+        if planned.name not in by_name:
+            raise UnknownNameError("pick", planned.name, by_name)
+        # Each motion takes its moves from the text; outputs and waiting times follow the last move of a motion.
+        clock, segments, events, records = 0.0, list[ProgramSegment](), list[ProgramEvent](), {}
+        for name, count in planned.motions:
+            moves = [start, *steps[:count]]
+            del steps[:count]
+            points = [move.q for move in moves if isinstance(move, JointMove)]
+            if len(points) < count + 1:
+                raise InputError(f"the {name} of pick {planned.name!r} has {count} moves, which the text does not have")
+            start = moves[-1]
+            motion = time_parametrise(JointPath(points, program.joint_names), arm.limits)
+            record = MotionRecord(_motion_name(name, by_name[planned.name]), 0, 0, "UNDECIDED", None, 0, 0, "", "")
+            records[certificate_id(record)] = record
+            segments.append(ProgramSegment(name, clock, motion, certificate_id(record)))
+            clock = segments[-1].end
+            while steps and isinstance(steps[0], SetOutput | Wait):
+                step = steps.pop(0)
+                if isinstance(step, SetOutput):
+                    events.append(ProgramEvent("grip" if step.on else "release", clock))
+                elif isinstance(step, Wait) and events and events[-1].end == clock:
+                    events[-1] = replace(events[-1], dwell=events[-1].dwell + step.seconds)
+                    clock = events[-1].end
+        executed = MotionProgram(planned.name, tuple(segments), tuple(events), records, member=planned.member)
+        proofs = setup.recertify(executed, by_name[planned.name], deviation=program.deviation)
+        if too_fast:
+            slow = [replace(p, status=CertificateStatus.VIOLATED, clearance=math.nan, message=too_fast) for p in proofs]
+            proofs = (*slow,)
+        certificates.append(proofs)
+        exact = [records[key].name for key, proof in zip(executed.motions, proofs, strict=True) if proof.partings]
+        if program.deviation > 0 and exact:
+            where = f"{', '.join(exact)}, where the part is on a support"
+            notes.append(f"{planned.name}: no deviation is covered on {where}")
+    if steps:
+        raise InputError(f"line {steps[0].line}: the program continues after the picks that it states")
+    return tuple(certificates), tuple(notes)
+
+
+def _motion_name(segment: str, pick: Pick) -> str:
+    """The certified motion of a segment: a pick without an object has one certificate for all of them."""
+    return segment if pick.object_name is not None else "pick"
 
 
 def _events(program: MotionProgram, segment: ProgramSegment, output: str) -> Iterator[Step]:
@@ -140,22 +236,3 @@ def _events(program: MotionProgram, segment: ProgramSegment, output: str) -> Ite
             yield SetOutput(output, event.kind == "grip")
             if event.dwell > 0:
                 yield Wait(event.dwell)
-
-
-def _executed(
-    setup: PickSetup, program: MotionProgram, lengths: Sequence[int], start: JointMove, points: Iterator[JointMove]
-) -> tuple[MotionProgram, JointMove]:
-    """The program with the straight lines of the text as its motions, and the last point."""
-    limits, names = setup.checker.arm.limits, program.joint_names
-    segments, events, clock = list[ProgramSegment](), list[ProgramEvent](), 0.0
-    for segment, length in zip(program.segments, lengths, strict=True):
-        rows = [start, *(next(points) for _ in range(length - 1))]
-        start = rows[-1]
-        motion = time_parametrise(JointPath([row.q for row in rows], names), limits)
-        segments.append(ProgramSegment(segment.name, clock, motion, segment.certificate))
-        clock = segments[-1].end
-        for event in program.events:
-            if math.isclose(event.time, segment.end, abs_tol=1e-9):
-                events.append(replace(event, time=clock))
-                clock = events[-1].end
-    return replace(program, segments=tuple(segments), events=tuple(events)), start

@@ -15,8 +15,13 @@ TICK = 0.004
 
 
 @pytest.fixture(scope="module")
-def monitor(checker, swing):
-    return pp.Monitor(checker, swing, joint_tolerance=0.02, latency=TICK, velocity_error=0.02)
+def certificate(checker, swing):
+    return pp.certify(swing, checker, joint_tolerance=0.02)
+
+
+@pytest.fixture
+def monitor(checker, swing, certificate):
+    return pp.Monitor(checker, swing, certificate=certificate, latency=TICK, velocity_error=0.02)
 
 
 def test_tracking_with_noise_stays_inside(monitor, swing) -> None:
@@ -155,14 +160,17 @@ def test_velocity_is_that_of_an_array_that_the_controller_uses_again(checker, sw
 
 
 @pytest.mark.parametrize("time", [0.5, 0.4])
-def test_velocity_is_unknown_if_time_does_not_advance(checker, swing, time) -> None:
-    monitor = pp.Monitor(checker, swing, joint_tolerance=0.02)
-    assert monitor.update(0.5, swing(0.5)).inside
-    result = monitor.update(time, swing(time))
+@pytest.mark.parametrize("measured", [False, True])
+def test_a_measurement_that_is_not_later_is_invalid(monitor, swing, time, measured) -> None:
+    def update(at):
+        return monitor.update(at, swing(at), swing.velocity(at) if measured else None)
+
+    assert update(0.5).inside
+    result = update(time)
     assert result.status is MonitorStatus.INVALID
     assert "later" in str(result)
-    assert monitor.update(time, swing(time), swing.velocity(time)).inside
-    assert monitor.update(0.0, swing(0.0)).inside  # the next execution
+    assert update(0.5 + TICK).inside
+    assert update(0.0).inside  # the next execution
 
 
 def test_latency_that_uses_up_the_tube_is_refused(checker, swing) -> None:

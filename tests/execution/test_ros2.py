@@ -170,6 +170,9 @@ class StubNode:
     def create_publisher(self, _kind, _topic, _depth):
         return SimpleNamespace(publish=self.published.append)
 
+    def create_timer(self, _period, callback) -> None:
+        self.tick = callback
+
     def create_subscription(self, _kind, topic, callback, _depth) -> None:
         self.callbacks[topic] = callback
 
@@ -178,6 +181,18 @@ class StubNode:
 
     def get_logger(self):
         return SimpleNamespace(info=self.logged.append, error=self.logged.append)
+
+
+def at_rest(q: np.ndarray, swing: pp.Trajectory) -> dict[str, object]:
+    """The JointState of the robot at rest."""
+    return {"name": list(swing.joint_names), "position": q.tolist(), "velocity": [0.0] * len(q)}
+
+
+def ready(checker, swing: pp.Trajectory, **settings: object) -> ros2.CertifiedExecution:
+    """An execution whose robot is at the start of a motion at the time 0."""
+    execution = ros2.CertifiedExecution(checker, **settings)
+    execution.on_state(at_rest(swing.start, swing), 0.0)
+    return execution
 
 
 class Message(dict):
@@ -209,7 +224,7 @@ def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checke
     exec(compile(source, "certified_execution.py", "exec"), names)
     node = names["CertifiedExecution"]()
 
-    assert len([line for line in source.splitlines() if line.strip()]) <= 40
+    assert len([line for line in source.splitlines() if line.strip()]) <= 45
 
     def complete(scene: pp.Scene) -> Message:
         return Message(ros2.planning_scene(scene), is_diff=False)
@@ -217,17 +232,22 @@ def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checke
     node.callbacks["/monitored_planning_scene"](complete(checker.scene))
     assert node.execution.checker.scene.names == checker.scene.names
     node.callbacks["/display_planned_path"](Message(ros2.display_trajectory([swing])))
+    assert node.published == [], "a motion is not sent before the state of the robot is known"
+    node.callbacks["/joint_states"](Message(at_rest(swing.start, swing)))
+    node.time = 0.001
+    node.callbacks["/display_planned_path"](Message(ros2.display_trajectory([swing])))
     assert ros2.read_joint_trajectory(node.published[0]).digest() == swing.digest()
 
     def state(time: float, off: float) -> None:
-        node.time = time
+        node.time = 0.001 + time
         velocity = swing.velocity(time)
         q = {name: value + off for name, value in zip(swing.joint_names, swing(time), strict=True)}
         node.callbacks["/joint_states"](
             Message(name=list(q), position=list(q.values()), velocity=velocity.tolist(), effort=[])
         )
 
-    state(0.2, 0.001)
+    for time in (0.08, 0.16, 0.2):
+        state(time, 0.001)
     assert len(node.published) == 1
     state(0.3, 0.05)
     stop = ros2.read_joint_trajectory(node.published[1])
@@ -244,7 +264,7 @@ def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checke
 
 
 def test_no_motion_is_sent_after_a_scene_or_a_motion_that_cannot_be_read(checker, swing) -> None:
-    execution = ros2.CertifiedExecution(checker)
+    execution = ready(checker, swing)
     shown = ros2.display_trajectory([swing])
     refused = execution.on_scene({"is_diff": False, "world": {"unknown": 1}}, 0.0)
     assert refused.alarm
@@ -266,7 +286,7 @@ def test_no_motion_is_sent_after_a_difference_that_changes_objects_until_a_compl
         "allowed_collision_matrix": {"entry_names": [], "entry_values": []},
     }
     ball = pp.Obstacle("ball", pp.Sphere(0.05), checker.arm.forward_kinematics(swing(1.9)))
-    execution = ros2.CertifiedExecution(checker)
+    execution = ready(checker, swing)
     assert execution.on_scene(moved, 0.0) == ros2.Reply()
     assert execution.on_path(shown, 0.0).command is not None
     for changed in (
@@ -275,6 +295,7 @@ def test_no_motion_is_sent_after_a_difference_that_changes_objects_until_a_compl
         {**moved, "world": {"octomap": {"octomap": {"data": [1]}}}},
         {**moved, "allowed_collision_matrix": {"entry_names": ["a"], "entry_values": [[False]]}},
     ):
+        execution = ready(checker, swing)
         assert execution.on_scene(changed, 0.0).alarm
         assert execution.on_path(shown, 0.0).command is None
         assert execution.on_scene(complete, 0.0) == ros2.Reply()
@@ -282,7 +303,7 @@ def test_no_motion_is_sent_after_a_difference_that_changes_objects_until_a_compl
 
 
 def test_a_motion_that_is_executed_is_proven_again_in_a_new_scene(checker, swing) -> None:
-    execution = ros2.CertifiedExecution(checker)
+    execution = ready(checker, swing, timeout=1.0)
     assert execution.on_path(ros2.display_trajectory([swing]), 0.0).command is not None
     here = {"name": swing.joint_names, "position": swing(0.3).tolist(), "velocity": swing.velocity(0.3).tolist()}
 
@@ -303,9 +324,165 @@ def test_a_motion_that_is_executed_is_proven_again_in_a_new_scene(checker, swing
 
 
 def test_a_motion_that_is_executed_stops_if_objects_change_by_a_difference(checker, swing) -> None:
-    execution = ros2.CertifiedExecution(checker)
+    execution = ready(checker, swing, timeout=1.0)
     execution.on_path(ros2.display_trajectory([swing]), 0.0)
     ball = pp.Obstacle("ball", pp.Sphere(0.05), pp.pose((0.0, 0.0, 5.0)))
     assert execution.on_scene(ros2.planning_scene(pp.Scene([ball])), 0.2).alarm
     state = {"name": swing.joint_names, "position": swing(0.3).tolist(), "velocity": swing.velocity(0.3).tolist()}
     assert execution.on_state(state, 0.3).command is not None
+
+
+# -- faults --------------------------------------------------------------------------------------------------------
+
+
+def measured(swing: pp.Trajectory, time: float, *, off: float = 0.0, velocity: bool = True) -> dict[str, object]:
+    state = {"name": list(swing.joint_names), "position": (swing(time) + off).tolist(), "velocity": []}
+    return {**state, "velocity": swing.velocity(time).tolist()} if velocity else state
+
+
+def running(checker, swing: pp.Trajectory, *, velocity: bool = True) -> ros2.CertifiedExecution:
+    """An execution at 0.2 s of its motion, after states each 10 ms."""
+    execution = ready(checker, swing, timeout=1.0)
+    assert execution.on_path(ros2.display_trajectory([swing]), 0.0).command is not None
+    for time in np.arange(1, 21) * 0.01:
+        assert execution.on_state(measured(swing, time, velocity=velocity), time) == ros2.Reply()
+    return execution
+
+
+def without(message: dict, *keys: str) -> dict:
+    return {key: value for key, value in message.items() if key not in keys}
+
+
+def replaced(message: dict, key: str, index: int, value: object) -> dict:
+    values = list(message[key])
+    values[index] = value
+    return {**message, key: values}
+
+
+NOT_NUMBERS = (np.nan, np.inf, -np.inf, "fast", None, [1.0], {}, 1e400)
+
+STATE_FAULTS = {
+    **{f"position {value!r} of joint {j}": (lambda m, v=value, j=j: replaced(m, "position", j, v))
+       for value in NOT_NUMBERS for j in (0, 3)},
+    **{f"velocity {value!r} of joint {j}": (lambda m, v=value, j=j: replaced(m, "velocity", j, v))
+       for value in NOT_NUMBERS for j in (1, 5)},
+    **{f"without joint {j}": (lambda m, j=j: {k: v[:j] + v[j + 1:] for k, v in m.items()}) for j in range(6)},
+    **{f"joint {j} has another name": (lambda m, j=j: replaced(m, "name", j, "finger")) for j in range(6)},
+    **{f"without {key}": (lambda m, key=key: without(m, key)) for key in ("name", "position")},
+    **{f"{key} is {value!r}": (lambda m, key=key, v=value: {**m, key: v})
+       for key in ("name", "position") for value in (None, 7, "abc", [], {}, [[1.0] * 6])},
+    **{f"velocity is {value!r}": (lambda m, v=value: {**m, "velocity": v}) for value in (7, "abc", [1.0], [[1.0] * 6])},
+    "two positions too many": lambda m: {**m, "position": [*m["position"], 0.0, 0.0]},
+    **{f"joint {j} is off by {off}": (lambda m, j=j, off=off: replaced(m, "position", j, m["position"][j] + off))
+       for j in range(6) for off in (0.05, -1.2, 2 * np.pi)},
+    "the joints are in another order than their values": lambda m: {**m, "position": m["position"][::-1]},
+    "degrees": lambda m: {**m, "position": np.rad2deg(m["position"]).tolist()},
+    "no mapping": lambda m: list(m),
+    "None": lambda m: None,
+}  # fmt: skip
+"""100 kinds of faults of a joint state."""
+
+
+@pytest.mark.parametrize("fault", STATE_FAULTS.values(), ids=STATE_FAULTS)
+def test_every_fault_of_a_joint_state_is_answered_by_a_stop(checker, swing, fault) -> None:
+    execution = running(checker, swing)
+    reply = execution.on_state(fault(measured(swing, 0.21)), 0.21)
+    assert reply.alarm
+    stop = ros2.read_joint_trajectory(reply.command)
+    assert not stop.velocities[-1].any()
+    assert np.isfinite(stop.q).all()
+    assert (stop.max_acceleration() <= checker.arm.limits.acceleration * (1 + 1e-9)).all()
+    assert execution.monitor is None
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+@pytest.mark.parametrize("time", [0.2, 0.19, 0.1, np.nan, np.inf, -np.inf, 100.0])
+def test_every_fault_of_the_clock_is_answered_by_a_stop(checker, swing, time, velocity) -> None:
+    execution = running(checker, swing, velocity=velocity)
+    reply = execution.on_state(measured(swing, 0.21, velocity=velocity), time)
+    assert reply.alarm
+    assert not ros2.read_joint_trajectory(reply.command).velocities[-1].any()
+
+
+def test_silence_is_answered_by_a_stop(checker, swing) -> None:
+    execution = running(checker, swing)
+    assert execution.on_clock(0.25) == ros2.Reply()
+    reply = execution.on_clock(0.31)
+    assert reply.alarm
+    assert not ros2.read_joint_trajectory(reply.command).velocities[-1].any()
+    assert execution.on_clock(0.4) == ros2.Reply()
+
+
+def test_silence_after_the_motion_is_no_fault(checker, swing) -> None:
+    execution = running(checker, swing)
+    execution.on_state(measured(swing, swing.duration), swing.duration)
+    assert execution.on_clock(swing.duration + 1.0) == ros2.Reply()
+
+
+def test_the_stop_without_velocities_is_the_one_that_is_proven(checker, swing) -> None:
+    execution = running(checker, swing, velocity=False)
+    monitor = execution.monitor
+    q, last = swing(0.21) + 0.03, swing(0.2)
+    reply = execution.on_state({"name": list(swing.joint_names), "position": q.tolist()}, 0.21)
+    stop = ros2.read_joint_trajectory(reply.command)
+    np.testing.assert_allclose(stop.velocities[0], (q - last) / 0.01, rtol=1e-9)
+    path, tolerance, _ = monitor.stopping(q, (q - last) / 0.01)
+    np.testing.assert_allclose(stop.end, path.end)
+    for time in np.linspace(0, stop.duration, 20):  # the stop is on the segment whose proof the monitor states
+        along = (stop(time) - path.start) @ (path.end - path.start) / ((path.end - path.start) ** 2).sum()
+        assert np.abs(stop(time) - path.start - along * (path.end - path.start)).max() <= tolerance.max() + 1e-9
+
+
+class TestStart:
+    """A motion is sent only if the robot, and the start that the message states, are at its start."""
+
+    def test_it_is_not_sent_without_a_state_or_with_an_old_one(self, checker, swing) -> None:
+        shown = ros2.display_trajectory([swing])
+        assert ros2.CertifiedExecution(checker).on_path(shown, 0.0).command is None
+        for late in (0.11, -0.5, np.nan):
+            assert ready(checker, swing).on_path(shown, late).command is None
+        assert ready(checker, swing).on_path(shown, 0.09).command is not None
+
+    @pytest.mark.parametrize("off", [1.2, 0.03, -0.03, np.nan])
+    def test_it_is_not_sent_if_the_robot_is_elsewhere(self, checker, swing, off) -> None:
+        execution = ros2.CertifiedExecution(checker)
+        execution.on_state(at_rest(swing.start + off * np.eye(6)[2], swing), 0.0)
+        reply = execution.on_path(ros2.display_trajectory([swing]), 0.01)
+        assert (reply.command, reply.alarm, execution.monitor) == (None, True, None)
+
+    def test_it_is_not_sent_while_the_robot_moves_away(self, checker, swing) -> None:
+        execution = ros2.CertifiedExecution(checker)
+        execution.on_state({**at_rest(swing.start, swing), "velocity": [3.0] * 6}, 0.0)
+        assert execution.on_path(ros2.display_trajectory([swing]), 0.01).command is None
+
+    @pytest.mark.parametrize("off", [1.2, 0.03, np.nan])
+    def test_it_is_not_sent_if_the_message_states_another_start(self, checker, swing, off) -> None:
+        shown = ros2.display_trajectory([swing])
+        shown["trajectory_start"]["joint_state"]["position"][1] += off
+        reply = ready(checker, swing).on_path(shown, 0.01)
+        assert (reply.command, reply.alarm) == (None, True)
+        assert "shoulder_lift_joint" in reply.text
+
+    def test_it_is_not_sent_while_another_motion_is_executed(self, checker, swing) -> None:
+        execution = running(checker, swing)
+        reply = execution.on_path(ros2.display_trajectory([swing]), 0.21)
+        assert (reply.command, reply.alarm) == (None, True)
+        assert execution.monitor is not None
+
+    @pytest.mark.parametrize(
+        "message",
+        [None, {}, {"trajectory": None}, {"trajectory": [None]}, {"trajectory": [{"joint_trajectory": 3}]}, [], 7],
+    )
+    def test_a_message_that_cannot_be_read_is_answered(self, checker, swing, message) -> None:
+        reply = ready(checker, swing).on_path(message, 0.01)
+        assert (reply.command, reply.alarm) == (None, True)
+
+    @pytest.mark.parametrize(
+        "message", [None, 7, {"world": None, "is_diff": False}, {"world": {"collision_objects": 3}}]
+    )
+    def test_a_scene_that_cannot_be_read_stops_the_motion(self, checker, swing, message) -> None:
+        execution = running(checker, swing)
+        if execution.on_scene(message, 0.2).alarm:
+            assert execution.on_state(measured(swing, 0.21), 0.21).command is not None
+        else:
+            assert execution.checker.scene.names == ()

@@ -21,7 +21,7 @@ The segment from q to q + v (L + T / 2) with this tolerance of each joint theref
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -85,6 +85,9 @@ class MonitorResult:
         (n,) rad or m: the deviations from the segment that the proof of the stop covers; None without a segment.
     stop
         Seconds from the measurement to rest; 0 without a segment.
+    q, dq
+        (n,) the measured positions, and the velocities that were measured or estimated from them; for
+        :meth:`Monitor.stop_trajectory`. NaN where they are not known.
     """
 
     status: MonitorStatus
@@ -96,6 +99,8 @@ class MonitorResult:
     braking: JointPath | None = None
     braking_tolerance: Array | None = None
     stop: float = 0.0
+    q: Array = field(default_factory=lambda: np.empty(0))
+    dq: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def inside(self) -> bool:
@@ -239,8 +244,10 @@ class Monitor:
             (n,) measured positions (rad or m).
         dq
             (n,) measured velocities. Default: the difference quotient of the last two measurements; at the first tick,
-            and if time has returned to 0 or less for the next execution, the velocity of the motion. Otherwise the
-            result is INVALID if ``time`` is not later than at the last measurement.
+            and if time has returned to 0 or less for the next execution, the velocity of the motion.
+
+        The result is INVALID if a number is not finite, or if ``time`` is not later than at the last measurement and
+        has not returned to 0 or less.
 
         Raises
         ------
@@ -252,10 +259,12 @@ class Monitor:
             raise InputError(f"time = {time!r}; it must be a finite number of seconds")
         at = _measured("q", q, len(names))
         rate = self._estimated(time, at) if dq is None else _measured("dq", dq, len(names))
+        if self._last is not None and time <= self._last[0] and not time <= 0.0 < self._last[0]:
+            rate = np.full(len(names), np.nan)  # the clock went back, or a measurement is repeated
         if not (np.isfinite(at).all() and np.isfinite(rate).all()):
             bad = ~(np.isfinite(at) & np.isfinite(rate))
             name = "" if np.isfinite(at).all() and bad.all() else names[int(bad.argmax())]
-            return MonitorResult(MonitorStatus.INVALID, time, time, np.abs(at), name, np.inf)
+            return MonitorResult(MonitorStatus.INVALID, time, time, np.abs(at), name, np.inf, q=at, dq=rate)
         self._last = time, at
         progress = min(max(time, 0.0), self._trajectory.duration)
         deviation = self._deviation(progress, at, rate)
@@ -265,7 +274,7 @@ class Monitor:
             if (other / self._tolerance).max() < (deviation / self._tolerance).max():
                 progress, deviation = closest, other
         if (deviation <= self._tolerance).all():
-            return MonitorResult(MonitorStatus.INSIDE, time, progress, deviation)
+            return MonitorResult(MonitorStatus.INSIDE, time, progress, deviation, q=at, dq=rate)
         j = int((deviation / self._tolerance).argmax())
         path, tolerance, stop = self.stopping(at, rate)
         free = stop <= LONGEST_STOP and is_proven_free(path, self._checker, joint_tolerance=tolerance)
@@ -279,6 +288,8 @@ class Monitor:
             path,
             tolerance,
             stop,
+            at,
+            rate,
         )
 
     def stopping(self, q: Array, dq: Array) -> tuple[JointPath, Array, float]:
@@ -317,7 +328,7 @@ class Monitor:
         if self._last is None or time <= 0.0 < self._last[0]:
             return np.asarray(self._trajectory.velocity(min(max(time, 0.0), self._trajectory.duration)))
         before, at = self._last
-        return np.asarray((q - at) / (time - before)) if time > before else np.full(len(q), np.nan)
+        return np.asarray((q - at) / (time - before)) if time > before else np.zeros(len(q))
 
     def _deviation(self, progress: float, q: Array, dq: Array) -> Array:
         """Return (n,) the largest deviation of each joint from the motion until the latency has passed."""

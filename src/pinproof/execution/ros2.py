@@ -21,8 +21,9 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PointCloud, Scene, certify
 from pinproof.collision.scenes.moveit import moveit_message, read_moveit_message
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, PinproofError, UnknownNameError
-from pinproof.execution.monitor import Monitor
+from pinproof.execution.monitor import Monitor, MonitorResult
 from pinproof.motion import Trajectory
 from pinproof.motion.trajectory_files import Reader, from_message, to_message
 from pinproof.spatial import Array, finite
@@ -249,6 +250,13 @@ def read_joint_state(message: Mapping[str, Any], joint_names: Sequence[str]) -> 
     return np.zeros(0) if position is None else position, velocity
 
 
+MALFORMED = (PinproofError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
+"""What reading a message raises that is no message of its type; a message comes from outside the process."""
+
+HELD_TOLERANCE = 1e-3
+"""rad or m: by how much a joint outside the arm, such as a finger, may differ from the value that is certified."""
+
+
 class Reply(NamedTuple):
     """The answer of :class:`CertifiedExecution` to a message: a text to log, and a JointTrajectory to send or None."""
 
@@ -260,7 +268,8 @@ class Reply(NamedTuple):
 class CertifiedExecution:
     """Sends each motion that is displayed if it is proven collision-free, and monitors its execution.
 
-    A node passes messages as dictionaries with the time (s) of its clock, and sends the commands of the replies.
+    A node passes messages as dictionaries with the time (s) of its clock, and sends the commands of the replies. No
+    message raises an exception: what cannot be read while a motion is executed is answered by a stop.
 
     Parameters
     ----------
@@ -270,13 +279,25 @@ class CertifiedExecution:
         rad or m, one number or (n,): the deviations that certificates and monitor cover.
     latency
         Seconds from a measurement until the brakes act, as for :class:`pinproof.Monitor`.
+    timeout
+        Seconds without a readable joint state after which a motion is stopped (:meth:`on_clock`) and no motion begins.
     """
 
-    def __init__(self, checker: CollisionChecker, *, joint_tolerance: npt.ArrayLike = 0.02, latency: float = 0.01):
-        self.checker, self.joint_tolerance, self.latency = checker, joint_tolerance, latency
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        *,
+        joint_tolerance: npt.ArrayLike = 0.02,
+        latency: float = 0.01,
+        timeout: float = 0.1,
+    ):
+        require_positive("timeout (s)", timeout)
+        self.checker, self.joint_tolerance, self.latency, self.timeout = checker, joint_tolerance, latency, timeout
         self.monitor: Monitor | None = None
         self._motion: Trajectory | None = None
         self._begin, self._unread, self._unproven = 0.0, "", ""
+        self._state: tuple[float, Array, Array | None] | None = None
+        """The time, positions and velocities of the last readable joint state."""
 
     def on_scene(self, message: Mapping[str, Any], seconds: float) -> Reply:  # noqa: ARG002
         """Use a complete moveit_msgs/PlanningScene, and prove a motion that is executed again in it.
@@ -285,48 +306,104 @@ class CertifiedExecution:
         scene can be read. A motion that is executed then, or that is not proven collision-free in the new scene, is
         stopped at the next measured state.
         """
-        if message.get("is_diff"):
-            if not _changes_objects(message):
-                return Reply()
-            self._unread = "no motion is sent until a complete planning scene is received, because objects changed"
-        else:
-            try:
+        try:
+            if message.get("is_diff"):
+                if not _changes_objects(message):
+                    return Reply()
+                self._unread = "no motion is sent until a complete planning scene is received, because objects changed"
+            else:
                 self.checker, self._unread = self.checker.with_scene(read_planning_scene(message)), ""
-            except PinproofError as error:
-                self._unread = f"no motion is sent, because the planning scene cannot be read: {error}"
+        except MALFORMED as error:
+            self._unread = f"no motion is sent, because the planning scene cannot be read: {error}"
         self._unproven = self._unread or self._prove_again()
         return Reply(self._unproven, alarm=bool(self._unproven))
 
     def on_path(self, message: Mapping[str, Any], seconds: float) -> Reply:
-        """Certify the motion of a moveit_msgs/DisplayTrajectory, and send it if it is collision-free."""
+        """Certify the motion of a moveit_msgs/DisplayTrajectory, and send it if it is collision-free.
+
+        It is not sent while another motion is executed, or unless the last joint state, at most ``timeout`` old, and
+        the ``trajectory_start`` of the message are within the tolerance of its start.
+        """
         try:
             trajectory = Trajectory.join(*read_display_trajectory(message))
             certificate = certify(trajectory, self.checker, joint_tolerance=self.joint_tolerance)
             if not certificate.free or self._unread:
                 return Reply(self._unread or certificate.message, alarm=True)
-            self.monitor = Monitor(self.checker, trajectory, certificate=certificate, latency=self.latency)
-        except PinproofError as error:
+            if self._motion is not None and seconds < self._begin + self._motion.duration:
+                return Reply("the motion is not sent: another motion is executed", alarm=True)
+            monitor = Monitor(self.checker, trajectory, certificate=certificate, latency=self.latency)
+            if reason := self._away_from_start(message, trajectory, monitor, seconds):
+                return Reply(f"the motion is not sent: {reason}", alarm=True)
+        except MALFORMED as error:
             return Reply(f"the motion is not sent: {error}", alarm=True)
-        self._motion, self._begin, self._unproven = trajectory, seconds, ""
+        self.monitor, self._motion, self._begin, self._unproven = monitor, trajectory, seconds, ""
         return Reply(certificate.message, joint_trajectory(trajectory))
 
     def on_state(self, message: Mapping[str, Any], seconds: float) -> Reply:
         """Compare a sensor_msgs/JointState with the motion; send the stop if the robot leaves its tube.
 
-        Raises
-        ------
-        UnknownNameError, InputError
-            As for :func:`read_joint_state`.
+        A state that cannot be read, is not of a later time, or comes more than ``timeout`` after the last one is
+        answered by the stop too.
         """
-        if self.monitor is None:
-            return Reply()
-        q, dq = read_joint_state(message, self.checker.group.joint_names)
-        result = self.monitor.update(seconds - self._begin, q, dq)
+        if (silence := self.on_clock(seconds)).alarm:
+            return silence
+        try:
+            q, dq = read_joint_state(message, self.checker.group.joint_names)
+            result = None if self.monitor is None else self.monitor.update(seconds - self._begin, q, dq)
+        except MALFORMED as error:
+            self._state = None
+            return self._stop(f"the joint state cannot be read: {error}", seconds)
+        readable = bool(np.isfinite(q).all()) and (dq is None or bool(np.isfinite(dq).all())) and np.isfinite(seconds)
+        self._state = (seconds, q, dq) if readable else None
+        if result is None:
+            return Reply() if readable else Reply("the joint state has values that are not finite", alarm=True)
         if not result.alarm and not self._unproven:
             return Reply()
-        stop = self.monitor.stop_trajectory(q, np.zeros_like(q) if dq is None else dq)
+        return self._stop(self._unproven or str(result), seconds, result)
+
+    def on_clock(self, seconds: float) -> Reply:
+        """Send the stop if a motion is executed and no joint state could be read for ``timeout``; call it regularly."""
+        last = self._begin if self._state is None else max(self._state[0], self._begin)
+        if self.monitor is None or self._motion is None or last >= self._begin + self._motion.duration:
+            return Reply()
+        if abs(seconds - last) <= self.timeout:
+            return Reply()
+        return self._stop(f"no joint state was received for {abs(seconds - last):.3g} s", seconds)
+
+    def _stop(self, text: str, seconds: float, result: MonitorResult | None = None) -> Reply:
+        """The stop that the monitor proved; from the state of the motion if the measured one is not known."""
+        if self.monitor is None or self._motion is None:
+            return Reply(text, alarm=True)
+        if result is not None and np.isfinite(result.q).all() and np.isfinite(result.dq).all():
+            q, dq = result.q, result.dq
+        else:
+            elapsed = seconds - self._begin if np.isfinite(seconds) else 0.0
+            time = min(max(elapsed, 0.0), self._motion.duration)
+            q, dq = np.asarray(self._motion(time)), np.asarray(self._motion.velocity(time))
+        stop = self.monitor.stop_trajectory(q, dq)
         self.monitor = self._motion = None
-        return Reply(self._unproven or str(result), joint_trajectory(stop), alarm=True)
+        return Reply(text, joint_trajectory(stop), alarm=True)
+
+    def _away_from_start(
+        self, message: Mapping[str, Any], trajectory: Trajectory, monitor: Monitor, seconds: float
+    ) -> str:
+        """Why the robot, or the start that the message states, is not at the start of a motion; empty if both are."""
+        names, tolerance = trajectory.joint_names, np.broadcast_to(self.joint_tolerance, (len(trajectory.start),))
+        if self._state is None or not 0.0 <= seconds - self._state[0] <= self.timeout:
+            return f"no joint state was received in the last {self.timeout:g} s"
+        at, q, dq = self._state
+        # Before the first state of the execution, whose time must be later.
+        result = monitor.update(min(at - seconds, -1e-3), q, dq)
+        if result.alarm:
+            return f"the robot is not at its start: {result}"
+        stated = (message.get("trajectory_start") or {}).get("joint_state") or {}
+        positions = dict(zip(stated.get("name", ()), stated.get("position", ()), strict=True))
+        expected = {**self.checker.group.held, **dict(zip(names, trajectory.start.tolist(), strict=True))}
+        allowed = {**dict.fromkeys(self.checker.group.held, HELD_TOLERANCE), **dict(zip(names, tolerance, strict=True))}
+        for name in positions.keys() & expected.keys():
+            if not abs(float(positions[name]) - expected[name]) <= allowed[name]:
+                return f"its trajectory_start has {name} = {positions[name]:.6g}, not {expected[name]:.6g}"
+        return ""
 
     def _prove_again(self) -> str:
         """Monitor the motion that is executed in the present scene; the reason if it is not proven free, else empty."""

@@ -246,7 +246,7 @@ def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checke
             Message(name=list(q), position=list(q.values()), velocity=velocity.tolist(), effort=[])
         )
 
-    for time in (0.08, 0.16, 0.2):
+    for time in (0.08, 0.16, 0.22):
         state(time, 0.001)
     assert len(node.published) == 1
     state(0.3, 0.05)
@@ -342,7 +342,7 @@ def measured(swing: pp.Trajectory, time: float, *, off: float = 0.0, velocity: b
 
 def running(checker, swing: pp.Trajectory, *, velocity: bool = True) -> ros2.CertifiedExecution:
     """An execution at 0.2 s of its motion, after states each 10 ms."""
-    execution = ready(checker, swing, timeout=1.0)
+    execution = ready(checker, swing)
     assert execution.on_path(ros2.display_trajectory([swing]), 0.0).command is not None
     for time in np.arange(1, 21) * 0.01:
         assert execution.on_state(measured(swing, time, velocity=velocity), time) == ros2.Reply()

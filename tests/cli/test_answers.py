@@ -184,7 +184,11 @@ def test_a_free_motion_beyond_the_limits_is_exit_code_1(run: Run, tmp_path: Path
     data = json.loads(out)
     assert code == 1
     assert data["status"] == "VIOLATED"
-    assert data["outside_limits"][0].startswith("shoulder_pan_joint reaches a velocity of 75")
+    violation = data["violation"]
+    assert (violation["joint"], violation["quantity"]) == ("shoulder_pan_joint", "velocity")
+    assert (violation["value"], violation["limit"]) == pytest.approx((75.0, arm.limits.velocity[0]))
+    assert (violation["time"], violation["q"][0]) == pytest.approx((0.005, arm.home[0] + 0.25))
+    assert len(data["outside_limits"]) == 1
     turned = arm.home + np.array([0, 0, np.pi, 0, 0, 0])
     pp.Trajectory([0.0, 9.0], [arm.home, turned], np.zeros((2, 6)), arm.joint_names).save(motion)
     code, out, _ = run("certify", "ur5", str(motion))

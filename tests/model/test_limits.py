@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import pickle
+
 import numpy as np
 import pytest
 
@@ -17,6 +20,22 @@ def test_default_acceleration_is_stated():
     assert limits.acceleration.tolist() == [4.0, 4.0]
     assert "0.5 s" in limits.acceleration_source
     assert "caller" in pp.JointLimits(-ONE, ONE, ONE, ONE).acceleration_source
+
+
+def test_which_accelerations_are_guessed_is_known_for_each_joint():
+    guess, known = pp.JointLimits(-ONE, ONE, ONE), pp.JointLimits(-ONE, ONE, ONE, 2 * ONE)  # the same numbers
+    assert guess.guessed.tolist() == [True, True]
+    assert known.guessed.tolist() == [False, False]
+    both = pp.JointLimits.join([known, guess])
+    assert both.guessed.tolist() == [False, False, True, True]
+    assert both.select([2, 0]).guessed.tolist() == [True, False]
+    assert pickle.loads(pickle.dumps(both)).guessed.tolist() == both.guessed.tolist()
+    # A value that was replaced is one that the caller states.
+    assert dataclasses.replace(guess, acceleration=np.array([2.0, 3.0])).guessed.tolist() == [True, False]
+    with pytest.raises(ValueError, match="read-only"):
+        both.guessed[0] = True
+    with pytest.raises(pp.InputError, match="guessed"):
+        pp.JointLimits(-ONE, ONE, ONE, guessed=[True])
 
 
 @pytest.mark.parametrize(

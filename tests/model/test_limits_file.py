@@ -57,6 +57,26 @@ def test_a_limits_file_overrides_the_urdf(robot, tmp_path):
     assert "0.5 s" in limits.acceleration_source
 
 
+def test_a_stated_acceleration_of_twice_the_velocity_is_known_although_others_are_guessed(robot, tmp_path):
+    """Which accelerations are guesses is not read from their values: 2 * velocity may be a limit of the robot."""
+    text = "joint_limits:\n  shoulder_pan_joint: {has_velocity_limits: true, max_velocity: 2.0, "
+    text += "has_acceleration_limits: true, max_acceleration: 4.0}\n"
+    arm = robot.arm(limits=pp.JointLimits.load(written(tmp_path, text)))
+    assert arm.limits.guessed.tolist() == [False, True, True, True, True, True]
+    q = np.stack([arm.home, arm.home + 0.4 * np.eye(6)[0]])
+    motion = pp.Trajectory([0.0, 0.5], q, np.zeros_like(q), arm.joint_names)  # 9.6 rad/s^2 at its ends, 1.2 rad/s
+    (violation,) = pp.motion.check_limits(motion, arm.limits).violations
+    assert (violation.quantity, violation.limit) == ("acceleration", 4.0)
+
+
+def test_a_second_file_changes_the_guesses_that_the_first_left(robot, tmp_path):
+    first = robot.arm(limits=pp.JointLimits.load(written(tmp_path))).limits
+    text = "joint_limits:\n  wrist_3_joint: {has_velocity_limits: true, max_velocity: 1.0}\n"
+    second = pp.JointLimits.load(written(tmp_path, text)).over(first, robot.arm().joint_names, list(robot.urdf.joints))
+    assert second.acceleration[5] == 2.0
+    assert second.guessed.tolist() == first.guessed.tolist() == [False, *[True] * 5]
+
+
 def test_joints_without_a_jerk_limit_are_named(robot, tmp_path):
     arm = robot.arm(limits=pp.JointLimits.load(written(tmp_path)))
     path = pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names)

@@ -25,7 +25,6 @@ from pinproof.cli.options import (
 )
 from pinproof.cli.program import certify_program_file
 from pinproof.errors import InputError
-from pinproof.motion.limit_check import LIMIT_TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -165,6 +164,8 @@ def _report(
     as_json: bool,
 ) -> None:
     """Print the result; exit code 1 unless the motion is certified, within its limits and without contacts found."""
+    from pinproof.motion.limit_check import LIMIT_TOLERANCE  # loads the kinematics
+
     arm = checker.arm
     within = [] if certificate.limits is None else list(map(str, certificate.limits.violations))
     violations = within + rates.violations(arm, trajectory, LIMIT_TOLERANCE)
@@ -225,9 +226,13 @@ def verdict(certificate: pp.Certificate) -> dict[str, Any]:
     def parts(found: Any, *names: str) -> dict[str, Any] | None:
         return None if found is None else {name: getattr(found, name) for name in names}
 
-    violation = parts(certificate.violation, "time", "q", "error", "satisfied_until")
-    if violation is not None and certificate.violation is not None:
-        violation = {"constraint": str(certificate.violation.constraint), **violation}
+    violation = parts(certificate.violation, "time", "q")
+    if isinstance(certificate.violation, pp.collision.ConstraintViolation):
+        more = parts(certificate.violation, "error", "satisfied_until") or {}
+        violation = {"constraint": str(certificate.violation.constraint), **(violation or {}), **more}
+    elif certificate.violation is not None:
+        limit = parts(certificate.violation, "joint", "quantity", "value", "limit") or {}
+        violation = {**limit, **(violation or {})}
     return {
         "status": certificate.status.name,
         "message": certificate.message,

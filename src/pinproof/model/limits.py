@@ -68,6 +68,8 @@ class JointLimits:
         joint. A URDF calls it effort. :class:`pinproof.motion.TorqueLimits` applies it.
     acceleration_source, jerk_source
         Where the accelerations and the jerks come from, for results that depend on them.
+    guessed
+        (n,) of type bool: whether the acceleration of a joint is such a default value, which is no limit of the robot.
 
     Raises
     ------
@@ -83,6 +85,7 @@ class JointLimits:
     torque: Array | None = None
     acceleration_source: str = field(default="", kw_only=True)
     jerk_source: str = field(default="", kw_only=True)
+    guessed: npt.NDArray[np.bool_] = field(default=None, kw_only=True)  # type: ignore[arg-type]  # filled in below
 
     def __repr__(self) -> str:
         known = [(kind, getattr(self, kind)) for kind in LIMIT_KINDS if getattr(self, kind) is not None]
@@ -99,8 +102,8 @@ class JointLimits:
 
     def __post_init__(self) -> None:
         source = self.acceleration_source or "given by the caller"
-        acceleration = self.acceleration
-        if acceleration is None:
+        acceleration, default = self.acceleration, self.acceleration is None
+        if default:
             acceleration = _array("velocity", self.velocity) / DEFAULT_RAMP
             source = f"{GUESSED} the velocity limit reached in {DEFAULT_RAMP} s (no acceleration limit is known)"
         arrays = {
@@ -130,6 +133,13 @@ class JointLimits:
             )
         if (self.velocity <= 0).any() or (self.acceleration <= 0).any():
             raise InputError("velocity and acceleration limits must be above 0 (NaN where not known)")
+        guessed = np.full(len(self), default) if self.guessed is None else np.array(self.guessed, dtype=bool)
+        if guessed.shape != self.velocity.shape:
+            raise InputError(f"limits.guessed must have the shape {self.velocity.shape}, not {guessed.shape}")
+        # A value that was replaced since it was guessed is one that the caller states.
+        guessed &= (self.acceleration == self.velocity / DEFAULT_RAMP) | np.isnan(self.acceleration)
+        guessed.setflags(write=False)
+        object.__setattr__(self, "guessed", guessed)
 
     @staticmethod
     def load(path: str | Path) -> LimitsFile:
@@ -161,7 +171,7 @@ class JointLimits:
             raise InputError(f"joints must be {what}, not {joints!r:.80}") from error
         values = {kind: getattr(self, kind) for kind in LIMIT_KINDS}
         chosen: dict[str, Any] = {kind: None if value is None else value[index] for kind, value in values.items()}
-        return dataclasses.replace(self, **chosen)
+        return dataclasses.replace(self, **chosen, guessed=self.guessed[index])
 
     @staticmethod
     def join(parts: Sequence[JointLimits]) -> JointLimits:
@@ -181,7 +191,8 @@ class JointLimits:
             return found[0] if len(found) == 1 else f"several: {'; '.join(found)}" if found else ""
 
         sources = {kind: texts(kind) for kind in ("acceleration_source", "jerk_source")}
-        return JointLimits(*(joined(kind) for kind in LIMIT_KINDS), **sources)  # type: ignore[arg-type]
+        guessed = np.concatenate([part.guessed for part in parts])
+        return JointLimits(*(joined(kind) for kind in LIMIT_KINDS), guessed=guessed, **sources)  # type: ignore[arg-type]
 
     def contains(self, q: Array, tolerance: float = 0.0) -> bool:
         """Whether every joint of q (n,) is inside its limits, widened by ``tolerance`` (rad or m)."""
@@ -377,7 +388,7 @@ class LimitsFile:
         for i, name in enumerate(joint_names):
             if name in self.position:
                 arrays["lower"][i], arrays["upper"][i] = self.position[name]
-            if name in self.velocity and limits.acceleration_source.startswith(GUESSED):
+            if name in self.velocity and limits.guessed[i]:
                 arrays["acceleration"][i] = self.velocity[name] / DEFAULT_RAMP
             for kind in LIMIT_KINDS[2:]:
                 arrays[kind][i] = getattr(self, kind).get(name, arrays[kind][i])
@@ -387,6 +398,7 @@ class LimitsFile:
             **arrays,
             acceleration_source=self._source(self.acceleration, joint_names, limits.acceleration_source),
             jerk_source=self._source(self.jerk, joint_names, limits.jerk_source or "not known"),
+            guessed=limits.guessed & np.array([name not in self.acceleration for name in joint_names]),
         )
 
     def _source(self, stated: Mapping[str, float], joint_names: Sequence[str], others: str) -> str:

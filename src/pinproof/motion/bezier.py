@@ -14,6 +14,8 @@ Source: R. T. Farouki, "The Bernstein polynomial basis: a centennial retrospecti
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -143,6 +145,19 @@ def largest(control: Array, enough: Array | None = None) -> Array:
         low, high = extremes(control[above])
         size[above] = np.maximum(-low, high)
     return size
+
+
+def argmax(row: Array) -> float:
+    """The local parameter in [0, 1] at which one polynomial with the coefficients ``row`` (degree+1,) is largest.
+
+    It is an end or a root of the derivative. In powers of u, the derivative has the coefficients C(m, j) times the j-th
+    differences of its Bernstein coefficients (Farouki 2012, section 3).
+    """
+    slope, m = np.diff(row), len(row) - 2
+    powers = [math.comb(m, j) * float(np.diff(slope, j)[0]) for j in range(m + 1)]
+    candidates = np.concatenate([[0.0, 1.0], np.clip(np.roots(powers[::-1]).real, 0.0, 1.0)])
+    values = _de_casteljau(np.tile(row[:, None], (len(candidates), 1, 1)), candidates[:, None])[:, 0]
+    return float(candidates[values.argmax()])
 
 
 def hermite(knots: Array, values: Array, slopes: Array, curvatures: Array | None = None) -> Array:

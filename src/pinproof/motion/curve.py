@@ -111,6 +111,11 @@ class BezierCurve:
         return type(self), tuple(getattr(self, each.name) for each in fields(self))  # type: ignore[arg-type]
 
 
+def parameter_text(curve: Curve, parameter: float) -> str:
+    """A curve parameter for messages: seconds on a trajectory, waypoint index on a path."""
+    return f"t = {parameter:.4g} s" if hasattr(curve, "duration") else f"path parameter {parameter:.4g}"
+
+
 def read_only(array: Array) -> Array:
     """The same array, set to read-only."""
     array.flags.writeable = False

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from pinproof.errors import InputError
-from pinproof.model.limits import DEFAULT_RAMP, GUESSED, JointLimits, distinct
+from pinproof.model.limits import JointLimits, distinct
 from pinproof.motion import bezier
-from pinproof.motion.curve import Curve
+from pinproof.motion.curve import Curve, parameter_text
 from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import Array
 
@@ -21,25 +21,36 @@ to six digits."""
 Quantity = Literal["position", "velocity", "acceleration"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LimitViolation:
     """A joint that exceeds a limit by more than :data:`LIMIT_TOLERANCE`.
 
-    ``value`` is its extreme over the whole curve (rad or m, per s or s^2; of velocity and acceleration the magnitude),
-    and ``start`` and ``end`` are the parameters of the first piece of the curve that exceeds the ``limit``.
+    Parameters
+    ----------
+    joint, quantity, limit
+        What is exceeded (rad or m, per s or s^2).
+    value
+        The extreme over the whole curve; of velocity and acceleration the magnitude.
+    time
+        The parameter at which it is reached: seconds on a trajectory, waypoint index on a path.
+    q
+        (n,) the configuration there.
+    place
+        The parameter as text.
     """
 
     joint: str
     quantity: Quantity
     value: float
     limit: float
-    start: float
-    end: float
+    time: float
+    q: Array
+    place: str
 
     def __str__(self) -> str:
         value, limit = distinct(self.value, self.limit)
         unit = {"position": "rad or m", "velocity": "rad/s or m/s", "acceleration": "rad/s^2 or m/s^2"}[self.quantity]
-        return f"{self.joint} reaches a {self.quantity} of {value}; its limit is {limit} ({unit})"
+        return f"{self.joint} reaches a {self.quantity} of {value} at {self.place}; its limit is {limit} ({unit})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +98,7 @@ def check_limits(curve: Curve, limits: JointLimits) -> LimitCheck:
     timed = isinstance(curve, Trajectory)
     velocity = np.where(np.isnan(limits.velocity) | (not timed), np.inf, limits.velocity)
     # Accelerations that follow from the velocity limit by default say nothing about the robot.
-    guessed = (GUESSED in limits.acceleration_source) & (limits.acceleration == limits.velocity / DEFAULT_RAMP)
-    unknown = guessed | np.isnan(limits.acceleration) | (not timed)
+    unknown = limits.guessed | np.isnan(limits.acceleration) | (not timed)
     acceleration = np.where(unknown, np.inf, limits.acceleration)
     ranges: list[tuple[Quantity, Array, Array, Array]] = [("position", limits.lower, limits.upper, np.ones(len(names)))]
     ranges += [("velocity", -velocity, velocity, velocity), ("acceleration", -acceleration, acceleration, acceleration)]
@@ -106,12 +116,20 @@ def check_limits(curve: Curve, limits: JointLimits) -> LimitCheck:
         if not len(near):
             continue
         least, most = bezier.extremes(control[near])
-        sides = ((-1.0, least, low), (1.0, most, high)) if order == 0 else ((1.0, np.maximum(-least, most), high),)
-        for sign, extreme, limit in sides:
-            outside = ~(sign * extreme <= sign * limit + slack)  # also true for NaN
-            for joint in np.flatnonzero(outside.any(axis=0)):
-                first = int(near[int(outside[:, joint].argmax())])
-                span = float(knots[first]), float(knots[first + 1])
-                value = float(sign * (sign * extreme[:, joint]).max())
-                violations.append(LimitViolation(names[joint], quantity, value, float(limit[joint]), *span))
+        sides = ((-1.0, -least, -low), (1.0, most, high))
+        outside = [~(extreme <= limit + slack) for _, extreme, limit in sides]  # also true for NaN
+        for joint in np.flatnonzero((outside[0] | outside[1]).any(axis=0)):
+            # Both ends of a range can be exceeded; of a rate, the larger magnitude is reported.
+            worst = [
+                (float(extreme[:, joint].max()), sign, near[int(extreme[:, joint].argmax())])
+                for (sign, extreme, _), beyond in zip(sides, outside, strict=True)
+                if beyond[:, joint].any()
+            ]
+            for value, sign, piece in worst if order == 0 else [max(worst)]:
+                share = bezier.argmax(sign * control[piece, :, joint])
+                time = float(knots[piece] + share * (knots[piece + 1] - knots[piece]))
+                q, limit = curve(min(time, float(knots[-1]))), (high if sign > 0 or order else low)[joint]
+                size = value if order else sign * value
+                found = LimitViolation(names[joint], quantity, size, float(limit), time, q, parameter_text(curve, time))
+                violations.append(found)
     return LimitCheck(tuple(checked), tuple(violations), limits, velocity, acceleration)

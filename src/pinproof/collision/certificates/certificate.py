@@ -25,7 +25,7 @@ from pinproof.collision.scenes.scene import Scene
 from pinproof.common.display import html_block, html_list, outline
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import JointGroup
-from pinproof.motion import Curve, LimitCheck, MotionRecord
+from pinproof.motion import Curve, LimitCheck, LimitViolation, MotionRecord
 from pinproof.spatial import Array
 
 if TYPE_CHECKING:
@@ -217,8 +217,11 @@ class Certificate:
     limits
         The comparison of the curve with the joint limits: which quantities, and what exceeds them. None if it was left
         out, which a note states.
-    violation, undecided_constraint
-        The first violation of a constraint, and the first span in which one is undecided.
+    violation
+        The violation of a constraint or of a joint limit that comes first on the curve; None unless VIOLATED, or
+        COLLIDING and violated.
+    undecided_constraint
+        The first span in which a constraint is undecided.
     """
 
     status: CertificateStatus
@@ -245,7 +248,7 @@ class Certificate:
     obstacles: tuple[str, ...] = ()
     constraints: tuple[ConstraintProof, ...] = ()
     limits: LimitCheck | None = None
-    violation: ConstraintViolation | None = None
+    violation: ConstraintViolation | LimitViolation | None = None
     undecided_constraint: UndecidedConstraint | None = None
 
     @property
@@ -380,11 +383,6 @@ def final_evidence(evidence: Array) -> Array:
     bisected = np.zeros(len(rows), dtype=bool)
     bisected[:-1] = same_pair & (rows[1:, 1] <= rows[:-1, 1])
     return np.asarray(rows[~bisected])
-
-
-def parameter_text(curve: Curve, parameter: float) -> str:
-    """Return a curve parameter for messages: seconds on a trajectory, waypoint index on a path."""
-    return f"t = {parameter:.4g} s" if hasattr(curve, "duration") else f"path parameter {parameter:.4g}"
 
 
 def proven_millimetres(clearance: float) -> str:

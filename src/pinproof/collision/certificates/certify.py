@@ -26,7 +26,6 @@ from pinproof.collision.certificates.certificate import (
     ProofLimits,
     UndecidedSpan,
     free_sentence,
-    parameter_text,
 )
 from pinproof.collision.certificates.constraint_proofs import RESOLUTION, with_constraints, with_limits
 from pinproof.collision.certificates.identity import Identity, changes_since, identity_of
@@ -40,7 +39,7 @@ from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.errors import InputError
 from pinproof.model import JointLimits
 from pinproof.motion import Curve, Trajectory, check_limits
-from pinproof.motion.curve import read_only
+from pinproof.motion.curve import parameter_text, read_only
 from pinproof.spatial import Array, finite
 
 GOAL_SHARE = 0.5

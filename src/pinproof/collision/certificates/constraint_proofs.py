@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from pinproof._core import ConstraintSettings, prove_constraint
-from pinproof.collision.certificates.certificate import Certificate, CertificateStatus, ProofLimits, parameter_text
+from pinproof.collision.certificates.certificate import Certificate, CertificateStatus, ProofLimits
 from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     ConstraintViolation,
@@ -22,7 +22,7 @@ from pinproof.collision.certificates.path_constraints import (
 )
 from pinproof.model import Arm
 from pinproof.motion import Curve, LimitCheck
-from pinproof.motion.curve import read_only
+from pinproof.motion.curve import parameter_text, read_only
 
 RESOLUTION = 1e-6
 """rad or m: an interval in which the tcp moves less is not bisected further; the smallest tolerance of a constraint."""
@@ -94,12 +94,14 @@ def with_limits(certificate: Certificate, check: LimitCheck | None) -> Certifica
         return replace(certificate, notes=(*certificate.notes, "joint limits were not compared (limits=None)"))
     if not check.violations:
         return replace(certificate, limits=check)
+    first = min((*check.violations, *([certificate.violation] if certificate.violation else [])), key=lambda v: v.time)
+    certificate = replace(certificate, limits=check, violation=first)
     words = "outside the limits: " + "; ".join(map(str, check.violations))
     if certificate.status is CertificateStatus.COLLIDING:
-        return replace(certificate, limits=check, message=f"{certificate.message}; also, {words}")
+        return replace(certificate, message=f"{certificate.message}; also, {words}")
     before = "collisions: " if certificate.status is CertificateStatus.UNDECIDED else ""
     message = f"{words}; {before}{certificate.message}"
-    return _without_proof(replace(certificate, limits=check, status=CertificateStatus.VIOLATED, message=message))
+    return _without_proof(replace(certificate, status=CertificateStatus.VIOLATED, message=message))
 
 
 def _without_proof(certificate: Certificate) -> Certificate:

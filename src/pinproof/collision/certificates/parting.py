@@ -25,7 +25,6 @@ from pinproof.collision.certificates.certificate import (
     ProofLimits,
     UndecidedSpan,
     free_sentence,
-    parameter_text,
 )
 from pinproof.collision.certificates.identity import identity_of
 from pinproof.collision.checking.checker import CollisionChecker
@@ -43,7 +42,7 @@ from pinproof.collision.checking.separation import (
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import Curve, bezier
-from pinproof.motion.curve import BezierCurve, read_only
+from pinproof.motion.curve import BezierCurve, parameter_text, read_only
 from pinproof.spatial import Array, matrix
 
 DEEPEST = 1e-3

@@ -14,7 +14,6 @@ from pinproof.collision.certificates.proof_file import bodies_of, constraint_of,
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.errors import FileError, InputError
 from pinproof.model import Arm, JointLimits
-from pinproof.model.limits import GUESSED
 from pinproof.motion import Curve, Trajectory
 from pinproof.verifier import Proof, ProofVerdict, load, verify
 
@@ -126,13 +125,12 @@ def _wider_limits(proof: Proof, limits: JointLimits, curve: Curve | None) -> lis
 
     A proof without limits of the velocity is one of a path, unless your curve is timed.
     """
-    guessed = GUESSED in limits.acceleration_source
     mine = {"position": (limits.lower, limits.upper)}
-    for quantity, rate in (("velocity", limits.velocity), ("acceleration", limits.acceleration)):
-        claimed = isinstance(curve, Trajectory) or bool(np.isfinite(proof.limits[quantity]).any())
-        if claimed and not (quantity == "acceleration" and guessed):
-            known = np.where(np.isnan(rate), np.inf, rate)
-            mine[quantity] = (-known, known)
+    timed = isinstance(curve, Trajectory) or bool(np.isfinite(proof.limits["velocity"]).any())
+    known = np.where(limits.guessed, np.inf, limits.acceleration)
+    for quantity, rate in (("velocity", limits.velocity), ("acceleration", known)) if timed else ():
+        largest = np.where(np.isnan(rate), np.inf, rate)
+        mine[quantity] = (-largest, largest)
     found = []
     for quantity, (low, high) in mine.items():
         least, most = proof.limits[quantity]

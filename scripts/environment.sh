@@ -68,6 +68,12 @@ install_into_venv() {
         return 1
     fi
     if ((installed != 0)); then return 1; fi
+    # Newer versions of scikit-build-core install a finder that comes before PYTHONPATH, and so before a copy of the package
+    # with another core, such as a checked one.
+    local path
+    for path in "$venv"/lib/python*/site-packages/_editable_*pinproof.pth; do
+        if [[ -f "$path" ]]; then printf '%s\n' "$root/src" >"$path"; fi
+    done
     fingerprint "" >"$venv/.installed-plain"
     if [[ -n "$extra" ]]; then fingerprint "$extra" >"$venv/.installed-$extra"; fi
 }

@@ -422,6 +422,8 @@ def package_of(name: str) -> str:
 def warm() -> None:
     """Import the slow libraries, so that no run of tests has to; without threads, which would not survive a fork."""
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    # The finder of an editable installation would import the sources of the checkout before those of the copy.
+    sys.meta_path[:] = [finder for finder in sys.meta_path if not type(finder).__module__.startswith("_editable")]
     warnings.simplefilter("ignore", DeprecationWarning)
     for library in ("pytest", "hypothesis", "numpy", "pinocchio", "coal", "scipy", "coverage", "lxml.etree"):
         with contextlib.suppress(ImportError):
@@ -545,9 +547,11 @@ def main(arguments: list[str] | None = None) -> int:
         (reports / str(k)).unlink(missing_ok=True)
         return (k, mutant), start, 3 * mutant.seconds + 20
 
-    for (k, _), _, _ in run_all(
+    for (k, control), status, _ in run_all(
         (run(k, m, False) for k, m in enumerate(controls)), options.workers, reports / "control"
     ):
+        if status not in (0, 1):  # not even the tests could be run, which would look like a mistake that is noticed
+            raise SystemExit(f"the tests of {name_of[control.file]} do not run without a mistake: status {status}")
         if (reports / str(k)).is_file():
             unfit.update((reports / str(k)).read_text().splitlines())
     for name in sorted(unfit):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pinproof.description.mjcf import mjcf_of
+from pinproof.description.mjcf import read_mjcf
 from pinproof.description.srdf import Srdf
 from pinproof.description.urdf import Urdf, read_urdf
 from pinproof.description.xml_reader import parse_file
@@ -78,10 +78,8 @@ def read_description(
     UrdfError
         If the file is invalid; the message states the line.
     InputError
-        If the file is a xacro file and the extra ``xacro`` is not installed.
+        If the extra for the format, ``xacro`` or ``mjcf``, is not installed.
     """
-    if path.suffix in (".xml", ".mjcf"):
-        root = parse_file(path)
-        if root.tag == "mujoco":
-            return mjcf_of(root, path)
+    if path.suffix in (".xml", ".mjcf") and parse_file(path).tag == "mujoco":
+        return read_mjcf(path)
     return read_urdf(path, package_dirs=package_dirs, xacro_args=xacro_args), Srdf()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,23 @@ def test_a_stop_that_leads_into_an_obstacle_is_not_proven(monitor, checker, swin
     assert not result.proven
 
 
+def test_a_stop_is_proven_with_all_its_tolerance_and_only_if_it_ends_soon(checker, swing) -> None:
+    low, high = 0.0, 1.5  # of the shoulder, which lowers the arm onto the table
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if checker.is_free(OTHER + middle * np.eye(6)[1]) else (low, middle)
+    beside, rest = OTHER + (low - 0.01) * np.eye(6)[1], np.zeros(6)
+    for error, status in ((0.02, MonitorStatus.OUTSIDE), (0.005, MonitorStatus.OUTSIDE_BRAKING_FREE)):
+        judge = pp.Monitor(checker, swing, joint_tolerance=0.03, position_error=error * np.eye(6)[1])
+        assert judge.update(0.0, beside, rest).status is status
+    turning = np.eye(6)[5]  # the last joint can turn at any angle
+    for stop, status in ((61.0, MonitorStatus.OUTSIDE), (59.0, MonitorStatus.OUTSIDE_BRAKING_FREE)):
+        judge = pp.Monitor(checker, swing, joint_tolerance=0.03, acceleration=1.0 / stop)
+        result = judge.update(0.5, swing(0.5) + 0.05 * turning, turning)
+        assert result.status is status
+        assert result.stop == pytest.approx(stop)
+
+
 def test_measurements_that_are_not_finite_are_an_alarm(monitor, swing) -> None:
     q = swing(0.5).copy()
     q[2] = np.nan
@@ -100,18 +119,68 @@ def test_no_contact_happens_without_an_earlier_alarm(checker, swing) -> None:
     assert alarms == 20, "every failure is detected"
 
 
-def test_simulated_stops_stay_inside_the_certified_tube(monitor, checker) -> None:
+def worst_deviation(swing, progress, q, dq, latency, position_error, velocity_error, acceleration):
+    """(6,) the largest deviation within the latency, among robots that deviate and accelerate as far as they may."""
+    s = np.linspace(0.0, latency, 41)[:, None]
+    motion = swing(np.minimum(progress + s[:, 0], swing.duration))
+    worst = np.zeros(6)
+    for side in (1, -1):
+        robot = q + side * position_error + (dq + side * velocity_error) * s + side * acceleration * s**2 / 2
+        worst = np.maximum(worst, np.abs(robot - motion).max(axis=0))
+    return worst
+
+
+@pytest.mark.parametrize(
+    ("latency", "position_error", "velocity_error"),
+    [(0.0, 0.002, 0.0), (0.02, 0.0, 0.0), (0.02, 0.003, 0.1), (0.01, np.arange(6) * 1e-3, np.arange(6) * 0.05)],
+)
+def test_the_deviation_is_the_largest_one_of_robots_within_the_errors(
+    checker, swing, latency, position_error, velocity_error
+) -> None:
+    limit, rng = checker.arm.limits.acceleration, np.random.default_rng(3)
+    monitor = pp.Monitor(
+        checker, swing, joint_tolerance=0.03, acceleration=limit, latency=latency, position_error=position_error,
+        velocity_error=velocity_error,
+    )  # fmt: skip
+    tight = np.zeros(6)
+    for time in np.sort(rng.uniform(0.001, swing.duration, 60)):
+        q, dq = swing(time) + rng.uniform(-0.01, 0.01, 6), swing.velocity(time) + rng.uniform(-0.3, 0.3, 6)
+        result = monitor.update(time, q, dq)
+        worst = worst_deviation(swing, result.progress, q, dq, latency, position_error, velocity_error, limit)
+        assert (worst <= result.deviation + 1e-12).all()
+        assert result.inside == bool((result.deviation <= 0.03).all())
+        tight = np.maximum(tight, worst / result.deviation)
+    assert (tight[np.ptp(swing.q, axis=0) > 0.0] > 0.999).all()  # the motion accelerates against the robot at times
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.02])
+def test_a_resting_robot_leaves_the_tube_where_its_errors_may(checker, swing, latency) -> None:
+    monitor = pp.Monitor(
+        checker, swing, joint_tolerance=0.03, latency=latency, position_error=0.002, velocity_error=0.05
+    )
+    drift = (checker.arm.limits.acceleration + swing.max_acceleration()) * latency**2 / 2
+    distance = 0.03 - 0.002 - 0.05 * latency - drift
+    for k, (j, side, share) in enumerate(product(range(1, 6), (1, -1), (0.999, 1.001))):  # the first joint moved
+        at = swing.end + side * share * distance[j] * np.eye(6)[j]
+        result = monitor.update(swing.duration + 1 + k, at, np.zeros(6))
+        assert result.inside == (share < 1)
+        assert result.joint == ("" if share < 1 else swing.joint_names[j])
+        assert result.excess == pytest.approx(max(share - 1, 0) * distance[j])
+
+
+def test_simulated_stops_stay_inside_the_certified_tube_and_reach_its_border(checker) -> None:
     rng, limit = np.random.default_rng(2), checker.arm.limits.acceleration
-    for latency, error in ((0.0, 0.0), (0.004, 0.01)):
+    for latency, error, off in ((0.0, 0.0, 0.0), (0.004, 0.01, 0.0), (0.004, 0.01, 0.002)):
         judge = pp.Monitor(
-            checker, timed(checker, HIGH, OTHER), joint_tolerance=0.02, latency=latency, velocity_error=error
-        )
+            checker, timed(checker, HIGH, OTHER), joint_tolerance=0.02, latency=latency, velocity_error=error,
+            position_error=off,
+        )  # fmt: skip
         for _ in range(20):
             q, measured = rng.normal(size=6), rng.normal(size=6)
             path, tolerance, stop = judge.stopping(q, measured)
             start, step = path.start, path.end - path.start
             v = measured + rng.uniform(-error, error, 6)
-            positions = [q]
+            positions = [q + rng.uniform(-off, off, 6)]
             for _ in range(40):  # any acceleration within the limits until the brakes act
                 acceleration = rng.uniform(-1, 1, 6) * limit
                 dt = latency / 40
@@ -125,6 +194,14 @@ def test_simulated_stops_stay_inside_the_certified_tube(monitor, checker) -> Non
                 # The shares of the segment at which each joint is within its tolerance have a share in common.
                 ends = np.sort([(point - start - side * tolerance) / step for side in (1, -1)], axis=0)
                 assert max(ends[0].max(), 0.0) <= min(ends[1].min(), 1.0) + 1e-9
+            # The robot that is as far, as fast and as much accelerated as possible in the direction of its motion.
+            way = np.sign(measured)
+            v = measured + way * error
+            last = q + way * off + v * latency + way * limit * latency**2 / 2
+            v = v + way * limit * latency
+            duration = (np.abs(v) / limit).max()
+            assert latency + duration == pytest.approx(stop)
+            np.testing.assert_allclose(last + v * duration / 2 - path.end, way * tolerance, atol=1e-12)
 
 
 def test_certificates_of_other_motions_and_setups_are_refused(checker, swing) -> None:

@@ -119,6 +119,52 @@ def test_file_with_one_changed_number_is_refused(library, checker, tmp_path) -> 
         pp.MotionLibrary.load(file, checker)
 
 
+def test_tolerances_hold_for_every_motion_that_is_added_loaded_repaired_or_certified_again(checker, swing, tmp_path):
+    """A ball over the motion, whose distance at dense samples decides which displacements can be covered."""
+    q = swing(np.linspace(0.0, swing.duration, 200))
+
+    def with_ball(height: float) -> pp.CollisionChecker:
+        return checker.with_scene(checker.scene.add(pp.Obstacle("ball", pp.Sphere(0.05), pp.pose((0.45, 0.3, height)))))
+
+    low, high = 0.6, 0.9  # in contact, and beyond the other distances
+    for _ in range(10):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if distance_of_ball(with_ball(middle), q) > 0.006 else (middle, high)
+    near, rng = with_ball(low), np.random.default_rng(0)
+    gap = distance_of_ball(near, q)  # beyond the margin
+    assert 0.0055 < gap <= 0.0065
+
+    covered = pp.MotionLibrary(near, obstacle_tolerance=0.9 * gap).add("swing", swing)
+    for shift in rng.normal(size=(10, 3)):
+        x, y, z = np.array([0.45, 0.3, low]) + 0.9 * gap * shift / np.linalg.norm(shift)
+        moved = pp.Obstacle("ball", pp.Sphere(0.05), pp.pose((x, y, z)))
+        assert checker.with_scene(checker.scene.add(moved)).is_free_batch(q).all()
+    far = pp.MotionLibrary(with_ball(0.9), obstacle_tolerance=1.1 * gap).add("swing", swing)
+    far.save(tmp_path / "far.json")
+    with pytest.raises(NotProvenFree):
+        pp.MotionLibrary(near, obstacle_tolerance=1.1 * gap).add("swing", swing)
+    assert not far.with_checker(near)["swing"].free
+    assert not pp.MotionLibrary.load(tmp_path / "far.json", near)["swing"].free
+    repaired = far.with_checker(near).repair("swing", clearance=1.4 * gap).or_raise().motion.trajectory
+    assert distance_of_ball(near, repaired(np.linspace(0, repaired.duration, 200))) > 1.1 * gap
+    assert covered.with_checker(with_ball(0.9)).with_checker(near)["swing"].free
+
+    assert pp.MotionLibrary(near).add("swing", swing)["swing"].free
+    assert not near.is_free_batch(q + rng.choice([-0.02, 0.02], q.shape)).all()
+    wide = pp.MotionLibrary(with_ball(0.9), joint_tolerance=0.02).add("swing", swing)
+    wide.save(tmp_path / "wide.json")
+    with pytest.raises(NotProvenFree):
+        pp.MotionLibrary(near, joint_tolerance=0.02).add("swing", swing)
+    assert not wide.with_checker(near)["swing"].free
+    assert not pp.MotionLibrary.load(tmp_path / "wide.json", near)["swing"].free
+
+
+def distance_of_ball(checker: pp.CollisionChecker, q: np.ndarray) -> float:
+    """The smallest distance of the ball from the arm beyond the margin, at configurations (N, 6)."""
+    rest = [k for k, pair in enumerate(checker.pairs) if all(checker.bodies[i].owner != "ball" for i in pair)]
+    return float(checker.without_pairs(rest).clearance_batch(q).min() - checker.margin)
+
+
 @pytest.mark.parametrize(
     ("mistake", "named"),
     [

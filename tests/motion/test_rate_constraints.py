@@ -99,6 +99,67 @@ def test_a_motion_that_exceeds_limits_is_slowed_down(jerk):
     assert hurried.duration >= honest.duration * 0.97
 
 
+class Hopeful:
+    """A constraint whose coefficients permit 3 times the limit, so that only ``excess`` keeps it."""
+
+    def __init__(self, constraint):
+        self.name, self.excess, self._given = constraint.name, constraint.excess, constraint
+
+    def coefficients(self, q, slope, curvature):
+        *rows, bound = self._given.coefficients(q, slope, curvature)
+        return (*rows, 9.0 * bound)
+
+
+def shares(trajectory, limits, constraints):
+    """(N, k) the share of each limit that a motion uses at equal times."""
+    t = np.linspace(0, trajectory.duration, 3001)
+    velocity, acceleration = trajectory.velocity(t), trajectory.acceleration(t)
+    used = [np.abs(velocity) / limits.velocity, np.abs(acceleration) / limits.acceleration]
+    for each in constraints:
+        if isinstance(each, ToolSpeed):
+            used.append(np.linalg.norm(velocity[:, :2], axis=1, keepdims=True) / each.limit)
+        else:
+            used.append(np.abs(acceleration @ each.matrix.T) / each.bound)
+    return np.hstack(used)
+
+
+def several_limits(path, rng):
+    """Limits of the joints, and three constraints in any order: the motion without them exceeds each by 0.8 to 2."""
+    limits = limits_of(rng.uniform(0.3, 2, 3), rng.uniform(1, 8, 3))
+    given = [ToolSpeed(1.0), *(Linear(row, 1.0) for row in rng.normal(size=(2, 3)))]
+    given = [given[k] for k in rng.permutation(3)]
+    most = shares(time_parametrise(path, limits), limits, given)[:, 6:].max(axis=0)
+    for each, largest, excess in zip(given, most, rng.uniform(0.8, 2.0, 3), strict=True):
+        setattr(each, "limit" if isinstance(each, ToolSpeed) else "bound", np.asarray(largest / excess))
+    return limits, given
+
+
+PATHS = [WAVE, CORNER, JointPath([[0, 0, 0], [1, 1, 0], [1, 0, 2]], names(3))]
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_among_several_constraints_every_one_is_kept_and_one_is_used_at_any_time(path):
+    rng, strictest = np.random.default_rng(7), set()
+    for _ in range(8):
+        limits, given = several_limits(path, rng)
+        used = shares(time_parametrise(path, limits, rate_limits=given), limits, given)
+        assert used.max() <= RELATIVE
+        assert (used.max(axis=1) > 0.9).mean() > 0.95  # at almost every time a limit is used: no motion is faster
+        strictest.add(int(used.max(axis=0).argmax()))
+    assert len(strictest) > 2
+
+
+@pytest.mark.parametrize("jerk", [None, 50.0])
+@pytest.mark.parametrize("path", PATHS)
+def test_constraints_that_are_exceeded_between_the_nodes_are_all_kept(path, jerk):
+    rng = np.random.default_rng(7)
+    for _ in range(3):
+        limits, given = several_limits(path, rng)
+        trajectory = time_parametrise(path, limits, jerk=jerk, rate_limits=[Hopeful(each) for each in given])
+        assert shares(trajectory, limits, given).max() <= RELATIVE
+        assert jerk is None or (trajectory.max_jerk() <= jerk * RELATIVE).all()
+
+
 def test_a_constraint_that_is_violated_at_standstill_is_named_with_its_place():
     for path in (WAVE, JointPath([[1.0, 2, 3]], names(3))):
         with pytest.raises(TimingError, match=r"'force' is violated at standstill at q = \[") as caught:

@@ -202,3 +202,23 @@ def test_window_that_is_shorter_than_the_joints_need_is_reported() -> None:
     result = plan_among_movers(checker, start, goal, [drive], window=(0.0, 0.01))
     assert result.status is PlanStatus.OUT_OF_BUDGET
     assert "window" in result.message
+
+
+@pytest.mark.parametrize(("gap", "ok"), [(1e-4, True), (1e-7, False)])
+def test_a_motion_that_is_not_proven_is_not_returned(gantry, gap, ok) -> None:
+    """The straight motion passes a small ball between two samples; whether it touches it is not decided at 0.1 um."""
+    start, goal = np.array([-0.4, 0.0]), np.array([0.4, 0.0])
+    checker = pp.CollisionChecker(
+        gantry, pp.Scene([pp.Obstacle("post", pp.Sphere(0.01), pp.pose((0.09, 0.06 + gap, 0)))])
+    )
+    resting = pp.Mover("rest", ("post",), pp.Trajectory.at_rest([0.0], ["rest"], 30.0))
+    direct = pp.time_parametrise(pp.JointPath([start, goal], gantry.joint_names), gantry.limits)
+    status = pp.CertificateStatus.FREE if ok else pp.CertificateStatus.UNDECIDED
+    assert pp.certify(direct, checker, movers=[resting]).status is status
+    result = plan_among_movers(checker, start, goal, [resting], window=(0.0, 1.4), samples=40)
+    assert result.ok == ok
+    if ok:
+        checked(result, checker, [resting])
+    else:
+        assert result.status is PlanStatus.OUT_OF_BUDGET
+        assert (result.trajectory, result.certificate, result.goal) == (None, None, None)

@@ -81,16 +81,33 @@ def test_a_contact_that_other_joints_avoid_is_no_barrier() -> None:
     assert BUDGET.plan(checker, START, [0.5, 0, 0]).ok
 
 
-def test_a_contact_of_the_hull_alone_proves_nothing(tmp_path: Path) -> None:
-    """A rod passes between the two bars of the rack, which its hull joins; a wide board does not."""
+def rack_of_two_bars(folder: Path) -> pp.Arm:
+    """A rod passes between the bars, which the hull of the rack joins."""
     one = trimesh.creation.box(bounds=[(-0.1, -0.1, -0.02), (-0.06, 0.1, 0.02)])
     other = trimesh.creation.box(bounds=[(0.06, -0.1, -0.02), (0.1, 0.1, 0.02)])
-    trimesh.util.concatenate([one, other]).export(tmp_path / "rack.stl")
-    rack = lift(f'<mesh filename="{tmp_path / "rack.stl"}"/>')
-    rod = pp.Obstacle("board", pp.Box(0.05, 0.05, 0.02), pp.pose((0, 0.6, 0.25)))
-    checker = pp.CollisionChecker(rack, pp.Scene([rod]), margin=0.001)
+    trimesh.util.concatenate([one, other]).export(folder / "rack.stl")
+    return lift(f'<mesh filename="{folder / "rack.stl"}"/>')
+
+
+ROD = pp.Obstacle("board", pp.Box(0.05, 0.05, 0.02), pp.pose((0, 0.6, 0.25)))
+
+
+def test_a_contact_of_the_hull_alone_proves_nothing(tmp_path: Path) -> None:
+    """A rod passes between the two bars of the rack, which its hull joins; a wide board does not."""
+    rack = rack_of_two_bars(tmp_path)
+    checker = pp.CollisionChecker(rack, pp.Scene([ROD]), margin=0.001)
     assert not checker.is_free([0.25, 0, 0])
     assert BUDGET.plan(checker, START, GOAL).status is pp.planning.PlanStatus.OUT_OF_BUDGET
     wide = pp.Obstacle("board", pp.Box(0.4, 0.05, 0.02), pp.pose((0, 0.6, 0.25)))
     checker = pp.CollisionChecker(rack, pp.Scene([wide]), margin=0.001)
     assert BUDGET.plan(checker, START, GOAL).status is pp.planning.PlanStatus.IMPOSSIBLE
+
+
+def test_a_contact_of_the_hand_beside_one_of_the_hull_is_no_barrier(tmp_path: Path) -> None:
+    """Where the hull of the rack is in contact, the hand at its start is in a post, which it can pass elsewhere."""
+    post = pp.Obstacle("post", pp.Box(0.1, 0.1, 0.1), pp.pose((0.6, 0, 0.25)))
+    checker = pp.CollisionChecker(rack_of_two_bars(tmp_path), pp.Scene([ROD, post]), margin=0.001)
+    at = np.array([0.25, 0, 0])
+    assert {contact.bodies for contact in checker.check(at).contacts} == {("carriage", "board"), ("hand", "post")}
+    assert {contact.bodies for contact in checker.exact_at(at).check(at).contacts} == {("hand", "post")}
+    assert find_barriers(checker, START, np.array([[0.5, 0, 0], GOAL])) == ()

@@ -9,6 +9,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.motion.limits import RATE_TOLERANCE
+from pinproof.motion.steering import Steering
 from pinproof.planning import optimise
 
 
@@ -76,6 +77,37 @@ def test_without_obstacles_the_motion_takes_as_long_as_its_lower_bound(panda: pp
     assert result.certificate.free
 
 
+def at_the_slot_of_the_wall(checker: pp.CollisionChecker, acceleration: float, seed: int) -> pp.planning.OptimiseResult:
+    """A motion whose limits of position are at the middle of the slot: a shortcut that overshoots leaves them."""
+    rates = {"velocity": np.ones(2), "acceleration": np.full(2, acceleration)}
+    limits = SimpleNamespace(**rates, lower=np.array([-0.8, -0.6]), upper=np.array([0.8, 0.6]))
+    path = pp.JointPath([[-0.8, -0.6], [-0.3, 0.6], [0.3, 0.6], [0.8, -0.6]], checker.group.joint_names)
+    result = optimise(path, checker, limits=limits, jerk=500.0, budget=200, rng=seed)
+    q = result.trajectory(np.linspace(0.0, result.duration, 5000))
+    assert (q >= limits.lower - 1e-9).all()
+    assert (q <= limits.upper + 1e-9).all()
+    assert excess_on_grid(result.trajectory, limits, 500.0) <= RATE_TOLERANCE
+    assert result.certificate.free
+    return result
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "seed", "share"), [(2.0, 1, 0.76), (6.0, 0, 0.78), (6.0, 2, 0.78), (1.0, 0, 0.63)]
+)
+def test_narrower_limits_of_position_are_kept_and_the_motion_is_still_shortened(
+    gantry: pp.Arm, slotted: pp.Scene, acceleration: float, seed: int, share: float
+) -> None:
+    result = at_the_slot_of_the_wall(pp.CollisionChecker(gantry, slotted), acceleration, seed)
+    assert result.duration < share * result.duration_before
+
+
+def test_limits_of_position_are_kept_even_if_the_search_does_not_check_them(
+    gantry: pp.Arm, slotted: pp.Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Steering, "inside", lambda *_: True)
+    at_the_slot_of_the_wall(pp.CollisionChecker(gantry, slotted), 2.0, 1)
+
+
 def test_the_same_seed_gives_the_same_motion(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
     checker, path = around_the_wall
     first, second = (optimise(path, checker, budget=100, rng=3).trajectory for _ in range(2))
@@ -88,6 +120,18 @@ def test_the_nearest_of_several_goals_is_chosen(around_the_wall: tuple[pp.Collis
     result = optimise(path, checker, goals=goals, budget=100)
     assert result.goal == 2
     assert np.array_equal(result.trajectory.end, goals[2])
+
+
+def test_goals_outside_the_limits_of_position_are_ignored(gantry: pp.Arm) -> None:
+    checker = pp.CollisionChecker(gantry)
+    path = pp.JointPath([[0.0, 0.0], [0.5, 0.5]], gantry.joint_names)
+    limits = limits_of(gantry)
+    limits.lower, limits.upper = np.array([-0.4, -0.5]), np.array([0.5, 0.5])
+    outside = [[-0.45, 0.0], [0.0, 0.51], [0.0, -0.55]]
+    assert optimise(path, checker, limits=limits, goals=outside, budget=50).goal is None
+    result = optimise(path, checker, limits=limits, goals=[*outside, [-0.4, 0.2]], budget=50)
+    assert result.goal == 3
+    assert result.certificate.free
 
 
 def test_a_budget_of_zero_only_times_the_path(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:

@@ -450,12 +450,12 @@ class _Search:
 
     def _plan(self, goals: list[int]) -> tuple[Array, int] | None:
         """A path (m, n) to one of the goals, with edges that are free at their samples."""
-        ends = np.ascontiguousarray(self._goals[goals])
+        ends, bounds = np.ascontiguousarray(self._goals[goals]), self._bounds
         search = RrtSearch(
             self._edges.core,
             np.ascontiguousarray(self._start),
             ends,
-            sampling_box(self._checker.group, np.vstack([self._start, ends])),
+            sampling_box(self._checker.group, np.vstack([self._start, ends])).clip(bounds.lower, bounds.upper),
             step=PLAN_STEP,
             max_nodes=PLAN_SAMPLES,
             max_samples=PLAN_SAMPLES,

@@ -128,7 +128,9 @@ def test_goals_outside_the_limits_of_position_are_ignored(gantry: pp.Arm) -> Non
     limits = limits_of(gantry)
     limits.lower, limits.upper = np.array([-0.4, -0.5]), np.array([0.5, 0.5])
     outside = [[-0.45, 0.0], [0.0, 0.51], [0.0, -0.55]]
-    assert optimise(path, checker, limits=limits, goals=outside, budget=50).goal is None
+    ignored = optimise(path, checker, limits=limits, goals=outside, budget=50)
+    assert ignored.goal is None
+    assert ignored.lower_bound == optimise(path, checker, limits=limits, budget=0).lower_bound
     result = optimise(path, checker, limits=limits, goals=[*outside, [-0.4, 0.2]], budget=50)
     assert result.goal == 3
     assert result.certificate.free

@@ -98,7 +98,7 @@ def panda_bin() -> BenchmarkCell:
         pp.Scene.load(folder / "bin_scene.yaml"),
         replace(picks, picks=tuple(pick for pick in picks if pick.name in names)),
         PlacementRegion(x=(-0.3, 0.2), y=(-0.4, 0.4), yaw=(-1.0, 1.0)),
-        budget=PlacementBudget(grid=1000, runs=4, evaluations=60, certified=4, proofs=100),
+        budget=PlacementBudget(grid=1000, runs=4, evaluations=60, certified=4),
     )
 
 
@@ -147,8 +147,6 @@ class PlacementRow:
     good: int
     best: float | None
     median: float | None
-    covered: float
-    slower: float | None = None
     load: float | None = None
     feasible: int = 0
     tried: int = 0
@@ -271,8 +269,6 @@ def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow
         good,
         None if found.best is None else found.best.cycle_time,
         float(np.nanmedian(times)) if feasible else None,
-        found.covered,
-        found.slower_share,
         load,
         feasible,
         len(times),
@@ -282,7 +278,7 @@ def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow
 def screen_into(name: str, placements: int, workers: int, folder: Path) -> PlacementResult:
     """A search without refinement and proofs that keeps its rows in a folder."""
     cell = CELLS[name]()
-    budget = PlacementBudget(grid=placements, runs=0, evaluations=0, certified=1, proofs=0)
+    budget = PlacementBudget(grid=placements, runs=0, evaluations=0, certified=1)
     return place_base(
         cell.arm, cell.scene, cell.picks, cell.region, moves_with_base=cell.moves_with_base,
         placement_budget=budget, workers=workers, folder=folder,
@@ -356,13 +352,11 @@ def markdown(table: CellTable) -> str:
     lines = ["# Cell benchmark", "", *wrapped(provenance_text(table), note), "", "## Base placement", ""]
     lines += section(
         "Searches over x, y, z and yaw of the base. Screened: placements at which all picks are screened. Seconds: of "
-        "the complete search with its proofs, including the start of the workers, on a machine with the load stated "
+        "the complete search, including the start of the workers, on a machine with the load stated "
         "above; CPU: the processor time of all processes. Good: picks that are certified at the best placement. Best: "
         "the certified cycle time there, and how far it is below the median. For the median, placements of the grid at "
         f"which the base and all grasps are free are judged, {QUANTILES} at equal steps of the rank of their estimated "
-        "cycle time, and those at which all picks are good count; feasible states how many. Empty: share of the region "
-        "that is proven to have no placement. Slower: share of the region in which every placement is proven to be "
-        "slower than the best one.",
+        "cycle time, and those at which all picks are good count; feasible states how many.",
         {
             "cell": lambda row: row.cell,
             "picks": lambda row: row.picks,
@@ -375,8 +369,6 @@ def markdown(table: CellTable) -> str:
             "median": lambda row: _number(row.median),
             "below": lambda row: "" if None in (row.best, row.median) else f"{1 - row.best / row.median:.0%}",
             "feasible": lambda row: f"{row.feasible} of {row.tried}" if row.tried else "",
-            "empty": lambda row: f"{row.covered:.0%}",
-            "slower": lambda row: "" if row.slower is None else f"{row.slower:.0%}",
             "load": lambda row: _number(row.load),
         },
         table.placements,

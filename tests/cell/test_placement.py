@@ -24,21 +24,16 @@ from pinproof.cell import (
     stages,
     without_parts,
 )
-from pinproof.cell.placement.base_proofs import BaseContacts
-from pinproof.cell.placement.bounds import SlowTask
 from pinproof.cell.placement.placed_robot import PlacedRobot
 from pinproof.cell.placement.placement_result import CertifiedPlacement
 from pinproof.cell.placement.region import mounting_pose
-from pinproof.cell.placement.screening import GraspTable, PlacementScreening
-from pinproof.common.files import json_text
 from pinproof.picks import PickBudget, PickWeights
 from pinproof.picks.batch.workers import LocalWorkers
-from pinproof.picks.judging.task import Cell
 
 from ..processes import PATIENCE, RUN_CLI, started, wait_for
 
 ROBOTS = Path(__file__).parents[2] / "robots"
-SMALL = PlacementBudget(grid=60, runs=2, evaluations=24, certified=2, proofs=0)
+SMALL = PlacementBudget(grid=60, runs=2, evaluations=24, certified=2)
 QUICK = PickBudget(motion=0, compared=4, remedies=0)
 
 
@@ -69,7 +64,7 @@ def bolts(picks: pp.Picks) -> pp.Picks:
 @pytest.fixture(scope="module")
 def found(arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks) -> PlacementResult:
     region = PlacementRegion(x=(-0.3, 0.1), y=(-0.3, 0.3), yaw=(-np.pi, np.pi))
-    return place_base(arm, scene, bolts, region, placement_budget=replace(SMALL, proofs=50), budget=QUICK)
+    return place_base(arm, scene, bolts, region, placement_budget=SMALL, budget=QUICK)
 
 
 def judged_again(
@@ -185,7 +180,7 @@ def test_screened_grid_agrees_with_screen_picks(
 def test_workers_do_not_change_the_result(
     arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, found: PlacementResult
 ) -> None:
-    budgets = {"placement_budget": replace(SMALL, proofs=50), "budget": QUICK}
+    budgets = {"placement_budget": SMALL, "budget": QUICK}
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:  # one start for all stages
         again = place_base(arm, scene, bolts, found.region, executor=executor, **budgets)
     assert again.to_dict() == found.to_dict()
@@ -201,7 +196,7 @@ def test_interrupted_search_resumes_from_its_folder(
         if stage == "certify_1" and done == 2:
             raise KeyboardInterrupt
 
-    settings = {"placement_budget": replace(SMALL, proofs=50), "budget": QUICK, "folder": tmp_path / "search"}
+    settings = {"placement_budget": SMALL, "budget": QUICK, "folder": tmp_path / "search"}
     with pytest.raises(PlacementInterrupted) as error:
         place_base(arm, scene, bolts, found.region, progress=stop, **settings)
     kept = error.value.result
@@ -251,7 +246,7 @@ def test_resumed_search_starts_its_workers_once(
             started.append(self)
 
     monkeypatch.setattr(stages, "LocalWorkers", Counted)
-    tiny = PlacementBudget(grid=4, runs=0, evaluations=0, certified=1, proofs=0)
+    tiny = PlacementBudget(grid=4, runs=0, evaluations=0, certified=1)
     for _ in range(2):  # rows from the folder have no motions, so the second search judges the picks again
         place_base(
             arm, scene, some(bolts, "bolt_1"), PlacementRegion(x=(-0.05, 0.05), y=(-0.05, 0.05)),
@@ -308,165 +303,6 @@ def test_robot_on_the_ceiling_is_judged_with_the_vertical_of_the_cell(arm: pp.Ar
     up = result.best.arm.root_from_base.rotation @ np.array([0, 0, 1.0])
     np.testing.assert_allclose(up, [0, 0, -1], atol=1e-12)
     assert judged_again(arm, parts, bare, result.best.root_from_cell).ok
-
-
-@pytest.mark.parametrize("names", [("bolt_1", "bolt_6"), ("bolt_2",)])
-@pytest.mark.slow
-def test_proven_empty_cells_have_no_placement(
-    arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, names: tuple[str, ...]
-) -> None:
-    chosen = some(picks, *names)
-    region = PlacementRegion(x=(-0.8, 0.6), y=(-0.6, 0.6), z=(-0.1, 0.1), yaw=(-1.0, 1.0))
-    budget = PlacementBudget(grid=240, runs=0, certified=1, proofs=200)
-    result = place_base(arm, scene, chosen, region, placement_budget=budget, budget=QUICK)
-    assert result.covered > 0.1
-    assert any(cell.boxes for cell in result.empty)  # some need more than the length of the arm
-    generator = np.random.default_rng(0)
-    placed = PlacedRobot.make(arm, scene, np.eye(4))
-    assert all(cell.pick for cell in result.empty)
-    for cell in result.empty:
-        pick = next(each for each in chosen if each.name == cell.pick)
-        inside = generator.uniform(cell.lower, cell.upper, (60, 4))
-        corners = np.array(np.meshgrid(*zip(cell.lower, cell.upper, strict=True))).reshape(4, -1).T
-        targets = [
-            chosen.tcp_target(pick.transformed(pp.pose(there[:3, 3], pp.xyz_rpy(there)[3:])).pose, arm.root_from_base)
-            for there in (placed.root_from_cell(each) for each in np.vstack([inside, corners]))
-        ]
-        assert not pp.AnalyticIk().solve_all_batch(arm, targets).count.any()
-
-
-@pytest.mark.slow
-def test_cells_that_are_proven_to_be_slower_are_neither_empty_nor_the_best(
-    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks
-) -> None:
-    velocity = arm.limits.velocity * [0.15, 1, 1, 1, 1, 1]  # the yaw of the base has a large effect
-    slow = arm.with_limits(pp.JointLimits(arm.limits.lower, arm.limits.upper, velocity, arm.limits.acceleration))
-    region = PlacementRegion(x=(-0.3, 0.1), y=(-0.4, 0.4), yaw=(-np.pi, np.pi))
-    budget = PlacementBudget(grid=300, runs=0, certified=1, proofs=50)
-    result = place_base(slow, scene, bolts, region, placement_budget=budget, budget=QUICK)
-    assert result.best is not None
-    assert result.slower_share == pytest.approx(len(result.slower) / len(result.map))  # type: ignore[arg-type]
-    assert result.slower
-    assert all(cell.seconds > result.best.cycle_time for cell in result.slower)
-    at = np.array([0.5 * (cell.lower + cell.upper) for cell in result.slower])
-    for lower, upper in [(result.best.placement.values,) * 2, *((cell.lower, cell.upper) for cell in result.empty)]:
-        half = result.slower[0].upper - at[0] if lower is upper else 0.0
-        assert not ((lower - half <= at) & (at <= upper + half)).all(axis=1).any()
-    assert json.loads(json_text(result.to_dict()))["proven_slower"]["share"] == result.slower_share
-
-
-@pytest.mark.parametrize("held", [False, True])
-def test_no_placement_of_a_cell_is_faster_than_its_bound(
-    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks, held: bool
-) -> None:
-    if held:
-        scene, bolts = without_parts(arm, scene, replace(bolts, picks=[replace(p, carried=p.name) for p in bolts]))
-    limits = arm.limits  # one full rotation of each joint has fewer solutions to compare
-    arm = arm.with_limits(pp.JointLimits(np.full(6, -np.pi), np.full(6, np.pi), limits.velocity, limits.acceleration))
-    placed, home = PlacedRobot.make(arm, scene, np.eye(4)), np.array(arm.home)
-    checker = pp.CollisionChecker(placed.arm_at(np.zeros(4)), placed.scene, attached=bolts.open_tool)
-    table = GraspTable.of(bolts, Cell(checker, replace(bolts, picks=()), home))
-    half = np.array([0.04, 0.04, 0.05, 0.1])
-    task = SlowTask((PlacementScreening(placed, bolts, home, table),), half, 3.0)
-    generator, shares = np.random.default_rng(0), []
-    for centre in generator.uniform([-0.5, -0.4, -0.1, -np.pi], [0.3, 0.4, 0.1, np.pi], (16, 4)):
-        (row,) = task(0, [(0, centre - half, centre + half)])
-        samples = centre + half * generator.choice([-1.0, 0.0, 1.0], (8, 4))  # corners, and points between them
-        least = min(sum(least_time(placed, bolts, pick, home, values) for pick in bolts) for values in samples)
-        assert row["seconds"] <= least + 1e-9
-        shares.append(row["seconds"] / least)
-    assert max(shares) > 0.5
-
-
-def least_time(placed: PlacedRobot, picks: pp.Picks, pick: pp.Pick, home: np.ndarray, values: np.ndarray) -> float:
-    """The least time of a pick at a placement from the IK solutions at its poses; obstacles are not considered."""
-    arm, there = placed.original, placed.root_from_cell(values)
-    limits = arm.limits
-
-    def solutions(back: float) -> np.ndarray:
-        target = there @ pick.pose.homogeneous @ pp.pose(xyz=(0, 0, -back)).homogeneous
-        tcp = picks.tcp_target(pp.pose(target[:3, 3], pp.xyz_rpy(target)[3:]), arm.root_from_base)
-        return pp.AnalyticIk().solve_all(arm, tcp).q
-
-    def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        far = np.abs(a[:, None] - b[None])
-        far = np.minimum(far % (2 * np.pi), 2 * np.pi - far % (2 * np.pi))
-        ramps = limits.velocity**2 / limits.acceleration
-        long = far / limits.velocity + limits.velocity / limits.acceleration
-        return np.where(far >= ramps, long, 2 * np.sqrt(far / limits.acceleration)).max(axis=2)
-
-    grasps, ends = solutions(0.0), solutions(pick.retreat)
-    if not len(grasps) or not len(ends):
-        return np.inf
-    return float((times(home[None], grasps)[0][:, None] + times(grasps, ends)).min())
-
-
-def test_motion_that_passes_the_start_of_its_approach_is_not_faster_than_the_bound(
-    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks
-) -> None:
-    pick = replace(bolts.picks[0], carried=bolts.picks[0].name, approach=0.25, retreat=0.02)
-    scene, one = without_parts(arm, scene, replace(bolts, picks=[pick], straight=0.1))
-    (verdict,) = pp.validate_picks(arm, scene, one, budget=QUICK).verdicts
-    approach = verdict.motions[1].trajectory
-    home = np.array(approach(0.85 * approach.duration))  # near the part
-    (verdict,) = pp.validate_picks(arm, scene, one, home=home, budget=replace(QUICK, motion=100)).verdicts
-    placed = PlacedRobot.make(arm, scene, np.eye(4))
-    checker = pp.CollisionChecker(placed.arm_at(np.zeros(4)), placed.scene, attached=one.open_tool)
-    table = GraspTable.of(one, Cell(checker, replace(one, picks=()), home))
-    half = np.full(4, 1e-4)
-    (row,) = SlowTask((PlacementScreening(placed, one, home, table),), half, 2.0)(0, [(0, -half, half)])
-    assert verdict.trajectory is not None
-    assert 0.0 < row["seconds"] <= verdict.trajectory.duration
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mounting", ["floor", "ceiling", "wall"])
-def test_base_is_in_contact_in_every_cell_for_which_it_is_proven(arm: pp.Arm, mounting: str) -> None:
-    column = pp.Obstacle("column", pp.Box(0.24, 0.16, 0.5), pp.pose(xyz=(0.05, 0, -0.3), rpy=(0.1, 0, 0.2)))
-    plate = pp.Obstacle("plate", pp.Cylinder(0.2, 0.06), pp.pose(xyz=(0, 0, -0.5)))
-    bench = pp.Obstacle("bench", pp.Box(0.8, 0.5, 0.3), pp.pose(xyz=(0.6, 0.1, -0.3), rpy=(0, 0, 0.4)))
-    post = pp.Obstacle("post", pp.Cylinder(0.2, 2.0), pp.pose(xyz=(-0.4, -0.4, 0)))
-    ball = pp.Obstacle("ball", pp.Sphere(0.25), pp.pose(xyz=(0.1, -0.8, -0.3)))
-    choice = PlacementChoice("only", mounting=mounting)
-    scene = pp.Scene([column, plate, bench, post, ball])
-    placed = PlacedRobot.make(arm, scene, choice.placement_from_root, ["column", "plate"])
-    checker = pp.CollisionChecker(placed.wide_arm, placed.scene)
-    contacts = BaseContacts(placed, checker)
-    region = PlacementRegion(x=(-0.9, 1.2), y=(-1.2, 0.8), z=(-0.3, 0.6), yaw=(-np.pi, np.pi))
-    half = np.array([0.06, 0.06, 0.05, 0.2])
-    generator = np.random.default_rng(3)
-    found: set[str] = set()
-    for _ in range(250):
-        centre = generator.uniform(region.lower, region.upper)
-        pair = contacts.within(centre - half, centre + half)
-        if pair is None:
-            continue
-        found.add(pair[1])
-        corners = np.array(np.meshgrid(*zip(centre - half, centre + half, strict=True))).reshape(4, -1).T
-        samples = np.vstack([generator.uniform(centre - half, centre + half, (12, 4)), corners])
-        for q in np.hstack([samples, np.tile(arm.home, (len(samples), 1))]):
-            touching = {frozenset(contact.bodies): contact.distance for contact in checker.check(q).contacts}
-            assert touching[frozenset(pair)] < 0.0
-    assert found
-
-
-@pytest.mark.slow
-def test_cells_in_which_the_base_is_in_contact_are_proven_to_be_empty(
-    arm: pp.Arm, scene: pp.Scene, bolts: pp.Picks
-) -> None:
-    pedestal = pp.Obstacle("pedestal", pp.Cylinder(0.15, 0.3), pp.pose(xyz=(0, 0, -0.16)))
-    zone = pp.Obstacle("walkway", pp.Box(1.0, 0.8, 1.0), pp.pose(xyz=(0, -0.5, 0)))
-    region = PlacementRegion(x=(-0.3, 0.1), y=(-0.6, 0.2), yaw=(-0.5, 0.5), forbidden=(zone,))
-    budget = PlacementBudget(grid=120, runs=0, certified=1, proofs=50)
-    parts = pp.Scene([pedestal, *(scene[each.carried or each.name] for each in bolts)])  # type: ignore[index]
-    result = place_base(arm, parts, bolts, region, moves_with_base=["pedestal"], placement_budget=budget, budget=QUICK)
-    assert result.best is not None
-    blocked = [cell for cell in result.empty if cell.contact]
-    assert {cell.contact for cell in blocked} == {("pedestal", "forbidden zone walkway")}
-    assert result.covered == pytest.approx(sum(np.prod((c.upper - c.lower)[[0, 1, 3]]) for c in result.empty) / 0.32)
-    assert result.covered > 0.3
-    best = result.best.placement.values
-    assert not any((cell.lower <= best).all() and (best <= cell.upper).all() for cell in result.empty)
 
 
 def test_no_placement_names_the_picks_that_fail_everywhere(arm: pp.Arm, scene: pp.Scene, picks: pp.Picks) -> None:

@@ -30,7 +30,7 @@ def test_search_on_dask_is_interrupted_resumed_and_equal_to_that_of_one_process(
     arm, scene = picks.load_arm(), pp.Scene.load(robots_folder() / "ur5" / "scene.yaml")
     region = PlacementRegion(x=(-0.3, 0.1), y=(-0.3, 0.3), yaw=(-np.pi, np.pi))
     settings = {
-        "placement_budget": PlacementBudget(grid=60, runs=2, evaluations=12, certified=2, proofs=50),
+        "placement_budget": PlacementBudget(grid=60, runs=2, evaluations=12, certified=2),
         "budget": PickBudget(motion=0, compared=4, remedies=0),
     }
     alone = place_base(arm, scene, picks, region, **settings)

@@ -13,7 +13,7 @@ from pinproof.cell.allocation.allocation_result import AllocationResult, ArmTime
 from pinproof.cell.allocation.arm_program import Piece
 from pinproof.cell.allocation.common_clock import CommonInterval, Timing
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
-from pinproof.cell.placement.heat_map import EmptyCell, PlacementMap, SlowCell
+from pinproof.cell.placement.heat_map import PlacementMap
 from pinproof.cell.placement.place_base import PlacementBudget, PlacementInterrupted, place_base
 from pinproof.cell.placement.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
 from pinproof.cell.placement.region import Placement, PlacementChoice, PlacementRegion
@@ -36,7 +36,6 @@ __all__ = [
     "CertifiedPlacement",
     "CommonInterval",
     "CycleTime",
-    "EmptyCell",
     "LeftOut",
     "OneArm",
     "PartState",
@@ -59,7 +58,6 @@ __all__ = [
     "SequenceInterrupted",
     "SequenceResult",
     "SequenceStep",
-    "SlowCell",
     "Timing",
     "ToleranceStudy",
     "allocate",

@@ -92,12 +92,11 @@ class EffortOptions:
     runs: int = option("Number of the best placements that are then refined.", 4, min=0)
     evaluations: int = option("Number of placements that each refinement tries.", 160, min=0)
     certified: int = option("Number of the best placements at which all picks are checked completely.", 3, min=1)
-    no_proofs: bool = option("Do not prove that parts of the region contain no valid placement.", False)
 
     def budget(self) -> PlacementBudget:
         """The options as a budget."""
         numbers_of = {name: getattr(self, name) for name in ("grid", "runs", "evaluations", "certified")}
-        return pp.cell.PlacementBudget(**numbers_of, **({"proofs": 0} if self.no_proofs else {}))
+        return pp.cell.PlacementBudget(**numbers_of)
 
 
 def cell_place(

@@ -1,8 +1,7 @@
-"""The screened grid of a search for a placement, and the cells of it about which something is proven."""
+"""The screened grid of a search for a placement."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +15,6 @@ from pinproof.spatial import Array
 from pinproof.viewer import ColouredPoints
 
 Mask = npt.NDArray[np.bool_]
-
-INSIDE = 1e-9
-"""m and rad: allowance for rounding of the ends of cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +66,6 @@ class PlacementMap:
     def feasible(self) -> Mask:
         """(N,) placements at which every pick works, as far as it was screened."""
         return np.asarray(np.isfinite(self.estimate))
-
-    def within(self, cells: Sequence[EmptyCell | SlowCell]) -> Mask:
-        """(N,) placements in one of the cells of their choice."""
-        found = np.zeros((len(self.choices), *(len(axis) for axis in self.axes)), dtype=bool)
-        for cell in cells:
-            ends = zip(self.axes, cell.lower - INSIDE, cell.upper + INSIDE, strict=True)
-            inside = tuple(slice(*np.searchsorted(axis, (low, high)).tolist()) for axis, low, high in ends)
-            found[self.choices.index(cell.choice)][inside] = True
-        return found.ravel()
 
     def over_floor(self, values: Array, choice: int, best: Any = np.nanmax) -> Array:
         """(nx, ny) the best of values (N,) over z and yaw at each x and y; NaN where no value exists."""
@@ -146,81 +133,3 @@ def _listed(values: Array) -> list[list[float | None]]:
 def finite_or_none(value: float) -> float | None:
     """The value for JSON, which has no NaN and no infinity."""
     return float(value) if np.isfinite(value) else None
-
-
-@dataclass(frozen=True, eq=False)
-class PlacementCell:
-    """A cell of placements.
-
-    Parameters
-    ----------
-    choice
-        The name of the discrete choice.
-    lower, upper
-        (4,) the ranges of x, y, z (m) and yaw (rad).
-    """
-
-    choice: str
-    lower: Array
-    upper: Array
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self, "lower", "upper")
-
-    @property
-    def volume(self) -> float:
-        """Product of the sides that are not 0."""
-        sides = self.upper - self.lower
-        return float(np.prod(sides[sides > 0]))
-
-    def range_dict(self) -> dict[str, Any]:
-        """The choice and the ranges as plain values for JSON."""
-        return {"choice": self.choice, "lower": self.lower.tolist(), "upper": self.upper.tolist()}
-
-    @property
-    def ranges(self) -> str:
-        """The ranges as text."""
-        return ", ".join(f"{n} {a:.3f} to {b:.3f}" for n, a, b in zip(AXES, self.lower, self.upper, strict=True))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class EmptyCell(PlacementCell):
-    """A cell of placements, at each of which a pick is proven to be out of reach, or the base to be in contact.
-
-    Parameters
-    ----------
-    choice, lower, upper
-        The discrete choice, and the (4,) ranges of x, y, z (m) and yaw (rad).
-    pick
-        The pick that is out of reach; empty if the base is in contact.
-    boxes
-        Number of boxes of joint values that the proof excludes; 0 if the length of the arm excludes the cell.
-    contact
-        The part of the base, or of what moves with it, and the obstacle or forbidden zone that overlap.
-    """
-
-    pick: str = ""
-    boxes: int = 0
-    contact: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        why = f"{self.pick} is out of reach" if self.pick else f"{self.contact[0]} penetrates {self.contact[1]}"
-        return f"EmptyCell({self.ranges}: {why})"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SlowCell(PlacementCell):
-    """A cell of placements, at each of which the cycle time is proven to be larger than that of the best placement.
-
-    Parameters
-    ----------
-    choice, lower, upper
-        The discrete choice, and the (4,) ranges of x, y, z (m) and yaw (rad).
-    seconds
-        A lower bound (s) of the cycle time in the cell, for motions that rest where those of picks do.
-    """
-
-    seconds: float
-
-    def __repr__(self) -> str:
-        return f"SlowCell({self.ranges}: at least {self.seconds:.3f} s)"

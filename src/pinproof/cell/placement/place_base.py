@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.placement.bounds import SlowTask, slow_cells
-from pinproof.cell.placement.empty_regions import EMPTY_BUDGET, EmptyTask, empty_cells
-from pinproof.cell.placement.heat_map import EmptyCell, PlacementMap, SlowCell
+from pinproof.cell.placement.heat_map import PlacementMap
 from pinproof.cell.placement.placed_robot import PlacedRobot
 from pinproof.cell.placement.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
 from pinproof.cell.placement.region import AXES, Placement, PlacementChoice, PlacementRegion
@@ -75,8 +73,6 @@ class PlacementBudget:
         24 picks or fewer; ``certified`` has the same effect there.
     certified
         Number of placements whose picks are all judged; more if a pick fails at each of them.
-    proofs
-        Largest number of boxes of joint values in a proof that a cell of placements is empty; 0 for no proofs.
     """
 
     grid: int = 2000
@@ -84,17 +80,9 @@ class PlacementBudget:
     evaluations: int = 160
     sampled: int = 12
     certified: int = 3
-    proofs: int = EMPTY_BUDGET
 
     def __post_init__(self) -> None:
-        for name, least in (
-            ("grid", 1),
-            ("runs", 0),
-            ("evaluations", 0),
-            ("sampled", 0),
-            ("certified", 1),
-            ("proofs", 0),
-        ):
+        for name, least in (("grid", 1), ("runs", 0), ("evaluations", 0), ("sampled", 0), ("certified", 1)):
             require_integer(f"PlacementBudget.{name}", getattr(self, name), least)
 
 
@@ -288,10 +276,6 @@ class _Search:
     runner: StageRunner = field(init=False)
     map: PlacementMap | None = None
     candidates: list[CertifiedPlacement] = field(default_factory=list)
-    empty: tuple[EmptyCell, ...] = ()
-    covered: float = 0.0
-    slower: tuple[SlowCell, ...] = ()
-    slower_share: float = 0.0
     sensitivity: tuple[PlacementSensitivity, ...] = ()
     evaluations: int = 0
     _verdicts: dict[tuple[float, ...], dict[int, PickVerdict]] = field(default_factory=dict)
@@ -342,9 +326,7 @@ class _Search:
         found = [each for each in found if each[2]["base"]]
         found.sort(key=lambda each: (penalised(each[2], total), each[0], tuple(each[1].tolist())))
         self._certify(found, steps)
-        self._prove_empty(axes)
         if self.candidates and self.candidates[0].ok:
-            self._prove_slower(steps)
             self._measure_sensitivity()
         return self.result()
 
@@ -423,27 +405,6 @@ class _Search:
             for k, ((choice, _, _), setup) in enumerate(zip(chosen, setups, strict=True))
         ]
 
-    def _prove_empty(self, axes: tuple[Array, Array, Array, Array]) -> None:
-        """Prove that cells of the grid have no placement at which every pick is in reach."""
-        if not self.budget.proofs or self.map is None:
-            return
-        task = EmptyTask(tuple(each.screening for each in self.alternatives), self.region, self.budget.proofs)
-        items = task.items(axes, self.map.codes)
-        found = self.runner.run("proofs", task, items, 16)
-        self.empty, self.covered = empty_cells(
-            items, found, tuple(each.name for each in self.alternatives), self.picks, self.region
-        )
-
-    def _prove_slower(self, steps: Array) -> None:
-        """Prove that cells of the grid have no placement with a shorter cycle time than the best one."""
-        if not self.budget.proofs or self.objective != "cycle_time" or self.map is None:
-            return
-        best, names = self.candidates[0].cycle_time, tuple(each.name for each in self.alternatives)
-        task = SlowTask(tuple(each.screening for each in self.alternatives), steps / 2, best)
-        items = task.items(self.map, self.empty)
-        self.slower = slow_cells(items, self.runner.run("bounds", task, items, 64), names, best)
-        self.slower_share = len(self.slower) / len(self.map)
-
     def _measure_sensitivity(self) -> None:
         """Find how far the base may be off along each axis."""
         best = self.candidates[0]
@@ -470,10 +431,6 @@ class _Search:
             self.region,
             self.picks,
             self.objective,
-            self.empty,
-            self.covered,
-            self.slower,
-            self.slower_share,
             self.sensitivity,
             tolerance,
             failing,
@@ -512,10 +469,6 @@ class _Search:
         feasible = int(self.map.feasible.sum())
         searched += f", all picks work at {feasible:,} of {len(self.map):,} of the grid"
         more = "; interrupted" if interrupted else ""
-        if self.covered > 0:
-            more = f"; {self.covered:.1%} of the region proven to have no placement{more}"
-        if self.slower:
-            more = f"; {self.slower_share:.1%} proven to be slower{more}"
         if not self.map.base.any():
             contacts = self.alternatives[0].screening.base_contacts(self.map.placements[len(self.map) // 2])
             return f"no placement: the base or the arm at home is in contact everywhere ({contacts}); {searched}{more}"

@@ -63,43 +63,6 @@ SENSITIVITY = report_table(
     required("first_above", ANY_TEXT, "what fails first at higher values"),
 )
 
-EMPTY = report_table(
-    "empty_cell",
-    "A cell of placements, at each of which a pick is proven to be out of reach, or the base to be in contact.",
-    required("choice", ANY_TEXT, "name of the discrete choice"),
-    required("lower", FOUR, "lower x, y, z and yaw", "m and rad"),
-    required("upper", FOUR, "upper x, y, z and yaw", "m and rad"),
-    required("pick", ANY_TEXT, "the pick that is out of reach; empty if the base is in contact"),
-    required("contact", list_of(TEXT), "the part of the base and the obstacle that overlap; empty if a pick is stated"),
-)
-
-SLOWER = report_table(
-    "proven_slower",
-    "The part of the region in which every placement is proven to be slower than the best one.",
-    required("share", SHARE, "share of the region that the cells cover, over all choices"),
-    required(
-        "cells",
-        list_of(
-            report_table(
-                "slow_cell",
-                "A cell of placements, at each of which the cycle time is proven to be larger than the best one.",
-                required("choice", ANY_TEXT, "name of the discrete choice"),
-                required("lower", FOUR, "lower x, y, z and yaw", "m and rad"),
-                required("upper", FOUR, "upper x, y, z and yaw", "m and rad"),
-                required("seconds", NOT_NEGATIVE, "a lower bound of the cycle time in the cell", "s"),
-            )
-        ),
-        "the cells; none is in a cell that is proven to be empty",
-    ),
-)
-
-PROVEN = report_table(
-    "proven_empty",
-    "The part of the region that is proven to have no placement.",
-    required("share", SHARE, "share of the region, over all choices"),
-    required("cells", list_of(EMPTY), "the cells"),
-)
-
 FLOOR = report_table(
     "floor_map",
     "The best values over z and yaw at each x and y, for one choice; null where no value exists.",
@@ -131,8 +94,6 @@ PLACEMENT = report_table(
     required("sensitivity", list_of(SENSITIVITY), "how far the base may be off at the best placement"),
     required("tolerance", NOT_NEGATIVE, "displacement of the base for which the unchanged motions are proven", "m"),
     required("failing", mapping_to(ANY_TEXT), "the reason for each pick that works nowhere"),
-    required("proven_empty", PROVEN, "what is proven to be empty"),
-    required("proven_slower", SLOWER, "what is proven to be slower than the best placement"),
     required("map", any_of(MAP, {"type": "null"}), "the heat map; null if the search was interrupted before"),
 )
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pinproof.cell.placement.heat_map import EmptyCell, PlacementMap, SlowCell, finite_or_none
+from pinproof.cell.placement.heat_map import PlacementMap, finite_or_none
 from pinproof.cell.placement.placed_robot import PlacedRobot
 from pinproof.cell.placement.placement_keys import PLACEMENT_SCHEMA
 from pinproof.cell.placement.placement_picture import heat_map_picture
@@ -157,13 +157,6 @@ class PlacementResult:
         The region that was searched.
     objective
         ``"cycle_time"``, ``"clearance"`` or ``"manipulability"``.
-    empty
-        Cells of placements that are proven to be empty.
-    covered
-        Share of the region (0 to 1) that these cells cover, over all choices.
-    slower, slower_share
-        Cells of placements that are proven to be slower than the best one, none of them in an empty cell, and the share
-        of the region that they cover. No placement in them or in ``empty`` has a shorter cycle time.
     sensitivity
         How far the base may be off at the best placement, for each axis of the region.
     tolerance
@@ -182,10 +175,6 @@ class PlacementResult:
     region: PlacementRegion
     picks: Picks = field(repr=False)
     objective: str
-    empty: tuple[EmptyCell, ...] = ()
-    covered: float = 0.0
-    slower: tuple[SlowCell, ...] = ()
-    slower_share: float = 0.0
     sensitivity: tuple[PlacementSensitivity, ...] = ()
     tolerance: float = 0.0
     failing: Mapping[str, str] = field(default_factory=dict)
@@ -253,14 +242,6 @@ class PlacementResult:
             "sensitivity": [each.to_dict() for each in self.sensitivity],
             "tolerance": self.tolerance,
             "failing": dict(self.failing),
-            "proven_empty": {
-                "share": self.covered,
-                "cells": [{**c.range_dict(), "pick": c.pick, "contact": list(c.contact)} for c in self.empty],
-            },
-            "proven_slower": {
-                "share": self.slower_share,
-                "cells": [{**c.range_dict(), "seconds": c.seconds} for c in self.slower],
-            },
             "map": None if self.map is None else self.map.to_dict(),
         }
 
@@ -307,7 +288,7 @@ class PlacementResult:
         if self.map is None:
             raise InputError("the search was interrupted before the heat map was complete")
         judged = [each.placement for each in self.candidates]
-        return heat_map_picture(self.map, self.region, self.empty, self.slower, judged, best=self.ok)
+        return heat_map_picture(self.map, self.region, judged, best=self.ok)
 
 
 _COLUMNS = ("choice", "x [m]", "y [m]", "z [m]", "yaw [rad]", "good", "cycle time [s]", "clearance [mm]")

@@ -1,0 +1,144 @@
+"""Random robots and scenes of balls, boxes and capsules whose distances are computed here, by products of matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+import pinproof as pp
+from pinproof.model.robot import load_robot_from_text
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint whose value is ``multiplier * q[leader] + offset``; a held joint has no leader."""
+
+    parent: str
+    child: str
+    prismatic: bool
+    place: Array
+    axis: Array
+    leader: int | None
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A checker, and what it checks as plain numbers: a link is one ball."""
+
+    checker: pp.CollisionChecker
+    joints: tuple[Joint, ...]
+    balls: dict[str, tuple[str, Array, float]]
+    """Link, centre in its frame and radius of each ball: those of the links and an attached one."""
+    obstacles: dict[str, pp.Obstacle]
+
+    @property
+    def owners(self) -> list[tuple[str, str]]:
+        """The owners of each checked pair."""
+        bodies = self.checker.bodies
+        return [(bodies[i].owner, bodies[j].owner) for i, j in self.checker.pairs]
+
+    def frames(self, Q: Array) -> dict[str, Array]:
+        """The placements (N, 4, 4) of the links at Q (N, n)."""
+        frames = {"base": np.tile(np.eye(4), (len(Q), 1, 1))}
+        for joint in self.joints:
+            value = joint.offset + (0.0 if joint.leader is None else joint.multiplier * Q[:, joint.leader])
+            move = np.tile(np.eye(4), (len(Q), 1, 1))
+            if joint.prismatic:
+                move[:, :3, 3] = np.multiply.outer(value, joint.axis)
+            else:
+                move[:, :3, :3] = rotations(joint.axis, np.broadcast_to(value, len(Q)))
+            frames[joint.child] = frames[joint.parent] @ joint.place @ move
+        return frames
+
+    def centres(self, Q: Array) -> dict[str, Array]:
+        """The centres (N, 3) of each ball at Q (N, n)."""
+        frames = self.frames(Q)
+        return {name: (frames[link] @ [*xyz, 1.0])[:, :3] for name, (link, xyz, _) in self.balls.items()}
+
+    def distances(self, Q: Array) -> Array:
+        """(N, P) the distance of each checked pair at Q (N, n); at most 0 if the two overlap."""
+        at = self.centres(Q)
+        found = []
+        for one, other in self.owners:
+            if other in self.balls:
+                gap = np.linalg.norm(at[one] - at[other], axis=1) - self.balls[other][2]
+            else:
+                gap = distances_of_points(self.obstacles[other], at[one])
+            found.append(gap - self.balls[one][2])
+        return np.array(found).T
+
+
+def rotations(axis: Array, angles: Array) -> Array:
+    """The rotations (N, 3, 3) about a unit axis (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angles)[:, None, None] * cross + (1 - np.cos(angles))[:, None, None] * cross @ cross
+
+
+def distances_of_points(obstacle: pp.Obstacle, points: Array) -> Array:
+    """The distances (N,) of points from an obstacle, 0 inside a box."""
+    local, shape = (points - obstacle.pose.translation) @ obstacle.pose.rotation, obstacle.shape
+    if isinstance(shape, pp.HalfSpace):
+        return local[:, 2]
+    if isinstance(shape, pp.Box):
+        return np.linalg.norm(np.maximum(np.abs(local) - np.array([shape.x, shape.y, shape.z]) / 2, 0.0), axis=1)
+    if isinstance(shape, pp.Capsule):
+        local[:, 2] -= np.clip(local[:, 2], -shape.length / 2, shape.length / 2)
+    return np.linalg.norm(local, axis=1) - shape.radius
+
+
+@cache
+def cell(seed: int, kinds: str = "rprpr") -> Cell:
+    """A chain of revolute (r) and prismatic (p) joints, a branch that follows the second joint, and a held one.
+
+    The bodies are small and the space is large: most configurations are free.
+    """
+    rng = np.random.default_rng(seed)
+    names = ["base", *(f"link{k}" for k in range(len(kinds)))]
+    rows = [(a, b, kind, k, 1.0, 0.0) for k, ((a, b), kind) in enumerate(zip(pairwise(names), kinds, strict=True))]
+    rows.append((names[2], "follower", "p" if kinds[1] == "p" else "r", 1, float(rng.choice([-0.7, 0.6])), 0.2))
+    rows.append(("base", "held", "r", None, 0.0, float(rng.uniform(-1, 1))))
+    joints, balls, parts, radius = [], {}, [], 0.02
+    for link in [*names, "follower", "held"]:
+        centre = rng.uniform(-0.05, 0.05, 3)
+        balls[link] = (link, centre, radius * rng.uniform(0.5, 1.5))
+        parts.append(
+            f'<link name="{link}"><collision><origin xyz="{words(centre)}"/>'
+            f'<geometry><sphere radius="{balls[link][2]!r}"/></geometry></collision></link>'
+        )
+    for parent, child, kind, leader, multiplier, offset in rows:
+        axis, place = (
+            rng.normal(size=3),
+            pp.pose(rng.uniform([-0.25, -0.25, 0.0], [0.25, 0.25, 0.4]), rng.uniform(-3, 3, 3)),
+        )
+        axis /= np.linalg.norm(axis)
+        xyz, rpy = np.split(pp.xyz_rpy(place), 2)
+        mimic = f'<mimic joint="to_link1" multiplier="{multiplier}" offset="{offset}"/>' if child == "follower" else ""
+        parts.append(
+            f'<joint name="to_{child}" type="{"prismatic" if kind == "p" else "revolute"}"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="{words(xyz)}" rpy="{words(rpy)}"/><axis xyz="{words(axis)}"/>'
+            f'<limit lower="-3" upper="3" velocity="1" effort="1"/>{mimic}</joint>'
+        )
+        joints.append(Joint(parent, child, kind == "p", place.homogeneous, axis, leader, multiplier, offset))
+    robot = load_robot_from_text(f'<robot name="balls{seed}">{"".join(parts)}</robot>')
+    arm = robot.arm(tcp=names[-1]).with_held({"to_held": joints[-1].offset})
+    grip, radius = rng.uniform(-0.1, 0.1, 3), 0.015
+    balls["held_ball"] = (names[-1], grip, radius)
+    shapes = [pp.Sphere(0.03), pp.Box(0.05, 0.2, 0.1), pp.Capsule(0.03, 0.2), pp.Box(0.3, 0.02, 0.02), pp.HalfSpace()]
+    places = [pp.pose(rng.uniform(-0.7, 0.7, 3), rng.uniform(-3, 3, 3)) for _ in shapes[:-1]] + [pp.pose((0, 0, -0.9))]
+    obstacles = [pp.Obstacle(f"thing{k}", *each) for k, each in enumerate(zip(shapes, places, strict=True))]
+    attached = [pp.Obstacle("held_ball", pp.Sphere(radius), pp.pose(grip))]
+    checker = pp.CollisionChecker(arm, pp.Scene(obstacles), attached=attached)
+    return Cell(checker, tuple(joints), balls, {each.name: each for each in obstacles})
+
+
+def words(numbers: Array) -> str:
+    """Numbers as text, to the last bit."""
+    return " ".join(repr(float(x)) for x in numbers)

@@ -1,0 +1,135 @@
+"""Verdicts a few micrometres above and below contact, on robots of balls whose distances are known to 1e-12 m."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.motion import CubicPath
+
+from .exact_cells import cell
+
+FREE, COLLIDING = pp.CertificateStatus.FREE, pp.CertificateStatus.COLLIDING
+KINDS = ("rprpr", "rrrr", "ppp")
+SLACK = 1e-4
+"""Metres between a margin and the distance: a bound that is weaker by that is noticed."""
+
+
+def configurations(kinds: str, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, n) random values: angles within 2 rad, lengths within 0.3 m."""
+    return rng.uniform(-1, 1, (count, len(kinds))) * np.where(np.array(list(kinds)) == "r", 2.0, 0.3)
+
+
+def of_pairs(pairs, values) -> dict[tuple[str, str], float]:
+    """The margins of pairs of owners."""
+    return {names: float(value) for names, value in zip(pairs, values, strict=True)}
+
+
+@pytest.mark.parametrize("kinds", KINDS)
+@pytest.mark.parametrize("seed", range(4))
+def test_each_pair_is_in_contact_exactly_up_to_its_own_margin(kinds: str, seed: int) -> None:
+    """All margins are 1 um below the distances; then that of one pair is 1 um above it, the largest or another."""
+    known, rng = cell(seed, kinds), np.random.default_rng(seed)
+    at = configurations(kinds, 40, rng)
+    distances = known.distances(at)
+    apart = np.flatnonzero(distances.min(axis=1) > 2e-6)[:3]
+    assert len(apart)
+    for q, gaps in zip(at[apart], distances[apart], strict=True):
+        assert known.checker.clearance(q) == pytest.approx(gaps.min(), abs=2 * known.checker.rounding)
+        assert known.checker.clearance(q) <= gaps.min() + 1e-12
+        assert known.checker.clearance_batch([q])[0] == known.checker.clearance(q)
+        near = known.checker.with_margin(margins=of_pairs(known.owners, gaps - 1e-6))
+        assert near.is_free(q)
+        assert near.is_free_batch([q, q]).all()
+        assert near.check(q).free
+        for k in {
+            int(gaps.argmax()),
+            *known.checker.still_pairs[:2].tolist(),
+            *rng.integers(len(gaps), size=8).tolist(),
+        }:
+            beyond = np.where(np.arange(len(gaps)) == k, 1e-6, -1e-6)
+            touching = near.with_margin(margins=of_pairs(known.owners, gaps + beyond))
+            assert not touching.is_free(q)
+            assert not touching.is_free_batch([q]).any()
+            (contact,) = touching.check(q).contacts
+            assert contact.bodies == known.owners[k]
+            assert contact.distance == pytest.approx(gaps[k], abs=1e-8)
+            lengths = np.linalg.norm(contact.points[1] - contact.points[0])
+            assert lengths == pytest.approx(gaps[k], abs=1e-6)
+            np.testing.assert_allclose(contact.points[0] + gaps[k] * contact.normal, contact.points[1], atol=1e-6)
+
+
+def random_curve(kinds: str, rng: np.random.Generator, names: tuple[str, ...]) -> pp.JointPath | CubicPath:
+    """A single configuration, a short path of lines, or a cubic."""
+    at = configurations(kinds, 3, rng)
+    at[1:] = at[0] + rng.choice([0.05, 0.4]) * (at[1:] - at[0])
+    kind = rng.integers(4)
+    if kind == 3:
+        return CubicPath.through(at, names)
+    return pp.JointPath(at[: kind + 1], names)
+
+
+@pytest.mark.parametrize("kinds", KINDS)
+@pytest.mark.parametrize("seed", range(4))
+def test_grazing_motions_are_judged_by_their_smallest_distances(kinds: str, seed: int) -> None:
+    """All margins are just below what the distances on the curve allow; then that of one pair is just above it.
+
+    The tolerances of joints and obstacles are covered, and what a certificate states beyond its verdict is true.
+    """
+    known, rng = cell(seed % 3, kinds), np.random.default_rng([seed, len(kinds)])
+    checker, count = known.checker, len(kinds)
+    obstacle = np.array([checker.bodies[j].link is None for _, j in checker.pairs])
+    follower = np.array(["follower" in names for names in known.owners])
+    corners = np.array(list(product([-1.0, 1.0], repeat=count)))
+    judged = 0
+    for _ in range(8):
+        curve = random_curve(kinds, rng, checker.arm.joint_names)
+        off, moved = float(rng.choice([0.0, 5e-4])), float(rng.choice([0.0, 3e-3]))
+        on_curve = curve(np.linspace(*curve.domain, 401))
+        distances = known.distances(on_curve)
+        nearest = on_curve[np.unique(distances.argmin(axis=0))]
+
+        def least(by: float, nearest=nearest) -> np.ndarray:
+            """(P,) the smallest distances on the curve, if each joint deviates by this."""
+            return known.distances((nearest[:, None] + by * corners).reshape(-1, count)).min(axis=0)
+
+        exact = distances.min(axis=0)
+        gaps = least(off) if off else exact
+        slack = SLACK if not off else 4 * SLACK  # of the products of two deviations, at most 1e-5 m each
+        margins = gaps - moved * obstacle - slack
+        if off:  # the joint and its follower are assumed to deviate independently
+            margins -= 10 * off * follower
+        if margins.min() < 1e-6:
+            continue
+        judged += 1
+        settings = {"joint_tolerance": off, "obstacle_tolerance": moved, "limits": None, "max_intervals": 5000}
+        near = checker.with_margin(margins=of_pairs(known.owners, margins))
+        certificate = pp.certify(curve, near, record=True, **settings)
+        assert certificate.status is FREE
+        # What is proven is smaller than the distances by the allowance for rounding, and not by much more.
+        assert margins.min() < certificate.clearance <= (gaps - moved * obstacle).min() - checker.rounding + 1e-12
+        assert exact.min() - 5e-5 < certificate.observed
+        tube = certificate.tube
+        assert 0 <= tube.largest_obstacles <= slack
+        assert (least(off + tube.largest_joints) - moved * obstacle > margins).all()
+        assert tube.largest_joints > 0
+        for start, end, pair, proven in rng.permutation(certificate.evidence[:, :4])[:30]:
+            some = curve(np.linspace(start, end, 5))
+            some = np.concatenate([some, some + off * corners[0], some + off * corners[-1]])
+            assert proven <= known.distances(some)[:, int(pair)].min() - checker.rounding + 1e-12
+        for k in rng.choice(len(margins), size=6, replace=False).tolist():
+            if off and follower[k]:
+                continue
+            margins[k] += 2 * slack
+            closer = near.with_margin(margins=of_pairs(known.owners, margins))
+            certificate = pp.certify(curve, closer, **settings)
+            margins[k] -= 2 * slack
+            assert certificate.status is not FREE
+            if off == 0.0:
+                assert certificate.status is COLLIDING
+                assert certificate.first_contact.bodies == known.owners[k]
+                assert certificate.first_contact.distance <= margins[k] + 2 * slack + 1e-9
+    assert judged >= 3

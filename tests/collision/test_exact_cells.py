@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -133,3 +134,107 @@ def test_grazing_motions_are_judged_by_their_smallest_distances(kinds: str, seed
                 assert certificate.first_contact.bodies == known.owners[k]
                 assert certificate.first_contact.distance <= margins[k] + 2 * slack + 1e-9
     assert judged >= 3
+
+
+def tcp_errors(known, constraint, Q: np.ndarray) -> np.ndarray:
+    """(N,) the errors of a constraint at Q (N, n), by products of matrices."""
+    tcp = known.frames(Q)[known.joints[Q.shape[1] - 1].child]
+    turned, at = tcp[:, :3, :3], tcp[:, :3, 3]
+    if isinstance(constraint, pp.Within):
+        point = (tcp @ [*constraint.point_in_tcp, 1.0])[:, :3] - constraint.base_from_region.translation
+        local = point @ constraint.base_from_region.rotation
+        return np.linalg.norm(local - np.clip(local, constraint.low, constraint.high), axis=1)
+    axis = turned @ constraint.axis_in_tcp
+    view = np.broadcast_to(constraint.up, at.shape) if isinstance(constraint, pp.Upright) else constraint.point - at
+    return np.arctan2(np.linalg.norm(np.cross(axis, view), axis=1), np.einsum("nx,nx->n", axis, view))
+
+
+@pytest.mark.parametrize("kinds", KINDS)
+@pytest.mark.parametrize("seed", range(4))
+def test_constraints_are_proven_up_to_their_largest_error_on_the_curve(kinds: str, seed: int) -> None:
+    """A tolerance just above the largest error is proven; one just below it is violated, wherever the error is reached.
+
+    The tolerance of the joints is covered.
+    """
+    known, rng = cell(seed % 2, kinds), np.random.default_rng([seed, 7])
+    arm, count = known.checker.arm, len(kinds)
+    checker = known.checker.without_pairs(range(len(known.checker.pairs)))
+    corners = np.array(list(product([-1.0, 1.0], repeat=count)))
+    judged = 0
+    for _ in range(12):
+        curve = random_curve(kinds, rng, arm.joint_names)
+        off = float(rng.choice([0.0, 1e-4]))
+        times = np.linspace(*curve.domain, 401)
+        on_curve = curve(times)
+        at = known.frames(on_curve[:1])[known.joints[count - 1].child][0]
+        axis, point = rng.normal(size=3), rng.uniform(-0.2, 0.2, 3)
+        axis /= np.linalg.norm(axis)
+        kind = rng.integers(3)
+        if kind == 0:
+            made = pp.Upright(tolerance=1.0, axis_in_tcp=axis, up=at[:3, :3] @ axis + rng.normal(scale=0.05, size=3))
+        elif kind == 1:
+            place = pp.pose((at @ [*point, 1.0])[:3] + rng.normal(scale=0.05, size=3), rng.uniform(-3, 3, 3))
+            made = pp.Within.box(place, rng.uniform(0, 0.05, 3), tolerance=1.0, point_in_tcp=point)
+        else:
+            made = pp.collision.LookAt(tolerance=1.0, axis_in_tcp=axis, point=(at @ [*axis + 0.05 * point, 1.0])[:3])
+        errors = tcp_errors(known, made, on_curve)
+        largest = errors.max()
+        reached = tcp_errors(known, made, on_curve[errors.argmax()] + off * corners).max()
+        if not 1e-3 < reached < (10.0 if kind == 1 else 1.2):
+            continue
+        judged += 1
+        assert made.error(arm, on_curve[0]) == pytest.approx(errors[0], abs=1e-9)
+        settings = {"joint_tolerance": off, "limits": None, "record": True}
+        slack = 2e-3 if off else 2e-5  # tolerances of joints count by their speeds in any direction
+        kept = pp.certify(curve, checker, constraints=[replace(made, tolerance=reached + slack)], **settings)
+        assert kept.status is FREE
+        (proof,) = kept.constraints
+        assert largest - slack - 1e-5 < proof.observed <= min(proof.largest, largest + 1e-5)
+        assert reached - 1e-5 < proof.largest <= reached + slack
+        spans = proof.evidence[np.argsort(proof.evidence[:, 0])]
+        assert spans[0, 0] == times[0]
+        assert spans[-1, 1] == times[-1]
+        assert (spans[1:, 0] <= spans[:-1, 1]).all()
+        tight = replace(made, tolerance=reached - 2e-5)
+        refused = pp.certify(curve, checker, constraints=[tight], **settings)
+        assert refused.status is not FREE
+        assert np.isnan(refused.constraints[0].largest)
+        if off == 0.0:
+            found = refused.violation
+            first = times[errors > tight.tolerance][0]
+            assert refused.status is pp.CertificateStatus.VIOLATED
+            assert found.satisfied_until <= first + (times[-1] - times[0]) / 400
+            assert found.error == pytest.approx(tcp_errors(known, tight, found.q[None])[0], abs=1e-9)
+            assert found.error > tight.tolerance
+    assert judged >= 4
+
+
+@pytest.mark.parametrize("kind", [pp.Upright, pp.Within, pp.collision.LookAt])
+def test_a_constraint_that_differs_in_any_number_is_another_one(kind) -> None:
+    known = cell(0)
+    curve = pp.JointPath([np.zeros(5)], known.checker.arm.joint_names)
+    given = {
+        pp.Upright: {"tolerance": 1.5, "axis_in_tcp": (0.0, 0.0, 1.0), "up": (0.0, 0.1, 1.0)},
+        pp.collision.LookAt: {"tolerance": 1.5, "axis_in_tcp": (0.0, 0.0, 1.0), "point": (0.0, 0.0, 5.0)},
+        pp.Within: {
+            "tolerance": 9.0, "base_from_region": pp.pose(), "low": (-1.0, -1.0, -1.0), "high": (1.0, 1.0, 1.0),
+            "point_in_tcp": (0.1, 0.2, 0.3),
+        },
+    }[kind]  # fmt: skip
+    axis = known.frames(np.zeros((1, 5)))["link4"][0][:3, :3].T
+    if "axis_in_tcp" in given:
+        given["axis_in_tcp"] = tuple(axis @ [0.0, 0.0, 1.0])
+    certificate = pp.certify(curve, known.checker, constraints=[kind(**given)], limits=None)
+    assert certificate.constraints[0].largest < 1.5 if kind is not pp.Within else 9.0
+    changes = {
+        "tolerance": 1.4, "axis_in_tcp": (1.0, 0.0, 0.0), "up": (0.0, 0.1001, 1.0), "point": (0.0, 0.0, 5.0001),
+        "base_from_region": pp.pose((1e-9, 0, 0)), "low": (-1.0, -1.0001, -1.0), "high": (1.0, 1.0, 1.0001),
+        "point_in_tcp": (0.1, 0.2, 0.30001),
+    }  # fmt: skip
+
+    def matches(**values) -> bool:
+        constraints = [kind(**{**given, **values})]
+        return certificate.matches(curve, known.checker.arm, known.checker.scene, known.checker.attached, constraints)
+
+    assert matches()
+    assert not any(matches(**{key: changes[key]}) for key in given)

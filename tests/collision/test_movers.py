@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from functools import cache
 
 import coal
@@ -11,6 +12,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision import audit, with_movers
+from pinproof.collision.certificates.identity import setup_hash
 from pinproof.motion import separate
 
 SLACK = 1e-5
@@ -119,6 +121,52 @@ def test_placements_of_a_mover_follow_the_definition_of_its_axis(name: str) -> N
     for t, placement in zip(times, mover.placements(times), strict=True):
         value = float(mover.trajectory(min(t, mover.trajectory.duration))[0])
         assert np.abs(placement - poses_at(mover, value).homogeneous).max() < 1e-12
+
+
+@pytest.mark.parametrize("start", [0.0, 1.5, -2.0])
+def test_obstacles_of_constant_speed_are_at_their_poses_at_the_start_time(start: float) -> None:
+    speed = 0.3
+    slide = pp.Mover.constant("m", ["part0"], speed, 20.0, axis=(0, 3, 4), start=start)
+    turn = pp.Mover.constant("m", ["part0"], speed, 20.0, type="revolute", axis=(0, 0, 2), point=(1, 0, 0), start=start)
+    for t in (0.0, 0.7, 13.0):
+        value = speed * (t - start)
+        (slid,), (turned,) = slide.placements(np.array([t])), turn.placements(np.array([t]))
+        np.testing.assert_allclose(slid, pp.pose((0, 0.6 * value, 0.8 * value)).homogeneous, atol=1e-12)
+        about = pp.pose((1, 0, 0)) * pp.pose(rpy=(0, 0, value)) * pp.pose((-1, 0, 0))
+        np.testing.assert_allclose(turned, about.homogeneous, atol=1e-12)
+
+
+def test_verdict_depends_on_when_a_part_passes() -> None:
+    """A part crosses the path of the tool at the time at which the tool is there, or long before it."""
+    trajectory = over_the_belt(0.12)
+    base = pp.CollisionChecker(ur5(), checker().scene.remove(*[f"part{i}" for i in range(1, 5)]))
+    way = (
+        ur5().forward_kinematics(trajectory(trajectory.duration / 2)).translation - base.scene["part0"].pose.translation
+    )
+    way[2] = 0.0
+    length, speed = np.linalg.norm(way), 0.4
+    meets = {
+        share: pp.Mover.constant(
+            "m", ["part0"], speed, 60.0, axis=way, start=trajectory.duration * share - length / speed
+        )
+        for share in (0.5, -1.0)
+    }
+    assert pp.certify(trajectory, base, movers=[meets[0.5]]).status is COLLIDING
+    assert pp.certify(trajectory, base, movers=[meets[-1.0]]).status is FREE
+
+
+def test_setups_with_other_movers_differ() -> None:
+    """Each number of a mover is a part of what a motion was certified for."""
+    mover, base = MOVERS["table"], checker()
+    changes = {
+        "name": "other", "obstacles": ("part0",), "trajectory": MOVERS["lift"].trajectory, "type": "prismatic",
+        "axis": (0, 1, 1), "point": (0.4, 0.1, 0), "tolerance": 1e-3, "rests": True,
+    }  # fmt: skip
+    assert set(changes) == {each.name for each in fields(mover)}
+    movers = [(), (mover,), (mover, MOVERS["lift"]), *((replace(mover, **{key: changes[key]}),) for key in changes)]
+    hashes = [setup_hash(base.arm, base.scene, (), each) for each in movers]
+    assert len(set(hashes)) == len(hashes)
+    assert setup_hash(base.arm, base.scene, (), (replace(mover),)) == hashes[1]
 
 
 def test_part_that_arrives_on_a_conveyor_is_hit_and_a_resting_part_is_not() -> None:

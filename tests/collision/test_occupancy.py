@@ -419,3 +419,18 @@ def test_removal_from_something_else_is_refused():
 def test_a_grid_of_invalid_cells_is_refused(changes, words):
     with pytest.raises(InputError, match=words):
         OccupancyGrid(**{"cells": np.zeros((2, 2, 2), dtype=int), "voxel": 0.1, **changes})
+
+
+@pytest.mark.parametrize("error", [0.004, 0.01, 0.027, 0.05])
+def test_points_outside_the_image_occupy_every_cell_that_they_may_be_in(error):
+    """A point beside the view has the stated uncertainty; each cell that meets the cube about it is occupied."""
+    camera, from_ = Intrinsics(100.0, 100.0, 9.5, 9.5, 20, 20), look_at(np.array([0.0, 0.0, 1.0]), np.zeros(3))
+    beside = np.array([0.213, 0.034, 0.118])
+    points = np.array([[0.0, 0.0, 0.0], beside])
+    bounds = [(-0.3, -0.3, -0.1), (0.3, 0.3, 0.3)]
+    grid = OccupancyGrid.from_points(points, camera, from_, voxel=0.01, bounds=bounds, depth_uncertainty=error)
+    corners = (np.indices(grid.cells.shape).reshape(3, -1).T + grid.low) * 0.01
+    near = (corners <= beside + error).all(axis=1) & (corners + 0.01 >= beside - error).all(axis=1)
+    seen = grid.cells.reshape(-1) == SEEN
+    assert seen[near].all()
+    assert not seen[~near & (np.abs(corners[:, 0] - beside[0]) < 0.15)].any()

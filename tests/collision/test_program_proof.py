@@ -116,6 +116,40 @@ def test_exported_blends_do_not_overlap(cell: Cell) -> None:
         assert radii[i] + radii[i + 1] <= distance
 
 
+@pytest.mark.parametrize("blend", [Blend(), Blend(0.02)])
+def test_every_move_and_blend_is_certified_with_the_deviations_that_it_allows(blend: Blend) -> None:
+    """Before and after the inner points each joint moves by another amount, so that either side may be the larger."""
+    arm, rng, deviation = pp.load_robot("ur5").arm(), np.random.default_rng(5), 0.003
+    q = np.array([0.0, -1.0, 1.4, -2.0, -1.57, 0.0]) + rng.uniform(-0.3, 0.3, (5, 6))
+    steps = [JointMove(each, None if k in (0, 4) else 9.0, None if k in (0, 4) else blend) for k, each in enumerate(q)]
+    dialect = "urscript" if blend.radius else "fanuc"
+    program = make_program(steps, arm.joint_names, dialect=dialect, deviation=deviation)
+    certificate = certify_program(program, pp.CollisionChecker(arm))
+    lines, q = [step.line for step in program.moves], np.array([step.q for step in program.moves])  # as in the text
+    assert [(part.line, part.blend) for part in certificate.parts] == [
+        *((line, False) for line in lines[1:]),
+        *((line, True) for line in lines[1:-1]),
+    ]
+    dense = np.linspace(0, 1, 2001)
+
+    def used(at: np.ndarray, other: np.ndarray) -> float:
+        """The share of a move on which the tcp is within the radius of a point."""
+        if blend.radius is None:
+            return blend.share
+        tcp = arm.forward_kinematics_batch(at + dense[:, None] * (other - at))[:, :3, 3]
+        return float(dense[np.linalg.norm(tcp - tcp[0], axis=1) <= blend.radius].max())
+
+    certificates = [part.certificate for part in certificate.parts]
+    for k, each in enumerate(certificates[:4]):
+        assert each.matches(pp.JointPath(q[k : k + 2], arm.joint_names), arm, pp.Scene())
+        np.testing.assert_allclose(each.tube.joints, deviation, rtol=1e-12)
+    for k, each in enumerate(certificates[4:], start=1):
+        sides = np.array([used(q[k], q[k + step]) * np.abs(q[k + step] - q[k]) for step in (-1, 1)])
+        assert (each.tube.joints >= sides.max(axis=0) + deviation - 1e-12).all()
+        assert (each.tube.joints <= 1.5 * sides.max(axis=0) + deviation + 0.01).all()
+    assert len({tuple(each.tube.joints) for each in certificates[4:]}) == 3
+
+
 def test_an_edit_that_leads_into_an_obstacle_is_not_free(cell: Cell) -> None:
     checker, motion = cell
     program, _ = export_program(motion, checker, "urscript")
@@ -194,6 +228,11 @@ def test_a_straight_line_of_the_tcp_becomes_a_certified_linear_move(line: Cell, 
     assert (again.free, again.hash) == (True, program.certificate)
     (part,) = [part for part in certificate.parts if part.name.startswith("linear")]
     assert part.line == lines[0].line
+    start = program.moves[program.moves.index(lines[0]) - 1].q
+    target = lines[0].pose if lines[0].q is None else checker.arm.forward_kinematics(lines[0].q)
+    trace = trace_line(checker.arm, start, target)
+    assert part.certificate.matches(trace.path, checker.arm, checker.scene)
+    np.testing.assert_allclose(part.certificate.tube.joints, trace.tolerance + program.deviation, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("margin", "listed"), [(1e-5, True), (1e-3, False)])

@@ -180,6 +180,98 @@ def test_bounds_of_the_verifier_are_those_of_the_derivation(kinds: str) -> None:
             assert found >= gap - min(motion.rough(delta + extra, s) for s in splits) - proof.rounding - 1e-9
 
 
+CONSTRAINTS = ("upright", "within", "look_at")
+
+
+def random_constraint(kind: str, known: Cell, q: np.ndarray, rng: np.random.Generator):
+    """A constraint of the tcp of a kind that q (n,) satisfies with an error of some hundredths."""
+    at = known.frames(q[None])[known.joints[len(q) - 1].child][0]
+    axis, point = rng.normal(size=3), rng.uniform(-0.2, 0.2, 3)
+    axis /= np.linalg.norm(axis)
+    if kind == "upright":
+        up = at[:3, :3] @ axis + rng.normal(scale=0.02, size=3)
+        return pp.Upright(tolerance=0.3, axis_in_tcp=axis, up=up)
+    if kind == "look_at":
+        seen = (at @ [*(rng.uniform(0.3, 1.5) * axis + rng.normal(scale=0.02, size=3)), 1.0])[:3]
+        return pp.collision.LookAt(tolerance=0.3, axis_in_tcp=axis, point=seen)
+    near = (at @ [*point, 1.0])[:3] + rng.normal(scale=0.02, size=3)
+    box = pp.pose(near, rng.uniform(-3, 3, 3))
+    return pp.Within.box(box, rng.uniform(0.0, 0.05, 3), tolerance=0.1, point_in_tcp=point)
+
+
+def largest_error(constraint, known: Cell, q, control, delta, extra) -> float:
+    """The bound of the error of docs/mathematics.md on a piece of a curve in a box about q (n,)."""
+    count = len(q)
+    frames, joints = known.frames(q[None]), known.joints[:count]
+    tcp = frames[joints[-1].child][0]
+    places = [frames[joint.parent][0] @ joint.place for joint in joints]
+    axes = np.array([place[:3, :3] @ joint.axis for place, joint in zip(places, joints, strict=True)])
+    points, slides = np.array([place[:3, 3] for place in places]), np.array([joint.prismatic for joint in joints])
+    order, cone = range(count), None
+    if constraint.name == "upright":
+        start, cone = tcp[:3, :3] @ constraint.axis_in_tcp, np.array(constraint.up)
+        rates = np.where(slides[:, None], 0.0, np.cross(axes, start))
+    elif constraint.name == "within":
+        start = (tcp @ [*constraint.point_in_tcp, 1.0])[:3]
+        rates = np.where(slides[:, None], axes, np.cross(axes, start - points))
+    else:  # relative to the tcp, the point moves by the inverse of each joint
+        start, cone, order = constraint.point - tcp[:3, 3], tcp[:3, :3] @ constraint.axis_in_tcp, range(count)[::-1]
+        rates = -np.where(slides[:, None], axes, np.cross(axes, constraint.point - points))
+    rest = turned = 0.0
+    for i in order:
+        x, length = (delta + extra)[i], np.linalg.norm(rates[i])
+        chord = x if slides[i] else 2 * np.sin(min(x, np.pi) / 2)
+        bend = 0.0 if slides[i] else np.hypot(x - np.sin(x), 1 - np.cos(min(x, np.pi)))
+        rest += length * (bend + turned * chord + extra[i])
+        turned += 0.0 if slides[i] else chord
+    images = start + (control - q) @ rates
+    if cone is None:
+        place = constraint.base_from_region
+        local = (images - place.translation) @ place.rotation
+        return np.linalg.norm(local - np.clip(local, constraint.low, constraint.high), axis=1).max() + rest
+    along = images @ cone
+    if rest >= along.min():
+        return np.inf
+    angles = np.arctan2(np.linalg.norm(np.cross(images, cone), axis=1), along)
+    return angles.max() + np.arcsin(rest / along.min())
+
+
+@pytest.mark.parametrize("kind", CONSTRAINTS)
+@pytest.mark.parametrize("kinds", KINDS)
+def test_bounds_of_constraints_are_those_of_the_derivation(kinds: str, kind: str) -> None:
+    """Those of the core and of the verifier; the error at a configuration is exact."""
+    known, rng = cell(1, kinds), np.random.default_rng(7)
+    arm, finite = known.checker.arm, 0
+    some = rng.uniform(-0.5, 0.5, (50, len(kinds)))
+    start = some[known.distances(some).min(axis=1).argmax()]
+    still, satisfied = pp.JointPath([start], arm.joint_names), random_constraint(kind, known, start, rng)
+    certificate = pp.certify(still, known.checker, constraints=[satisfied], record=True, limits=None).or_raise()
+    document = proof_document(proven_motion(certificate, still, known.checker))
+    for _ in range(16):
+        q, control, delta, extra = random_box(known, rng)
+        constraint = random_constraint(kind, known, q if rng.integers(2) else start, rng)
+        nothing = np.zeros(arm.dof)
+        error, bound = _core.constraint_bound(arm.chain, constraint.compiled(), q, control, delta, extra)
+        exact = largest_error(constraint, known, q, q[None], nothing, nothing)
+        if np.isfinite(exact):
+            assert error == pytest.approx(exact, abs=1e-9)
+        assert constraint.error(arm, q) == pytest.approx(error, abs=1e-9)
+        assert bound >= largest_error(constraint, known, q, control, delta, extra) + 1e-12
+        finite += np.isfinite(bound)
+
+        document["curve"] |= {"knots": [0.0, 1.0], "control": [control.tolist()]}
+        document["settings"]["joint_tolerance"], document["intervals"] = extra.tolist(), [[0.0, 1.0]]
+        proof = _unhashed(document)
+        table = IntervalBounds(proof, np.array([[0.0, 1.0]]))
+        delta = (control.max(axis=0) - control.min(axis=0)) / 2
+        (found,) = proof.constraints[0].errors(table, proof.joints, extra, proof.rounding)
+        expected = largest_error(satisfied, known, table.q[0], control, delta, extra)
+        assert found >= expected + 1e-12
+        if np.isfinite(found):
+            assert found == pytest.approx(expected, abs=1e-6)
+    assert finite >= 3
+
+
 def _unhashed(document: dict) -> Proof:
     """The parts of a proof with the hash of its changed curve."""
     from pinproof.verifier import curve_digest

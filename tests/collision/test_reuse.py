@@ -142,16 +142,28 @@ def test_a_pair_that_was_excluded_is_proven_again(checker, motion) -> None:
     assert proof.certify(SetupChange(lenient, strict)).status is pp.CertificateStatus.COLLIDING
 
 
-def test_incomplete_evidence_is_not_used(checker, proof) -> None:
-    evidence = proof.certificate.evidence
-    pair = evidence[:, 2] == evidence[len(evidence) // 2, 2]
-    late = evidence[:, 0] > proof.curve.domain[1] / 2
-    damaged = StoredProof(replace(proof.certificate, evidence=evidence[~(pair & late)]))
+@pytest.mark.parametrize("which", ["first", "inner", "last"])
+def test_incomplete_evidence_is_not_used(checker, proof, which) -> None:
+    """One interval of one pair is missing: at the start, at the end, or between others."""
+    evidence = proof.leaves
+    pairs, counts = np.unique(evidence[:, 2], return_counts=True)
+    pair = int(pairs[counts.argmax()])
+    rows = np.flatnonzero(evidence[:, 2] == pair)
+    rows = rows[np.argsort(evidence[rows, 0])]
+    assert len(rows) >= 3
+    left_out = rows[{"first": 0, "inner": len(rows) // 2, "last": -1}[which]]
+    damaged = StoredProof(replace(proof.certificate, evidence=np.delete(evidence, left_out, axis=0)))
     change = SetupChange(checker, checker.with_scene(checker.scene.remove("crate")))
-    assert np.isnan(damaged.lowest).sum() > np.isnan(proof.lowest).sum()
+    assert np.isnan(damaged.lowest[pair])
+    assert set(np.flatnonzero(np.isnan(damaged.lowest))) == {pair, *np.flatnonzero(np.isnan(proof.lowest))}
     assert change.known(damaged) is None
     assert change.known(proof) is not None
     assert damaged.certify(change).free
+
+
+def test_the_distance_of_a_pair_is_the_smallest_of_its_intervals(checker, proof) -> None:
+    for pair in np.unique(proof.leaves[:, 2]).astype(int):
+        assert proof.lowest[pair] == proof.leaves[proof.leaves[:, 2] == pair, 3].min()
 
 
 def test_certificates_without_evidence_are_refused(checker, motion) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -117,3 +118,33 @@ def test_records_must_be_a_list(tmp_path: Path, motion: pp.Trajectory) -> None:
     file.write_text(json.dumps(data))
     with pytest.raises(TrajectoryError, match="certified"):
         pp.Trajectory.load(file)
+
+
+def test_each_difference_from_the_recorded_certification_is_noted(tmp_path: Path, arm: pp.Arm, motion) -> None:
+    """The same setup has no such note; one of a smaller margin, without a constraint, or with other bodies has."""
+    ball = pp.Obstacle("ball", pp.Sphere(radius=0.02), pp.pose((0, 0, 0.1)))
+    scene = pp.Scene([pp.Obstacle("post", pp.Sphere(radius=0.02), pp.pose((0, 0, 5)))])
+    checker = pp.CollisionChecker(arm, scene, attached=[ball], margin=0.002)
+    tilt = pp.Upright.keeping(arm, motion.start, tolerance=1.0)
+    motion.save(tmp_path / "motion.json", certificate=pp.certify(motion, checker, constraints=[tilt]))
+    found = pp.Trajectory.load(tmp_path / "motion.json")
+
+    def notes(other: pp.CollisionChecker, constraints=(tilt,), curve=found) -> list[str]:
+        certificate = pp.certify(curve, other, constraints=constraints)
+        return [note for note in certificate.notes if note.startswith("the file of the motion")]
+
+    assert notes(checker) == []
+    assert notes(checker.with_margin(0.003)) == []
+    (smaller,) = notes(checker.with_margin(0.001))
+    assert "margin of 2 mm" in smaller
+    (lost,) = notes(checker, constraints=())
+    assert "Upright" in lost
+    (another,) = notes(checker.with_scene(scene.move("post", pp.pose((0, 0, 4)))))
+    assert "another scene" in another
+    (moved,) = notes(
+        pp.CollisionChecker(arm, scene, attached=[replace(ball, pose=pp.pose((0, 0, 0.101)))], margin=0.002)
+    )
+    assert "ball" in moved
+    (empty,) = notes(checker.with_scene(pp.Scene()))
+    assert "post" in empty
+    assert notes(pp.CollisionChecker(arm, scene, margin=0.002))[0].count("ball") == 1

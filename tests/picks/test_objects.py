@@ -308,3 +308,39 @@ def test_a_shift_of_a_place_moves_the_object_and_a_rotation_of_pick_and_place_do
 def test_an_unknown_kind_of_pose_of_a_place_is_refused() -> None:
     with pytest.raises(pp.UnknownNameError, match="valid: object, tip"):
         pp.picks.PlaceTarget(FINAL, pose_of="part")
+
+
+def test_motions_hold_for_a_part_that_is_displaced_by_less_than_the_room_around_it(arm) -> None:
+    """A low bar is 12 mm beside the bolt, below the picker, and the margin is 2 mm: up to 10 mm are free.
+
+    The table, on which the bolt still rests, and the picker, which grasps it, are not in its way.
+    """
+    bar = pp.Obstacle("bar", pp.Box(0.01, 0.2, 0.02), pp.pose((0.45 + 0.008 + 0.012 + 0.005, 0.15, 0.005)))
+    scene = pp.Scene([table(), bolt(0.45, 0.15), bar], allowed=[("base_link", "table")])
+    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks((PICK,), **SHARED), home=None, rng=0, budget=QUICK)
+    verdict = setup.judge(0, PICK)
+    recheck(verdict, arm)
+    for by, free in ((0.0, True), (0.0099, True), (0.0101, False)):
+        certificates = setup.certify_displaced(verdict, by)
+        assert certificates[-1].free is free
+        if free:
+            assert len(certificates) == len(verdict.motions)
+            assert [parting.bodies for parting in certificates[-1].partings] == [("bolt", "table")]
+        else:
+            assert len(certificates) == 3
+            assert {"bolt", "bar"} == set(certificates[-1].first_contact.bodies)
+    with pytest.raises(InputError, match="by"):
+        setup.certify_displaced(verdict, -1e-3)
+
+
+def test_every_obstacle_may_be_displaced_if_a_pick_names_no_object(arm) -> None:
+    post = pp.Obstacle("post", pp.Box(0.02, 0.02, 0.1), pp.pose((0.45 + 0.02 + 0.012 + 0.01, 0.15, 0.05)))
+    pick = pp.Pick("bolt", pp.pose((0.45, 0.15, 0.045), DOWN))
+    scene = pp.Scene([table(), post], allowed=[("base_link", "table")])
+    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks((pick,), **SHARED), home=None, rng=0, budget=QUICK)
+    verdict = setup.judge(0, pick)
+    assert verdict.ok, verdict.reason
+    assert [each.free for each in setup.certify_displaced(verdict, 0.0099)] == [True]
+    (refuted,) = setup.certify_displaced(verdict, 0.0101)
+    assert not refuted.free
+    assert set(refuted.first_contact.bodies) == {"picker", "post"}

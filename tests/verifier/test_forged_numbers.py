@@ -129,6 +129,35 @@ def test_an_integer_beyond_the_limit_is_refused_wherever_numbers_are(tampered, v
         assert not verify(document).ok, line
 
 
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_a_value_that_is_not_finite_is_refused_wherever_numbers_are(tampered, rehashed, value):
+    """In a parsed document, such as one that was not read from a file; its hashes are right."""
+    for line in list(number_places(tampered)):
+        document = copy.deepcopy(tampered)
+        holder = document
+        for key in line[:-1]:
+            holder = holder[key]
+        holder[line[-1]] = value
+        assert not verify(rehashed(document)).ok, line
+
+
+@pytest.mark.parametrize("turns", [0, 10**2, 10**5])
+def test_full_rotations_of_a_joint_add_to_the_allowance_for_rounding(tampered, rehashed, turns):
+    """The sine of an angle of 6e5 rad is known to 1e-10 only: the same motion many turns later has less clearance."""
+    before = Proof(copy.deepcopy(tampered))
+    control = np.array(tampered["curve"]["control"])
+    control[:, :, 0] += 2 * np.pi * turns
+    tampered["curve"]["control"] = control.tolist()
+    turned = Proof(rehashed(tampered))
+    degree = control.shape[1]
+    values = sum(
+        abs(joint.multiplier) * (np.abs(control).max(axis=(0, 1)) + turned.tolerance)[joint.leader] + abs(joint.offset)
+        for joint in turned.joints
+    )
+    assert turned.rounding == pytest.approx(before.rounding * max(1.0, values * degree / 1e3))
+    assert turned.check_pairs()[0] <= before.check_pairs()[0] - (turned.rounding - before.rounding) + 1e-9
+
+
 def number_places(document):
     """One place of each kind: the first entry of every list is enough."""
     skipped = {"hashes", "robot", "notes", "made_by"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import sqlite3
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -58,3 +59,13 @@ def wait_for(event: Callable[[], bool], *, by: subprocess.Popen[str] | None = No
         assert by is None or by.poll() is None or event(), f"the process ended with {by.returncode} before the event"
         assert time.monotonic() < end, f"the event did not come within {PATIENCE:g} s"
         time.sleep(0.01)
+
+
+WRITTEN = 12 * 4096
+"""Bytes of the write-ahead log of a journal after some chunks: at least one page for each, and those of its tables."""
+
+
+def rows_in(journal: Path) -> int:
+    """The number of rows in a journal that no process has open."""
+    with contextlib.closing(sqlite3.connect(journal)) as file:
+        return int(file.execute("SELECT count(*) FROM rows").fetchone()[0])

@@ -24,6 +24,7 @@ PACKAGES = (
     "units",
     "spatial",
     "common",
+    "work",
     "description",
     "model",
     "conversion",

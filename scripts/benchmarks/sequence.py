@@ -23,10 +23,10 @@ from benchmarks.picks import unsafe_motions
 from benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence_run import SequenceRun
-from pinproof.cell.stages import StageRunner
 from pinproof.description import robots_folder
 from pinproof.picks import PickSetup
 from pinproof.spatial import SE3
+from pinproof.work import Runner
 
 BUDGET = pp.cell.SequenceBudget(bound=20)
 """The default budget, with more rounds of the lower bound."""
@@ -166,7 +166,7 @@ def other_orders(setup: PickSetup, picks: list[pp.Pick]) -> tuple[float, float, 
     """Seconds of the certified motions in file order, in nearest-neighbour order, and of the greedy tour."""
     setup = replace(setup, budget=replace(setup.budget, motion=BUDGET.motion))
     stated = Precedence.stated((pick.name for pick in picks), ())
-    run = SequenceRun(setup, tuple(picks), stated, (setup.home, setup.home), (0.0, 0.0), BUDGET, StageRunner({}))
+    run = SequenceRun(setup, tuple(picks), stated, (setup.home, setup.home), (0.0, 0.0), BUDGET, Runner())
     run.prepare()
     problem = run.problem()
     in_file = problem.best_options(problem.in_order(tuple(range(problem.count))))

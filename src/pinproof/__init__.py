@@ -45,6 +45,7 @@ _PACKAGES = (
     "planning",
     "verifier",
     "viewer",
+    "work",
 )
 """Packages with further names, imported at first use: ``pp.picks.PickBudget``."""
 

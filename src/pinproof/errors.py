@@ -24,7 +24,7 @@
         └── NotProvenFree
 
 An expected failure (unreachable, in collision, not found) is a result with a status; ``.or_raise()`` turns it into an
-exception.
+exception. ``RunInterrupted`` (a KeyboardInterrupt, not a PinproofError) is raised after Ctrl-C during long work.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ import difflib
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 __all__ = [
     "CampaignError",
@@ -49,6 +50,7 @@ __all__ = [
     "PicksError",
     "PinproofError",
     "PlanFailed",
+    "RunInterrupted",
     "SceneError",
     "TimingError",
     "TrajectoryError",
@@ -188,7 +190,7 @@ class CoreError(PinproofError, ImportError):
 class NoAnswer(PinproofError):
     """A computation without a solution, raised only by ``.or_raise()``; ``result`` is the result object."""
 
-    def __init__(self, message: str, result: object = None) -> None:
+    def __init__(self, message: str, result: Any = None) -> None:
         self.result = result
         super().__init__(message)
 
@@ -238,3 +240,19 @@ def _rebuild(cls: type[PinproofError], args: tuple[object, ...], state: dict[str
     Exception.__init__(error, *args)
     error.__dict__.update(state)
     return error
+
+
+class RunInterrupted(KeyboardInterrupt):
+    """Ctrl-C during long work.
+
+    Parameters
+    ----------
+    message
+        What was finished before.
+    result
+        The result as far as it is known, of the type that the interrupted function returns; None if nothing is.
+    """
+
+    def __init__(self, message: str, result: Any = None) -> None:
+        super().__init__(message)
+        self.result = result

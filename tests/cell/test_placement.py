@@ -17,20 +17,18 @@ import pinproof as pp
 from pinproof.cell import (
     PlacementBudget,
     PlacementChoice,
-    PlacementInterrupted,
     PlacementRegion,
     PlacementResult,
     place_base,
-    stages,
     without_parts,
 )
 from pinproof.cell.placement.placed_robot import PlacedRobot
 from pinproof.cell.placement.placement_result import CertifiedPlacement
 from pinproof.cell.placement.region import mounting_pose
 from pinproof.picks import PickBudget, PickWeights
-from pinproof.picks.batch.workers import LocalWorkers
+from pinproof.work import LocalWorkers, runner
 
-from ..processes import PATIENCE, RUN_CLI, started, wait_for
+from ..processes import PATIENCE, RUN_CLI, WRITTEN, rows_in, started, wait_for
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 SMALL = PlacementBudget(grid=60, runs=2, evaluations=24, certified=2)
@@ -197,7 +195,7 @@ def test_interrupted_search_resumes_from_its_folder(
             raise KeyboardInterrupt
 
     settings = {"placement_budget": SMALL, "budget": QUICK, "folder": tmp_path / "search"}
-    with pytest.raises(PlacementInterrupted) as error:
+    with pytest.raises(pp.errors.RunInterrupted) as error:
         place_base(arm, scene, bolts, found.region, progress=stop, **settings)
     kept = error.value.result
     assert kept.interrupted
@@ -217,12 +215,12 @@ def test_killed_search_with_two_workers_resumes_to_the_same_result(tmp_path: Pat
     picks, region = ROBOTS / "ur5" / "plate_picks.yaml", "-0.3 0.1 -0.3 0.3 0 0 -pi pi"
     search = ["cell", "place", str(picks), "--region", region, "--grid", "300", "--runs", "0", "--certified", "1",
               "--workers", "2", "--campaign"]  # fmt: skip
-    whole, journal = [sys.executable, "-c", RUN_CLI, *search], tmp_path / "killed" / "grid" / "journal.jsonl"
+    whole, journal = [sys.executable, "-c", RUN_CLI, *search], tmp_path / "killed" / "journal.sqlite"
     with started([*whole, str(tmp_path / "killed")]) as running:
-        wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 40, by=running)
+        log = journal.with_name("journal.sqlite-wal")
+        wait_for(lambda: log.exists() and log.stat().st_size > WRITTEN, by=running)
         running.kill()
-    begun = journal.read_bytes().count(b"\n") - 1
-    assert begun < 300
+    assert rows_in(journal) < 300
     answers = []
     for folder in ("killed", "once"):
         done = subprocess.run(
@@ -245,7 +243,7 @@ def test_resumed_search_starts_its_workers_once(
             super().__init__(count)
             started.append(self)
 
-    monkeypatch.setattr(stages, "LocalWorkers", Counted)
+    monkeypatch.setattr(runner, "LocalWorkers", Counted)
     tiny = PlacementBudget(grid=4, runs=0, evaluations=0, certified=1)
     for _ in range(2):  # rows from the folder have no motions, so the second search judges the picks again
         place_base(

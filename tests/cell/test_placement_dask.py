@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cell import PlacementBudget, PlacementInterrupted, PlacementRegion, place_base
+from pinproof.cell import PlacementBudget, PlacementRegion, place_base
 from pinproof.description import robots_folder
 from pinproof.picks import PickBudget
 
@@ -51,7 +51,7 @@ def test_search_on_dask_is_interrupted_resumed_and_equal_to_that_of_one_process(
         distributed.Client(cluster) as client,
     ):  # fmt: skip
         client.wait_for_workers(2, timeout=PATIENCE)
-        with pytest.raises(PlacementInterrupted) as error:
+        with pytest.raises(pp.errors.RunInterrupted) as error:
             place_base(
                 arm,
                 scene,

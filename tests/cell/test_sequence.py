@@ -332,7 +332,7 @@ def test_interrupted_search_returns_the_certified_beginning() -> None:
         if work == "motions" and done == 2:
             raise KeyboardInterrupt
 
-    with pytest.raises(pp.cell.SequenceInterrupted) as caught:
+    with pytest.raises(pp.errors.RunInterrupted) as caught:
         pp.sequence(setup, picks, progress=stop)
     result = caught.value.result
     assert len(result.steps) == 2

@@ -9,35 +9,35 @@ from pathlib import Path
 import pytest
 
 import pinproof as pp
+from pinproof.common import content_hash
 from pinproof.errors import CampaignError
-from pinproof.picks.batch import campaign as rows
-from pinproof.picks.batch.campaign import RowTask, judge_row
+from pinproof.picks.batch.campaign import RowTask, describe_judge, judge_row
 
 
 @pytest.fixture
 def copy_of_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A copy of the source that tests can change, with its code version."""
     package = tmp_path / "pinproof"
-    for path in rows.PACKAGE.rglob("*.py"):
-        place = package / path.relative_to(rows.PACKAGE)
+    for path in content_hash.PACKAGE.rglob("*.py"):
+        place = package / path.relative_to(content_hash.PACKAGE)
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, place)
-    original = rows.code_here()
-    monkeypatch.setattr(rows, "PACKAGE", package)
-    rows.code_here.cache_clear()
-    assert rows.code_here() == original
+    original = content_hash.code_here()
+    monkeypatch.setattr(content_hash, "PACKAGE", package)
+    content_hash.code_here.cache_clear()
+    assert content_hash.code_here() == original
     yield package
     monkeypatch.undo()
-    rows.code_here.cache_clear()
+    content_hash.code_here.cache_clear()
 
 
 def recomputed_version() -> str:
-    rows.code_here.cache_clear()
-    return rows.code_here()
+    content_hash.code_here.cache_clear()
+    return content_hash.code_here()
 
 
 def test_the_code_version_names_the_package_and_the_libraries() -> None:
-    expected = rows.code_here()
+    expected = content_hash.code_here()
     assert expected.startswith(f"{pp.__version__} ")
     assert "numpy " in expected
     assert "unknown" not in expected
@@ -82,7 +82,7 @@ def test_a_worker_with_other_code_refuses_the_task(stick, many, monkeypatch) -> 
 
 
 def test_a_custom_judge_is_identified_by_its_source(judges) -> None:
-    assert rows.judge_words(judge_row) == "pinproof.picks.batch.campaign.judge_row"
-    echo, slow = rows.judge_words(judges.echo), rows.judge_words(judges.slow)
+    assert describe_judge(judge_row) == "pinproof.picks.batch.campaign.judge_row"
+    echo, slow = describe_judge(judges.echo), describe_judge(judges.slow)
     assert echo.startswith("campaign_judges.echo ")
     assert echo.split()[1] != slow.split()[1]

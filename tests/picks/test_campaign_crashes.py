@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import queue
 import signal
@@ -15,10 +14,10 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import CampaignError
-from pinproof.picks.batch import workers
 from pinproof.picks.batch.campaign import KILLED
+from pinproof.work import JOURNAL, Journal, executors, to_line
 
-from ..processes import PATIENCE, is_alive, started, wait_for
+from ..processes import PATIENCE, WRITTEN, is_alive, started, wait_for
 
 
 class Fragile(Executor):
@@ -75,6 +74,11 @@ def crashed(result: pp.picks.CampaignResult) -> list[int]:
     return [row["index"] for row in rows if row["verdict"] == "crashed"]
 
 
+def rows_there(folder, made) -> list[int]:
+    with Journal(folder, made.header()) as journal:
+        return [index for index, _ in journal.rows()]
+
+
 @pytest.mark.parametrize(("chunk", "in_flight"), [(1, 1), (1, 16), (8, 1), (8, 16), (120, 3), (None, 8)])
 def test_only_the_faulty_picks_are_marked_as_crashed(stick, many, judges, tmp_path, chunk, in_flight) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
@@ -122,22 +126,16 @@ def test_a_pick_that_kills_workers_each_time_is_tried_once_a_run_with_the_same_b
 
 
 def test_a_crashed_row_in_a_journal_is_replaced_by_a_later_run(stick, many, judges, tmp_path) -> None:
-    from pinproof.picks.batch.journal import Journal
-
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_six_times_on_7)
     made.run(tmp_path, executor=Fragile, chunk=2, in_flight=1)
-    (tmp_path / "rows.jsonl").rename(tmp_path / "journal.jsonl")
+    rows = list(pp.picks.CampaignResult.open(tmp_path).rows())
+    (tmp_path / "rows.jsonl").unlink()
     with Journal(tmp_path, made.header()) as journal:
-        assert journal.missing() == [(7, 8)]
-        journal.append(7, [judges_row(judges, many)])
-    with Journal(tmp_path, made.header()) as journal:
-        assert journal.missing() == []
-        journal.finish()
-    assert crashed(pp.picks.CampaignResult.open(tmp_path)) == []
-
-
-def judges_row(judges, many) -> bytes:
-    return b'{"index":7,"name":"p","verdict":"good","failed_at":null}\n'
+        journal.append(0, [to_line(row) for row in rows])
+        assert rows[7]["retry"]
+    again = made.run(tmp_path, executor=Fragile)
+    assert crashed(again) == []
+    assert again.resumed == 119
 
 
 def test_no_pick_is_blamed_for_an_executor_that_breaks_of_itself(stick, many, judges, tmp_path) -> None:
@@ -178,7 +176,7 @@ def test_workers_that_never_start_are_an_error_and_no_pick_is_blamed(stick, many
     with pytest.raises(CampaignError, match=r"no worker starts .* if __name__ == '__main__'"):
         made.run(tmp_path, executor=Dead)
     assert Dead.made == 3
-    assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
+    assert rows_there(tmp_path, made) == []
 
 
 @pytest.mark.slow
@@ -186,13 +184,13 @@ def test_workers_that_always_die_are_an_error_and_no_pick_is_blamed(stick, many,
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_always)
     with pytest.raises(CampaignError, match=r"every worker process died on each of the first 10 picks.* enough memory"):
         made.run(tmp_path, executor=Fragile)
-    assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
+    assert rows_there(tmp_path, made) == []
     few = pp.Campaign(stick, pp.Scene(), pp.picks.PickGrid(many.first, (3, 1, 1), many.step), judge=judges.ends_always)
     assert few.run(tmp_path / "few", executor=Fragile).verdicts == {"crashed": 3}
 
 
 def test_a_task_that_workers_cannot_load_is_an_error(stick, many, judges, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(workers, "_known", {})
+    monkeypatch.setattr(executors, "_known", {})
 
     class Foreign(Fragile):
         def submit(self, fn, /, key, package, start, part):
@@ -219,12 +217,12 @@ def test_workers_that_join_receive_the_task_once(stick, many, judges, tmp_path, 
 
 
 def _as_stranger(*args):
-    return workers.Answer(known=False, worker="stranger:1")
+    return executors.Answer(known=False, worker="stranger:1")
 
 
 @pytest.mark.slow
 def test_a_process_that_a_pick_kills(stick, many, judges, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(workers, "MAX_DEATHS", 2)
+    monkeypatch.setattr(executors, "MAX_DEATHS", 2)
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_on_7)
     assert crashed(made.run(tmp_path / "out", workers=2, chunk=2)) == [7]
     assert len((tmp_path / "flag").read_text()) == 4  # twice with its neighbour, twice alone
@@ -256,20 +254,20 @@ def test_a_killed_campaign_leaves_no_process_and_resumes_with_the_same_bytes(
     program.write_text(RUN)
     # A session of its own: Ctrl-C goes to all processes of it.
     with started([sys.executable, str(program), str(folder), stick_urdf]) as running:
-        journal, times = folder / "journal.jsonl", folder / "timings.jsonl"
-        wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 40, by=running)
+        log = folder / f"{JOURNAL}-wal"
+        wait_for(lambda: log.exists() and log.stat().st_size > WRITTEN, by=running)
         os.killpg(running.pid, by) if by == signal.SIGINT else running.kill()
         assert running.communicate(timeout=PATIENCE)[1].count("Traceback") <= 1  # of the program, not of its workers
         assert running.returncode != 0
-        workers = {int(json.loads(line)["worker"].rpartition(":")[2]) for line in times.read_text().splitlines()}
-        assert workers
-        assert os.getpid() not in workers
-        wait_for(lambda: not any(map(is_alive, workers)))  # by themselves: nothing has ended them yet
-    there = journal.read_bytes().count(b"\n") - 1
-    assert 40 <= there < 120
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.waits_for_flag)
+    with Journal(folder, made.header()) as journal:
+        there = len(list(journal.rows()))
+        workers = {int(time["worker"].rpartition(":")[2]) for time in journal.timings()}
+    assert 4 <= there < 120
+    assert os.getpid() not in workers
+    wait_for(lambda: not any(map(is_alive, workers)))  # by themselves: nothing has ended them yet
 
     (tmp_path / "flag").touch()
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.waits_for_flag)
     with ThreadPoolExecutor(3) as threads:
         assert made.run(folder, executor=threads).resumed == there
         made.run(tmp_path / "whole", executor=threads)

@@ -14,13 +14,13 @@ from pinproof.cell.allocation.arm_program import Piece
 from pinproof.cell.allocation.common_clock import CommonInterval, Timing
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
 from pinproof.cell.placement.heat_map import PlacementMap
-from pinproof.cell.placement.place_base import PlacementBudget, PlacementInterrupted, place_base
+from pinproof.cell.placement.place_base import PlacementBudget, place_base
 from pinproof.cell.placement.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
 from pinproof.cell.placement.region import Placement, PlacementChoice, PlacementRegion
 from pinproof.cell.sequencing.cycle_time import CycleTime, PickTime, cycle_time
 from pinproof.cell.sequencing.parts import without_parts
 from pinproof.cell.sequencing.precedence import Precedence
-from pinproof.cell.sequencing.sequence import SequenceInterrupted, sequence
+from pinproof.cell.sequencing.sequence import sequence
 from pinproof.cell.sequencing.sequence_page import read_heat_map, write_sequence_page
 from pinproof.cell.sequencing.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
 from pinproof.cell.sequencing.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
@@ -48,14 +48,12 @@ __all__ = [
     "Placement",
     "PlacementBudget",
     "PlacementChoice",
-    "PlacementInterrupted",
     "PlacementMap",
     "PlacementRegion",
     "PlacementResult",
     "PlacementSensitivity",
     "Precedence",
     "SequenceBudget",
-    "SequenceInterrupted",
     "SequenceResult",
     "SequenceStep",
     "Timing",

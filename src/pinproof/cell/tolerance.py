@@ -25,7 +25,6 @@ from typing import Any, Literal
 import numpy as np
 
 from pinproof.cell.placement.placement_keys import TOLERANCE_SCHEMA
-from pinproof.cell.stages import Progress, StageRunner
 from pinproof.collision import Obstacle
 from pinproof.collision.checking.line_surface import LineSurface, outer_points
 from pinproof.common.display import html_block, html_table, markdown_table, outline
@@ -33,13 +32,13 @@ from pinproof.common.files import csv_text, json_text, save_as
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
 from pinproof.picks.batch.screen_picks import screen_picks
-from pinproof.picks.batch.workers import IN_FLIGHT, Workers
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 from pinproof.spatial import SE3, pose
+from pinproof.work import IN_FLIGHT, Progress, Runner, Workers
 
 Distribution = Literal["uniform", "normal"]
 DISTRIBUTIONS = ("uniform", "normal")
@@ -258,7 +257,7 @@ def tolerance_study(
     require_integer("samples", samples, 0)
     require_integer("rng", rng, 0)
     task = _ToleranceTask(setup, position, rotation, distribution, samples, largest, part_radius, rng)
-    with StageRunner({}, executor, workers, in_flight, None, progress) as runner:
+    with Runner(executor=executor, workers=workers, in_flight=in_flight, progress=progress) as runner:
         rows = runner.run("tolerance", task, report.verdicts, 4)
     picks = tuple(PickTolerance(**row) for row in rows)
     notes = _not_covered(report, part_radius)

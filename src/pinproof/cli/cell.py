@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pinproof as pp
-from pinproof.cli.console import Interrupted, check_output_files, print_note, print_result, progress_status, written
+from pinproof.cli.console import Interrupted, check_output_files, print_note, print_result, progress_bar, written
 from pinproof.cli.options import Json, Seed, argument, option, placement
 from pinproof.cli.pick import CellOptions
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 
 SHOWN = 20
 """Largest number of picks that are printed; -o writes all of them."""
@@ -106,7 +106,7 @@ def cell_sequence(
     _refuse_problems(file, picks)
     setup = pp.picks.PickSetup.make(arm, scene, picks, home=None, rng=seed)
     chosen = selection.select(picks)
-    interrupted: pp.cell.SequenceInterrupted | None = None
+    interrupted: RunInterrupted | None = None
     try:
         with _progress() as progress:
             result = pp.sequence(
@@ -120,7 +120,7 @@ def cell_sequence(
                 workers=workers,
                 progress=progress,
             )
-    except pp.cell.SequenceInterrupted as error:
+    except RunInterrupted as error:
         if error.result is None or not error.result.steps:
             raise Interrupted from None
         result, interrupted = error.result, error
@@ -153,8 +153,8 @@ def _names(text: str | None) -> list[str]:
 @contextmanager
 def _progress() -> Iterator[Callable[[str, int, int], None]]:
     words = {"options": "grasps and lines", "motions": "certified motions", "shorten": "shorter motions"}
-    with progress_status("sequence") as show:
-        yield lambda work, done, total: show(f"{words.get(work, work)}: {done} of {total}")
+    with progress_bar("sequence") as show:
+        yield lambda work, done, total: show(words.get(work, work), done, total)
 
 
 def _lines(result: pp.cell.SequenceResult) -> list[str]:
@@ -209,7 +209,7 @@ def cell_allocate(
     group = picks.load_cell()
     scene = pp.Scene() if picks.scene is None else pp.Scene.load(picks.scene)
     chosen = selection.select(picks)
-    with progress_status("allocation") as show:
+    with progress_bar("allocation") as progress:
         result = pp.cell.allocate(
             group,
             scene,
@@ -217,7 +217,7 @@ def cell_allocate(
             **conditions.settings(),
             compare=compare,
             rng=seed,
-            progress=lambda work, done, total: show(f"{work}: {done} of {total}"),
+            progress=progress,
         )
     for path in outputs:
         pp.cell.save_allocation(result, path)

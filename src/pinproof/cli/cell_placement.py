@@ -7,10 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import pinproof as pp
-from pinproof.cli.console import Interrupted, check_output_files, make_folder, print_result, progress_status, written
+from pinproof.cli.console import (
+    Interrupted,
+    check_output_files,
+    make_folder,
+    print_result,
+    progress_bar,
+    progress_status,
+    written,
+)
 from pinproof.cli.options import Json, Seed, argument, numbers, option
 from pinproof.cli.pick import CellOptions, WorkerOptions, judge_file
-from pinproof.errors import InputError
+from pinproof.errors import InputError, RunInterrupted
 from pinproof.units import refuse_degrees, warn_of_millimetres
 
 if TYPE_CHECKING:
@@ -130,11 +138,7 @@ def cell_place(
     region = search.found_region()
     arm, scene, source = cell.open(file)
     try:
-        with progress_status(f"placing {arm.robot.name}") as status, pool.settings() as settings:
-
-            def progress(stage: str, done: int, total: int) -> None:
-                status(f"{stage.partition('_')[0]}: {done:,} of {total:,}")
-
+        with progress_bar(f"placing {arm.robot.name}") as progress, pool.settings() as settings:
             found = pp.place_base(
                 arm,
                 scene,
@@ -149,7 +153,7 @@ def cell_place(
                 progress=progress,
                 **settings,
             )
-    except pp.cell.PlacementInterrupted as error:
+    except RunInterrupted as error:
         found = error.result
         if found.map is None:
             kept = "" if campaign is None else f"; the same command resumes the search from {campaign}"
@@ -217,7 +221,7 @@ def cell_tolerance(
     check_output_files([output], [file], TABLES)
     angles = numbers(rotation, "--rotation", "angle")
     refuse_degrees("--rotation", angles)
-    with progress_status(f"checking {file}") as status, pool.settings() as settings:
+    with progress_bar(f"checking {file}") as progress, pool.settings() as settings:
         report = judge_file(file, cell, seed, **settings)[-1]
         found = pp.cell.tolerance_study(
             report,
@@ -226,7 +230,7 @@ def cell_tolerance(
             distribution="normal" if normal else "uniform",
             samples=samples,
             rng=seed,
-            progress=lambda _, done, total: status(f"tolerances: {done:,} of {total:,} picks"),
+            progress=progress,
             **settings,
         )
     _finish(found, output, as_json)

@@ -114,15 +114,35 @@ def progress_status(text: str) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def progress_bar(text: str, total: int) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on stderr if it is a terminal; the function yielded takes the number of finished parts."""
+def progress_bar(text: str) -> Iterator[Callable[[str, int, int], None]]:
+    """Show a progress bar with the rate and the time left on stderr if it is a terminal.
+
+    The function yielded takes the name of a stage, and the numbers of its finished and of all parts.
+    """
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        """Parts per second."""
+
+        def render(self, task: Any) -> Text:
+            return Text("" if task.speed is None else f"{task.speed:,.1f}/s")
 
     console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(text, total=total)
-        yield lambda done, _: bar.update(task, completed=done)
+    columns: tuple[ProgressColumn, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate())
+    columns += (TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        current, task = "", bar.add_task(text, total=None)
+
+        def show(stage: str, done: int, total: int) -> None:
+            nonlocal current
+            if stage != current:  # the rate of another stage does not count
+                current = stage
+                bar.reset(task, description=f"{text}: {stage}" if stage else text, total=total)
+            bar.update(task, completed=done, total=total)
+
+        yield show
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -34,7 +35,7 @@ from pinproof.cli.console import (
 )
 from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, argument, option, placement
 from pinproof.common.files import file_stems
-from pinproof.errors import CampaignError, InputError, UnknownNameError
+from pinproof.errors import CampaignError, InputError, RunInterrupted, UnknownNameError
 
 if TYPE_CHECKING:
     from pinproof.motion.dialects import Dialect
@@ -341,14 +342,11 @@ def _judge(
         After Ctrl-C; before, the picks that were judged are reported, if there are any.
     """
     try:
-        with progress_status(f"checking {file}") as status, pool.settings() as settings:
-
-            def progress(done: int, total: int) -> None:
-                status(f"checking {file}: {done:,} of {total:,} picks")
-
-            report = judge_file(file, cell, seed, progress=progress, budget=budget, **settings)[-1]
-    except pp.picks.PicksInterrupted as error:
-        report = error.report
+        with progress_bar(f"checking {file}") as show, pool.settings() as settings:
+            judged = judge_file(file, cell, seed, progress=partial(show, "picks"), budget=budget, **settings)
+            report = judged[-1]
+    except RunInterrupted as error:
+        report = error.result
         if not report.verdicts:
             raise Interrupted(f"{error}; there is no result") from None
     if as_json:
@@ -359,10 +357,10 @@ def _judge(
     if files and not as_json:
         print_line(f"wrote {files}")
     if report.not_judged:
-        judged, total = len(report.verdicts), len(report.verdicts) + report.not_judged
-        kept = "" if out.output is None else f"; {out.output} has these {judged:,}"
+        count, total = len(report.verdicts), len(report.verdicts) + report.not_judged
+        kept = "" if out.output is None else f"; {out.output} has these {count:,}"
         remedy = "the same command checks all picks again; add --campaign FOLDER for a run that can be resumed"
-        raise Interrupted(f"interrupted after {judged:,} of {total:,} picks{kept}; {remedy}", result_printed=True)
+        raise Interrupted(f"interrupted after {count:,} of {total:,} picks{kept}; {remedy}", result_printed=True)
     if not report.ok:
         raise typer.Exit(1)
 
@@ -433,7 +431,8 @@ def _screen(file: Path, cell: CellOptions, output: Path | None, seed: int, *, as
             raise InputError(f"{output}: with --screen, -o writes a table and must end in .csv")
         check_output_files([output], [file, *cell.files])
     start = time.perf_counter()
-    with progress_bar("screening", len(source)) as progress:
+    with progress_bar("screening") as show:
+        progress = partial(show, "picks")
         found = pp.screen_picks(arm, world, source, rng=seed, clearance=output is not None, progress=progress)
     seconds = time.perf_counter() - start
     ok = bool(found.free.all())
@@ -465,46 +464,20 @@ def _run_campaign(
     """
     arm, world, source = cell.open(file)
     campaign = pp.Campaign(arm, world, source, rng=seed)
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
-    from rich.text import Text
-
-    class Rate(ProgressColumn):
-        """Picks per second."""
-
-        def render(self, task: Any) -> Text:
-            return Text("" if task.speed is None else f"{task.speed:,.1f}/s")
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("picks"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        Rate(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
     try:
-        with (
-            pool.settings() as settings,
-            Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
-        ):
-            task = bar.add_task("picks", total=len(campaign), start=False)
+        with pool.settings() as settings, progress_bar(f"checking {file}") as show:
+            started = False
 
             def progress(done: int, total: int) -> None:
-                if not bar.tasks[task].started:
-                    if done:
-                        print_note(f"resuming: {done:,} of {total:,} picks are already checked")
-                    bar.start_task(task)
-                bar.update(task, completed=done)
+                nonlocal started
+                if not started and done:
+                    print_note(f"resuming: {done:,} of {total:,} picks are already checked")
+                started = True
+                show("picks", done, total)
 
             result = campaign.run(folder, progress=progress, **settings)
-    except KeyboardInterrupt:
-        from pinproof.picks.batch.journal import rows_there
-
-        # Count the rows of the file: the interrupt may arrive between writing a row and reporting it.
-        done = f"{rows_there(folder):,} of {len(campaign):,} picks"
-        raise Interrupted(f"interrupted after {done}; run the same command again to resume") from None
+    except RunInterrupted as error:
+        raise Interrupted(f"{error}; run the same command again to resume") from None
     lines = [result.summary]
     if result.damaged:
         lines.append(f"{result.damaged:,} damaged or edited rows were computed again")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import MISSING, dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -118,10 +119,10 @@ def reach(
     checker = _checker(arm, scene_options, tool, world_from_root)
     tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip", "x y z"))
     frames = orientation_options.frames(_axis_at_home(arm, tcp_from_tip, world_from_root))
-    with progress_bar("reach map", len(grid) * len(frames)) as progress:
+    with progress_bar("reach map") as show:
         found = pp.reach_map(
             checker, grid, frames, tip=tcp_from_tip, world_from_root=world_from_root, rng=seed, threads=threads,
-            progress=progress,
+            progress=partial(show, ""),
         )  # fmt: skip
     never = ""
     if not found.reachable.any():

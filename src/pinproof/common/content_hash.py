@@ -6,7 +6,9 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from pathlib import PurePath
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -62,3 +64,36 @@ def _update(into: Any, value: object) -> None:
             _update(into, each)
     else:
         raise TypeError(f"cannot hash a {type(value).__name__}")
+
+
+PACKAGE = Path(__file__).parents[1]
+
+WITHOUT_VERDICTS = ("cli", "viewer")
+"""Packages that do not affect verdicts. They are not hashed, so editing them does not invalidate stored rows."""
+
+LIBRARIES = ("pin", "coal", "numpy")
+"""The libraries whose results enter the verdicts."""
+
+
+@cache
+def code_here() -> str:
+    """The code of this process as one line: version and source hash of pinproof, and the versions of :data:`LIBRARIES`.
+
+    The version alone is not sufficient, because it does not change while a checkout is being edited.
+    """
+    from pinproof import _core
+
+    into = hashlib.sha256(_core.SOURCE_HASH.encode())
+    for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: path.relative_to(PACKAGE).as_posix()):
+        name = path.relative_to(PACKAGE)
+        if name.parts[0] not in WITHOUT_VERDICTS:
+            content = path.read_bytes()
+            into.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
+    versions = []
+    for library in ("pinproof", *LIBRARIES):
+        try:
+            versions.append(version(library))
+        except PackageNotFoundError:
+            versions.append("unknown")
+    libraries = ", ".join(f"{name} {number}" for name, number in zip(LIBRARIES, versions[1:], strict=True))
+    return f"{versions[0]} {into.hexdigest()[:LENGTH]} on {libraries}"

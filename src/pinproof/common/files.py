@@ -101,8 +101,8 @@ def write_text_whole(path: str | Path, text: str, error: type[FileError] = FileE
     write_bytes_whole(path, text.encode("utf-8"), error)
 
 
-def write_bytes_whole(path: str | Path, content: bytes, error: type[FileError] = FileError) -> None:
-    """Write ``content`` to ``path`` atomically.
+def write_bytes_whole(path: str | Path, content: bytes | Iterable[bytes], error: type[FileError] = FileError) -> None:
+    """Write ``content``, or the parts that it yields, to ``path`` atomically.
 
     The content is written to a new file in the same folder, which then replaces ``path``. After a crash or on a full
     disk the previous file is unchanged, and other processes never read an incomplete file.
@@ -118,7 +118,7 @@ def write_bytes_whole(path: str | Path, content: bytes, error: type[FileError] =
     with os_errors(target, "cannot be written", error):
         try:
             with scratch.open("xb") as file:
-                file.write(content)
+                file.writelines([content] if isinstance(content, bytes) else content)
                 file.flush()
                 os.fsync(file.fileno())
             scratch.replace(target)

@@ -11,7 +11,7 @@ from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, attainable
 from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, tool_orientations
 from pinproof.picks.batch.screen_picks import screen_picks
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
-from pinproof.picks.batch.validate import PicksInterrupted, validate_picks
+from pinproof.picks.batch.validate import validate_picks
 from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.pick import (
     CellRobot,
@@ -66,7 +66,6 @@ __all__ = [
     "PickVerdict",
     "PickWeights",
     "Picks",
-    "PicksInterrupted",
     "PicksProgram",
     "PlaceTarget",
     "ReachComparison",

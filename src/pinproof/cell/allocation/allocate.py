@@ -7,7 +7,7 @@ where they would meet (:mod:`pinproof.cell.allocation.common_clock`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,8 +28,7 @@ from pinproof.model import JointGroup, Payload
 from pinproof.model.robot import PART
 from pinproof.picks import Pick, Picks, PickSetup
 from pinproof.spatial import Array
-
-Progress = Callable[[str, int, int], object]
+from pinproof.work import Progress
 
 CROWDED = 3.0
 """A pick costs 1 + this times as much if its arm would meet every other arm at every of its picks."""

@@ -30,14 +30,11 @@ from pinproof.cell.placement.tasks import (
     least_failing_step,
     penalised,
 )
-from pinproof.cell.stages import Progress, StageRunner
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.common.content_hash import digest
+from pinproof.common.content_hash import code_here, digest
 from pinproof.common.validation import require_integer
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.model import Arm
-from pinproof.picks.batch.campaign import code_here
-from pinproof.picks.batch.workers import IN_FLIGHT, Workers
 from pinproof.picks.input.pick import Pick, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.setup import PickSetup, check_held_joints
@@ -45,6 +42,7 @@ from pinproof.picks.judging.task import Cell
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 from pinproof.spatial import Array
+from pinproof.work import IN_FLIGHT, Progress, Runner, Workers
 
 SAMPLE = 24
 """Number of picks that are judged at each of many placements, before all picks are judged at the best few."""
@@ -84,14 +82,6 @@ class PlacementBudget:
     def __post_init__(self) -> None:
         for name, least in (("grid", 1), ("runs", 0), ("evaluations", 0), ("sampled", 0), ("certified", 1)):
             require_integer(f"PlacementBudget.{name}", getattr(self, name), least)
-
-
-class PlacementInterrupted(KeyboardInterrupt):
-    """Ctrl-C during :func:`pinproof.place_base`; ``result`` has what was found before."""
-
-    def __init__(self, result: PlacementResult) -> None:
-        super().__init__(f"interrupted: {result.message}")
-        self.result = result
 
 
 def place_base(
@@ -149,7 +139,7 @@ def place_base(
     ------
     InputError
         If an argument is invalid, or a name is repeated or unknown.
-    PlacementInterrupted
+    RunInterrupted
         After Ctrl-C (a KeyboardInterrupt); its ``result`` has what was found before.
     """
     picks = _valid_picks(picks)
@@ -170,12 +160,14 @@ def place_base(
         weights or OBJECTIVES[objective].weights,
         rng,
     )
-    kept = None if folder is None else Path(folder)
-    with StageRunner(search.identity(), executor, workers, in_flight, kept, progress) as search.runner:
+    with Runner(
+        search.identity(), executor=executor, workers=workers, in_flight=in_flight, folder=folder, progress=progress
+    ) as search.runner:
         try:
             return search.run()
         except KeyboardInterrupt:
-            raise PlacementInterrupted(search.result(interrupted=True)) from None
+            result = search.result(interrupted=True)
+            raise RunInterrupted(f"interrupted: {result.message}", result) from None
 
 
 def _valid_picks(picks: Picks | Sequence[Pick]) -> Picks:
@@ -273,7 +265,7 @@ class _Search:
     pick_budget: PickBudget
     weights: PickWeights
     rng: int
-    runner: StageRunner = field(init=False)
+    runner: Runner = field(init=False)
     map: PlacementMap | None = None
     candidates: list[CertifiedPlacement] = field(default_factory=list)
     sensitivity: tuple[PlacementSensitivity, ...] = ()

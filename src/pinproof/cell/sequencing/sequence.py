@@ -20,21 +20,12 @@ from pinproof.cell.sequencing.options import Job
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
 from pinproof.cell.sequencing.sequence_run import SequenceBudget, SequenceRun
-from pinproof.cell.stages import Progress, StageRunner
-from pinproof.errors import InputError
+from pinproof.errors import InputError, RunInterrupted
 from pinproof.picks import Pick, PickSetup
 from pinproof.spatial import Array
+from pinproof.work import Progress, Runner
 
 End = Literal["home", "free"] | npt.ArrayLike
-
-
-class SequenceInterrupted(KeyboardInterrupt):
-    """Ctrl-C during :func:`pinproof.sequence`; ``result`` has what was certified before, or is None."""
-
-    def __init__(self, result: SequenceResult | None) -> None:
-        count = 0 if result is None else len(result.steps)
-        super().__init__(f"interrupted with {count} certified picks in sequence")
-        self.result = result
 
 
 def sequence(
@@ -93,8 +84,8 @@ def sequence(
         If the precedence or the order names a pick that does not exist.
     NoAnswer
         If no order was found in which all motions are certified.
-    SequenceInterrupted
-        After Ctrl-C (a KeyboardInterrupt); its ``result`` has what was certified before.
+    RunInterrupted
+        After Ctrl-C (a KeyboardInterrupt); its ``result`` has what was certified before, or is None.
     """
     given = _checked(setup, picks)
     stated = Precedence.stated((pick.name for pick in given), precedence)
@@ -103,13 +94,15 @@ def sequence(
     setup = replace(setup, budget=replace(setup.budget, motion=budget.motion))
     dwell = _dwell("grip_dwell", grip_dwell), _dwell("release_dwell", release_dwell)
     ends = _configuration(setup, start, "start"), _configuration(setup, end, "end")
-    with StageRunner({}, executor, workers, progress=progress) as runner:
+    with Runner(executor=executor, workers=workers, progress=progress) as runner:
         run = SequenceRun(setup, given, stated, ends, dwell, budget, runner, fixed_order)
         try:
             run.prepare()
             run.optimise()
         except KeyboardInterrupt:
-            raise SequenceInterrupted(run.result(interrupted=True)) from None
+            result = run.result(interrupted=True)
+            count = 0 if result is None else len(result.steps)
+            raise RunInterrupted(f"interrupted with {count} certified picks in sequence", result) from None
     return run.result()
 
 
@@ -131,7 +124,7 @@ def judge_options(setup: PickSetup, picks: Iterable[Pick], budget: SequenceBudge
     given = _checked(setup, picks)
     stated = Precedence.stated((pick.name for pick in given), ())
     home = setup.home, setup.home
-    run = SequenceRun(setup, given, stated, home, (0.0, 0.0), budget, StageRunner({}))
+    run = SequenceRun(setup, given, stated, home, (0.0, 0.0), budget, Runner())
     run.prepare()
     names, seconds = run.precedence.names, {}
     if run.jobs:

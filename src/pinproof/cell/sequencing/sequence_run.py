@@ -18,7 +18,6 @@ from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult, SequenceStep
 from pinproof.cell.sequencing.tour import ROUNDS, SEARCH, Tour, TourProblem
 from pinproof.cell.sequencing.transits import LongMotions, MotionFailure, Step, StepMotions, closing_motion, scene_after
-from pinproof.cell.stages import StageRunner
 from pinproof.collision import Scene
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, NoAnswer
@@ -26,6 +25,7 @@ from pinproof.motion import Trajectory
 from pinproof.motion.limits import Bounds
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 from pinproof.spatial import Array
+from pinproof.work import Runner
 
 Moved = frozenset[int]
 """The options of the picks that have moved a part."""
@@ -115,7 +115,7 @@ class SequenceRun:
     ends: tuple[Array | None, Array | None]
     dwell: tuple[float, float]
     budget: SequenceBudget
-    runner: StageRunner
+    runner: Runner
     fixed_order: tuple[int, ...] | None = None
     left_out: list[LeftOut] = field(default_factory=list)
     jobs: list[Job] = field(default_factory=list)
@@ -158,8 +158,7 @@ class SequenceRun:
         self._leave_out(failed)
 
     def _report(self, work: str, done: int, total: int) -> None:
-        if self.runner.progress is not None:
-            self.runner.progress(work, done, total)
+        self.runner.report(work, done, total)
 
     def _leave_out(self, failed: dict[int, str]) -> None:
         """Leave out jobs with a reason each, and all that must follow them."""

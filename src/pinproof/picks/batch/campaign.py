@@ -6,91 +6,68 @@ the code, which is stated in the header of the file.
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import json
 import pickle
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
-from pinproof import _core
 from pinproof.collision import Scene
-from pinproof.common.content_hash import LENGTH, digest
+from pinproof.common.content_hash import code_here, digest
 from pinproof.common.display import html_block, html_list, html_table
-from pinproof.common.files import os_errors
+from pinproof.common.files import os_errors, write_bytes_whole
 from pinproof.common.validation import require_integer
-from pinproof.errors import CampaignError, FileError, InputError
+from pinproof.errors import CampaignError, FileError, InputError, RunInterrupted
 from pinproof.model import Arm
-from pinproof.picks.batch.journal import (
-    CRASHED,
-    JOURNAL,
-    RETRY,
-    ROWS,
-    SCHEMA,
-    Journal,
-    LineFile,
-    is_to_retry,
-    read_header,
-    refuse_foreign,
-    row_checker,
-    to_line,
-)
-from pinproof.picks.batch.workers import IN_FLIGHT, Outcome, Workers, do_chunks
 from pinproof.picks.input.pick import Pick, PickProblem, Picks
 from pinproof.picks.input.sources import PickSource, as_source
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus
 from pinproof.picks.report.report import problem_row, verdict_row
+from pinproof.work import (
+    IN_FLIGHT,
+    JOURNAL,
+    Checksums,
+    Journal,
+    Outcome,
+    Workers,
+    do_chunks,
+    ranges_missing,
+    refuse_foreign,
+    to_line,
+)
 
-PACKAGE = Path(__file__).parents[2]
+ROWS, TIMINGS = "rows.jsonl", "timings.jsonl"
+"""The files of a finished campaign. Times are not stored in the rows, because these would then differ between runs."""
 
-BESIDE_IT = ("cli", "viewer")
-"""Packages that do not affect verdicts. They are not hashed, so editing them does not invalidate rows."""
+SCHEMA = "pinproof/campaign/2"
 
-LIBRARIES = ("pin", "coal", "numpy")
-"""The libraries whose results enter the verdicts."""
+CRASHED = "crashed"
+"""The verdict on a pick that could not be judged: the judge failed, or the process died."""
 
+RETRY = "retry"
+"""The key that marks rows whose picks the next run judges again, because a worker died or had no memory."""
 
-@cache
-def code_here() -> str:
-    """The code of this process as one line: version and source hash of pinproof, and the versions of :data:`LIBRARIES`.
-
-    The version alone is not sufficient, because it does not change while a checkout is being edited.
-    """
-    into = hashlib.sha256(_core.SOURCE_HASH.encode())
-    for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: path.relative_to(PACKAGE).as_posix()):
-        name = path.relative_to(PACKAGE)
-        if name.parts[0] not in BESIDE_IT:
-            content = path.read_bytes()
-            into.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
-    libraries = ", ".join(f"{name} {_version(name)}" for name in LIBRARIES)
-    return f"{_version('pinproof')} {into.hexdigest()[:LENGTH]} on {libraries}"
+KILLED = "every worker process that judged this pick alone died"
 
 
-def judge_words(judge: Callable[..., Any]) -> str:
+def describe_judge(judge: Callable[..., Any]) -> str:
     """The name of a judge, followed by a hash of its source unless it is part of pinproof."""
     name = f"{judge.__module__}.{judge.__qualname__}"
-    if judge.__module__.partition(".")[0] == PACKAGE.name:
+    if judge.__module__.partition(".")[0] == "pinproof":
         return name
     try:
         return f"{name} {digest(inspect.getsource(judge))}"
     except (OSError, TypeError):  # without a source file, the name alone identifies it
         return name
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"
 
 
 Judge = Callable[[PickSetup, int, Pick], dict[str, Any]]
@@ -207,13 +184,13 @@ class CampaignResult:
         if not path.exists():
             started = (Path(folder) / JOURNAL).exists()
             raise CampaignError(f"{folder}: {'this campaign is not finished; run it again' if started else 'no rows'}")
-        header = read_header(path)
+        header = _read_header(path)
         verdicts, failed_at, to_retry = Counter[str](), Counter[str](), 0
-        for row in _rows(path):
+        for row in _read_rows(path):
             verdicts[str(row.get("verdict"))] += 1
             if row.get("failed_at") is not None:
                 failed_at[str(row["failed_at"])] += 1
-            to_retry += is_to_retry(row)
+            to_retry += _is_to_retry(row)
         if verdicts.total() != header["picks"]:
             raise FileError(path, f"has {verdicts.total()} rows of {header['picks']}; run the campaign again")
         return cls(
@@ -229,7 +206,7 @@ class CampaignResult:
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """The rows in order, read lazily from the file."""
-        return _rows(self.path)
+        return _read_rows(self.path)
 
     @property
     def total(self) -> int:
@@ -313,24 +290,36 @@ class CampaignResult:
         }
 
 
-def _rows(path: Path) -> Iterator[dict[str, Any]]:
+def _is_to_retry(row: Mapping[str, Any]) -> bool:
+    """Whether the next run judges the pick of a row again."""
+    return row.get("verdict") == CRASHED and row.get(RETRY) is True
+
+
+def _read_header(path: Path) -> dict[str, Any]:
+    """Read the header of a file of rows; raises CampaignError if the file has another content."""
     with os_errors(path), path.open("rb") as file:
-        read = row_checker(file.readline())
+        line = file.readline()
+    try:
+        header = dict(json.loads(line))
+        schema = header["schema"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise CampaignError(f"{path}: does not belong to a campaign; choose another folder") from error
+    if schema != SCHEMA:
+        raise CampaignError(f"{path}: has the schema {schema}, but {SCHEMA} is required; choose another folder")
+    return header
+
+
+def _read_rows(path: Path, *, skip_damaged: bool = False) -> Iterator[dict[str, Any]]:
+    """The rows of a file in order; a damaged one is skipped, or an error that names its line."""
+    with os_errors(path), path.open("rb") as file:
+        checksums = Checksums(file.readline())
         for index, line in enumerate(file):
-            row = read(line)
-            if row is None or row["index"] != index:
+            row = checksums.row(line)
+            if row is not None and (skip_damaged or row["index"] == index):
+                yield row
+            elif not skip_damaged:
                 reason = "is damaged or was edited; run the campaign again to judge this pick again"
                 raise FileError(path, reason, f"line {index + 2}")
-            yield row
-
-
-TIMINGS = "timings.jsonl"
-"""The file with the duration and the worker of each chunk.
-
-Times are not stored in the rows, because the rows would then differ between runs.
-"""
-
-KILLED = "every worker process that judged this pick alone died"
 
 
 class Campaign:
@@ -392,7 +381,7 @@ class Campaign:
                 "pinproof": code_here(),
                 **self._setup.identity(),
                 "picks": f"{len(self)} picks {self._picks.digest()}",
-                "judge": judge_words(self._judge),
+                "judge": describe_judge(self._judge),
             },
             "acceleration_source": checker.arm.limits.acceleration_source,
             "notes": list(self._setup.not_covered(self._picks.with_object)),
@@ -421,7 +410,7 @@ class Campaign:
         ----------
         folder
             The folder of the rows; it is created if it does not exist. Until the campaign is finished, the rows are in
-            ``journal.jsonl``, in order of arrival. The durations of the chunks are in ``timings.jsonl``.
+            ``journal.sqlite``. The durations of the chunks are then in ``timings.jsonl``.
         executor
             Any :class:`concurrent.futures.Executor`, such as ``distributed.Client(...).get_executor()``, or a function
             that creates one, which is called again if the executor breaks. The default is local processes.
@@ -441,61 +430,60 @@ class Campaign:
             or if the workers cannot start or run other code.
         FileError
             If the folder cannot be written to; rows written before the error are kept.
-        KeyboardInterrupt
-            If interrupted; rows written before the interruption are kept.
+        RunInterrupted
+            After Ctrl-C (a KeyboardInterrupt); rows written before are kept.
         """
         folder, header = Path(folder), self.header()
-        with os_errors(folder, "cannot be created"):
-            folder.mkdir(parents=True, exist_ok=True)
-            done = (folder / ROWS).exists()
-        if done and (finished := self._finished(folder, header)) is not None:
-            return replace(finished, setup=self._setup)
-        task = RowTask(self._setup, self._judge)
-        with Journal(folder, header) as journal, LineFile(folder / TIMINGS) as timings:
-            there = before = int(journal.done.sum())
+        rows = folder / ROWS
+        if rows.exists():
+            refuse_foreign(rows, _read_header(rows), header)
+            if not (folder / JOURNAL).exists():
+                with suppress(FileError):  # damaged rows are judged again
+                    finished = CampaignResult.open(folder, resumed=len(self))
+                    if not finished.to_retry:
+                        return replace(finished, setup=self._setup)
+        done = np.zeros(len(self), dtype=bool)
+        with Journal(folder, header) as journal:
+            for index, row in journal.rows():
+                done[index] = not _is_to_retry(row)
+            damaged = journal.damaged
+            if rows.exists() and not done.any():  # rows of a finished run, some of which are judged again
+                valid = 0
+                for valid, row in enumerate(_read_rows(rows, skip_damaged=True), 1):  # noqa: B007
+                    if not _is_to_retry(row):
+                        journal.append(row["index"], [to_line(row)])
+                        done[row["index"]] = True
+                damaged = len(self) - valid
+            before = there = int(done.sum())
             if progress is not None:
                 progress(there, len(self))
-            work = do_chunks(
-                task,
+            chunks = do_chunks(
+                RowTask(self._setup, self._judge),
                 self._picks.part,
-                journal.missing(),
+                ranges_missing(done),
                 executor=executor,
                 workers=workers,
                 in_flight=in_flight,
                 chunk=chunk,
             )
-            with closing(work) as outcomes:
-                for outcome in outcomes:
-                    journal.append(outcome.start, self._lines(outcome))
-                    timing = {"seconds": round(outcome.seconds, 6), "worker": outcome.worker}
-                    timings.append(to_line({"start": outcome.start, "stop": outcome.stop, **timing}))
-                    there += outcome.stop - outcome.start
-                    if progress is not None:
-                        progress(there, len(self))
-            journal.finish()
-        result = CampaignResult.open(folder, resumed=before, damaged=journal.damaged)
-        return replace(result, setup=self._setup)
-
-    def _finished(self, folder: Path, header: dict[str, Any]) -> CampaignResult | None:
-        """The result of a finished campaign; None if some picks must be judged again.
-
-        In the latter case the file of rows has been renamed to a journal.
-        """
-        rows, journal = folder / ROWS, folder / JOURNAL
-        refuse_foreign(rows, read_header(rows), header)
-        if journal.exists():  # the last run was killed after writing the rows and before removing the journal
-            with LineFile(journal):
-                if rows.exists():
-                    journal.unlink()
-        try:
-            result = CampaignResult.open(folder, resumed=len(self))
-        except FileError:
-            result = None
-        if result is not None and not result.to_retry:
-            return result
-        with os_errors(rows, f"cannot be renamed to {JOURNAL}"):
-            rows.rename(journal)
-        return None
+            try:
+                with closing(chunks) as outcomes:
+                    for outcome in outcomes:
+                        timing = round(outcome.seconds, 6), outcome.worker
+                        journal.append(outcome.start, self._lines(outcome), timing=timing)
+                        there += outcome.stop - outcome.start
+                        if progress is not None:
+                            progress(there, len(self))
+            except KeyboardInterrupt:
+                raise RunInterrupted(f"interrupted after {there:,} of {len(self):,} picks", None) from None
+            # The rows in order replace the journal, which is removed only when they are on the disk.
+            write_bytes_whole(rows, chain([journal.header], journal.lines()))
+            times = folder / TIMINGS
+            with os_errors(times):
+                earlier = times.read_bytes() if times.exists() else b""
+            write_bytes_whole(times, chain([earlier], map(to_line, journal.timings())))
+            journal.remove()
+        return replace(CampaignResult.open(folder, resumed=before, damaged=damaged), setup=self._setup)
 
     def _lines(self, outcome: Outcome) -> list[bytes]:
         if outcome.crashed:

@@ -11,26 +11,17 @@ import numpy.typing as npt
 
 from pinproof.collision import Scene
 from pinproof.common.validation import Rng, require_type, seed_sequence
-from pinproof.errors import CampaignError
+from pinproof.errors import CampaignError, RunInterrupted
 from pinproof.model import Arm
-from pinproof.picks.batch.workers import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.input.pick import Pick, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.input.sources import PickList
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
+from pinproof.work import IN_FLIGHT, Workers, do_chunks
 
 Progress = Callable[[int, int], object]
-
-
-class PicksInterrupted(KeyboardInterrupt):
-    """Ctrl-C during :func:`pinproof.validate_picks`; ``report`` has the verdicts on the picks judged before."""
-
-    def __init__(self, report: PickReport) -> None:
-        total = len(report.verdicts) + report.not_judged
-        super().__init__(f"interrupted after {len(report.verdicts):,} of {total:,} picks")
-        self.report = report
 
 
 def validate_picks(
@@ -86,8 +77,8 @@ def validate_picks(
         If ``picks`` contains anything but picks, and for the same reasons as in :meth:`PickSetup.make`.
     CampaignError
         If the workers cannot start, or a pick kills every worker that judges it.
-    PicksInterrupted
-        After Ctrl-C (a KeyboardInterrupt); its ``report`` has the verdicts on the picks that were judged before.
+    RunInterrupted
+        After Ctrl-C (a KeyboardInterrupt); its ``result`` is the report on the picks that were judged before.
     """
     if not isinstance(picks, Picks):
         require_type("picks", picks, Picks, Iterable)
@@ -108,7 +99,8 @@ def validate_picks(
                 if progress is not None:
                     progress(len(found), len(picks))
     except KeyboardInterrupt:
-        raise PicksInterrupted(_report(setup, picks, found)) from None
+        message = f"interrupted after {len(found):,} of {len(picks):,} picks"
+        raise RunInterrupted(message, _report(setup, picks, found)) from None
     return _report(setup, picks, found)
 
 

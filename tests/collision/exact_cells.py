@@ -142,3 +142,142 @@ def cell(seed: int, kinds: str = "rprpr") -> Cell:
 def words(numbers: Array) -> str:
     """Numbers as text, to the last bit."""
     return " ".join(repr(float(x)) for x in numbers)
+
+
+@dataclass
+class PairMotion:
+    """Two balls at a configuration, and the joints between them, from the first to the second."""
+
+    joints: list[Joint]
+    up: int
+    axes: np.ndarray
+    points: np.ndarray
+    centres: np.ndarray
+    radii: tuple[float, float]
+
+    @classmethod
+    def of(cls, known: Cell, names: tuple[str, str], q: np.ndarray) -> PairMotion:
+        frames, moved_by = known.frames(q[None]), {joint.child: joint for joint in known.joints}
+
+        def to_root(link: str) -> list[Joint]:
+            found = []
+            while link != "base":
+                found.append(moved_by[link])
+                link = moved_by[link].parent
+            return [joint for joint in found if joint.leader is not None]
+
+        links = [known.balls[name][0] if name in known.balls else "base" for name in names]
+        up, down = map(to_root, links)
+        common = {joint.child for joint in up} & {joint.child for joint in down}
+        up, down = ([joint for joint in each if joint.child not in common] for each in (up, down))
+        joints = [*up, *down[::-1]]
+        places = [frames[joint.parent][0] @ joint.place for joint in joints]
+        axes = np.array([place[:3, :3] @ joint.axis for place, joint in zip(places, joints, strict=True)])
+        points = np.array([place[:3, 3] for place in places])
+        at = known.centres(q[None])
+        centres = [at[name][0] if name in at else known.obstacles[name].pose.translation for name in names]
+        radii = tuple(known.balls[n][2] if n in known.balls else known.obstacles[n].shape.radius for n in names)
+        return cls(joints, len(up), axes.reshape(-1, 3), points.reshape(-1, 3), np.array(centres), radii)
+
+    @property
+    def direction(self) -> np.ndarray:
+        """The unit vector from the first to the second centre."""
+        between = self.centres[1] - self.centres[0]
+        return between / np.linalg.norm(between)
+
+    def of_body(self, split: int) -> list[int]:
+        """Which of the two balls each joint moves, seen from the link before joint ``split``."""
+        return [0 if i < split else 1 for i in range(len(self.joints))]
+
+    def deltas(self, delta: np.ndarray) -> list[float]:
+        return [abs(joint.multiplier) * delta[joint.leader] for joint in self.joints]
+
+    def radius(self, i: int, which: int) -> float:
+        """The largest distance of a point of a ball from an axis."""
+        if self.joints[i].prismatic:
+            return 1.0
+        return float(np.linalg.norm(np.cross(self.axes[i], self.centres[which] - self.points[i]))) + self.radii[which]
+
+    def chord(self, i: int, delta: float) -> float:
+        return delta if self.joints[i].prismatic else 2 * np.sin(min(delta, np.pi) / 2)
+
+    def rough(self, delta: np.ndarray, split: int) -> float:
+        """The simple bound of the approach (m)."""
+        return sum(
+            self.radius(i, which) * self.chord(i, d)
+            for i, (which, d) in enumerate(zip(self.of_body(split), self.deltas(delta), strict=True))
+        )
+
+    def tight(
+        self, control: np.ndarray, middle: np.ndarray, delta: np.ndarray, extra: np.ndarray, u: np.ndarray, split: int
+    ) -> float:
+        """The bound (m) of the decrease of the gap along u: to first order, curvature, inner rotations, tolerances."""
+        of_body, total = self.of_body(split), 0.0
+        first = []
+        for point in control:
+            along, slopes = 0.0, np.zeros((2, 3))
+            for i, which in enumerate(of_body):
+                joint = self.joints[i]
+                theta = joint.multiplier * (point[joint.leader] - middle[joint.leader])
+                carried = (i < self.up) == (which == 0)  # whether the joint's child side is that of this ball
+                theta *= (1 if carried else -1) * (1 if which == 0 else -1)
+                if joint.prismatic:
+                    along += theta * float(u @ self.axes[i])
+                else:
+                    slope = theta * np.cross(u, self.axes[i])
+                    slopes[which] += slope
+                    along += float(slope @ (self.centres[which] - self.points[i]))
+            grown = [np.linalg.norm(u + slopes[0]) - 1, np.linalg.norm(u - slopes[1]) - 1]
+            first.append(along + self.radii[0] * grown[0] + self.radii[1] * grown[1])
+        total += max(first)
+        for order in (range(split)[::-1], range(split, len(self.joints))):
+            turned = 0.0
+            for i in order:
+                joint, which = self.joints[i], of_body[i]
+                x = abs(joint.multiplier) * (delta + extra)[joint.leader]
+                bend = 0.0 if joint.prismatic else np.hypot(x - np.sin(x), 1 - np.cos(min(x, np.pi)))
+                total += self.radius(i, which) * (bend + turned * self.chord(i, x))
+                turned += 0.0 if joint.prismatic else self.chord(i, x)
+                g = np.cross(u, self.axes[i])
+                speed = abs(u @ self.axes[i])
+                if not joint.prismatic:
+                    speed = abs(g @ (self.centres[which] - self.points[i])) + self.radii[which] * np.linalg.norm(g)
+                total += speed * abs(joint.multiplier) * extra[joint.leader]
+        return total
+
+
+def largest_error(constraint, known: Cell, q, control, delta, extra) -> float:
+    """The bound of the error of docs/mathematics.md on a piece of a curve in a box about q (n,)."""
+    count = len(q)
+    frames, joints = known.frames(q[None]), known.joints[:count]
+    tcp = frames[joints[-1].child][0]
+    places = [frames[joint.parent][0] @ joint.place for joint in joints]
+    axes = np.array([place[:3, :3] @ joint.axis for place, joint in zip(places, joints, strict=True)])
+    points, slides = np.array([place[:3, 3] for place in places]), np.array([joint.prismatic for joint in joints])
+    order, cone = range(count), None
+    if constraint.name == "upright":
+        start, cone = tcp[:3, :3] @ constraint.axis_in_tcp, np.array(constraint.up)
+        rates = np.where(slides[:, None], 0.0, np.cross(axes, start))
+    elif constraint.name == "within":
+        start = (tcp @ [*constraint.point_in_tcp, 1.0])[:3]
+        rates = np.where(slides[:, None], axes, np.cross(axes, start - points))
+    else:  # relative to the tcp, the point moves by the inverse of each joint
+        start, cone, order = constraint.point - tcp[:3, 3], tcp[:3, :3] @ constraint.axis_in_tcp, range(count)[::-1]
+        rates = -np.where(slides[:, None], axes, np.cross(axes, constraint.point - points))
+    rest = turned = 0.0
+    for i in order:
+        x, length = (delta + extra)[i], np.linalg.norm(rates[i])
+        chord = x if slides[i] else 2 * np.sin(min(x, np.pi) / 2)
+        bend = 0.0 if slides[i] else np.hypot(x - np.sin(x), 1 - np.cos(min(x, np.pi)))
+        rest += length * (bend + turned * chord + extra[i])
+        turned += 0.0 if slides[i] else chord
+    images = start + (control - q) @ rates
+    if cone is None:
+        place = constraint.base_from_region
+        local = (images - place.translation) @ place.rotation
+        return np.linalg.norm(local - np.clip(local, constraint.low, constraint.high), axis=1).max() + rest
+    along = images @ cone
+    if rest >= along.min():
+        return np.inf
+    angles = np.arctan2(np.linalg.norm(np.cross(images, cone), axis=1), along)
+    return angles.max() + np.arcsin(rest / along.min())

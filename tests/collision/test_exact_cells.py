@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof import _core
+from pinproof.collision import is_proven_free
+from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.motion import CubicPath
+from pinproof.planning.edges import Edges
 
 from .exact_cells import cell
 
@@ -54,6 +58,7 @@ def test_each_pair_is_in_contact_exactly_up_to_its_own_margin(kinds: str, seed: 
             beyond = np.where(np.arange(len(gaps)) == k, 1e-6, -1e-6)
             touching = near.with_margin(margins=of_pairs(known.owners, gaps + beyond))
             assert not touching.is_free(q)
+            assert not touching.is_free(q)  # from now on by the function that the first query prepared
             assert not touching.is_free_batch([q]).any()
             (contact,) = touching.check(q).contacts
             assert contact.bodies == known.owners[k]
@@ -61,6 +66,36 @@ def test_each_pair_is_in_contact_exactly_up_to_its_own_margin(kinds: str, seed: 
             lengths = np.linalg.norm(contact.points[1] - contact.points[0])
             assert lengths == pytest.approx(gaps[k], abs=1e-6)
             np.testing.assert_allclose(contact.points[0] + gaps[k] * contact.normal, contact.points[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("kinds", KINDS)
+def test_a_base_in_an_obstacle_is_in_contact_at_every_configuration(kinds: str) -> None:
+    """All other pairs are far apart, and no joint moves the base."""
+    known, rng = cell(2, kinds), np.random.default_rng(3)
+    at = configurations(kinds, 200, rng)
+    q = at[known.distances(at).min(axis=1).argmax()]
+    base = pp.Obstacle("block", pp.Sphere(0.03), pp.pose(known.balls["base"][1] + [0, 0, -0.02]))
+    checker = known.checker.with_scene(pp.Scene([base]))
+    depth = 0.03 + known.balls["base"][2] - 0.02
+    assert not checker.is_free(q)
+    assert not checker.is_free(q)
+    assert not checker.is_free_batch([q]).any()
+    assert checker.clearance(q) == pytest.approx(-depth, abs=1e-6)
+    assert checker.clearance_batch([q])[0] == pytest.approx(-depth, abs=1e-6)
+    (contact,) = checker.check(q).contacts
+    assert set(contact.bodies) == {"base", "block"}
+    assert contact.depth == pytest.approx(depth, abs=1e-6)
+    for waypoints in ([q], [q, q + 1e-3]):
+        curve = pp.JointPath(waypoints, checker.arm.joint_names)
+        certificate = pp.certify(curve, checker)
+        assert certificate.status is COLLIDING
+        assert certificate.first_contact.time == 0.0
+        assert set(certificate.first_contact.bodies) == {"base", "block"}
+        assert certificate.first_contact.penetrating
+        assert not is_proven_free(curve, checker)
+        edges = Edges(checker, 0.02, np.array(waypoints))
+        assert not edges.samples_free(waypoints[0], waypoints[-1])
+        assert not edges.proven_free(waypoints[0], waypoints[-1])
 
 
 def random_curve(kinds: str, rng: np.random.Generator, names: tuple[str, ...]) -> pp.JointPath | CubicPath:
@@ -71,6 +106,17 @@ def random_curve(kinds: str, rng: np.random.Generator, names: tuple[str, ...]) -
     if kind == 3:
         return CubicPath.through(at, names)
     return pp.JointPath(at[: kind + 1], names)
+
+
+def is_edge(curve) -> bool:
+    """Whether a curve is one straight edge."""
+    return isinstance(curve, pp.JointPath) and len(curve.q) == 2
+
+
+def edge_is_free(checker: pp.CollisionChecker, curve) -> bool:
+    """Whether the compiled core proves a path of one straight edge free, for the planners."""
+    edges = _core.EdgeChecker(checker.world, CoalJudge(checker.workspace), 1e-3)
+    return bool(edges.proven_free(curve.q[0], curve.q[1]))
 
 
 @pytest.mark.parametrize("kinds", KINDS)
@@ -106,6 +152,14 @@ def test_grazing_motions_are_judged_by_their_smallest_distances(kinds: str, seed
         if margins.min() < 1e-6:
             continue
         judged += 1
+        # The pairs that no joint moves may have a common margin, and the others none.
+        still, style = np.isin(np.arange(len(margins)), checker.still_pairs), rng.integers(4)
+        if style == 0:
+            margins[still] = margins[still].min()
+        elif style == 1:
+            margins[~still] = 0.0
+        elif style == 2:  # of all but one pair
+            margins[np.arange(len(margins)) != rng.choice(np.flatnonzero(still & obstacle))] = 0.0
         settings = {"joint_tolerance": off, "obstacle_tolerance": moved, "limits": None, "max_intervals": 5000}
         near = checker.with_margin(margins=of_pairs(known.owners, margins))
         certificate = pp.certify(curve, near, record=True, **settings)
@@ -114,25 +168,30 @@ def test_grazing_motions_are_judged_by_their_smallest_distances(kinds: str, seed
         assert margins.min() < certificate.clearance <= (gaps - moved * obstacle).min() - checker.rounding + 1e-12
         assert exact.min() - 5e-5 < certificate.observed
         tube = certificate.tube
-        assert 0 <= tube.largest_obstacles <= slack
+        assert 0 <= tube.largest_obstacles <= (gaps - moved * obstacle - margins)[obstacle].min()
         assert (least(off + tube.largest_joints) - moved * obstacle > margins).all()
         assert tube.largest_joints > 0
         for start, end, pair, proven in rng.permutation(certificate.evidence[:, :4])[:30]:
             some = curve(np.linspace(start, end, 5))
             some = np.concatenate([some, some + off * corners[0], some + off * corners[-1]])
             assert proven <= known.distances(some)[:, int(pair)].min() - checker.rounding + 1e-12
-        for k in rng.choice(len(margins), size=6, replace=False).tolist():
+        assert off or moved or is_proven_free(curve, near)
+        assert off or moved or not is_edge(curve) or edge_is_free(near, curve)
+        for k in {*rng.choice(len(margins), size=5, replace=False).tolist(), int(rng.choice(checker.still_pairs))}:
             if off and follower[k]:
                 continue
-            margins[k] += 2 * slack
-            closer = near.with_margin(margins=of_pairs(known.owners, margins))
+            closer = margins.copy()
+            closer[k] = gaps[k] - moved * obstacle[k] + slack
+            closer = near.with_margin(margins=of_pairs(known.owners, closer))
             certificate = pp.certify(curve, closer, **settings)
-            margins[k] -= 2 * slack
             assert certificate.status is not FREE
+            assert off or moved or not is_proven_free(curve, closer)
+            if not (off or moved or k in checker.still_pairs) and is_edge(curve):
+                assert not edge_is_free(closer, curve)
             if off == 0.0:
                 assert certificate.status is COLLIDING
                 assert certificate.first_contact.bodies == known.owners[k]
-                assert certificate.first_contact.distance <= margins[k] + 2 * slack + 1e-9
+                assert certificate.first_contact.distance <= gaps[k] - moved * obstacle[k] + slack + 1e-9
     assert judged >= 3
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
@@ -11,107 +9,12 @@ import pinproof as pp
 from pinproof import _core
 from pinproof.collision.certificates.certificate import proven_motion
 from pinproof.collision.certificates.proof_file import proof_document
+from pinproof.motion import CubicPath
 from pinproof.verifier import IntervalBounds, Proof
 
-from .exact_cells import Cell, Joint, cell
+from .exact_cells import Cell, PairMotion, cell, largest_error
 
 KINDS = ("rprpr", "rrrr", "ppp")
-
-
-@dataclass
-class PairMotion:
-    """Two balls at a configuration, and the joints between them, from the first to the second."""
-
-    joints: list[Joint]
-    up: int
-    axes: np.ndarray
-    points: np.ndarray
-    centres: np.ndarray
-    radii: tuple[float, float]
-
-    @classmethod
-    def of(cls, known: Cell, names: tuple[str, str], q: np.ndarray) -> PairMotion:
-        frames, moved_by = known.frames(q[None]), {joint.child: joint for joint in known.joints}
-
-        def to_root(link: str) -> list[Joint]:
-            found = []
-            while link != "base":
-                found.append(moved_by[link])
-                link = moved_by[link].parent
-            return [joint for joint in found if joint.leader is not None]
-
-        links = [known.balls[name][0] if name in known.balls else "base" for name in names]
-        up, down = map(to_root, links)
-        common = {joint.child for joint in up} & {joint.child for joint in down}
-        up, down = ([joint for joint in each if joint.child not in common] for each in (up, down))
-        joints = [*up, *down[::-1]]
-        places = [frames[joint.parent][0] @ joint.place for joint in joints]
-        axes = np.array([place[:3, :3] @ joint.axis for place, joint in zip(places, joints, strict=True)])
-        points = np.array([place[:3, 3] for place in places])
-        at = known.centres(q[None])
-        centres = [at[name][0] if name in at else known.obstacles[name].pose.translation for name in names]
-        radii = tuple(known.balls[n][2] if n in known.balls else known.obstacles[n].shape.radius for n in names)
-        return cls(joints, len(up), axes.reshape(-1, 3), points.reshape(-1, 3), np.array(centres), radii)
-
-    def of_body(self, split: int) -> list[int]:
-        """Which of the two balls each joint moves, seen from the link before joint ``split``."""
-        return [0 if i < split else 1 for i in range(len(self.joints))]
-
-    def deltas(self, delta: np.ndarray) -> list[float]:
-        return [abs(joint.multiplier) * delta[joint.leader] for joint in self.joints]
-
-    def radius(self, i: int, which: int) -> float:
-        """The largest distance of a point of a ball from an axis."""
-        if self.joints[i].prismatic:
-            return 1.0
-        return float(np.linalg.norm(np.cross(self.axes[i], self.centres[which] - self.points[i]))) + self.radii[which]
-
-    def chord(self, i: int, delta: float) -> float:
-        return delta if self.joints[i].prismatic else 2 * np.sin(min(delta, np.pi) / 2)
-
-    def rough(self, delta: np.ndarray, split: int) -> float:
-        """The simple bound of the approach (m)."""
-        return sum(
-            self.radius(i, which) * self.chord(i, d)
-            for i, (which, d) in enumerate(zip(self.of_body(split), self.deltas(delta), strict=True))
-        )
-
-    def tight(
-        self, control: np.ndarray, middle: np.ndarray, delta: np.ndarray, extra: np.ndarray, u: np.ndarray, split: int
-    ) -> float:
-        """The bound (m) of the decrease of the gap along u: to first order, curvature, inner rotations, tolerances."""
-        of_body, total = self.of_body(split), 0.0
-        first = []
-        for point in control:
-            along, slopes = 0.0, np.zeros((2, 3))
-            for i, which in enumerate(of_body):
-                joint = self.joints[i]
-                theta = joint.multiplier * (point[joint.leader] - middle[joint.leader])
-                carried = (i < self.up) == (which == 0)  # whether the joint's child side is that of this ball
-                theta *= (1 if carried else -1) * (1 if which == 0 else -1)
-                if joint.prismatic:
-                    along += theta * float(u @ self.axes[i])
-                else:
-                    slope = theta * np.cross(u, self.axes[i])
-                    slopes[which] += slope
-                    along += float(slope @ (self.centres[which] - self.points[i]))
-            grown = [np.linalg.norm(u + slopes[0]) - 1, np.linalg.norm(u - slopes[1]) - 1]
-            first.append(along + self.radii[0] * grown[0] + self.radii[1] * grown[1])
-        total += max(first)
-        for order in (range(split)[::-1], range(split, len(self.joints))):
-            turned = 0.0
-            for i in order:
-                joint, which = self.joints[i], of_body[i]
-                x = abs(joint.multiplier) * (delta + extra)[joint.leader]
-                bend = 0.0 if joint.prismatic else np.hypot(x - np.sin(x), 1 - np.cos(min(x, np.pi)))
-                total += self.radius(i, which) * (bend + turned * self.chord(i, x))
-                turned += 0.0 if joint.prismatic else self.chord(i, x)
-                g = np.cross(u, self.axes[i])
-                speed = abs(u @ self.axes[i])
-                if not joint.prismatic:
-                    speed = abs(g @ (self.centres[which] - self.points[i])) + self.radii[which] * np.linalg.norm(g)
-                total += speed * abs(joint.multiplier) * extra[joint.leader]
-        return total
 
 
 def balls_of(known: Cell) -> list[int]:
@@ -149,6 +52,75 @@ def test_bounds_of_the_core_are_those_of_the_derivation(kinds: str) -> None:
                 tight = bounds.tight(k, u, split, control)
                 assert tight.distance >= exact - 1e-12
                 assert wider.tight(k, u, split, control).distance <= tight.distance + larger * tight.growth + 1e-12
+
+
+def part_of(curve, start: float, end: float) -> np.ndarray | None:
+    """The control points of a part of one piece of a curve, by de Casteljau's algorithm; None if it is of several."""
+    knots, control = curve.bezier()
+    piece = int(np.clip(np.searchsorted(knots, start, side="right") - 1, 0, len(control) - 1))
+    if end > knots[piece + 1]:
+        return None
+    width = max(knots[piece + 1] - knots[piece], 1e-300)
+    first, last = (start - knots[piece]) / width, (end - knots[piece]) / width
+
+    def before(points: np.ndarray, share: float) -> np.ndarray:
+        """The control points of the beginning of a piece."""
+        found, rest = [], points
+        while len(rest):
+            found.append(rest[0])
+            rest = rest[:-1] * (1 - share) + rest[1:] * share
+        return np.array(found)
+
+    begun = before(control[piece], last)
+    return before(begun[::-1], 1.0 - first / last if last else 1.0)[::-1]
+
+
+@pytest.mark.parametrize("kinds", KINDS)
+def test_certificates_state_no_more_than_their_bounds(kinds: str) -> None:
+    """For each pair of balls on each interval, the distance at the middle without the bound and the rounding; and for a
+    constraint the largest of the bounds of all intervals.
+    """
+    known, rng = cell(1, kinds), np.random.default_rng(9)
+    arm, rows, spans = known.checker.arm, 0, 0
+    checker = known.checker
+    while rows < 250 or spans < 60:
+        at = rng.uniform(-1, 1, (3, arm.dof)) * np.where(np.array(list(kinds)) == "r", 1.5, 0.3)
+        at[1:] = at[0] + np.array([[0.02], [0.3]]) * (at[1:] - at[0])  # slow, then fast
+        curve = (CubicPath.through if rng.integers(2) else pp.JointPath)(at, arm.joint_names)
+        extra = np.full(arm.dof, 1e-3) * rng.integers(2)
+        constraint = random_constraint(str(rng.choice(CONSTRAINTS)), known, at[0], rng)
+        certificate = pp.certify(
+            curve,
+            checker,
+            constraints=[constraint],
+            joint_tolerance=extra,
+            record=True,
+            limits=None,
+            max_intervals=2000,
+        )
+        if not certificate.free:
+            continue
+        for start, end, pair, proven, *u in rng.permutation(certificate.evidence)[:150]:
+            control, k = part_of(curve, start, end), int(pair)
+            if control is None or known.owners[k][1] not in known.balls:
+                continue
+            q = curve((start + end) / 2)
+            motion, delta = PairMotion.of(known, known.owners[k], q), np.abs(control - q).max(axis=0)
+            distance, splits = known.distances(q[None])[0, k], range(len(motion.joints) + 1)
+            losses = [motion.rough(delta + extra, s) for s in splits]
+            if any(u):
+                losses += [motion.tight(control, q, delta, extra, np.array(u), s) for s in splits]
+                np.testing.assert_allclose(u, motion.direction, atol=1e-6)
+            assert proven <= distance - min(losses) - checker.rounding + 1e-11
+            rows += 1
+        largest = []
+        for start, end in certificate.constraints[0].evidence:
+            control, q = part_of(curve, start, end), curve((start + end) / 2)
+            if control is not None:
+                delta = np.abs(control - q).max(axis=0)
+                largest.append(largest_error(constraint, known, q, control, delta, extra))
+        spans += len(largest)
+        assert max(largest) < certificate.constraints[0].largest <= max(largest) + 0.02
 
 
 @pytest.mark.parametrize("kinds", KINDS)
@@ -197,43 +169,6 @@ def random_constraint(kind: str, known: Cell, q: np.ndarray, rng: np.random.Gene
     near = (at @ [*point, 1.0])[:3] + rng.normal(scale=0.02, size=3)
     box = pp.pose(near, rng.uniform(-3, 3, 3))
     return pp.Within.box(box, rng.uniform(0.0, 0.05, 3), tolerance=0.1, point_in_tcp=point)
-
-
-def largest_error(constraint, known: Cell, q, control, delta, extra) -> float:
-    """The bound of the error of docs/mathematics.md on a piece of a curve in a box about q (n,)."""
-    count = len(q)
-    frames, joints = known.frames(q[None]), known.joints[:count]
-    tcp = frames[joints[-1].child][0]
-    places = [frames[joint.parent][0] @ joint.place for joint in joints]
-    axes = np.array([place[:3, :3] @ joint.axis for place, joint in zip(places, joints, strict=True)])
-    points, slides = np.array([place[:3, 3] for place in places]), np.array([joint.prismatic for joint in joints])
-    order, cone = range(count), None
-    if constraint.name == "upright":
-        start, cone = tcp[:3, :3] @ constraint.axis_in_tcp, np.array(constraint.up)
-        rates = np.where(slides[:, None], 0.0, np.cross(axes, start))
-    elif constraint.name == "within":
-        start = (tcp @ [*constraint.point_in_tcp, 1.0])[:3]
-        rates = np.where(slides[:, None], axes, np.cross(axes, start - points))
-    else:  # relative to the tcp, the point moves by the inverse of each joint
-        start, cone, order = constraint.point - tcp[:3, 3], tcp[:3, :3] @ constraint.axis_in_tcp, range(count)[::-1]
-        rates = -np.where(slides[:, None], axes, np.cross(axes, constraint.point - points))
-    rest = turned = 0.0
-    for i in order:
-        x, length = (delta + extra)[i], np.linalg.norm(rates[i])
-        chord = x if slides[i] else 2 * np.sin(min(x, np.pi) / 2)
-        bend = 0.0 if slides[i] else np.hypot(x - np.sin(x), 1 - np.cos(min(x, np.pi)))
-        rest += length * (bend + turned * chord + extra[i])
-        turned += 0.0 if slides[i] else chord
-    images = start + (control - q) @ rates
-    if cone is None:
-        place = constraint.base_from_region
-        local = (images - place.translation) @ place.rotation
-        return np.linalg.norm(local - np.clip(local, constraint.low, constraint.high), axis=1).max() + rest
-    along = images @ cone
-    if rest >= along.min():
-        return np.inf
-    angles = np.arctan2(np.linalg.norm(np.cross(images, cone), axis=1), along)
-    return angles.max() + np.arcsin(rest / along.min())
 
 
 @pytest.mark.parametrize("kind", CONSTRAINTS)

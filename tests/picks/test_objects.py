@@ -313,12 +313,14 @@ def test_an_unknown_kind_of_pose_of_a_place_is_refused() -> None:
 def test_motions_hold_for_a_part_that_is_displaced_by_less_than_the_room_around_it(arm) -> None:
     """A low bar is 12 mm beside the bolt, below the picker, and the margin is 2 mm: up to 10 mm are free.
 
-    The table, on which the bolt still rests, and the picker, which grasps it, are not in its way.
+    The table, on which the bolt still rests, and the picker, which grasps it, are not in its way, although the bolt is
+    lifted by less than it may be displaced.
     """
+    pick = replace(PICK, retreat=0.009)
     bar = pp.Obstacle("bar", pp.Box(0.01, 0.2, 0.02), pp.pose((0.45 + 0.008 + 0.012 + 0.005, 0.15, 0.005)))
     scene = pp.Scene([table(), bolt(0.45, 0.15), bar], allowed=[("base_link", "table")])
-    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks((PICK,), **SHARED), home=None, rng=0, budget=QUICK)
-    verdict = setup.judge(0, PICK)
+    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks((pick,), **SHARED), home=None, rng=0, budget=QUICK)
+    verdict = setup.judge(0, pick)
     recheck(verdict, arm)
     for by, free in ((0.0, True), (0.0099, True), (0.0101, False)):
         certificates = setup.certify_displaced(verdict, by)

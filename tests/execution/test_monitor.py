@@ -10,6 +10,7 @@ import pytest
 import pinproof as pp
 from pinproof.errors import InputError
 from pinproof.execution import MonitorStatus
+from pinproof.model import load_robot_from_text
 
 from .conftest import HIGH, LOW, OTHER, timed
 
@@ -137,20 +138,59 @@ def worst_deviation(swing, progress, q, dq, latency, position_error, velocity_er
 def test_the_deviation_is_the_largest_one_of_robots_within_the_errors(
     checker, swing, latency, position_error, velocity_error
 ) -> None:
-    limit, rng = checker.arm.limits.acceleration, np.random.default_rng(3)
+    limit, rng, tube = checker.arm.limits.acceleration, np.random.default_rng(3), 0.03 + 0.01 * np.arange(6) / 5
     monitor = pp.Monitor(
-        checker, swing, joint_tolerance=0.03, acceleration=limit, latency=latency, position_error=position_error,
+        checker, swing, joint_tolerance=tube, acceleration=limit, latency=latency, position_error=position_error,
         velocity_error=velocity_error,
     )  # fmt: skip
-    tight = np.zeros(6)
-    for time in np.sort(rng.uniform(0.001, swing.duration, 60)):
-        q, dq = swing(time) + rng.uniform(-0.01, 0.01, 6), swing.velocity(time) + rng.uniform(-0.3, 0.3, 6)
+    drift = position_error + velocity_error * latency + (limit + swing.max_acceleration()) * latency**2 / 2
+    tight, outside = np.zeros(6), 0
+    for time in np.sort(rng.uniform(0.001, swing.duration, 120)):
+        size = rng.choice([0.01, 0.05])
+        q, dq = swing(time) + rng.uniform(-size, size, 6), swing.velocity(time) + rng.uniform(-0.3, 0.3, 6)
         result = monitor.update(time, q, dq)
         worst = worst_deviation(swing, result.progress, q, dq, latency, position_error, velocity_error, limit)
         assert (worst <= result.deviation + 1e-12).all()
-        assert result.inside == bool((result.deviation <= 0.03).all())
         tight = np.maximum(tight, worst / result.deviation)
+        # The configuration of the motion with which the state is compared is no worse than that of the same time.
+        off, speed = q - swing(time), dq - swing.velocity(time)
+        own = np.maximum(np.abs(off), np.abs(off + speed * latency)) + drift
+        assert (result.deviation / tube).max() <= (own / tube).max() + 1e-12
+        if (own <= tube).all():
+            assert result.progress == time
+        assert result.inside == bool((result.deviation <= tube).all())
+        if result.alarm:
+            j = int((result.deviation / tube).argmax())
+            assert result.joint == swing.joint_names[j]
+            assert result.excess == pytest.approx(result.deviation[j] - tube[j])
+            outside += 1
     assert (tight[np.ptp(swing.q, axis=0) > 0.0] > 0.999).all()  # the motion accelerates against the robot at times
+    assert outside > 20
+
+
+def test_a_robot_that_is_late_is_compared_with_the_closest_configuration(checker) -> None:
+    motion, rng, tube = timed(checker, HIGH, OTHER), np.random.default_rng(0), np.array([1, 2, 1, 2, 3, 1]) * 0.01
+    monitor = pp.Monitor(checker, motion, joint_tolerance=tube)
+    dense = np.linspace(0.0, motion.duration, 8_001)
+    configurations = motion(dense)
+    for time in rng.uniform(0.4, motion.duration - 0.4, 20):
+        q = motion(time + rng.choice([-0.3, 0.3])) + rng.uniform(-0.5, 0.5, 6) * tube
+        off = (np.abs(configurations - q) / tube).max(axis=1)
+        result = monitor.update(0.0, motion.start, np.zeros(6)) and monitor.update(time, q, np.zeros(6))
+        assert result.inside
+        assert (result.deviation / tube).max() <= off.min() + 0.05
+        assert off[np.abs(dense - result.progress).argmin()] <= off.min() + 0.05
+
+
+def test_a_certificate_of_an_arm_without_pairs_is_used() -> None:
+    arm = load_robot_from_text(
+        '<robot name="one"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
+        '<child link="b"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>'
+    ).arm(tcp="b")
+    checker = pp.CollisionChecker(arm)
+    motion = pp.time_parametrise(pp.JointPath([[0.0], [1.0]], arm.joint_names), arm.limits)
+    certificate = pp.certify(motion, checker, joint_tolerance=0.01)
+    assert pp.Monitor(checker, motion, certificate=certificate).certificate is certificate
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.02])

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import pinproof as pp
 from pinproof.errors import FileError, InputError, NotProvenFree, UnknownNameError
+from pinproof.model import load_robot_from_text
 
 from .conftest import HIGH, LOW, OTHER, timed
 
@@ -75,6 +77,95 @@ def test_repair_replaces_the_broken_part_only(library, blocked, swing) -> None:
     assert not pp.audit(fixed, result.library.checker, step=0.02).contacts
 
 
+def slider(radii: tuple[float, float, float] = (0.05, 0.01, 0.01)) -> pp.Arm:
+    """A ball in the square [-1, 1]^2; the base, the slide and the ball are spheres of these radii, far apart."""
+    places, links = ("9 0 0", "9 0 1", "0 0 0"), ("base", "slide", "ball")
+    text = "".join(
+        f'<link name="{name}"><collision><origin xyz="{place}"/><geometry><sphere radius="{radius}"/></geometry>'
+        "</collision></link>"
+        for name, place, radius in zip(links, places, radii[1:] + radii[:1], strict=True)
+    )
+    for name, parent, child, axis in (("x", "base", "slide", "1 0 0"), ("y", "slide", "ball", "0 1 0")):
+        text += (
+            f'<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
+            f'<axis xyz="{axis}"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        )
+    return load_robot_from_text(f'<robot name="slider">{text}</robot>').arm(tcp="ball")
+
+
+STOPS = (-0.9, -0.5, -0.2, 0.2, 0.5, 0.9)
+
+
+def line(arm: pp.Arm, jerk: float | None = None) -> pp.Trajectory:
+    """A motion along y = 0 with a rest at each of the stops."""
+    edges = [pp.JointPath([[a, 0.0], [b, 0.0]], arm.joint_names) for a, b in pairwise(STOPS)]
+    return pp.Trajectory.join(*(pp.time_parametrise(edge, arm.limits, jerk=jerk) for edge in edges))
+
+
+def wall(x: float, low: float = -0.2, high: float = 0.2) -> pp.Obstacle:
+    return pp.Obstacle(f"wall {x}", pp.Box(0.02, high - low, 0.5), pp.pose((x, 0.5 * (low + high), 0)))
+
+
+REPAIRS = {
+    "between two stops": ((1, 2), [wall(-0.35)], {}),
+    "between two others": ((3, 4), [wall(0.35)], {}),
+    "over a stop": ((2, 4), [wall(0.0), wall(0.35)], {}),
+    "over two stops": ((1, 4), [wall(-0.35), wall(0.35)], {}),
+    "at a stop": ((1, 3), [wall(-0.2)], {}),
+    "between two samples": ((3, 4), [pp.Obstacle("needle", pp.Sphere(0.01), pp.pose((0.351, 0.06 - 1e-6, 0)))], {}),
+    # The stops between start and end are 0.03 m from a shelf, so that only the complete motion can be replaced.
+    "beside a shelf": (
+        (0, 5),
+        [wall(0.0, -0.2, 0.08), pp.Obstacle("shelf", pp.Box(1.3, 0.02, 0.5), pp.pose((0, 0.09, 0)))],
+        {"clearance": 0.05},
+    ),
+}
+
+
+@pytest.mark.parametrize(("part", "added", "settings"), REPAIRS.values(), ids=REPAIRS)
+def test_the_shortest_part_between_rests_that_contains_all_contacts_is_replaced(part, added, settings) -> None:
+    arm = slider()
+    motion, checker = line(arm), pp.CollisionChecker(arm, pp.Scene([wall(5.0)]))
+    rests = np.append(motion.times[[np.abs(motion.q[:, 0] - x).argmin() for x in STOPS[:-1]]], motion.duration)
+    library = pp.MotionLibrary(checker).add("line", motion).with_scene(checker.scene.add(*added))
+    assert not library["line"].free
+    first, last = rests[list(part)]
+    fixed = library.repair("line", **settings).or_raise()
+    assert fixed.replaced == pytest.approx((first, last))
+    after = fixed.motion.trajectory
+    rest_of = motion.duration - last
+    for kept, same in (
+        (np.linspace(0.0, first, 50), np.linspace(0.0, first, 50)),
+        (np.linspace(after.duration - rest_of, after.duration, 50), np.linspace(last, motion.duration, 50)),
+    ):
+        np.testing.assert_allclose(after(kept.clip(0, after.duration)), motion(same), atol=1e-8)
+    assert library.checker.is_free_batch(after(np.linspace(0.0, after.duration, 2000))).all()
+    clear = library.checker.padded(settings.get("clearance", 0.0))
+    inside = np.linspace(first + 0.01, after.duration - rest_of - 0.01, 500)
+    assert clear.is_free_batch(after(inside)).all()
+
+
+@pytest.mark.parametrize("jerk", [None, 5.0])
+def test_a_repaired_part_has_the_jerk_limit_of_the_motion_or_the_given_one(jerk) -> None:
+    arm = slider()
+    motion, checker = line(arm, jerk=20.0), pp.CollisionChecker(arm, pp.Scene([wall(5.0)]))
+    library = pp.MotionLibrary(checker).add("line", motion).with_scene(checker.scene.add(wall(0.35)))
+    fixed = library.repair("line", jerk=jerk).or_raise()
+    after, (first, _) = fixed.motion.trajectory, fixed.replaced
+    assert after.interpolant == "quintic"
+    # Without a given limit, a joint that rested in the motion has a thousandth of the largest jerk.
+    limit = np.full(2, jerk) if jerk else np.maximum(motion.max_jerk(), 1e-3 * motion.max_jerk().max())
+    largest = np.abs(after.jerk(np.linspace(first, first + after.duration - motion.duration, 2000))).max(axis=0)
+    assert (largest <= limit * (1 + 1e-6)).all()
+    assert (largest / limit).max() > 0.9
+
+
+def test_a_motion_that_is_free_is_not_repaired(library) -> None:
+    result = library.repair("lift")
+    assert result.ok
+    assert (result.library, result.replaced, result.plan) == (library, None, None)
+
+
 def test_repair_of_an_unreachable_goal_fails_with_the_reason(library, checker) -> None:
     goal = checker.arm.forward_kinematics(OTHER).translation
     result = library.with_scene(checker.scene.add(pp.Obstacle("ball", pp.Sphere(0.05), pp.pose(goal)))).repair("swing")
@@ -107,6 +198,57 @@ def test_file_for_another_setup_is_refused(library, checker, tmp_path, other, na
     library.save(tmp_path / "library.json")
     with pytest.raises(FileError, match=named):
         pp.MotionLibrary.load(tmp_path / "library.json", other(checker))
+
+
+def test_file_is_refused_if_any_body_of_the_robot_differs_and_not_for_another_scene(tmp_path) -> None:
+    file, tool = tmp_path / "library.json", pp.Obstacle("tool", pp.Sphere(0.01), pp.pose((0, 0, 0.05)))
+    checker = pp.CollisionChecker(slider(), pp.Scene([wall(5.0)]), attached=[tool])
+    pp.MotionLibrary(checker).add("line", line(checker.arm)).save(file)
+    for scene in (pp.Scene(), pp.Scene([wall(0.0)]), pp.Scene([wall(6.0), wall(7.0)])):
+        again = pp.MotionLibrary.load(file, pp.CollisionChecker(slider(), scene, attached=[tool]))
+        assert again["line"].free == ("wall 0.0" not in scene.names)
+    for k in range(3):
+        radii = tuple(np.array([0.05, 0.01, 0.01]) + 1e-6 * np.eye(3)[k])
+        with pytest.raises(FileError, match="robot_sha256"):
+            pp.MotionLibrary.load(file, pp.CollisionChecker(slider(radii), pp.Scene(), attached=[tool]))
+    for attached in ([], [pp.Obstacle("tool", pp.Sphere(0.011), tool.pose)], [tool, wall(0.1)]):
+        with pytest.raises(FileError, match="tool_sha256"):
+            pp.MotionLibrary.load(file, pp.CollisionChecker(slider(), pp.Scene(), attached=attached))
+
+
+DAMAGES = {
+    "schema": ("pinproof/library/2", None, 1),
+    "margin": (None, "0.005", True, [0.005]),
+    "joint_tolerance": (0.0, [], [0.0] * 5, [0.0] * 7, [0.0] * 5 + [-1e-9], ["a"] * 6),
+    "obstacle_tolerance": (-1e-9, "0", None, [0.0]),
+    "motions": ({}, None, [{}], [3]),
+    "robot_sha256": (3, ""),
+    "tool_sha256": (3, ""),
+    "more": (1,),
+}
+
+
+@pytest.mark.parametrize(("key", "value"), [(key, value) for key, values in DAMAGES.items() for value in values])
+def test_file_with_a_wrong_or_missing_value_is_refused(library, checker, tmp_path, key, value) -> None:
+    file = tmp_path / "library.json"
+    library.save(file)
+    data = json.loads(file.read_text())
+    for changed in ({**data, key: value}, {name: each for name, each in data.items() if name != key}):
+        if changed == data:
+            continue  # a key that the format does not have was removed
+        file.write_text(json.dumps(changed))
+        with pytest.raises(FileError, match=key):
+            pp.MotionLibrary.load(file, checker)
+
+
+def test_file_with_two_motions_of_one_name_is_refused(library, checker, tmp_path) -> None:
+    file = tmp_path / "library.json"
+    library.save(file)
+    data = json.loads(file.read_text())
+    data["motions"].append(data["motions"][0])
+    file.write_text(json.dumps(data))
+    with pytest.raises(FileError, match=r"motions\[2\].*'swing'"):
+        pp.MotionLibrary.load(file, checker)
 
 
 def test_file_with_one_changed_number_is_refused(library, checker, tmp_path) -> None:

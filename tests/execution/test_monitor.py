@@ -290,6 +290,15 @@ def test_a_measurement_that_is_not_later_is_invalid(monitor, swing, time, measur
     assert update(0.0).inside  # the next execution
 
 
+def test_only_the_start_counts_for_the_deviation_from_the_start(monitor, swing) -> None:
+    assert (monitor.start_deviation(swing.start, np.zeros(6)) < 1.0).all()
+    for time in np.linspace(0.2, swing.duration, 50):
+        for rate in (np.zeros(6), swing.velocity(time)):
+            away = np.abs(swing(time) - swing.start).max() > 0.02
+            assert not away or (monitor.start_deviation(swing(time), rate) > 1.0).any()
+    assert not (monitor.start_deviation(swing.start, np.full(6, np.nan)) <= 1.0).any()
+
+
 def test_latency_that_uses_up_the_tube_is_refused(checker, swing) -> None:
     with pytest.raises(InputError, match="latency"):
         pp.Monitor(checker, swing, joint_tolerance=0.02, latency=0.2)

@@ -157,6 +157,8 @@ def test_joint_states_are_matched_by_name() -> None:
     assert ros2.read_joint_state({**message, "velocity": [0.2, 0, 0.1]}, ("a", "b"))[1].tolist() == [0.1, 0.2]
     with pytest.raises(UnknownNameError, match="unknown joint 'c'"):
         ros2.read_joint_state(message, ("a", "c"))
+    with pytest.raises(InputError, match="'a' 2 times"):
+        ros2.read_joint_state({"name": ["a", "b", "a"], "position": [1.0, 2.0, 3.0]}, ("a", "b"))
     with pytest.raises(InputError, match="3 names and 2 values"):
         ros2.read_joint_state({**message, "position": [1.0, 2.0]}, ("a",))
 
@@ -396,6 +398,16 @@ def test_every_fault_of_a_joint_state_is_answered_by_a_stop(checker, swing, faul
 
 
 @pytest.mark.parametrize("velocity", [True, False])
+@pytest.mark.parametrize("time", [0.04, 0.03, 0.0, -0.01, -0.04])
+def test_a_clock_that_returns_to_the_start_is_no_next_execution(checker, swing, time, velocity) -> None:
+    execution = ready(checker, swing)
+    execution.on_path(ros2.display_trajectory([swing]), 0.0)
+    for at in (0.01, 0.02, 0.03, 0.04):
+        assert execution.on_state(measured(swing, at, velocity=velocity), at) == ros2.Reply()
+    assert execution.on_state(measured(swing, 0.04, velocity=velocity), time).command is not None
+
+
+@pytest.mark.parametrize("velocity", [True, False])
 @pytest.mark.parametrize("time", [0.2, 0.19, 0.1, np.nan, np.inf, -np.inf, 100.0])
 def test_every_fault_of_the_clock_is_answered_by_a_stop(checker, swing, time, velocity) -> None:
     execution = running(checker, swing, velocity=velocity)
@@ -411,6 +423,22 @@ def test_silence_is_answered_by_a_stop(checker, swing) -> None:
     assert reply.alarm
     assert not ros2.read_joint_trajectory(reply.command).velocities[-1].any()
     assert execution.on_clock(0.4) == ros2.Reply()
+
+
+def test_a_stop_from_an_unknown_state_says_whether_it_is_proven(checker, swing) -> None:
+    """Without a measurement it begins at the state of the motion, and the robot may be anywhere in the tube."""
+    for time in (0.3, 0.6, 1.0, 1.9):
+        execution = ready(checker, swing, timeout=5.0)
+        execution.on_path(ros2.display_trajectory([swing]), 0.0)
+        monitor = execution.monitor
+        q, dq = swing(time), swing.velocity(time)
+        reply = execution.on_state({}, time)
+        stop = ros2.read_joint_trajectory(reply.command)
+        assert np.abs(stop.start - q).max() < 1e-9
+        path, tolerance, _ = monitor.stopping(q, dq)
+        proven = pp.collision.is_proven_free(path, checker, joint_tolerance=tolerance + 0.02)
+        assert proven == ("is proven" in reply.text)
+        assert monitor.proves_stop(q, dq, 0.02) == proven
 
 
 def test_silence_after_the_motion_is_no_fault(checker, swing) -> None:
@@ -462,6 +490,63 @@ class TestStart:
         reply = ready(checker, swing).on_path(shown, 0.01)
         assert (reply.command, reply.alarm) == (None, True)
         assert "shoulder_lift_joint" in reply.text
+
+    @pytest.mark.parametrize("moving", [False, True])
+    def test_it_is_not_sent_to_a_robot_that_is_elsewhere_on_the_motion(self, checker, swing, moving) -> None:
+        """The tube of the whole motion says nothing about its start: the end and every corner are in it too."""
+        sent = {True: 0, False: 0}
+        for time in np.linspace(0.0, swing.duration, 300):
+            q, dq = swing(time), swing.velocity(time) * moving
+            execution = ros2.CertifiedExecution(checker)
+            execution.on_state({**at_rest(q, swing), "velocity": dq.tolist()}, 0.0)
+            there = np.abs(q - swing.start).max() <= 0.02
+            command = execution.on_path(ros2.display_trajectory([swing]), 0.01).command
+            assert command is None or there, time
+            sent[there] += command is not None
+        assert sent[False] == 0
+        assert sent[True] > 0
+
+    def test_without_velocities_two_states_are_needed(self, checker, swing) -> None:
+        execution, shown = ros2.CertifiedExecution(checker), ros2.display_trajectory([swing])
+        still = {**at_rest(swing.start, swing), "velocity": []}
+        execution.on_state(still, 0.0)
+        assert execution.on_path(shown, 0.001).command is None
+        execution.on_state(still, 0.01)
+        assert execution.on_path(shown, 0.011).command is not None
+        moving = ros2.CertifiedExecution(checker)
+        moving.on_state({**still, "position": (swing.start - 0.03).tolist()}, 0.0)
+        moving.on_state(still, 0.01)
+        assert moving.on_path(shown, 0.011).command is None
+
+    def test_it_is_not_sent_for_a_start_with_attached_objects(self, checker, swing) -> None:
+        shown = ros2.display_trajectory([swing])
+        shown["trajectory_start"]["attached_collision_objects"] = [{"link_name": "tool0", "object": {"id": "part"}}]
+        reply = ready(checker, swing).on_path(shown, 0.01)
+        assert (reply.command, reply.alarm) == (None, True)
+
+    def test_the_joints_outside_the_arm_must_be_where_they_are_certified(self) -> None:
+        """The motion of a Panda is certified with closed fingers."""
+        arm = pp.load_robot("panda").arm()
+        motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names), arm.limits)
+        finger = next(name for name in arm.held if "finger" in name)
+
+        def state(q: np.ndarray, at: float) -> dict[str, object]:
+            names = [*arm.joint_names, finger]
+            return {"name": names, "position": [*q.tolist(), arm.held[finger] + at], "velocity": [0.0] * len(names)}
+
+        for opened, sent in ((0.0, True), (5e-4, True), (0.03, False)):
+            execution = ros2.CertifiedExecution(pp.CollisionChecker(arm))
+            assert execution.on_state(state(arm.home, opened), 0.0) == ros2.Reply()
+            assert (execution.on_path(ros2.display_trajectory([motion]), 0.01).command is not None) is sent
+            stated = ros2.display_trajectory([motion], held={finger: arm.held[finger] + opened})
+            execution = ros2.CertifiedExecution(pp.CollisionChecker(arm))
+            execution.on_state(state(arm.home, 0.0), 0.0)
+            assert (execution.on_path(stated, 0.01).command is not None) is sent
+            if sent:
+                reply = execution.on_state(state(arm.home, 0.03), 0.02)
+                assert reply.alarm
+                assert finger in reply.text
+                assert not ros2.read_joint_trajectory(reply.command).velocities[-1].any()
 
     def test_it_is_not_sent_while_another_motion_is_executed(self, checker, swing) -> None:
         execution = running(checker, swing)

@@ -277,9 +277,8 @@ class Monitor:
             return MonitorResult(MonitorStatus.INSIDE, time, progress, deviation, q=at, dq=rate)
         j = int((deviation / self._tolerance).argmax())
         path, tolerance, stop = self.stopping(at, rate)
-        free = stop <= LONGEST_STOP and is_proven_free(path, self._checker, joint_tolerance=tolerance)
         return MonitorResult(
-            MonitorStatus.OUTSIDE_BRAKING_FREE if free else MonitorStatus.OUTSIDE,
+            MonitorStatus.OUTSIDE_BRAKING_FREE if self.proves_stop(at, rate) else MonitorStatus.OUTSIDE,
             time,
             progress,
             deviation,
@@ -302,6 +301,27 @@ class Monitor:
         tolerance = tolerance + unknown * braking / 2
         path = JointPath([q, end] if (end != q).any() else [q], self._trajectory.joint_names)
         return path, tolerance, latency + braking
+
+    def proves_stop(self, q: Array, dq: Array, error: npt.ArrayLike = 0.0) -> bool:
+        """Whether a stop is proven collision-free from all positions that differ from q by at most ``error``."""
+        path, tolerance, stop = self.stopping(q, dq)
+        return stop <= LONGEST_STOP and is_proven_free(
+            path, self._checker, joint_tolerance=tolerance + np.asarray(error)
+        )
+
+    def start_deviation(self, q: npt.ArrayLike, dq: npt.ArrayLike) -> Array:
+        """Return (n,) the deviations of a state from the start of the motion, as shares of the tolerance.
+
+        They are the largest until the latency has passed; the motion may begin if none is above 1. NaN where q or dq is
+        not finite.
+
+        Raises
+        ------
+        InputError
+            If a shape is wrong.
+        """
+        n = len(self._trajectory.joint_names)
+        return np.asarray(self._deviation(0.0, _measured("q", q, n), _measured("dq", dq, n)) / self._tolerance)
 
     def stop_trajectory(self, q: npt.ArrayLike, dq: npt.ArrayLike) -> Trajectory:
         """Return the stop of a result as a motion for a controller: at dq until the latency has passed, then to rest.

@@ -229,13 +229,15 @@ def read_joint_state(message: Mapping[str, Any], joint_names: Sequence[str]) -> 
     UnknownNameError
         If a joint is missing.
     InputError
-        If the numbers of names and values differ.
+        If the numbers of names and values differ, or a joint occurs twice.
     """
     names = [str(name) for name in _field(message, "name", "JointState")]
     order = []
     for name in joint_names:
         if name not in names:
             raise UnknownNameError("joint", name, names, "the JointState")
+        if names.count(name) > 1:
+            raise InputError(f"the JointState has the joint {name!r} {names.count(name)} times")
         order.append(names.index(name))
     found = []
     for key in ("position", "velocity"):
@@ -265,6 +267,19 @@ class Reply(NamedTuple):
     alarm: bool = False
 
 
+class _Reading(NamedTuple):
+    """A joint state: the time (s) of its measurement, its positions and velocities (n,).
+
+    Without measured velocities they follow from the state before, and are None without one. ``elsewhere`` is the joint
+    outside the arm that is not where the certificates assume it, in words.
+    """
+
+    time: float
+    q: Array
+    dq: Array | None
+    elsewhere: str
+
+
 class CertifiedExecution:
     """Sends each motion that is displayed if it is proven collision-free, and monitors its execution.
 
@@ -280,7 +295,8 @@ class CertifiedExecution:
     latency
         Seconds from a measurement until the brakes act, as for :class:`pinproof.Monitor`.
     timeout
-        Seconds without a readable joint state after which a motion is stopped (:meth:`on_clock`) and no motion begins.
+        Seconds after which a joint state is too old: a motion is stopped without a later one (:meth:`on_clock`), and no
+        motion begins.
     """
 
     def __init__(
@@ -296,23 +312,26 @@ class CertifiedExecution:
         self.monitor: Monitor | None = None
         self._motion: Trajectory | None = None
         self._begin, self._unread, self._unproven = 0.0, "", ""
-        self._state: tuple[float, Array, Array | None] | None = None
-        """The time, positions and velocities of the last readable joint state."""
+        self._frames: tuple[list[Any], ...] | None = None
+        self._last: _Reading | None = None
+        """The last joint state; None before the first one, and after one that cannot be read."""
 
     def on_scene(self, message: Mapping[str, Any], seconds: float) -> Reply:  # noqa: ARG002
         """Use a complete moveit_msgs/PlanningScene, and prove a motion that is executed again in it.
 
         No motion is sent after a scene that cannot be read, or a difference that changes the objects, until a complete
         scene can be read. A motion that is executed then, or that is not proven collision-free in the new scene, is
-        stopped at the next measured state.
+        stopped at the next joint state.
         """
         try:
             if message.get("is_diff"):
-                if not _changes_objects(message):
+                moved = any(_frames(message)) and _frames(message) != self._frames
+                if not moved and not _changes_objects(message):
                     return Reply()
                 self._unread = "no motion is sent until a complete planning scene is received, because objects changed"
             else:
                 self.checker, self._unread = self.checker.with_scene(read_planning_scene(message)), ""
+                self._frames = _frames(message)
         except MALFORMED as error:
             self._unread = f"no motion is sent, because the planning scene cannot be read: {error}"
         self._unproven = self._unread or self._prove_again()
@@ -342,28 +361,35 @@ class CertifiedExecution:
     def on_state(self, message: Mapping[str, Any], seconds: float) -> Reply:
         """Compare a sensor_msgs/JointState with the motion; send the stop if the robot leaves its tube.
 
-        A state that cannot be read, is not of a later time, or comes more than ``timeout`` after the last one is
-        answered by the stop too.
+        The time of the measurement is the stamp of the header, or ``seconds`` without a stamp. A state that cannot be
+        read, that is not later than the one before, that is more than ``timeout`` older or newer than ``seconds``, or
+        that comes more than ``timeout`` after the one before is answered by the stop too.
         """
         if (silence := self.on_clock(seconds)).alarm:
             return silence
+        before, self._last = self._last, None
         try:
+            time = _measured_at(message, seconds)
+            if not abs(seconds - time) <= self.timeout:
+                raise InputError(f"it was measured at {time:.6g} s, and it is {seconds:.6g} s")
+            if before is not None and not time > before.time:
+                raise InputError(f"it was measured at {time:.6g} s, not after the one before, at {before.time:.6g} s")
             q, dq = read_joint_state(message, self.checker.group.joint_names)
-            result = None if self.monitor is None else self.monitor.update(seconds - self._begin, q, dq)
+            if not np.isfinite(q).all() or (dq is not None and not np.isfinite(dq).all()):
+                raise InputError("it has values that are not finite")
+            elsewhere = _difference(message, self._expected())
+            known = dq if dq is not None or before is None else (q - before.q) / (time - before.time)
+            result = None if self.monitor is None else self.monitor.update(time - self._begin, q, dq)
         except MALFORMED as error:
-            self._state = None
-            return self._stop(f"the joint state cannot be read: {error}", seconds)
-        readable = bool(np.isfinite(q).all()) and (dq is None or bool(np.isfinite(dq).all())) and np.isfinite(seconds)
-        self._state = (seconds, q, dq) if readable else None
-        if result is None:
-            return Reply() if readable else Reply("the joint state has values that are not finite", alarm=True)
-        if not result.alarm and not self._unproven:
+            return self._stop(f"the joint state cannot be used: {error}", seconds)
+        self._last = _Reading(time, q, known, elsewhere)
+        if result is None or not (result.alarm or self._unproven or elsewhere):
             return Reply()
-        return self._stop(self._unproven or str(result), seconds, result)
+        return self._stop(self._unproven or elsewhere or str(result), seconds, result)
 
     def on_clock(self, seconds: float) -> Reply:
-        """Send the stop if a motion is executed and no joint state could be read for ``timeout``; call it regularly."""
-        last = self._begin if self._state is None else max(self._state[0], self._begin)
+        """Send the stop if a motion is executed and no joint state came for ``timeout``; call it regularly."""
+        last = self._begin if self._last is None else max(self._last.time, self._begin)
         if self.monitor is None or self._motion is None or last >= self._begin + self._motion.duration:
             return Reply()
         if abs(seconds - last) <= self.timeout:
@@ -371,7 +397,7 @@ class CertifiedExecution:
         return self._stop(f"no joint state was received for {abs(seconds - last):.3g} s", seconds)
 
     def _stop(self, text: str, seconds: float, result: MonitorResult | None = None) -> Reply:
-        """The stop that the monitor proved; from the state of the motion if the measured one is not known."""
+        """The stop that the monitor judged; from the state of the motion if the measured one is not known."""
         if self.monitor is None or self._motion is None:
             return Reply(text, alarm=True)
         if result is not None and np.isfinite(result.q).all() and np.isfinite(result.dq).all():
@@ -380,6 +406,9 @@ class CertifiedExecution:
             elapsed = seconds - self._begin if np.isfinite(seconds) else 0.0
             time = min(max(elapsed, 0.0), self._motion.duration)
             q, dq = np.asarray(self._motion(time)), np.asarray(self._motion.velocity(time))
+            # The robot was in the tube, and may still be anywhere in it.
+            proven = self.monitor.proves_stop(q, dq, self.joint_tolerance)
+            text += f"; the stop from the state of the motion is{'' if proven else ' not'} proven collision-free"
         stop = self.monitor.stop_trajectory(q, dq)
         self.monitor = self._motion = None
         return Reply(text, joint_trajectory(stop), alarm=True)
@@ -388,22 +417,33 @@ class CertifiedExecution:
         self, message: Mapping[str, Any], trajectory: Trajectory, monitor: Monitor, seconds: float
     ) -> str:
         """Why the robot, or the start that the message states, is not at the start of a motion; empty if both are."""
-        names, tolerance = trajectory.joint_names, np.broadcast_to(self.joint_tolerance, (len(trajectory.start),))
-        if self._state is None or not 0.0 <= seconds - self._state[0] <= self.timeout:
+        state = self._last
+        if state is None or not abs(seconds - state.time) <= self.timeout:
             return f"no joint state was received in the last {self.timeout:g} s"
-        at, q, dq = self._state
-        # Before the first state of the execution, whose time must be later.
-        result = monitor.update(min(at - seconds, -1e-3), q, dq)
-        if result.alarm:
-            return f"the robot is not at its start: {result}"
-        stated = (message.get("trajectory_start") or {}).get("joint_state") or {}
-        positions = dict(zip(stated.get("name", ()), stated.get("position", ()), strict=True))
-        expected = {**self.checker.group.held, **dict(zip(names, trajectory.start.tolist(), strict=True))}
-        allowed = {**dict.fromkeys(self.checker.group.held, HELD_TOLERANCE), **dict(zip(names, tolerance, strict=True))}
-        for name in positions.keys() & expected.keys():
-            if not abs(float(positions[name]) - expected[name]) <= allowed[name]:
-                return f"its trajectory_start has {name} = {positions[name]:.6g}, not {expected[name]:.6g}"
+        if state.elsewhere:
+            return state.elsewhere
+        if state.dq is None:
+            return "the velocities of the robot are not known; a second joint state is needed"
+        off = monitor.start_deviation(state.q, state.dq)
+        if not (off <= 1.0).all():
+            j = int(off.argmax())
+            where = f"{state.q[j]:.6g}, with a velocity of {state.dq[j]:.3g}"
+            return f"the robot is not at its start: {trajectory.joint_names[j]} is at {where}"
+        stated = message.get("trajectory_start") or {}
+        if stated.get("attached_collision_objects"):
+            return "its trajectory_start has attached objects, which are not certified"
+        if wrong := _difference(stated.get("joint_state") or {}, self._expected(trajectory)):
+            return f"its trajectory_start is another: {wrong}"
         return ""
+
+    def _expected(self, motion: Trajectory | None = None) -> dict[str, tuple[float, float]]:
+        """Value and tolerance (rad or m) of each joint outside the arm, and of the arm at the start of a motion."""
+        expected = {name: (value, HELD_TOLERANCE) for name, value in self.checker.group.held.items()}
+        if motion is not None:
+            tolerance = np.broadcast_to(self.joint_tolerance, motion.start.shape).tolist()
+            pairs = zip(motion.start.tolist(), tolerance, strict=True)
+            expected |= dict(zip(motion.joint_names, pairs, strict=True))
+        return expected
 
     def _prove_again(self) -> str:
         """Monitor the motion that is executed in the present scene; the reason if it is not proven free, else empty."""
@@ -416,6 +456,28 @@ class CertifiedExecution:
         except PinproofError as error:
             return f"the motion is stopped: {error}"
         return ""
+
+
+def _difference(state: Mapping[str, Any], expected: Mapping[str, tuple[float, float]]) -> str:
+    """The first joint of a JointState that is not where it is expected; empty without one."""
+    for name, position in zip(state.get("name", ()), state.get("position", ()), strict=True):
+        value, tolerance = expected.get(str(name), (0.0, np.inf))
+        if str(name) in expected and not abs(float(position) - value) <= tolerance:
+            return f"{name} is at {float(position):.6g}, but {value:.6g} is certified"
+    return ""
+
+
+def _measured_at(message: Mapping[str, Any], seconds: float) -> float:
+    """The time (s) of the header of a message; ``seconds`` if it states none."""
+    stamp = (message.get("header") or {}).get("stamp") or {}
+    time = int(stamp.get("sec", 0)) + int(stamp.get("nanosec", 0)) * 1e-9
+    return time if time != 0.0 else seconds
+
+
+def _frames(message: Mapping[str, Any]) -> tuple[list[Any], ...]:
+    """What a planning scene states of the poses of its frames, and of the robot in it."""
+    floating = (message.get("robot_state") or {}).get("multi_dof_joint_state") or {}
+    return list(message.get("fixed_frame_transforms") or ()), list(floating.get("transforms") or ())
 
 
 def _changes_objects(difference: Mapping[str, Any]) -> bool:

@@ -11,9 +11,9 @@ import pytest
 import pinproof as pp
 from pinproof.collision import certify_program, export_program
 from pinproof.collision.certificates.linear_moves import trace_line
-from pinproof.collision.certificates.program_proof import _share
+from pinproof.collision.certificates.program_proof import _share, shortest_durations
 from pinproof.errors import InputError
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove, StreamedPoint
+from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, StreamedPoint, Wait
 from pinproof.motion.robot_program import RobotProgram, make_program
 
 Cell = tuple[pp.CollisionChecker, pp.Trajectory]
@@ -309,7 +309,7 @@ def test_a_linear_move_whose_joint_values_are_not_known_is_undecided(line: Cell)
         ([LinearMove(q), JointMove(motion.start)], "first move"),
         ([JointMove(q), LinearMove(turned)], "not published"),
         ([JointMove(q), LinearMove(branch)], "another configuration"),
-        ([JointMove(motion.start), JointMove(q, 1.0, Blend(0.001)), LinearMove(near)], "before a linear move"),
+        ([JointMove(motion.start), JointMove(q, 1.0, Blend(0.001)), LinearMove(near)], "no joint move follows"),
     ):
         certificate = certify_program(make_program(steps, arm.joint_names, dialect="urscript"), checker)
         assert certificate.status is pp.CertificateStatus.UNDECIDED
@@ -377,6 +377,119 @@ class TestSpeeds:
         certificate = certify_program(make_program(steps, checker.arm.joint_names, dialect=dialect), checker)
         assert certificate.free is free
         assert bool(certificate.outside_limits) is not free
+
+    @pytest.mark.parametrize(("speed", "free"), [(0.3, True), (3.1, True), (3.25, False), (300.0, False)])
+    def test_a_move_is_free_only_if_its_speed_is_possible(self, checker, speed, free) -> None:
+        """The limits are 3.15 and 3.2 rad/s. A speed in place of a duration is that of the fastest joint."""
+        q = checker.arm.home + np.deg2rad(69.0) * np.array([0.5, 0, 0, 1, 0, 0])
+        steps = [JointMove(checker.arm.home), JointMove(q, speed=speed)]
+        program = make_program(steps, checker.arm.joint_names, dialect="urscript")
+        assert program.moves[1].speed == speed
+        assert certify_program(program, checker).free is free
+
+    @pytest.mark.parametrize(("speed", "free"), [(0.1, True), (3.0, False)])
+    def test_a_linear_move_is_free_only_if_its_speed_is_possible(self, checker, speed, free) -> None:
+        arm = checker.arm
+        start = np.array([-0.5, -1.2, 1.6, -1.97, -1.57, 0.0])
+        first = arm.forward_kinematics(start)
+        end = pp.pose(first.translation + 0.2 * np.eye(3)[1], pp.xyz_rpy(first)[3:])
+        steps = [JointMove(start), LinearMove(None, end)]
+        text = make_program(steps, arm.joint_names, dialect="krl").text.replace("#VEL_CP,0.1", f"#VEL_CP,{speed}")
+        certificate = certify_program(RobotProgram.parse(text, dialect="krl", allow_changes=True), checker)
+        assert certificate.free is free, certificate.message
+
+    @pytest.mark.parametrize("dialect", ["urscript", "rapid", "fanuc"])
+    def test_known_accelerations_are_compared_too(self, dialect) -> None:
+        """From rest to rest, 0.5 rad take 2 sqrt(0.5 / 2) = 1 s at 2 rad/s^2, but 0.16 s at the largest velocity."""
+        arm = pp.load_robot("ur5").arm()
+        known = arm.with_limits(replace(arm.limits, acceleration=np.full(6, 2.0), acceleration_source="measured"))
+        for duration, limits, free in ((0.99, known, False), (1.01, known, True), (0.3, arm, True)):
+            q = arm.home + 0.5 * np.eye(6)[3]
+            program = make_program([JointMove(arm.home), JointMove(q, duration)], arm.joint_names, dialect=dialect)
+            assert certify_program(program, pp.CollisionChecker(limits)).free is free
+
+    def test_the_shortest_duration_is_that_of_a_simulated_profile(self) -> None:
+        """The largest velocity profile from or to rest, integrated, covers the distance in the shortest duration."""
+        rng = np.random.default_rng(4)
+        arm = pp.load_robot("ur5").arm()
+        for stops in (0, 1, 2):
+            travel, velocity, acceleration = (rng.uniform(0.01, 3.0, 6) for _ in range(3))
+            limits = replace(arm.limits, velocity=velocity, acceleration=acceleration, acceleration_source="measured")
+            shortest = shortest_durations(travel, limits, stops)
+            for j in range(6):
+                t = np.linspace(0, shortest[j], 20001)
+                rate = np.full(len(t), velocity[j])
+                rate = np.minimum(rate, acceleration[j] * t) if stops > 0 else rate
+                rate = np.minimum(rate, acceleration[j] * (shortest[j] - t)) if stops > 1 else rate
+                assert np.trapezoid(rate, t) == pytest.approx(travel[j], rel=1e-6)
+        unknown = replace(arm.limits, velocity=np.full(6, np.nan), acceleration=np.full(6, np.nan))
+        assert (shortest_durations(np.ones(6), unknown, 2) < 1e-6).all()
+
+    def test_exported_durations_are_possible_after_rounding(self, cell: Cell) -> None:
+        """The text of FANUC rounds to milliseconds: a duration must not become shorter than the limits allow."""
+        checker, motion = cell
+        arm = checker.arm
+        known = arm.with_limits(replace(arm.limits, acceleration_source="measured"))
+        fast = pp.CollisionChecker(known, checker.scene)
+        for dialect in MOVING:
+            for tolerance in (0.002, 0.0005):
+                program, certificate = export_program(motion, fast, dialect, tolerance=tolerance)
+                assert certificate.free, certificate.message
+                assert len(program.moves) > 4
+
+    @pytest.mark.parametrize("dialect", MOVING)
+    @pytest.mark.parametrize("following", ["wait", "output", "nothing", "line"])
+    def test_a_blend_that_no_joint_move_follows_is_undecided(self, checker, dialect, following) -> None:
+        arm = checker.arm
+        q = arm.home + np.linspace(0.0, 0.1, 3)[:, None] * np.eye(6)[0]
+        blend = Blend(0.001) if dialect == "urscript" else Blend(share=0.25 if dialect == "krl" else 0.5)
+        output = SetOutput("do" if dialect == "rapid" else "1", True)
+        between = {"wait": [Wait(0.5)], "output": [output], "nothing": [], "line": []}[following]
+        line = LinearMove(q[2], arm.forward_kinematics(q[2]), 2.0)
+        last = [] if following == "nothing" else [line if following == "line" else JointMove(q[2], 1.0)]
+        for blended in (blend, None):
+            steps = [JointMove(q[0]), JointMove(q[1], 1.0, blended), *between, *last]
+            certificate = certify_program(make_program(steps, arm.joint_names, dialect=dialect), checker)
+            assert bool(certificate.overlaps) is (blended is not None)
+            assert certificate.status is not pp.CertificateStatus.FREE or blended is None
+
+    def test_a_blend_before_set_points_is_undecided(self, checker) -> None:
+        home = checker.arm.home
+        steps = [JointMove(home - 0.1), JointMove(home, 1.0, Blend(0.01)), StreamedPoint(home + 1e-6, self.PERIOD)]
+        certificate = certify_program(make_program(steps, checker.arm.joint_names, dialect="urscript"), checker)
+        assert certificate.overlaps == (certificate.parts[1].line - 1,)
+        assert certificate.status is pp.CertificateStatus.UNDECIDED
+
+    def test_the_time_of_the_move_to_the_first_point_is_undecided(self, checker) -> None:
+        home, names = checker.arm.home, checker.arm.joint_names
+        for first in (JointMove(home, 0.01), StreamedPoint(home, self.PERIOD)):
+            program = make_program([first, JointMove(home + 0.1, 1.0)], names, dialect="urscript")
+            assert certify_program(program, checker).status is pp.CertificateStatus.UNDECIDED
+
+    def test_set_points_need_velocity_limits(self, checker) -> None:
+        arm = checker.arm
+        velocity = np.where(np.arange(6) == 2, np.nan, arm.limits.velocity)
+        unknown = pp.CollisionChecker(arm.with_limits(replace(arm.limits, velocity=velocity)))
+        certificate = certify_program(self.streamed(checker, self.ramp(checker)), unknown)
+        assert certificate.status is pp.CertificateStatus.UNDECIDED
+        assert "elbow_joint" in certificate.message
+        steps = [JointMove(arm.home), JointMove(arm.home + 0.1, 1.0)]
+        moves = certify_program(make_program(steps, arm.joint_names, dialect="urscript"), unknown)
+        assert moves.free
+        assert any("elbow_joint" in note for note in moves.notes)
+
+    def test_a_goal_of_ros_that_is_cut_at_speed_is_not_free(self, checker) -> None:
+        arm = checker.arm
+        path = pp.JointPath([arm.home, arm.home + 0.2], arm.joint_names)
+        motion = pp.time_parametrise(path, arm.limits)
+        assert certify_program(motion.to_program("ros2"), checker).free
+        record = motion.record()
+        for kept in (slice(0, 2), slice(1, None)):
+            cut = pp.Trajectory(
+                motion.times[kept] - motion.times[kept][0], record.q[kept], record.velocities[kept], arm.joint_names
+            )
+            certificate = certify_program(cut.to_program("ros2"), checker)
+            assert certificate.status is pp.CertificateStatus.VIOLATED
 
     def test_a_linear_move_that_is_too_fast_for_a_joint_is_not_free(self, checker) -> None:
         arm = checker.arm

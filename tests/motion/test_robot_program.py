@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -255,3 +257,168 @@ def test_another_frame_or_tool_of_fanuc_is_refused(frame: str) -> None:
     edited = re.sub(frame.split("=")[0] + r"=\d", frame, text)
     with pytest.raises(TrajectoryError):
         RobotProgram.parse(edited, dialect="fanuc", allow_changes=True)
+
+
+def refused(text: str, dialect: str) -> TrajectoryError:
+    with pytest.raises(TrajectoryError) as error:
+        RobotProgram.parse(text, dialect=dialect, allow_changes=True)
+    return error.value
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_the_comments_are_at_the_top(dialect: str) -> None:
+    lines = make_program(some_steps(dialect), NAMES, dialect=dialect).text.split("\n")
+    comments = [k for k, line in enumerate(lines) if DIALECTS[dialect].comment_of(line) is not None]
+    moved = [line for k, line in enumerate(lines) if k not in comments]
+    for place in (0, comments[0] + 2, len(moved) - 2):
+        text = "\n".join([*moved[:place], *(lines[k] for k in comments), *moved[place:]])
+        assert refused(text, dialect).place.startswith("line ")
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+@pytest.mark.parametrize("blank", ["\u00a0", "\u2003", "\ufeff", "\u3000"])
+def test_a_space_that_is_none_for_a_controller_is_refused(dialect: str, blank: str) -> None:
+    lines = make_program(some_steps(dialect), NAMES, dialect=dialect).text.split("\n")
+    for k in range(1, len(lines)):
+        assert refused("\n".join([*lines[:k], blank + lines[k], *lines[k + 1 :]]), dialect)
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_a_carriage_return_at_the_end_is_no_line_ending(dialect: str) -> None:
+    assert refused(make_program(some_steps(dialect), NAMES, dialect=dialect).text + "\r", dialect)
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+@pytest.mark.parametrize(
+    "name", ["T\u00fcre 1", "1 bolt", "\u65e5\u672c", "end", "main", "PTP", "moveabsj", "movej", "_x", ""]
+)
+def test_every_name_makes_a_program_with_a_name_of_its_own(dialect: str, name: str) -> None:
+    """It begins with a letter, and is none of the words of the program, which would then call itself."""
+    text = make_program(some_steps(dialect), NAMES, dialect=dialect, name=name).text
+    first = re.search(r"(?:\bdef|\bMODULE|\bDEF|/PROG) +([^\s(]+)", text)[1]
+    assert re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", first)
+    words = re.findall(r"[A-Za-z_]\w*", "\n".join(line for line in text.split("\n") if "pinproof" not in line))
+    assert dialect == "fanuc" or [word.lower() for word in words].count(first.lower()) == 1
+
+
+@pytest.mark.parametrize(
+    ("dialect", "before", "after"),
+    [
+        ("urscript", "def motion", "def movej"), ("urscript", "def motion", "def end"),
+        ("urscript", "def motion", "def 1"),
+        ("rapid", "MODULE motion", "MODULE MoveAbsJ"), ("rapid", "MODULE motion", "MODULE main"),
+        ("rapid", "PROC main", "PROC aux"), ("krl", "DEF motion", "DEF BAS"), ("krl", "DEF motion", "DEF ptp"),
+    ],
+)  # fmt: skip
+def test_a_program_with_the_name_of_an_instruction_is_refused(dialect: str, before: str, after: str) -> None:
+    text = make_program(some_steps(dialect), NAMES, dialect=dialect).text
+    assert before in text
+    assert refused(text.replace(before, after), dialect).place.startswith("line ")
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+@pytest.mark.parametrize("place", ["inside", "behind"])
+def test_a_second_routine_and_code_behind_the_end_are_refused(dialect: str, place: str) -> None:
+    """A controller does not execute them, or not in this order."""
+    lines = make_program(some_steps(dialect), NAMES, dialect=dialect).text.rstrip().split("\n")
+    move = next(line for line in reversed(lines) if re.search(r"movej|MoveAbsJ|PTP|J P\[", line))
+    routine = {
+        "urscript": ["def more():", move, "end"], "rapid": ["PROC more()", move, "ENDPROC"],
+        "krl": ["DEF more()", move, "END"], "fanuc": ["/PROG  MORE", "/ATTR", "/MN", move, "/POS", "/END"],
+    }[dialect]  # fmt: skip
+    at = lines.index(move) if place == "inside" else len(lines)
+    for added in (routine, [move], routine[:-1], routine[1:]):
+        if place == "inside" and added == [move]:
+            continue
+        assert refused("\n".join([*lines[:at], *added, *lines[at:]]), dialect)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "before", "after"),
+    [
+        ("urscript", "sleep(0.250000)", "sleep(-0.25)"), ("urscript", "sleep(0.250000)", f"sleep({'9' * 400})"),
+        ("urscript", "t=1.500000", f"t={'9' * 400}"), ("urscript", "t=1.500000", "t=1e-3"),
+        ("urscript", "a=0.5", "a=-0.5"), ("urscript", "v=0.3", "v=-0.3"), ("urscript", "v=0.3", "v=0"),
+        ("urscript", "out(0", "out(8"), ("urscript", "r=0.010000", "r=-0.010000"),
+        ("rapid", "WaitTime 0.2500", "WaitTime -0.25"), ("rapid", "v100,", "v0,"), ("rapid", "v100,", "v99,"),
+        ("rapid", "z10", "z7"), ("rapid", "z10", "z999"),
+        ("krl", "WAIT SEC 0.2500", "WAIT SEC -0.25"), ("krl", "  BAS(#INITMOV,0)\n", ""),
+        ("krl", "  BAS(#VEL_CP,0.1)\n", ""), ("krl", "#VEL_CP,0.1", "#VEL_CP,100"), ("krl", "#VEL_CP,0.1", "#VEL_CP,0"),
+        ("krl", "#VEL_PTP,30", "#VEL_PTP,300"), ("krl", "CPTP=50", "CPTP=0"), ("krl", "CPTP=50", "CPTP=500"),
+        ("krl", "  $APO.CPTP=50\n", "  $APO.CPTP=50\n  BAS(#INITMOV,0)\n"),
+        ("fanuc", "WAIT 0.25(sec)", "WAIT -0.25(sec)"), ("fanuc", " 5%", " 0%"), ("fanuc", " 5%", " 101%"),
+        ("fanuc", "CNT50", "CNT101"), ("fanuc", "1500msec", f"{'9' * 400}msec"), ("fanuc", "J P[2]", "J P[02]"),
+        ("fanuc", "P[2]{", "P[02]{"), ("fanuc", "P[2]{", "P[1]{"), ("fanuc", "UFRAME_NUM=0 ;", "UTOOL_NUM=1 ;"),
+    ],
+)  # fmt: skip
+def test_a_value_outside_the_range_of_its_instruction_is_refused(dialect: str, before: str, after: str) -> None:
+    text = make_program(some_steps(dialect), NAMES, dialect=dialect).text
+    assert before in text
+    assert refused(text.replace(before, after, 1), dialect)
+
+
+def test_a_position_of_fanuc_has_one_name() -> None:
+    """P[01] and P[1] are the same position for a controller, which then has two."""
+    text = make_program([JointMove(np.zeros(6)), JointMove(np.full(6, 0.1), 1.0)], NAMES, dialect="fanuc").text
+    entry = text[text.index("P[2]{") : text.index("/END")]
+    again = entry.replace("P[2]{", "P[02]{").replace("J1 = 5.730", "J1 = 90.000")
+    assert refused(text.replace("J P[2]", "J P[02]").replace("/END", f"{again}/END"), "fanuc")
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("t=0.008000", "t=0.5"), ("lookahead_time=0.03", "lookahead_time=0.2"), ("gain=2000", "gain=100"),
+        ("lookahead_time=0.03", "lookahead_time=-1"), ("  servoj", "  stopj(10)\n  servoj"),
+    ],
+)  # fmt: skip
+def test_set_points_that_are_not_followed_closely_are_refused(before: str, after: str) -> None:
+    steps = [JointMove(np.zeros(6)), StreamedPoint(np.full(6, 1e-6), 0.008), StreamedPoint(np.full(6, 2e-6), 0.008)]
+    text = make_program(steps, NAMES, dialect="urscript").text
+    assert before in text
+    assert refused(text.replace(before, after, 1), "urscript")
+
+
+def test_a_stop_on_the_way_of_a_blended_move_is_refused() -> None:
+    """The arm would stop before the point, and the next move begin there."""
+    text = make_program(some_steps("urscript"), NAMES, dialect="urscript").text
+    assert refused(text.replace("r=0.010000)\n", "r=0.010000)\n  stopj(10)\n"), "urscript")
+    with pytest.raises(InputError, match="period"):
+        make_program([JointMove(np.zeros(6)), StreamedPoint(np.zeros(6), 0.5)], NAMES, dialect="urscript")
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_what_is_not_covered_may_contain_every_character(dialect: str) -> None:
+    words = "T\u00fcr; a\nmovej([0], t=1)\u2028end"
+    program = make_program(some_steps(dialect), NAMES, dialect=dialect, certificate="ab12", uncovered=words)
+    read = RobotProgram.parse(program.text, dialect=dialect)
+    assert (len(read.steps), read.certificate) == (len(program.steps), "ab12")
+
+
+class TestGoalOfRos:
+    """The goal is read as JSON, and by controllers as YAML."""
+
+    def goal(self) -> tuple[list[str], dict]:
+        points = [[0.0] * 6, [1e-5, 1.0, -3e-7, 2e-5, 0.1, 0.2], [0.0] * 6]
+        text = pp.Trajectory([0.0, 1.0, 2.0], points, np.zeros((3, 6)), NAMES).to_program("ros2").text
+        assert RobotProgram.parse(text, dialect="ros2").joint_names == NAMES
+        comments = [line for line in text.split("\n") if line.startswith("#")]
+        return comments, yaml.safe_load(text)
+
+    def test_every_number_is_a_number_of_yaml(self) -> None:
+        _, goal = self.goal()
+        assert goal["trajectory"]["points"][1]["positions"] == [1e-5, 1.0, -3e-7, 2e-5, 0.1, 0.2]
+
+    @pytest.mark.parametrize("change", ["names reversed", "header", "joint missing", "tolerance"])
+    def test_other_contents_are_refused(self, change: str) -> None:
+        comments, goal = self.goal()
+        trajectory = goal["trajectory"]
+        if change == "names reversed":
+            trajectory["joint_names"].reverse()
+        elif change == "header":  # its stamp starts the motion at another time, without the points before
+            trajectory["header"] = {"stamp": {"sec": 5, "nanosec": 0}}
+        elif change == "joint missing":
+            trajectory["joint_names"].pop()
+        else:
+            goal["goal_time_tolerance"] = {"sec": 5, "nanosec": 0}
+        assert refused("\n".join([*comments, json.dumps(goal)]), "ros2")

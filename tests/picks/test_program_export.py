@@ -136,6 +136,46 @@ class TestReadBack:
         ((first, *_),) = certify_picks_program(report.setup, [verdict.pick], silent)[0]
         assert first.status is pp.CertificateStatus.VIOLATED
 
+    def test_another_output_than_that_of_the_gripper_is_refused(self, report, text) -> None:
+        (verdict,) = report.good
+        last = max(k for k, step in enumerate(text.steps) if isinstance(step, SetOutput))
+        other = (*text.steps[:last], replace(text.steps[last], output="do_9"), *text.steps[last + 1 :])
+        with pytest.raises(InputError, match="do_9"):
+            certify_picks_program(report.setup, [verdict.pick], replace(text, steps=other))
+
+    def test_the_time_of_the_move_to_the_first_point_is_refused(self, report, text) -> None:
+        (verdict,) = report.good
+        timed = (replace(text.steps[0], duration=0.5), *text.steps[1:])
+        with pytest.raises(InputError, match="first point"):
+            certify_picks_program(report.setup, [verdict.pick], replace(text, steps=timed))
+
+    def test_a_gripper_that_switches_elsewhere_or_the_wrong_way_is_not_free(self, report, text) -> None:
+        """The outputs of the text count, not the names of the motions: later, earlier, exchanged."""
+        (verdict,) = report.good
+        switched = [k for k, step in enumerate(text.steps) if isinstance(step, SetOutput)]
+        edits = []
+        for k in switched:
+            edits.append([replace(s, on=not s.on) if i == k else s for i, s in enumerate(text.steps)])
+        edits.append([replace(s, on=not s.on) if i in switched else s for i, s in enumerate(text.steps)])
+        (pick,) = text.picks
+        without = [step for step in text.steps if not isinstance(step, SetOutput | Wait)]
+        ends = np.cumsum([count for _, count in pick.motions])
+        for grip, release in ((0, 4), (2, 4), (1, 3), (1, 5), (0, 5), (3, 4)):
+            steps = list(without)
+            for at, on in ((release, False), (grip, True)):
+                steps.insert(1 + int(ends[at]), replace(text.steps[switched[0]], on=on))
+            edits.append(steps)
+        assert len(pick.motions) == 6
+        for steps in edits:
+            ((*proofs,),) = certify_picks_program(report.setup, [verdict.pick], replace(text, steps=tuple(steps)))[0]
+            assert not all(proof.free for proof in proofs)
+
+    def test_a_program_for_another_arm_is_refused(self, report, text) -> None:
+        (verdict,) = report.good
+        names = text.joint_names[::-1]
+        with pytest.raises(InputError, match="joints"):
+            certify_picks_program(report.setup, [verdict.pick], replace(text, joint_names=names))
+
     def test_another_number_of_moves_is_refused(self, report, text) -> None:
         (verdict,) = report.good
         for steps in (text.steps[:-1], (*text.steps, text.steps[-1])):

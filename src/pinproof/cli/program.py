@@ -101,7 +101,7 @@ def _show(
     data |= {"outside_limits": certificate.outside_limits, "notes": certificate.notes, "program": written}
     lines = [str(certificate), *(f"outside the limits: {violation}" for violation in certificate.outside_limits)]
     lines += [f"note: {note}" for note in certificate.notes]
-    if program.certificate and not same:
+    if program.certificate and not same and not program.picks:
         lines.append("note: the program names another certificate: the robot, the scene or the tool has changed")
     if written is not None:
         lines.append(f"wrote {written}: {len(program.moves)} moves, certificate {certificate.hash[:16]}")

@@ -38,12 +38,15 @@ class JointMove:
         None for a stop at the end.
     line
         The line number in the text, from 1.
+    speed
+        rad/s of the joint that moves farthest; None if the text states none.
     """
 
     q: Array
     duration: float | None = None
     blend: Blend | None = None
     line: int = 0
+    speed: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +63,15 @@ class LinearMove:
         Seconds; None if the text states a speed instead.
     line
         The line number in the text, from 1.
+    speed
+        m/s of the tcp; None if the text states none.
     """
 
     q: Array | None = None
     pose: SE3 | None = None
     duration: float | None = None
     line: int = 0
+    speed: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -190,7 +190,7 @@ class RobotProgram:
             If the dialect is unknown.
         """
         language = find_dialect(dialect)
-        header, body = _split(language, program_lines(source, text))
+        header, body = _split(language, source, program_lines(source, text))
         for row, instruction in body:
             if not instruction.isascii():
                 place = next(k for k, character in enumerate(instruction) if not character.isascii())
@@ -208,6 +208,8 @@ class RobotProgram:
                 f"line {line}",
             )
         steps = [_mapped(s, stated.map.from_controller) for s in language.read(source, body, len(stated.joint_names))]
+        if any(isinstance(s, StreamedTrajectory) and s.record.joint_names != stated.joint_names for s in steps):
+            raise TrajectoryError(source, f"its joints are not {', '.join(stated.joint_names)}, as its comments state")
         if all(isinstance(each, SetOutput | Wait) for each in steps):
             raise TrajectoryError(source, "the program has no move")
         certificate = "" if changed is not None else stated.certificate
@@ -274,8 +276,13 @@ def make_program(
         raise InputError(f"the joint map has {len(mapping.signs)} joints; the arm has {len(names)}")
     if not mapping.is_identity and any(isinstance(each, StreamedTrajectory) for each in steps):
         raise InputError(f"a program in {dialect} uses the joint values of the model; remove the joint map")
-    name = re.sub(r"\W", "_", name) or "motion"
-    before, body, after = language.write(name, [_mapped(step, mapping.to_controller) for step in steps])
+    name = re.sub(r"\W", "_", name, flags=re.ASCII) or "motion"
+    name = name if name[0].isalpha() else f"p{name}"
+    mapped = [_mapped(step, mapping.to_controller) for step in steps]
+    before, body, after = language.write(name, mapped)
+    if language.ambiguous_name((*before, *body, *after)):
+        name += "_program"
+        before, body, after = language.write(name, mapped)
     # Remarks are numbered in some languages, so the comments are written before the hashes of the lines are known.
     hashes = [_hash(words) for words in (*before, *body, *after)]
     entries = {
@@ -288,12 +295,12 @@ def make_program(
         "start": "the move to the first point is not certified",
     }
     if uncovered:
-        entries["not covered"] = uncovered
+        # ASCII without a semicolon, which ends a comment in some languages; so are the picks below.
+        entries["not covered"] = json.dumps(uncovered)[1:-1].replace(";", ",")
     if not mapping.is_identity:
         entries["map"] = str(mapping)
     if picks:
         rows = [[pick.name, pick.member, [list(motion) for motion in pick.motions]] for pick in picks]
-        # ASCII without a semicolon, which ends a comment in some languages.
         entries["picks"] = json.dumps(rows).replace(";", "\\u003b")
     entries["lines"] = " ".join([_hash_of_entries(entries), *hashes])
     comments = [language.comment(each) for each in _fold(entries, language.comment_width)]
@@ -432,7 +439,8 @@ def program_lines(source: str, text: str) -> list[str]:
     TrajectoryError
         For any other control character, of which some programs end a line and others do not, with its line and column.
     """
-    lines = [line.removesuffix("\r") for line in text.split("\n")]
+    *lines, last = text.split("\n")
+    lines = [*(line.removesuffix("\r") for line in lines), last]
     for number, line in enumerate(lines, 1):
         for column, character in enumerate(line, 1):
             if character != "\t" and unicodedata.category(character) in ("Cc", "Zl", "Zp"):
@@ -441,14 +449,22 @@ def program_lines(source: str, text: str) -> list[str]:
     return lines
 
 
-def _split(language: Dialect, lines: Sequence[str]) -> tuple[list[str], list[tuple[int, str]]]:
-    """The comments that pinproof wrote, unfolded, and the other lines with their numbers."""
+def _split(language: Dialect, source: str, lines: Sequence[str]) -> tuple[list[str], list[tuple[int, str]]]:
+    """The comments that pinproof wrote, unfolded, and the other lines with their numbers.
+
+    Raises
+    ------
+    TrajectoryError
+        If a comment is elsewhere than directly after the beginning of the program, where not every language has any.
+    """
     header: list[str] = []
-    body = []
+    body = list[tuple[int, str]]()
     for number, line in enumerate(lines, 1):
         words = language.comment_of(line)
+        if words is not None and len(body) != len(language.opening):
+            raise TrajectoryError(source, "a comment of pinproof is not at the top of the program", f"line {number}")
         if words is None:
-            if line.strip():
+            if line.strip(" \t"):
                 body.append((number, line))
         elif words.startswith("+") and header:
             header[-1] += words[1:]

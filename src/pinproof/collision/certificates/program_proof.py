@@ -64,6 +64,9 @@ SEVERITY = [
 ]
 """The statuses of parts in increasing order; the status of a program is the last one that occurs."""
 
+UNLIMITED = 1e12
+"""rad/s and rad/s^2: in place of limits that are not known."""
+
 SMALLEST_RADIUS = 0.0005
 """m: a blend with a smaller radius hardly differs from a stop."""
 
@@ -102,8 +105,8 @@ class ProgramCertificate:
         What the certificate assumes about the controller, and what it does not cover.
     overlaps
         Lines of blends that cannot be covered: they may overlap with the previous blend, so that a controller may skip
-        a point, are at the first point, to which the move is not known, or are before a linear move. The program is
-        then UNDECIDED.
+        a point, are at the first point, to which the move is not known, or no joint move follows them, so that the arm
+        may stop before the point. The program is then UNDECIDED.
     outside_limits
         The points of the program that violate the position limits, the linear moves on which a joint may do so, the
         moves whose stated duration is too short for the velocity (and known acceleration) limits of a joint, and the
@@ -112,7 +115,8 @@ class ProgramCertificate:
         The lines that switch outputs: what a gripper then holds or leaves is not stated, so that the program is
         UNDECIDED. Programs of picks are certified with their picks, see :func:`pinproof.picks.certify_picks_program`.
     untraced
-        The linear moves whose joint values are not bounded, with the reason. The program is then UNDECIDED.
+        The linear moves whose joint values are not bounded, with the reason, and moves and set points whose speed is
+        not known. The program is then UNDECIDED.
     """
 
     parts: tuple[ProgramPart, ...]
@@ -175,7 +179,7 @@ class ProgramCertificate:
         if part is None:
             return (
                 f"UNDECIDED: the blend at line {self.overlaps[0]} may overlap with the one before it, so that a "
-                "controller may skip a point, or it is at the first point or before a linear move; reduce or remove it"
+                "controller may skip a point, is at the first point, or no joint move follows it; reduce or remove it"
             )
         return f"{self.status.name}: {part.name}: {part.certificate.message}"
 
@@ -215,10 +219,11 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
     for name, line, blend, curve, tolerance in _executed(program, checker.arm, traces):
         certificate = certify(curve, checker, joint_tolerance=tolerance)
         parts.append(ProgramPart(name, line, blend, certificate))
-    notes = dict.fromkeys([*_notes(program), *(note for part in parts for note in part.certificate.notes)])
+    notes = dict.fromkeys([*_notes(program, checker.arm), *(note for part in parts for note in part.certificate.notes)])
     overlaps = tuple(_overlaps(program, checker.arm))
     outside = (*_outside(program, checker.arm, traces), *speed_violations(program, checker.arm, traces))
     outputs = tuple(step.line for step in program.steps if isinstance(step, SetOutput))
+    untraced += tuple(unknown_speeds(program, checker.arm))
     return ProgramCertificate(tuple(parts), tuple(notes), overlaps, outside, untraced, outputs)
 
 
@@ -444,15 +449,16 @@ def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]
 def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
     """Yield the lines of blends that may use the same part of a move as the previous blend, by their upper bounds.
 
-    A blend at the first point uses a part of the move to this point, which is not known.
+    A blend at the first point uses a part of the move to this point, which is not known. If no joint move follows, the
+    arm may stop before the point, or go on from there when the program begins again.
     """
-    points = [step for step in program.moves if isinstance(step, JointMove | LinearMove)]
-    if points and isinstance(points[0], JointMove) and points[0].blend is not None:
-        yield points[0].line
-    for before, at in pairwise(points):
+    first = program.moves[0]
+    if isinstance(first, JointMove) and first.blend is not None:
+        yield first.line
+    for before, at in pairwise((*program.steps, None)):
         if not isinstance(before, JointMove) or before.blend is None:
             continue
-        if isinstance(at, LinearMove):
+        if not isinstance(at, JointMove):
             yield before.line
         elif at.blend is not None:
             used = _share(before.blend, arm, before.q, at.q) + _share(at.blend, arm, at.q, before.q)
@@ -483,16 +489,22 @@ def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -
 def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
     """Yield what the joints cannot follow: stated durations that are too short, and jumps between set points.
 
-    The mean speed of a joint on a move is a lower bound of its largest. Between set points the speed is their
-    difference by the period, and the arm rests before the first and after the last one; without a known acceleration
-    limit the default is used there, because a controller that cannot follow leaves the assumed deviation.
+    A duration is compared with the shortest one in which each joint can move that far, from rest or to rest where the
+    arm stops; without a known acceleration limit that is the distance by the velocity. Between set points the speed is
+    their difference by the period, and the arm rests before the first and after the last one; without a known
+    acceleration limit the default is used there, because a controller that cannot follow leaves the assumed deviation.
     """
     limits, names = arm.limits, program.joint_names
-    largest = np.where(np.isnan(limits.velocity), np.inf, limits.velocity) * (1.0 + LIMIT_TOLERANCE)
     here: Array | None = None
+    moving = False
     before = np.zeros(0)
     stream: list[StreamedPoint] = []
     for step in (*program.steps, None):
+        if isinstance(step, StreamedTrajectory):
+            for end, rates in (("begins", step.record.velocities[0]), ("ends", step.record.velocities[-1])):
+                for joint in np.flatnonzero(rates):
+                    speed = f"{rates[joint]:.4g} rad/s of {names[joint]}"
+                    yield f"line {step.line}: the trajectory {end} at {speed}, and the arm is at rest there"
         if stream and not isinstance(step, StreamedPoint):
             yield from _stream_faults(stream, before, limits, names)
             stream = []
@@ -500,19 +512,54 @@ def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineT
             if not stream:
                 before = step.q if here is None else here
             stream.append(step)
-        elif isinstance(step, JointMove | LinearMove) and here is not None and step.duration is not None:
+        elif isinstance(step, JointMove | LinearMove) and here is not None:
+            duration, stops = step.duration, 0
             if isinstance(step, LinearMove):  # the tcp passes the samples at equal times at constant speed
-                travel = np.abs(np.diff(traces[step.line].path.q, axis=0)).max(axis=0, initial=0.0)
-                travel *= max(len(traces[step.line].path.q) - 1, 1)
+                path = traces[step.line].path
+                travel = np.abs(np.diff(path.q, axis=0)).max(axis=0, initial=0.0) * max(len(path.q) - 1, 1)
+                ends = [arm.forward_kinematics(q).translation for q in (path.start, path.end)]
+                distance = float(np.linalg.norm(ends[1] - ends[0]))
             else:
                 travel = np.abs(step.q - here)
-            for joint in np.flatnonzero(travel > largest * step.duration):
+                distance = float(travel.max())
+                stops = 0 if duration is None else (not moving) + (step.blend is None)
+            if duration is None and step.speed is not None:
+                duration = distance / step.speed
+            needed = shortest_durations(travel, limits, stops)
+            for joint in () if duration is None else np.flatnonzero(needed > duration * (1.0 + LIMIT_TOLERANCE)):
                 yield (
-                    f"line {step.line}: {names[joint]} moves by {travel[joint]:.4g} rad in {step.duration:g} s, at "
-                    f"{travel[joint] / step.duration:.4g} rad/s; its limit is {limits.velocity[joint]:.4g} rad/s"
+                    f"line {step.line}: {names[joint]} moves by {travel[joint]:.4g} rad in {duration:g} s, but needs "
+                    f"at least {needed[joint]:.4g} s within its limits"
                 )
         if isinstance(step, JointMove | LinearMove | StreamedPoint):
-            here = step.q
+            here, moving = step.q, isinstance(step, JointMove) and step.blend is not None
+
+
+def shortest_durations(travel: Array, limits: JointLimits, stops: int) -> Array:
+    """Return the shortest durations (n,) in which joints can move by ``travel`` within their limits, as far as known.
+
+    ``stops`` is the number of ends, of two, at which they rest; at another they may have any velocity. The profile with
+    the largest velocity p takes the time travel / p + stops p / (2 a), which is least for p^2 = 2 a travel / stops.
+    """
+    velocity = np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity)
+    unknown = limits.guessed | np.isnan(limits.acceleration)
+    if not stops or unknown.all():
+        return travel / velocity
+    acceleration = np.where(unknown, UNLIMITED, limits.acceleration)
+    peak = np.minimum(np.sqrt(2.0 * acceleration * np.maximum(travel, np.finfo(float).tiny) / stops), velocity)
+    return np.asarray(travel / peak + stops * peak / (2.0 * acceleration))
+
+
+def unknown_speeds(program: RobotProgram, arm: Arm) -> Iterator[str]:
+    """Yield moves and set points whose speed is not known: a stated time from an unknown start, or unknown limits."""
+    first = program.moves[0]
+    if isinstance(first, StreamedPoint) or (isinstance(first, JointMove) and first.duration is not None):
+        yield f"line {first.line} states the time of the move to the first point, whose start is not known"
+    unknown = np.flatnonzero(np.isnan(arm.limits.velocity))
+    stream = next((step for step in program.moves if isinstance(step, StreamedPoint)), None)
+    if stream is not None and len(unknown):
+        names = ", ".join(program.joint_names[joint] for joint in unknown)
+        yield f"line {stream.line} is a set point, but the velocity limits of {names} are not known"
 
 
 def _stream_faults(
@@ -553,8 +600,10 @@ def _share(blend: Blend, arm: Arm, at: Array, other: Array) -> float:
     return float(min(shares[inside].max() + SPACING, 1.0))
 
 
-def _notes(program: RobotProgram) -> Iterator[str]:
+def _notes(program: RobotProgram, arm: Arm) -> Iterator[str]:
     yield "the move to the first point of the program is not covered"
+    if unknown := [name for name, v in zip(program.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]:
+        yield f"the speeds of {', '.join(unknown)} are not compared, because no velocity limit is known"
     if program.dialect != "ros2":
         yield (
             f"each joint is assumed to stay within {program.deviation:g} rad of the straight lines between the points "

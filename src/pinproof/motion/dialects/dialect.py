@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 
@@ -14,8 +15,11 @@ from pinproof.spatial import Array
 Body = Sequence[tuple[int, str]]
 """The lines of a program without the comments of pinproof, each with its number."""
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-"""A regular expression for a decimal number."""
+NUMBER = r"-?\d+(?:\.\d+)?"
+"""A regular expression for a decimal number in the form that all languages share, without sign + and exponent."""
+
+NAME = r"([A-Za-z]\w*)"
+"""A regular expression for the name that a program gives itself."""
 
 Rule = tuple[str, Callable[[re.Match[str], int], Step | None]]
 """A regular expression of a complete line, and the function that makes its step of the match and the line number."""
@@ -47,8 +51,10 @@ class Dialect:
     wait_line = ""
     """The line of a waiting time in seconds."""
     opening: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
     closing: tuple[str, ...] = ()
-    """Regular expressions of the lines before and after the instructions, in this order; each occurs once, there."""
+    """Regular expressions of the lines before the comments of pinproof, directly after them, and at the end, in this
+    order. Each occurs once, there; the settings hold for all instructions."""
     ignored = "(?!)"
     """A regular expression of instructions that are not a step, such as one that sets the speed."""
     prefix = ""
@@ -104,7 +110,7 @@ class Dialect:
         wait = re.sub(r"\{.*?\}", "{}", self.wait_line)
         rules: list[Rule] = [
             (_pattern(self.output_line, self.output_names, f"{off}|{on}"), lambda m, k: SetOutput(m[1], m[2] == on, k)),
-            (_pattern(wait, NUMBER), lambda m, k: Wait(float(m[1]), k)),
+            (_pattern(wait, NUMBER), lambda m, k: Wait(positive(m[1], zero=True), k)),
         ]
         known = [(re.compile(self.prefix + rule), step_of) for rule, step_of in (*moves, *rules)]
         steps = []
@@ -126,23 +132,33 @@ class Dialect:
         """The lines between those that open and close the program: what the controller executes, from top to bottom.
 
         A second declaration, and anything before the first or after the end, is refused: a controller would not execute
-        it, or not in this order.
+        it, or not in this order. So is a program with the name of one of its instructions, which would call itself.
 
         Raises
         ------
         TrajectoryError
             If a line of the frame is missing or another, with its line.
         """
-        first, last = len(self.opening), len(body) - len(self.closing)
+        begin = (*self.opening, *(self.prefix + setting for setting in self.settings))
+        first, last = len(begin), len(body) - len(self.closing)
         if last < first:
             raise TrajectoryError(source, "is not complete: lines that begin or end the program are missing")
-        framing = [*zip(self.opening, body[:first], strict=True), *zip(self.closing, body[last:], strict=True)]
+        framing = [*zip(begin, body[:first], strict=True), *zip(self.closing, body[last:], strict=True)]
         for pattern, (number, line) in framing:
             if not re.fullmatch(pattern, line.strip()):
-                expected = pattern.replace(r"\w+", "NAME").replace("\\", "")
+                expected = re.sub(r"\\(.)", r"\1", pattern.removeprefix(self.prefix).replace(NAME, "NAME"))
                 reason = f"{line.strip()!r} is where {expected!r} must be: a program has one beginning and one end"
                 raise TrajectoryError(source, reason, f"line {number}")
+        if name := self.ambiguous_name([line for _, line in body]):
+            reason = f"the name {name!r} occurs in the program again; rename the program"
+            raise TrajectoryError(source, reason, f"line {body[0][0]}")
         return body[first:last]
+
+    def ambiguous_name(self, lines: Sequence[str]) -> str:
+        """The name that a program gives itself, if it is another word of the program too; otherwise empty."""
+        words = [word.lower() for line in lines for word in re.findall(r"[A-Za-z_]\w*", line)]
+        stated = [m[1] for p, line in zip(self.opening, lines, strict=False) if NAME in p and (m := re.search(p, line))]
+        return next((name for name in stated if words.count(name.lower()) > 1), "")
 
     def comment(self, words: str) -> str:
         """A line with a comment of pinproof."""
@@ -150,7 +166,7 @@ class Dialect:
 
     def comment_of(self, line: str) -> str | None:
         """The words of a comment of pinproof; None if the line is another."""
-        bare = line.strip()
+        bare = line.strip(" \t")
         return bare[len(self.comment_mark) + 1 :] if bare.startswith(f"{self.comment_mark} ") else None
 
     def numbered(self, text: str) -> str:
@@ -167,11 +183,18 @@ def _pattern(template: str, *values: str) -> str:
     return parts[0] + "".join(f"({value}){part}" for value, part in zip(values, parts[1:], strict=True))
 
 
-def positive(text: str) -> float:
-    """A number above 0, such as a time; ValueError otherwise."""
-    if not float(text) > 0:
-        raise ValueError(f"the time {text} must be above 0")
-    return float(text)
+def positive(text: str, *, zero: bool = False, largest: float = math.inf) -> float:
+    """A finite number above 0, such as a time, or also 0, and at most ``largest``; ValueError otherwise."""
+    value = float(text)
+    if value < 0.0 or (value == 0.0 and not zero) or value > largest or math.isinf(value):
+        most = f" and at most {largest:g}" if math.isfinite(largest) else ", and finite"
+        raise ValueError(f"{text} must be {'0 or more' if zero else 'above 0'}{most}")
+    return value
+
+
+def rounded_up(seconds: float, unit: float, least: float) -> float:
+    """The time as a multiple of a unit that is not shorter, beyond rounding errors, and at least ``least``."""
+    return max(math.ceil(seconds / unit - 1e-6) * unit, least)
 
 
 def numbers_of(text: str, count: int) -> Array:

@@ -8,12 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from pinproof.errors import TrajectoryError
-from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, in_degrees
+from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, in_degrees, numbers_of, positive, rounded_up
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step
 from pinproof.spatial import Array
 
 CONTINUOUS = 50
 """The CNT value of a blended point; its blend may use at most half of each of the two moves."""
+
+INDEX = r"([1-9]\d*)"
+"""A regular expression for the number of a position; with leading zeros one position would have several names."""
 
 NEXT = "NEXT"
 """Stands for the number of the position of a move, until it is known."""
@@ -32,7 +35,7 @@ class Fanuc(Dialect):
     output_line, output_states = "DO[{}]={} ;", ("OFF", "ON")
     wait_line = "WAIT {:.2f}(sec) ;"
     opening = (r"/PROG\s+\w+", "/ATTR", r"COMMENT = \"\w*\";", r"DEFAULT_GROUP = 1,\*,\*,\*,\*;", "/MN")
-    ignored = r"\d*\s*:\s*(?:UFRAME_NUM=0|UTOOL_NUM=1) ;"
+    settings = ("UFRAME_NUM=0 ;", "UTOOL_NUM=1 ;")
     prefix = r"\d*\s*:\s*"
     supported = "J P[n] .. FINE or CNTn, L P[n] ..msec FINE, DO[n]=ON/OFF, WAIT n(sec)"
 
@@ -55,7 +58,7 @@ class Fanuc(Dialect):
 
     def comment_of(self, line: str) -> str | None:
         """See :meth:`Dialect.comment_of`."""
-        found = re.fullmatch(rf"\s*\d*\s*:\s*{self.comment_mark} ([^;]*) ;", line)
+        found = re.fullmatch(rf"[ \t]*[0-9]*[ \t]*:[ \t]*{self.comment_mark} ([^;]*) ;[ \t]*", line)
         return None if found is None else found[1]
 
     def numbered(self, text: str) -> str:
@@ -79,26 +82,30 @@ class Fanuc(Dialect):
             return positions[number]
 
         def move(found: re.Match[str], line: int) -> Step:
-            duration = None if found[2].endswith("%") else float(found[2].removesuffix("msec")) / 1000
+            duration = None if found[2].endswith("%") else positive(found[2].removesuffix("msec")) / 1000
             return JointMove(at(found[1]), duration, None if found[3] == "FINE" else Blend(share=0.5), line)
 
         def line_to(found: re.Match[str], line: int) -> Step:
-            return LinearMove(at(found[1]), None, float(found[2]) / 1000, line)
+            return LinearMove(at(found[1]), None, positive(found[2]) / 1000, line)
 
         rules = [
-            (r"J P\[(\d+)\] (\d+%|[1-9]\d*msec) (FINE|CNT\d+) ;", move),
-            (r"L P\[(\d+)\] ([1-9]\d*)msec FINE ;", line_to),
+            (rf"J P\[{INDEX}\] ((?:100|[1-9]\d?)%|[1-9]\d*msec) (FINE|CNT(?:100|\d\d?)) ;", move),
+            (rf"L P\[{INDEX}\] ([1-9]\d*)msec FINE ;", line_to),
         ]
         return self.read_lines(source, lines, rules)
 
     def move(self, step: Step) -> str | None:
         """See :meth:`Dialect.move`; the position has the number :data:`NEXT`."""
         if isinstance(step, JointMove):
-            timing = "5%" if step.duration is None else f"{max(round(step.duration * 1000), 1)}msec"
+            timing = "5%" if step.duration is None else f"{_milliseconds(step.duration)}msec"
             return f"J P[{NEXT}] {timing} {'FINE' if step.blend is None else f'CNT{CONTINUOUS}'} ;"
         if isinstance(step, LinearMove) and step.q is not None:
-            return f"L P[{NEXT}] {max(round((step.duration or 1.0) * 1000), 1)}msec FINE ;"
+            return f"L P[{NEXT}] {_milliseconds(step.duration or 1.0)}msec FINE ;"
         return None
+
+
+def _milliseconds(seconds: float) -> int:
+    return round(rounded_up(seconds * 1000, 1.0, 1.0))
 
 
 def _position(number: int, q: Array) -> str:
@@ -111,7 +118,7 @@ def _positions(source: str, body: Body, joints: int) -> dict[str, Array]:
     found: dict[str, Array] = {}
     name = ""
     axes = ", ".join(rf"J{i} = ({NUMBER}) deg" for i in range(1, joints + 1))
-    entry = (r"P\[(\d+)\]\{", "GP1:", "UF : 0, UT : 1,", axes, r"\};")
+    entry = (rf"P\[{INDEX}\]\{{", "GP1:", "UF : 0, UT : 1,", axes, r"\};")
     if not body or body[-1][1].strip() != "/END":
         raise TrajectoryError(source, "must end with /END")
     for k, (line, words) in enumerate(body[:-1]):
@@ -125,7 +132,7 @@ def _positions(source: str, body: Body, joints: int) -> dict[str, Array]:
         if part == 0:
             name = read[1]
         elif entry[part] == axes:
-            found[name] = np.deg2rad([float(value) for value in read.groups()])
+            found[name] = np.deg2rad(numbers_of(",".join(read.groups()), joints))
     if (len(body) - 1) % len(entry):
         raise TrajectoryError(source, "the last position of /POS is not complete", f"line {body[-1][0]}")
     return found

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinproof.motion.dialects.dialect import NUMBER, Dialect, Rule, in_degrees, numbers_of
+from pinproof.motion.dialects.dialect import NAME, NUMBER, Dialect, Rule, in_degrees, numbers_of, positive
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step
 from pinproof.spatial import pose, xyz_rpy
 
 APPROXIMATION = 50
 """Per cent of half a move that the blend may use (``$APO.CPTP``)."""
 
-LINE_SPEED = 0.1
-"""m/s of linear moves."""
+LINE_SPEED, FASTEST_LINE = 0.1, 3.0
+"""m/s of linear moves, and the largest value of ``BAS(#VEL_CP,..)``."""
 
 SPEED = 30
 """Per cent of the axis velocities; KRL states no durations of moves."""
@@ -32,8 +32,10 @@ class Krl(Dialect):
     deviation = 0.002
     output_line, output_states = "$OUT[{}]={}", ("FALSE", "TRUE")
     wait_line = "WAIT SEC {:.4f}"
-    opening, closing = (r"DEF \w+\(\)",), ("END",)
-    ignored = r"BAS\(#INITMOV,0\)|BAS\(#VEL_PTP,(100|[1-9]\d?)\)|BAS\(#VEL_CP,\d+(\.\d+)?\)"
+    opening, closing = (rf"DEF {NAME}\(\)",), ("END",)
+    # It resets base, tool and approximation, so it is the first instruction and no later one.
+    settings = (r"BAS\(#INITMOV,0\)",)
+    ignored = r"BAS\(#VEL_PTP,(100|[1-9]\d?)\)"
     supported = "PTP {A1 .., ..} [C_PTP], LIN {X .., Y .., Z .., A .., B .., C ..}, $APO.CPTP, $OUT[n], WAIT SEC"
     contents = "moves, outputs and waiting times; set points need RSI"
 
@@ -58,13 +60,15 @@ class Krl(Dialect):
 
     def move_rules(self, joints: int) -> list[Rule]:
         """See :meth:`Dialect.move_rules`."""
-        share = Blend().share
+        share, speed = Blend().share, 0.0
 
         def approximation(found: re.Match[str], _: int) -> None:
             nonlocal share
-            if not 0 < float(found[1]) <= 100:
-                raise ValueError("$APO.CPTP must be above 0 and at most 100")
-            share = float(found[1]) / 200
+            share = positive(found[1], largest=100.0) / 200
+
+        def line_speed(found: re.Match[str], _: int) -> None:
+            nonlocal speed
+            speed = positive(found[1], largest=FASTEST_LINE)
 
         def move(found: re.Match[str], line: int) -> Step:
             axes = [re.fullmatch(rf"A{i} +({NUMBER})", part.strip()) for i, part in enumerate(found[1].split(","), 1)]
@@ -74,13 +78,16 @@ class Krl(Dialect):
             return JointMove(np.deg2rad(values), None, Blend(share=share) if found[2] else None, line)
 
         def line_to(found: re.Match[str], line: int) -> Step:
+            if not speed:
+                raise ValueError("BAS(#VEL_CP,..) must be before it")
             x, y, z, a, b, c = numbers_of(",".join(found.groups()), 6)
             place = pose((x / 1000, y / 1000, z / 1000), tuple(np.deg2rad([c, b, a]).tolist()))
-            return LinearMove(None, place, None, line)
+            return LinearMove(None, place, None, line, speed)
 
         frame = ",".join(rf"{key} ({NUMBER})" for key in "XYZABC")
         return [
             (rf"LIN \{{{frame}\}}", line_to),
             (rf"\$APO\.CPTP=({NUMBER})", approximation),
+            (rf"BAS\(#VEL_CP,({NUMBER})\)", line_speed),
             (r"PTP \{([^}]*)\}( C_PTP)?", move),
         ]

@@ -7,11 +7,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinproof.motion.dialects.dialect import NUMBER, Dialect, Rule, in_degrees, numbers_of, positive
+from pinproof.motion.dialects.dialect import (
+    NAME,
+    NUMBER,
+    Dialect,
+    Rule,
+    in_degrees,
+    numbers_of,
+    positive,
+    rounded_up,
+)
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step
 
 NO_AXIS = ",".join(["9E9"] * 6)
 """The values of external axes that do not exist."""
+
+SPEEDS = "v(?:5|[1-68]0|[1-68]00|1500|[1-7]000|2500|150)"
+ZONES = "z(?:[015]|[1-6]0|15|80|1[05]0|200)"
+"""Regular expressions of the speeds and zones that RAPID predefines; others may be defined elsewhere, as anything."""
 
 
 class Rapid(Dialect):
@@ -26,7 +39,7 @@ class Rapid(Dialect):
     output_line, output_states = "SetDO {}, {};", ("0", "1")
     output_names, output_kind = r"[A-Za-z]\w*", "names, such as do_gripper"
     wait_line = "WaitTime {:.4f};"
-    opening, closing = (r"MODULE \w+", r"PROC \w+\(\)"), ("ENDPROC", "ENDMODULE")
+    opening, closing = (f"MODULE {NAME}", r"PROC main\(\)"), ("ENDPROC", "ENDMODULE")
     supported = r"MoveAbsJ [[..],[9E9,..]]\NoEOffs, MoveL CalcRobT(..), SetDO, WaitTime"
     contents = "moves, outputs and waiting times; set points need EGM"
 
@@ -38,12 +51,12 @@ class Rapid(Dialect):
     def move(self, step: Step) -> str | None:
         """See :meth:`Dialect.move`."""
         if isinstance(step, JointMove):
-            time = "v100" if step.duration is None else rf"v1000\T:={max(step.duration, 0.01):.4f}"
+            time = "v100" if step.duration is None else rf"v1000\T:={rounded_up(step.duration, 1e-4, 0.01):.4f}"
             zone = "fine" if step.blend is None else "z10"
             return rf"MoveAbsJ [[{','.join(in_degrees(step.q, 4))}],[{NO_AXIS}]]\NoEOffs, {time}, {zone}, tool0;"
         if isinstance(step, LinearMove) and step.q is not None:
             target = f"CalcRobT([[{','.join(in_degrees(step.q, 4))}],[{NO_AXIS}]], tool0)"
-            return rf"MoveL {target}, v1000\T:={max(step.duration or 1.0, 0.01):.4f}, fine, tool0;"
+            return rf"MoveL {target}, v1000\T:={rounded_up(step.duration or 1.0, 1e-4, 0.01):.4f}, fine, tool0;"
         return None
 
     def move_rules(self, joints: int) -> list[Rule]:
@@ -58,6 +71,6 @@ class Rapid(Dialect):
 
         target = rf"\[\[([^\]]*)\],\[{NO_AXIS}\]\]"
         return [
-            (rf"MoveAbsJ {target}\\NoEOffs, v\d+(?:\\T:=({NUMBER}))?, (fine|z\d+), tool0;", move),
-            (rf"MoveL CalcRobT\({target}, tool0\), v\d+\\T:=({NUMBER}), fine, tool0;", line_to),
+            (rf"MoveAbsJ {target}\\NoEOffs, {SPEEDS}(?:\\T:=({NUMBER}))?, (fine|{ZONES}), tool0;", move),
+            (rf"MoveL CalcRobT\({target}, tool0\), {SPEEDS}\\T:=({NUMBER}), fine, tool0;", line_to),
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -41,6 +42,9 @@ class Ros2(Dialect):
         data = reader.json("\n".join(line for _, line in body))
         if not isinstance(data, dict) or set(data) != {"trajectory"}:
             raise TrajectoryError(source, "must contain the key trajectory and no other")
+        # The stamp of a header would start the motion at another time, without the points before it.
+        if not isinstance(data["trajectory"], dict) or set(data["trajectory"]) != {"joint_names", "points"}:
+            raise TrajectoryError(source, "must contain the keys joint_names and points and no other", "trajectory")
         record = from_json(reader, json.dumps(data["trajectory"]))
         if len(record.joint_names) != joints:
             raise TrajectoryError(source, f"has {len(record.joint_names)} joints; its comments state {joints}")
@@ -50,6 +54,8 @@ class Ros2(Dialect):
 def _goal_lines(record: Record) -> list[str]:
     """The goal as JSON, which is YAML too, with one point per line."""
     message = to_message(record)
-    points = ",\n".join(f"    {json.dumps(point, allow_nan=False)}" for point in message["points"]).splitlines()
+    points = ",\n".join(f"    {json.dumps(point, allow_nan=False)}" for point in message["points"])
+    # In YAML 1.1 a number with an exponent needs a point; without one it is a text.
+    points = re.sub(r"([\[ ]-?\d+)(e[-+]\d+)", r"\1.0\2", points)
     names = json.dumps(message["joint_names"])
-    return ['{"trajectory": {', f'  "joint_names": {names},', '  "points": [', *points, "  ]}}"]
+    return ['{"trajectory": {', f'  "joint_names": {names},', '  "points": [', *points.split("\n"), "  ]}}"]

@@ -6,12 +6,16 @@ import re
 from collections.abc import Sequence
 
 from pinproof.errors import InputError
-from pinproof.motion.dialects.dialect import NUMBER, Dialect, Rule, numbers_of, positive
+from pinproof.motion.dialects.dialect import NAME, NUMBER, Dialect, Rule, numbers_of, positive, rounded_up
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step, StreamedPoint
 from pinproof.spatial import Array
 
-START_SPEED = "a=0.5, v=0.3"
+START_ACCELERATION, START_SPEED = 0.5, 0.3
 """rad/s^2 and rad/s of the move to the first point."""
+
+LOOKAHEAD, GAIN = "0.03", "2000"
+"""Seconds and gain of ``servoj``: the shortest filter and the highest gain, which follow the set points most closely.
+With others the arm may leave the assumed deviation."""
 
 
 class UrScript(Dialect):
@@ -25,10 +29,9 @@ class UrScript(Dialect):
     deviation = 0.002
     streams = True
     output_line, output_states = "set_standard_digital_out({}, {})", ("False", "True")
-    output_names, output_kind = "[0-9]+", "numbers, such as 0"
+    output_names, output_kind = "[0-7]", "numbers from 0 to 7"
     wait_line = "sleep({:.6f})"
-    opening, closing = (r"def \w+\(\):",), ("end",)
-    ignored = r"stopj\(10\)"
+    opening, closing = (rf"def {NAME}\(\):",), ("end",)
     supported = "movej, movel to joint values, servoj, set_standard_digital_out, sleep, stopj(10)"
     contents = "moves, set points, outputs and waiting times"
 
@@ -53,34 +56,51 @@ class UrScript(Dialect):
                 if step.blend.radius is None:
                     raise InputError("a blend in urscript needs a radius in metres")
                 blend = f", r={step.blend.radius:.6f}"
-            timing = START_SPEED if step.duration is None else f"t={max(step.duration, 0.002):.6f}"
+            timing = f"a={START_ACCELERATION}, v={step.speed or START_SPEED}"
+            if step.duration is not None:
+                timing = f"t={rounded_up(step.duration, 1e-6, 0.002):.6f}"
             return f"movej({_list(step.q)}, {timing}{blend})"
         if isinstance(step, LinearMove) and step.q is not None:
-            return f"movel({_list(step.q)}, t={max(step.duration or 1.0, 0.002):.6f})"
+            return f"movel({_list(step.q)}, t={rounded_up(step.duration or 1.0, 1e-6, 0.002):.6f})"
         if isinstance(step, StreamedPoint):
-            return f"servoj({_list(step.q)}, t={step.period:.6f}, lookahead_time=0.03, gain=2000)"
+            if step.period > float(LOOKAHEAD):
+                raise InputError(f"the period of set points is {step.period:g} s; servoj needs at most {LOOKAHEAD} s")
+            return f"servoj({_list(step.q)}, t={step.period:.6f}, lookahead_time={LOOKAHEAD}, gain={GAIN})"
         return None
 
     def move_rules(self, joints: int) -> list[Rule]:
         """See :meth:`Dialect.move_rules`."""
+        streaming = False
 
         def move(found: re.Match[str], line: int) -> Step:
-            duration, radius = positive(found[2]) if found[2] else None, float(found[3] or 0.0)
-            if radius < 0:
-                raise ValueError("r must be 0 or more")
-            return JointMove(numbers_of(found[1], joints), duration, Blend(radius) if radius else None, line)
+            nonlocal streaming
+            streaming = False
+            duration, radius = positive(found[4]) if found[4] else None, positive(found[5] or "0", zero=True)
+            speed = positive(found[3]) if found[2] and positive(found[2]) else None
+            return JointMove(numbers_of(found[1], joints), duration, Blend(radius) if radius else None, line, speed)
 
         def line_to(found: re.Match[str], line: int) -> Step:
+            nonlocal streaming
+            streaming = False
             return LinearMove(numbers_of(found[1], joints), None, positive(found[2]), line)
 
         def point(found: re.Match[str], line: int) -> Step:
-            return StreamedPoint(numbers_of(found[1], joints), positive(found[2]), line)
+            # A set point farther away in time is not approached within its period, but as fast as the arm can.
+            nonlocal streaming
+            streaming = True
+            return StreamedPoint(numbers_of(found[1], joints), positive(found[2], largest=float(LOOKAHEAD)), line)
+
+        def stop(_: re.Match[str], __: int) -> None:
+            # After a move with a blend the arm would stop before the point, and the next move begin there.
+            if not streaming:
+                raise ValueError("it stops the arm on its way; it is supported after servoj only")
 
         q, number = r"\[([^\]]*)\]", f"({NUMBER})"
         return [
-            (rf"movej\({q}, (?:a={NUMBER}, v={NUMBER}|t={number})(?:, r={number})?\)", move),
+            (rf"movej\({q}, (?:a={number}, v={number}|t={number})(?:, r={number})?\)", move),
             (rf"movel\({q}, t={number}\)", line_to),
-            (rf"servoj\({q}, t={number}, lookahead_time={NUMBER}, gain={NUMBER}\)", point),
+            (rf"servoj\({q}, t={number}, lookahead_time={re.escape(LOOKAHEAD)}, gain={GAIN}\)", point),
+            (r"stopj\(10\)", stop),
         ]
 
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from pinproof.collision import Certificate, CertificateStatus
-from pinproof.collision.certificates.program_proof import feasible, speed_violations
+from pinproof.collision.certificates.program_proof import feasible, speed_violations, unknown_speeds
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import (
     JointMap,
@@ -172,7 +172,8 @@ def certify_picks_program(
     Raises
     ------
     InputError
-        If the program states no picks, has a blend or a linear move, or other moves and outputs than it states.
+        If the program states no picks, has a blend or a linear move, switches several outputs, or has other moves than
+        it states.
     UnknownNameError
         If a pick of the program does not exist.
     """
@@ -183,6 +184,14 @@ def certify_picks_program(
     bad = [step for step in program.moves if not isinstance(step, JointMove) or step.blend is not None]
     if bad:
         raise InputError(f"line {bad[0].line}: a program of picks has joint moves that end with a stop only")
+    outputs = [step for step in steps if isinstance(step, SetOutput)]
+    if others := [step for step in outputs if step.output != outputs[0].output]:
+        raise InputError(
+            f"line {others[0].line} switches the output {others[0].output}, but line {outputs[0].line} the output "
+            f"{outputs[0].output}: only that of the gripper may be switched"
+        )
+    if reason := next(unknown_speeds(program, arm), ""):
+        raise InputError(reason)
     too_fast = "; ".join(speed_violations(program, arm, {}))
     start, certificates, notes = steps.pop(0), [], list[str]()
     for planned in program.picks:
@@ -219,6 +228,8 @@ def certify_picks_program(
         if program.deviation > 0 and exact:
             where = f"{', '.join(exact)}, where the part is on a support"
             notes.append(f"{planned.name}: no deviation is covered on {where}")
+        if planned is not program.picks[0]:
+            notes.append(f"{planned.name}: the parts of the picks before it are assumed where they were picked")
     if steps:
         raise InputError(f"line {steps[0].line}: the program continues after the picks that it states")
     return tuple(certificates), tuple(notes)

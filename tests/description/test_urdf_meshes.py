@@ -7,7 +7,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import read_urdf
-from pinproof.description.meshes import collada_unit, read_mesh, resolved
+from pinproof.description.meshes import read_mesh, resolved
 from pinproof.description.packages import locate
 
 TRIANGLES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -86,12 +86,6 @@ def test_scale_is_applied_and_a_mirrored_mesh_keeps_its_outside_out(mesh):
 
     assert volume(plain) == pytest.approx(1 / 3)
     assert volume(mirrored) == pytest.approx(1 / 3)
-
-
-def test_collada_unit_is_read(tmp_path):
-    file = tmp_path / "a.dae"
-    file.write_text('<COLLADA><asset><unit name="millimeter" meter="0.001"/></asset></COLLADA>')
-    assert collada_unit(file) == 0.001
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +12,43 @@ import numpy.typing as npt
 
 from pinproof.common.disk_cache import cached, content_digest
 from pinproof.common.files import read_bytes, unknown_suffix
+from pinproof.description.mesh_formats.collada import read_collada
+from pinproof.description.mesh_formats.gltf import external_files, read_gltf
+from pinproof.description.mesh_formats.obj import read_obj
+from pinproof.description.mesh_formats.ply import read_ply
+from pinproof.description.mesh_formats.reading import Reading
+from pinproof.description.mesh_formats.second_reading import compare_with_assimp
+from pinproof.description.mesh_formats.stl import read_stl
 from pinproof.description.packages import MeshFile
-from pinproof.description.xml_reader import refuse_doctype
 from pinproof.errors import MeshError
-
-MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf")
-
-COLOURED_SUFFIXES = MESH_SUFFIXES[1:]
-"""The formats that can state colours: all but STL."""
 
 LARGEST_MESH = 256 * 2**20
 """Bytes (256 MiB): five million triangles as binary STL, about a hundred times as many as a link needs."""
 
-MESH_LIBRARIES = ("trimesh", "pycollada")
-"""The distributions that parse mesh files."""
+READERS: dict[str, Callable[[bytes, Path, Mapping[str, bytes]], Reading]] = {
+    "stl": lambda data, path, _: read_stl(data, path),
+    "obj": lambda data, path, _: read_obj(data, path),
+    "dae": lambda data, path, _: read_collada(data, path),
+    "ply": lambda data, path, _: read_ply(data, path),
+    "glb": read_gltf,
+    "gltf": read_gltf,
+}
+"""The reader of each format; the last argument has the files that a glTF file refers to."""
+
+MESH_SUFFIXES = tuple(f".{kind}" for kind in READERS)
+
+COLOURED_SUFFIXES = MESH_SUFFIXES[1:]
+"""The formats that can state colours: all but STL."""
+
+MESH_CODE = [str(file) for file in sorted((Path(__file__).parent / "mesh_formats").glob("*.py"))] + [__file__]
+MESH_LIBRARIES = ("coal", "lxml")
+"""The source files and the distributions that read mesh files."""
 
 FARTHEST = 1e4
 """Metres from the origin of the mesh. Larger coordinates are wrong units, and distances would lose digits."""
+
+LARGEST_COORDINATE = 1e30
+"""In the unit of the file, so that single precision can hold it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,26 +74,19 @@ def read_mesh(path: str | Path, scale: tuple[float, float, float] = (1.0, 1.0, 1
     Raises
     ------
     MeshError
-        If the file is missing, unreadable or too large, has no triangles or undefined vertices, or has coordinates that
-        are not finite or larger than :data:`FARTHEST`.
+        If the file is missing, too large, or holds anything that cannot be read, if it has no triangles, or coordinates
+        that are not finite or larger than :data:`FARTHEST`, or if assimp reads other geometry from it.
     """
     path = Path(path)
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise MeshError(path, unknown_suffix(path, MESH_SUFFIXES))
-    vertices, triangles = _load(path)
-    if len(triangles) == 0:
-        raise MeshError(path, "has no triangles")
-    if triangles.min() < 0 or triangles.max() >= len(vertices):  # coal would read beyond the end
-        raise MeshError(path, f"has triangles with vertex indices outside the {len(vertices)} vertices")
-    if not np.isfinite(vertices).all():
-        raise MeshError(path, "has vertices that are not finite numbers")
-    factor = np.asarray(scale) * collada_unit(path)
+    reading = _load(path)
     with np.errstate(over="ignore"):
-        vertices = vertices @ z_up(path).T * factor
+        vertices = reading.vertices @ z_up(path).T * (np.asarray(scale) * reading.unit)
     if not (farthest := float(np.abs(vertices).max())) <= FARTHEST:
         what = f"extends to {farthest:g} m (limit {FARTHEST:g} m) with the scale {max(scale):g}"
         raise MeshError(path, f"{what}; the scale of a mesh in millimetres is 0.001")
-    return TriangleMesh(vertices, triangles[:, ::-1].copy() if np.prod(scale) < 0 else triangles)
+    return TriangleMesh(vertices, reading.triangles[:, ::-1].copy() if np.prod(scale) < 0 else reading.triangles)
 
 
 def resolved(mesh: MeshFile, link: str) -> Path:
@@ -95,19 +107,9 @@ def resolved(mesh: MeshFile, link: str) -> Path:
     return mesh.path
 
 
-def collada_unit(path: Path) -> float:
-    """Return the metres per unit of a COLLADA file, and 1 for other formats; mesh readers ignore the unit."""
-    if path.suffix.lower() != ".dae":
-        return 1.0
-    with path.open("rb") as file:
-        match = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", file.read(100_000))
-    try:
-        unit = float(match.group(1)) if match else 1.0
-    except ValueError:
-        unit = 0.0
-    if not 0.0 < unit < float("inf"):
-        raise MeshError(path, "has a unit that is not a positive number of metres")
-    return unit
+def metres_per_unit(path: Path) -> float:
+    """Return the metres per unit of a COLLADA file that :func:`read_mesh` accepts, and 1 for other formats."""
+    return _load(path).unit
 
 
 def z_up(path: Path) -> npt.NDArray[np.float64]:
@@ -123,67 +125,26 @@ def z_up(path: Path) -> npt.NDArray[np.float64]:
     return np.eye(3)
 
 
-def _load(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Return the vertices and triangles of the file, unscaled."""
+def _load(path: Path) -> Reading:
+    """Return the vertices and triangles of the file, unscaled, which two independent readers agree on."""
     data = read_bytes(path, MeshError, largest=LARGEST_MESH, remedy="simplify the mesh, or split it into several")
     kind = path.suffix.lower()[1:]
-    if kind == "dae":
-        refuse_doctype(data, path, MeshError)
-    if kind == "stl" and not data.lstrip().startswith(b"solid"):
-        _refuse_truncated_stl(path, data)
-    if kind == "gltf":  # it refers to other files
-        return _parsed(path, data, kind)
+    files = external_files(data, path, LARGEST_MESH) if kind == "gltf" else {}
 
     def make() -> dict[str, npt.NDArray[Any]]:
-        vertices, triangles = _parsed(path, data, kind)
-        return {"vertices": vertices, "triangles": triangles}
+        reading = READERS[kind](data, path, files)
+        if len(reading.triangles) == 0:
+            raise MeshError(path, "has no triangles")
+        if not np.isfinite(reading.vertices).all():
+            raise MeshError(path, "has vertices that are not finite numbers")
+        if not (largest := float(np.abs(reading.vertices).max())) < LARGEST_COORDINATE:
+            raise MeshError(path, f"extends to {largest:g} units (limit {FARTHEST:g} m)")
+        compare_with_assimp(path, kind, data, files, reading)
+        # Vertices that no triangle has are no part of the surface, and would enlarge its hull.
+        used, triangles = np.unique(reading.triangles, return_inverse=True)
+        unit = np.array(reading.unit)
+        return {"vertices": reading.vertices[used], "triangles": triangles.reshape(-1, 3), "unit": unit}
 
-    found = cached("mesh", content_digest(data, kind), make, code=[__file__], libraries=MESH_LIBRARIES)
-    return found["vertices"], found["triangles"]
-
-
-def _parsed(path: Path, data: bytes, kind: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    import trimesh
-
-    try:
-        loaded: Any = trimesh.load(
-            BytesIO(data), file_type=kind, resolver=_beside(path), force="mesh", process=False, skip_materials=True
-        )
-        vertices = np.array(loaded.vertices, dtype=float).reshape(-1, 3)
-        return vertices, np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
-    except Exception as error:  # trimesh raises whatever its many readers raise
-        raise MeshError(path, f"cannot be read as a mesh: {error or type(error).__name__}") from error
-
-
-def _refuse_truncated_stl(path: Path, data: bytes) -> None:
-    """Raise MeshError if a binary STL is shorter than its header states (50 bytes for each triangle)."""
-    wanted = 84 + 50 * int.from_bytes(data[80:84], "little")
-    if len(data) < wanted:
-        what = f"the file is truncated: its header announces {wanted:,} bytes, but it has {len(data):,}"
-        raise MeshError(path, f"cannot be read as a mesh: {what}")
-
-
-def _beside(path: Path) -> Any:
-    """Return a resolver for files that a mesh refers to: files in the folder of a glTF file, none for other formats."""
-    from trimesh.resolvers import Resolver
-
-    class Beside(Resolver):  # type: ignore[misc]  # trimesh is not typed
-        def __init__(self) -> None:
-            self.folder = path.parent.resolve()
-
-        def get(self, name: str) -> bytes:
-            file = (self.folder / name).resolve()
-            if path.suffix.lower() != ".gltf" or not file.is_relative_to(self.folder):
-                raise FileNotFoundError(name)
-            return read_bytes(file, MeshError, largest=LARGEST_MESH)
-
-        def keys(self) -> list[str]:
-            return []
-
-        def namespaced(self, _namespace: str) -> Any:
-            return self
-
-        def write(self, name: str, _data: bytes) -> None:
-            raise PermissionError(name)
-
-    return Beside()
+    key = content_digest(data, kind, *(part for file in files.items() for part in file))
+    arrays = cached("mesh", key, make, code=MESH_CODE, libraries=MESH_LIBRARIES)
+    return Reading(arrays["vertices"], arrays["triangles"], float(arrays["unit"]))

@@ -32,20 +32,25 @@ def parse_file(path: Path) -> Element:
     return parse_text(read_bytes(path, UrdfError), path)
 
 
-def parse_text(text: str | bytes, path: str | Path) -> Element:
-    """Return the root element of XML text without a DOCTYPE; ``path`` is used in errors only."""
+def parse_text(
+    text: str | bytes, path: str | Path, error: type[FileError] = UrdfError, *, huge: bool = False
+) -> Element:
+    """Return the root element of XML text without a DOCTYPE; ``path`` is used in errors only.
+
+    ``huge`` allows texts of more than 10 MB in an element.
+    """
     from lxml import etree
 
     data = text.encode() if isinstance(text, str) else text
-    refuse_doctype(data, path, UrdfError)
+    refuse_doctype(data, path, error)
     parser = etree.XMLParser(
-        resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True, remove_pis=True
+        resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True, remove_pis=True, huge_tree=huge
     )
     try:
         return etree.fromstring(data, parser)
-    except etree.XMLSyntaxError as error:
-        reason = str(error.msg).partition("\n")[0]
-        raise UrdfError(path, f"is not well-formed XML: {reason}", f"line {error.lineno}") from error
+    except etree.XMLSyntaxError as caught:
+        reason = str(caught.msg).partition("\n")[0]
+        raise error(path, f"is not well-formed XML: {reason}", f"line {caught.lineno}") from caught
 
 
 def refuse_doctype(data: bytes, path: str | Path, error: type[FileError]) -> None:

@@ -42,7 +42,7 @@ from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
 from pinproof.collision.geometry.triangles import connected_parts
 from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description import LinkGeometry, meshes
-from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, collada_unit, read_mesh, resolved, z_up
+from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, metres_per_unit, read_mesh, resolved, z_up
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.spatial import Array
 
@@ -434,7 +434,7 @@ def _mesh(
     data = path.read_bytes()
     settings = repr((scale, stated, default, _referred(path, data)))
     key = content_digest(data, path.suffix, str(path.parent), settings)
-    return _stored("coloured", key, lambda: _coloured(path, scale, stated, default))
+    return _stored("coloured", key, lambda: _coloured(path, scale, checked, stated, default))
 
 
 def _referred(path: Path, data: bytes) -> list[tuple[str, int, int]]:
@@ -488,13 +488,16 @@ def _stored(kind: str, key: str, make: Callable[[], list[Surface]]) -> list[Surf
     return surfaces
 
 
-def _coloured(path: Path, scale: tuple[float, float, float], stated: Rgba | None, default: Rgba) -> list[Surface]:
+def _coloured(
+    path: Path, scale: tuple[float, float, float], checked: TriangleMesh, stated: Rgba | None, default: Rgba
+) -> list[Surface]:
+    """Surfaces in the colours that trimesh reads; in one colour if it does not read the triangles that are checked."""
     import trimesh
 
     scene = trimesh.load(path, force="scene", process=False)
-    factor = np.asarray(scale) * collada_unit(path)
+    factor = np.asarray(scale) * metres_per_unit(path)
     order = -1 if np.prod(scale) < 0 else 1  # a mirrored mesh needs its triangles reversed
-    surfaces = []
+    surfaces, drawn = [], []
     for node in scene.graph.nodes_geometry:
         scene_from_node, name = scene.graph[node]
         part = scene.geometry[name]
@@ -504,7 +507,15 @@ def _coloured(path: Path, scale: tuple[float, float, float], stated: Rgba | None
         vertices = vertices @ z_up(path).T * factor
         colour = _own_colour(part, linear=path.suffix.lower() == ".dae") or stated or default
         uv, image = _texture(part)
-        surfaces.append(shade(vertices, np.array(part.faces, dtype=np.int64)[:, ::order], colour, uv, image))
+        triangles = np.array(part.faces, dtype=np.int64)[:, ::order]
+        drawn.append(vertices[triangles].reshape(-1, 3))
+        surfaces.append(shade(vertices, triangles, colour, uv, image))
+    corners = checked.vertices[checked.triangles].reshape(-1, 3)
+    near = 1e-5 * np.abs(corners).max()
+    if sum(map(len, drawn)) != len(corners) or any(
+        np.abs(limit(np.concatenate(drawn), axis=0) - limit(corners, axis=0)).max() > near for limit in (np.min, np.max)
+    ):
+        return [shade(checked.vertices, checked.triangles, stated or default)]
     return merge_by_colour(surfaces)
 
 

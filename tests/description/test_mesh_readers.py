@@ -1,0 +1,181 @@
+"""Every mesh file is read completely or refused: nothing is lost, scaled or moved without an error."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.description.mesh_formats import reading
+from pinproof.description.meshes import READERS, TriangleMesh, read_mesh
+
+from .mesh_files import BOTH, BOXES, CASES, EITHER, REFUSED, area, dae, gltf, with_data_uri, write_polygons
+
+
+def boxes_of(mesh: TriangleMesh) -> list[int]:
+    """The boxes that a mesh consists of: all its triangles are in one, and have its area, volume and bounds."""
+    corners = mesh.vertices[mesh.triangles]
+    found = []
+    taken = np.zeros(len(corners), dtype=bool)
+    for box, (low, high) in enumerate(BOXES):
+        inside = ((corners > low - 1e-6) & (corners < high + 1e-6)).all(axis=(1, 2))
+        taken |= inside
+        if inside.any():
+            a, b, c = corners[inside].transpose(1, 0, 2)
+            np.testing.assert_allclose(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2, area()[box], rtol=1e-5)
+            np.testing.assert_allclose(np.einsum("ij,ij->", a, np.cross(b, c)) / 6, np.prod(high - low), rtol=1e-5)
+            np.testing.assert_allclose(corners[inside].min(axis=(0, 1)), low, atol=1e-6)
+            np.testing.assert_allclose(corners[inside].max(axis=(0, 1)), high, atol=1e-6)
+            assert inside.sum() == 12
+            found.append(box)
+    assert taken.all()
+    return found
+
+
+@pytest.mark.parametrize(
+    ("suffix", "files", "expected"), [pytest.param(*case[1:], id=f"{case[1]} {case[0]}") for case in CASES]
+)
+def test_two_boxes_are_read_or_refused(tmp_path, suffix, files, expected):
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    path = tmp_path / f"mesh.{suffix}"
+    try:
+        boxes: object = boxes_of(read_mesh(path))
+    except pp.errors.MeshError as error:
+        assert Path(error.path).parent == tmp_path  # noqa: PT017  # some cases are read, others refused
+        boxes = REFUSED
+    assert boxes in {BOTH: [[0, 1]], "one box": [[1]], REFUSED: [REFUSED], EITHER: [[0, 1], REFUSED]}[expected]
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae", "glb"])
+def test_more_triangles_than_the_limit_are_refused(tmp_path, suffix, monkeypatch):
+    name, _, files, _ = next(case for case in CASES if case[1] == suffix)
+    path = tmp_path / f"mesh.{suffix}"
+    path.write_bytes(files[path.name])
+    monkeypatch.setattr(reading, "MOST_TRIANGLES", 24)
+    assert len(read_mesh(path).triangles) == 24, name
+    monkeypatch.setattr(reading, "MOST_TRIANGLES", 23)
+    monkeypatch.setenv("PINPROOF_CACHE", "off")
+    with pytest.raises(pp.errors.MeshError, match="the limit is 23"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("content", ['<instance_geometry url="#g0"/>', ""])
+def test_nested_instances_are_refused_before_they_are_expanded(tmp_path, content):
+    # 30 nodes, each with two instances of the next: 2^30 boxes
+    levels = [f'<node id="l{i}">' + f'<instance_node url="#l{i + 1}"/>' * 2 + "</node>" for i in range(30)]
+    last = f'<node id="l30">{content}</node>'
+    library = f"<library_nodes>{''.join(levels)}{last}</library_nodes><library_visual_scenes>"
+    text = dae(nodes='<node><instance_geometry url="#g1"/><instance_node url="#l0"/></node>')
+    (tmp_path / "mesh.dae").write_text(text.replace("<library_visual_scenes>", library))
+    tracemalloc.start()
+    with pytest.raises(pp.errors.MeshError, match="10,000 nodes"):
+        read_mesh(tmp_path / "mesh.dae")
+    assert tracemalloc.get_traced_memory()[1] < 50e6
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("depth", [99, 102, 20_000])
+@pytest.mark.parametrize("suffix", ["dae", "gltf"])
+def test_nodes_too_deep_for_recursive_programs_are_refused(tmp_path, depth, suffix):
+    path = tmp_path / f"mesh.{suffix}"
+    if suffix == "dae":
+        levels = [f'<node id="l{i}"><instance_node url="#l{i + 1}"/></node>' for i in range(depth - 1)]
+        last = f'<node id="l{depth - 1}"><instance_geometry url="#g0"/></node>'
+        library = f"<library_nodes>{''.join(levels)}{last}</library_nodes><library_visual_scenes>"
+        text = dae(nodes='<node><instance_geometry url="#g1"/></node><instance_node url="#l0"/>')
+        path.write_text(text.replace("<library_visual_scenes>", library))
+    else:
+        document, blob = gltf()
+        document["nodes"] = [{"mesh": 0}, *({"children": [i + 2]} for i in range(depth - 1)), {"mesh": 1}]
+        path.write_bytes(with_data_uri(document, blob))
+    if depth < 100:
+        assert boxes_of(read_mesh(path)) == [0, 1]
+    else:
+        with pytest.raises(pp.errors.MeshError, match="100 below each other"):
+            read_mesh(path)
+
+
+L_SHAPE = [[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]]
+STAR = [[np.cos(a) * r, np.sin(a) * r] for a, r in zip(np.arange(14) * np.pi / 7, [1, 0.3] * 7, strict=True)]
+KEYHOLE = [[0, 0], [4, 0], [4, 4], [0, 4], [0, 0], [1, 1], [1, 3], [3, 3], [3, 1], [1, 1]]
+CHEVRON = [[0, 0], [2, 1], [0, 2], [0.5, 1]]
+
+
+@pytest.mark.parametrize(
+    "outline", [L_SHAPE, STAR, KEYHOLE, CHEVRON], ids=["L", "star", "square with a hole", "chevron"]
+)
+@pytest.mark.parametrize("first", [0, 1, 3])
+@pytest.mark.parametrize("turned", [0, 1, 2, 3])
+@pytest.mark.parametrize("suffix", ["obj", "ply", "dae"])
+def test_polygons_that_are_not_convex_are_filled_exactly(tmp_path, outline, first, turned, suffix):
+    flat = np.roll(np.array(outline, dtype=float), first, axis=0)
+    n = len(flat)
+    x, y = flat.T
+    area = (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2
+    points = np.concatenate([np.c_[flat, np.zeros(n)], np.c_[flat, np.ones(n)]])
+    turn = pp.pose(rpy=[(0, 0, 0), (np.pi / 2, 0, 0), (0, np.pi / 2, 0), (1.0, 2.0, 3.0)][turned]).rotation
+    faces = [list(range(n))[::-1], list(range(n, 2 * n))]
+    faces += [[i, (i + 1) % n, (i + 1) % n + n, i + n] for i in range(n)]
+    path = tmp_path / f"mesh.{suffix}"
+    write_polygons(path, points @ turn.T, faces)
+    mesh = read_mesh(path)
+    corners = mesh.vertices[mesh.triangles]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    around = np.linalg.norm(np.roll(flat, -1, axis=0) - flat, axis=1).sum()
+    assert len(corners) == sum(len(face) - 2 for face in faces)
+    np.testing.assert_allclose(np.linalg.norm(cross, axis=1).sum(), 2 * area + around)
+    np.testing.assert_allclose(np.einsum("ij,ij->", corners[:, 0], cross) / 3, area)
+
+
+def test_a_polygon_with_too_many_corners_is_refused(tmp_path):
+    angles = np.arange(2002) * np.pi / 1001
+    points = np.c_[np.cos(angles), np.sin(angles), np.zeros(2002)] * np.where(np.arange(2002) % 2, 1, 0.5)[:, None]
+    write_polygons(tmp_path / "mesh.obj", points, [list(range(2002))])
+    with pytest.raises(pp.errors.MeshError, match="the limit is 2,000"):
+        read_mesh(tmp_path / "mesh.obj")
+
+
+def lost(mesh: reading.Reading) -> reading.Reading:
+    return reading.Reading(mesh.vertices, mesh.triangles[:-1], mesh.unit)
+
+
+def scaled(mesh: reading.Reading) -> reading.Reading:
+    return reading.Reading(mesh.vertices * 1.0001, mesh.triangles, mesh.unit)
+
+
+def moved(mesh: reading.Reading) -> reading.Reading:
+    """Box 1, within the bounds of both."""
+    far = mesh.vertices[:, 0] > 0.3
+    return reading.Reading(mesh.vertices + np.outer(far, [-0.001, 0, 0]), mesh.triangles, mesh.unit)
+
+
+def connected_otherwise(mesh: reading.Reading) -> reading.Reading:
+    triangles = mesh.triangles.copy()
+    triangles[[0, 4], 2] = triangles[[4, 0], 2]
+    return reading.Reading(mesh.vertices, triangles, mesh.unit)
+
+
+@pytest.mark.parametrize("fault", [lost, scaled, moved, connected_otherwise])
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae", "glb"])
+def test_a_fault_of_a_reader_is_noticed_by_the_second_reading(tmp_path, suffix, fault, monkeypatch):
+    files = next(case[2] for case in CASES if case[1] == suffix)
+    path = tmp_path / f"mesh.{suffix}"
+    path.write_bytes(files[path.name])
+    monkeypatch.setenv("PINPROOF_CACHE", "off")
+    assert boxes_of(read_mesh(path)) == [0, 1]
+    reader = READERS[suffix]
+    monkeypatch.setitem(READERS, suffix, lambda *args: fault(reader(*args)))
+    with pytest.raises(pp.errors.MeshError, match="disagree"):
+        read_mesh(path)
+
+
+def test_vertices_without_triangles_do_not_belong_to_the_mesh(tmp_path):
+    path = tmp_path / "mesh.obj"
+    path.write_text("v 9 9 9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 2 4 3\nf 2 3 5\nf 2 5 4\nf 3 4 5\n")
+    mesh = read_mesh(path)
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    assert mesh.vertices[mesh.triangles[0]].tolist() == [[0, 0, 0], [0, 1, 0], [1, 0, 0]]

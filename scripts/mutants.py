@@ -523,19 +523,17 @@ def main(arguments: list[str] | None = None) -> int:
         with contextlib.suppress(Exception):  # an optional part of a library
             importlib.import_module(library)
 
-    # One run without a mistake for each file, in the manner of the others: a test that fails in it decides nothing.
+    # Each test also runs once without a mistake, after only some others: a test that then fails decides nothing.
     for mutant in mutants:
         choose_tests(
             mutant, baselines[bool(mutant.switch)], f"tests/{package_of(name_of[mutant.file])}", options.seconds
         )
-    largest: dict[Path, Mutant] = {}
-    for mutant in mutants:
-        if mutant.tests and len(mutant.tests) > len(largest.get(mutant.file, Mutant(mutant.file, 0, 0, "")).tests):
-            largest[mutant.file] = mutant
-    controls = [
-        Mutant(m.file, 0, 0, "", switch=-1 if m.switch else 0, tests=m.tests, seconds=m.seconds)
-        for m in largest.values()
-    ]
+    controls: list[Mutant] = []
+    covered: dict[bool, set[str]] = {True: set(), False: set()}  # with the copy of the core and without it
+    for m in sorted(mutants, key=lambda mutant: len(mutant.tests), reverse=True):
+        if new := [name for name in m.tests if name not in covered[bool(m.switch)]]:
+            controls.append(Mutant(m.file, 0, 0, "", switch=-1 if m.switch else 0, tests=new, seconds=m.seconds))
+            covered[bool(m.switch)].update(new)
     print(f"{len(mutants)} mistakes in {len(files)} files; {len(controls)} runs without a mistake ...", flush=True)
     unfit: set[str] = set()
 

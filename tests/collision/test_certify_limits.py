@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from itertools import pairwise
 
@@ -207,3 +208,28 @@ class TestProofFile:
             verdict = pp.verify_proof(tmp_path / "wider.json", checker)
             assert not verdict.ok
             assert all(reason.startswith(("limits: ", "and ")) for reason in verdict.reasons)
+
+    def test_limits_that_the_proof_does_not_claim_are_not_compared(self, document, checker, tmp_path) -> None:
+        none = [None] * 6
+        ranges = {**document, "limits": {**document["limits"], "velocity": none, "acceleration": none}}
+        (tmp_path / "ranges.json").write_text(json.dumps(ranges))
+        verdict = pp.verify_proof(tmp_path / "ranges.json", checker)
+        assert verdict.ok
+        assert verdict.limits == ("position",)
+        assert "the joint limits" not in verdict.compared
+        assert any("velocity" in text for text in verdict.not_compared)
+
+    def test_an_acceleration_that_is_known_for_one_joint_must_be_claimed(
+        self, document, ur5, checker, tmp_path
+    ) -> None:
+        known = ur5.limits.guessed.copy()
+        known[2] = False
+        strict = pp.CollisionChecker(ur5.with_limits(dataclasses.replace(ur5.limits, guessed=known)))
+        (tmp_path / "proof.json").write_text(json.dumps(document))
+        assert pp.verify_proof(tmp_path / "proof.json", strict).ok
+        less = json.loads(json.dumps(document))
+        less["limits"]["acceleration"][2] = None
+        (tmp_path / "less.json").write_text(json.dumps(less))
+        (reason,) = pp.verify_proof(tmp_path / "less.json", strict).reasons
+        assert "elbow_joint" in reason
+        assert "acceleration" in reason

@@ -49,6 +49,20 @@ def changed_scene(scene: pp.Scene, near: np.ndarray, rng: np.random.Generator) -
     return scene.move(name, pose)
 
 
+def test_the_limits_are_those_of_the_new_checker(checker, motion, proof) -> None:
+    limits = replace(checker.arm.limits, velocity=checker.arm.limits.velocity / 2)
+    slower = pp.CollisionChecker(checker.arm.with_limits(limits), checker.scene, margin=checker.margin)
+    change = SetupChange(checker, slower)
+    assert change.changed == 0
+    again = proof.certify(change)
+    assert again.status is pp.CertificateStatus.VIOLATED
+    assert {each.quantity for each in again.limits.violations} == {"velocity"}
+    stated = StoredProof(pp.certify(motion, checker, limits=checker.arm.limits.select(range(6)), record=True))
+    assert stated.certify(change).free  # other limits than those of the arm were stated for this motion
+    left_out = StoredProof(pp.certify(motion, checker, limits=None, record=True)).certify(change)
+    assert (left_out.free, left_out.limits) == (True, None)
+
+
 def test_random_changes_give_the_verdict_of_a_certificate_from_scratch(checker, motion, proof) -> None:
     rng, found = np.random.default_rng(0), dict.fromkeys(pp.CertificateStatus, 0)
     for trial in range(45):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -256,6 +257,17 @@ def test_certificates_of_other_motions_and_setups_are_refused(checker, swing) ->
     stricter = checker.with_margin(wide.clearance + 0.05)
     with pytest.raises(pp.errors.NotProvenFree):
         pp.Monitor(stricter, swing, certificate=wide)
+
+
+def test_a_certificate_for_wider_limits_than_those_of_the_arm_is_not_used(checker, swing) -> None:
+    limits = checker.arm.limits
+    slow = checker.arm.with_limits(replace(limits, velocity=swing.max_velocity() * 0.9 + 1e-3))
+    strict = pp.CollisionChecker(slow, checker.scene, margin=checker.margin)
+    for others in (limits, None):
+        tube = pp.certify(swing, strict, joint_tolerance=0.01, limits=others)
+        assert tube.free
+        with pytest.raises(pp.errors.NotProvenFree, match="velocity"):
+            pp.Monitor(strict, swing, certificate=tube)
 
 
 def test_certificate_that_allows_more_contacts_is_not_used(checker, swing) -> None:

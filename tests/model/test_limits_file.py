@@ -7,6 +7,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import FileError
+from pinproof.model import load_robot_from_text
 
 TEXT = """
 default_velocity_scaling_factor: 0.1
@@ -75,6 +76,38 @@ def test_a_second_file_changes_the_guesses_that_the_first_left(robot, tmp_path):
     second = pp.JointLimits.load(written(tmp_path, text)).over(first, robot.arm().joint_names, list(robot.urdf.joints))
     assert second.acceleration[5] == 2.0
     assert second.guessed.tolist() == first.guessed.tolist() == [False, *[True] * 5]
+
+
+FOLLOWED = """<robot name="follow"><link name="base"/><link name="a"/><link name="b"/>
+<joint name="lead" type="revolute"><parent link="base"/><child link="a"/>
+ <limit lower="-2" upper="2" velocity="2" effort="1"/></joint>
+<joint name="follow" type="revolute"><parent link="a"/><child link="b"/>
+ <limit lower="-1" upper="3" velocity="3" effort="1"/>
+ <mimic joint="lead" multiplier="-2" offset="1"/></joint></robot>"""
+
+
+def test_limits_of_a_mimic_follower_limit_the_joint_that_it_follows_wherever_they_are_stated(tmp_path):
+    def limits(text):
+        path = written(tmp_path, f"joint_limits:\n  {text}\n")
+        return load_robot_from_text(FOLLOWED).arm("b", limits=pp.JointLimits.load(path)).limits
+
+    plain = load_robot_from_text(FOLLOWED).arm("b").limits  # follow = 1 - 2 lead
+    assert (plain.lower[0], plain.upper[0], plain.velocity[0]) == (-1.0, 1.0, 1.5)
+    # A wider range of the leader does not widen that of the follower.
+    wide = limits(
+        "lead: {has_position_limits: true, min_position: -9, max_position: 9, "
+        "has_velocity_limits: true, max_velocity: 9}"
+    )
+    assert (wide.lower[0], wide.upper[0], wide.velocity[0], wide.acceleration[0]) == (-1.0, 1.0, 1.5, 3.0)
+    assert load_robot_from_text(FOLLOWED).arm("b", limits={"lead": (-9, 0.5)}).limits.lower[0] == -1.0
+    tight = limits(
+        "follow: {has_position_limits: true, min_position: 0, max_position: 2, "
+        "has_velocity_limits: true, max_velocity: 1, has_acceleration_limits: true, max_acceleration: 3}"
+    )
+    assert (tight.lower[0], tight.upper[0], tight.velocity[0], tight.acceleration[0]) == (-0.5, 0.5, 0.5, 1.5)
+    assert not tight.guessed[0]
+    with pytest.raises(pp.InputError, match="follow"):
+        limits("lead: {has_position_limits: true, min_position: 1.5, max_position: 2}")
 
 
 def test_joints_without_a_jerk_limit_are_named(robot, tmp_path):

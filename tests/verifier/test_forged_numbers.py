@@ -82,6 +82,44 @@ def test_a_motion_in_a_piece_of_nearly_no_width_is_refused(rehashed, begin, end)
     assert "curve.knots" in str(verdict)
 
 
+def with_rates(forged, acceleration):
+    """The proof with the claim that its speed is at most 1 m/s, and its acceleration at most this."""
+    rates = {"velocity": [1.0], "acceleration": [acceleration]}
+    return verify({**forged, "limits": {"lower": [-1.0], "upper": [1.0], **rates}})
+
+
+def test_an_acceleration_between_pieces_of_different_speed_is_refused(rehashed):
+    """Each piece has a constant speed, and no acceleration; between them the speed jumps from 0.3 to -0.3 m/s."""
+    zigzag = slider(rehashed, 0.5, [(1.0, 0.0, 0.0)], [[[0.0], [0.3]], [[0.3], [0.0]]], (0.0, 1.0, 2.0))
+    assert verify(zigzag).ok
+    (reason,) = with_rates(zigzag, 50.0).reasons
+    assert "acceleration" in reason
+    parabola = slider(rehashed, 0.5, [(1.0, 0.0, 0.0)], [[[0.0], [0.15], [0.0]]])  # 0.6 m/s^2
+    assert with_rates(parabola, 0.61).limits == ("position", "velocity", "acceleration")
+    assert not with_rates(parabola, 0.59).ok
+
+
+@pytest.mark.parametrize("pieces", [1, 2, 50])
+@pytest.mark.parametrize("width", [1e-9, 1e-8, 1e-5])
+def test_an_acceleration_in_short_pieces_is_refused_although_their_numbers_are_rounded(rehashed, pieces, width):
+    """From rest to 0.3 m/s: the rounding of a position allows some acceleration in a nanosecond, but not this."""
+    speeds, control, place = np.linspace(0.0, 0.3, pieces + 1).tolist(), [], 0.0
+    for before, after in pairwise(speeds):
+        control.append([[place], [place + before * width / 2], [place + (before + after) * width / 2]])
+        place = control[-1][-1][0]
+    control.append([[place], [place + 0.15], [place + 0.3]])
+    knots = (*(width * k for k in range(pieces + 1)), width * pieces + 1.0)
+    forged = slider(rehashed, 0.5, [(1.0, 0.0, 0.0)], control, knots)
+    assert verify(forged).ok
+    (reason,) = with_rates(forged, 50.0).reasons
+    assert "acceleration" in reason
+
+
+@pytest.mark.parametrize("knots", [(0.0, 0.0), (0.0, 1.0)])
+def test_limits_of_an_arm_at_rest_at_zero_hold(rehashed, knots):
+    assert with_rates(slider(rehashed, 0.5, [(1.0, 0.0, 0.0)], [[[0.0], [0.0], [0.0]]], knots), 1.0).ok
+
+
 @pytest.mark.parametrize("width", [DENORMAL, 1e-9])
 def test_a_motion_hidden_between_two_wide_pieces_is_refused(rehashed, width):
     control = [[[0.0], [0.1]], [[0.1], [WIDEST]], [[WIDEST], [WIDEST]]]

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.collision import CertificateStatus, CollisionChecker, LookAt, Scene, Upright, certify
+from pinproof.model import JointLimits
 from pinproof.viewer.picture import caption_of, proven_millimetres
 
 from .conftest import POST, certified, small_arm, swing
@@ -127,4 +128,10 @@ def test_a_motion_outside_its_limits_is_not_validated_with_the_joint() -> None:
     assert "turn reaches a velocity of" in shown.reason
     left_out = caption_of(arm, Scene(), motion, certify(motion, CollisionChecker(arm, Scene()), limits=None))
     assert left_out.headline == "FREE"
-    assert dict(left_out.figures)["Joint limits"] == "not compared"
+    assert dict(left_out.figures)["Joint limits"].startswith("not compared; turn reaches a velocity of")
+    faster = JointLimits(arm.limits.lower, arm.limits.upper, 9 * arm.limits.velocity)
+    for_others = caption_of(arm, Scene(), motion, certify(motion, CollisionChecker(arm, Scene()), limits=faster))
+    assert dict(for_others.figures)["Joint limits"].startswith("not those of the arm; turn reaches a velocity of")
+    slow = motion.slowed(9.0)
+    kept = caption_of(arm, Scene(), slow, certify(slow, CollisionChecker(arm, Scene())))
+    assert dict(kept.figures)["Joint limits"].startswith("within the limits of position")

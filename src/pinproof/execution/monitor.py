@@ -32,7 +32,7 @@ from pinproof.collision.certificates.identity import checked_hash, mesh_files, n
 from pinproof.common.display import html_block, html_of, html_table
 from pinproof.common.validation import require_positive, require_type
 from pinproof.errors import InputError
-from pinproof.motion import JointPath, Trajectory
+from pinproof.motion import JointPath, Trajectory, check_limits
 from pinproof.spatial import Array, finite
 
 JOINT_TOLERANCE = 0.01
@@ -224,7 +224,9 @@ class Monitor:
         tolerance = _each("joint_tolerance", wanted, checker.group.dof, above_zero=True)
         # A clearance above every margin of the checker holds for pairs with a margin of their own too.
         enough = given is not None and given.clearance >= checker.margins.max(initial=0.0)
-        if given is not None and same and enough and (tolerance == covered).all():
+        within = given is not None and given.limits is not None
+        within = within and not check_limits(trajectory, checker.group.limits).violations
+        if given is not None and same and enough and within and (tolerance == covered).all():
             return given, tolerance
         return certify(trajectory, checker, joint_tolerance=tolerance).or_raise(), tolerance
 

@@ -11,7 +11,7 @@ import threading
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypeVar, cast
@@ -41,7 +41,7 @@ from pinproof.model.chain import (
 )
 from pinproof.model.dynamics import GRAVITY, Payload, checked_payloads, dynamic_tree, inverse_dynamics
 from pinproof.model.info import SAMPLES, JointInfo, RobotInfo, Role, describe_axes
-from pinproof.model.limits import JointLimits, LimitsFile
+from pinproof.model.limits import DEFAULT_RAMP, JointLimits, LimitsFile
 from pinproof.spatial import Array, finite, frozen
 
 Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
@@ -875,7 +875,35 @@ def _chosen_limits(urdf: Urdf, chain: Chain, limits: LimitsLike) -> JointLimits:
                 f"{joint.type} joint {name!r} states no lower and upper limit; state both in the URDF, or in a file of "
                 f"joint limits (--limits); in Python also limits={{{name!r}: (lower, upper)}}"
             )
-    return chosen
+    return chosen if limits is None else _with_followers(urdf, chain, chosen, limits)
+
+
+def _with_followers(
+    urdf: Urdf, chain: Chain, limits: JointLimits, stated: LimitsFile | Mapping[str, tuple[float, float]]
+) -> JointLimits:
+    """Tighten limits that the caller gave to joints by those of their followers, which a file may state too."""
+    file = stated if isinstance(stated, LimitsFile) else LimitsFile(Path())
+    lower, upper, velocity = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy()
+    acceleration, guessed = limits.acceleration.copy(), limits.guessed.copy()
+    for joint in (urdf.joints[name] for name in chain.followers):
+        if joint.mimic is None or joint.mimic.multiplier == 0.0:
+            continue
+        leader, scale = chain.joint_names.index(joint.mimic.leader), joint.mimic.multiplier
+        ends = sorted((end - joint.mimic.offset) / scale for end in file.position.get(joint.name, joint.bounds))
+        lower[leader], upper[leader] = max(lower[leader], ends[0]), min(upper[leader], ends[1])
+        if lower[leader] > upper[leader]:
+            raise InputError(
+                f"the limits of {joint.mimic.leader!r} and of its mimic joint {joint.name!r} do not overlap"
+            )
+        rate = file.velocity.get(joint.name, joint.velocity)
+        velocity[leader] = np.fmin(velocity[leader], np.inf if rate is None else rate / abs(scale))
+        if joint.name in file.acceleration:
+            known = file.acceleration[joint.name] / abs(scale)
+            acceleration[leader] = known if guessed[leader] else np.fmin(acceleration[leader], known)
+            guessed[leader] = False
+    velocity[np.isinf(velocity)] = np.nan
+    acceleration[guessed] = velocity[guessed] / DEFAULT_RAMP
+    return replace(limits, lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, guessed=guessed)
 
 
 def _check_count(limits: JointLimits, joint_names: Sequence[str]) -> None:

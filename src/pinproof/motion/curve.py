@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.motion import bezier
-from pinproof.spatial import Array
+from pinproof.spatial import Array, finite
 
 MEET_TOLERANCE = 1e-12
 """Maximum difference (rad or m, rad/s or m/s) of two ends that are joined: rounding errors only."""
@@ -154,6 +154,34 @@ def checked_joint_names(names: Iterable[str]) -> tuple[str, ...]:
             raise InputError(f"joint_names contains {name!r} twice")
         checked.append(name)
     return tuple(checked)
+
+
+def refuse_broken(curve: Curve) -> None:
+    """Check the pieces of a curve of a class that is not of this package, whose constructors check them themselves.
+
+    Raises
+    ------
+    InputError
+        If shapes differ, a number is not finite, the knots do not increase, or a piece does not begin where the piece
+        before it ends, where the arm would jump.
+    """
+    if isinstance(curve, BezierCurve):
+        return
+    what = f"bezier() of the {type(curve).__name__}"
+    knots, control = curve.bezier()
+    points = finite(f"{what}: the control points", control, (None, None, len(curve.joint_names)))
+    parameter = finite(f"{what}: the knots", knots, (len(points) + 1,))
+    if not points.size:
+        raise InputError(f"{what} has no control point; a curve needs at least one piece")
+    still = len(points) == 1 and parameter[0] == parameter[1] and not np.ptp(points, axis=1).any()
+    if not still:
+        increasing(parameter)
+    gap = np.abs(points[1:, 0] - points[:-1, -1])
+    if gap.max(initial=0.0) > MEET_TOLERANCE:
+        k, joint = np.unravel_index(int(gap.argmax()), gap.shape)
+        raise InputError(
+            f"{what}: {curve.joint_names[joint]} jumps by {gap[k, joint]:.4g} at the knot {parameter[k + 1]:g}"
+        )
 
 
 def ends_meet(first: Curve, second: Curve, where: str) -> None:

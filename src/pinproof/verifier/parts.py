@@ -29,6 +29,13 @@ so that rounding does not decide."""
 
 EPSILON = float(np.finfo(float).eps)
 
+ROUNDINGS = 8
+"""Rounding errors of each control point, in units in the last place. In a piece of nanoseconds they are accelerations
+of thousands of rad/s^2."""
+
+IMPULSE = 0.011
+"""rad or m, or per s: the sum of what these errors may change positions, or speeds, in all pieces that they decide."""
+
 BISECTIONS = 60
 """Maximum number of bisections of a piece near its limits: it then has the resolution of a double."""
 
@@ -208,38 +215,43 @@ class Curve:
 
         A piece is inside the hull of its control points, and differences of control points are those of its derivative
         (Farouki 2012, section 3). Pieces whose hull exceeds a limit are bisected, which brings the hull closer to the
-        curve, until the hull is inside or a point of the curve itself is outside.
+        curve, until the hull is inside or a point of the curve itself is outside. Control points are rounded numbers:
+        an excess that is not larger than the rounding of their differences is allowed, and a jump of the velocity
+        between two pieces, as long as all of them together have almost no effect.
         """
-        width = np.diff(self.knots)[:, None, None]
-        control, found = self.control, []
+        width = np.diff(self.knots)[:, None]
+        control, quantities = self.control, []
+        size = ROUNDINGS * EPSILON * np.abs(self.control).max(axis=(0, 1)) * np.ones_like(width)
         for order, (quantity, (low, high)) in enumerate(limits.items()):
-            if order:  # a piece of degree 0 or without width does not move
-                rise = (control.shape[1] - 1) * np.diff(control, axis=1) if control.shape[1] > 1 else 0.0 * control
-                control = np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
+            excess = np.zeros(size.shape)  # of the pieces that are inside except for rounding
+            jumps = np.abs(control[1:, 0] - control[:-1, -1]) * np.isfinite(high) if order == 2 else excess[1:]
+            if order:  # a piece of degree 0, or a single configuration, does not move
+                degree = control.shape[1] - 1
+                rise = degree * np.diff(control, axis=1) if degree else 0.0 * control
+                control = np.divide(rise, width[:, None], out=np.zeros_like(rise), where=width[:, None] > 0.0)
+                size = np.divide(2.0 * degree * size, width, out=np.zeros_like(size), where=width > 0.0)
             if not (np.isfinite(low) | np.isfinite(high)).any():
                 continue
-            found.append(quantity)
-            slack = (
-                np.full(self.dof, LIMIT_SLACK) if order == 0 else LIMIT_SLACK * np.where(np.isfinite(high), high, 0.0)
-            )
-            # Each difference has the rounding of its control points, divided by the width of the piece.
-            rounding = 2.0**order * EPSILON * np.abs(self.control).max(axis=(1, 2)) * self.control.shape[1] ** order
-            wide = np.maximum(width[:, 0, 0], np.finfo(float).tiny) if order else 1.0
-            spare = slack + (rounding / wide**order)[:, None]
+            quantities.append(quantity)
+            slack = LIMIT_SLACK * (np.where(np.isfinite(high), high, 0.0) if order else np.ones(self.dof))
             parts, owner = control, np.arange(len(control))
             for _ in range(BISECTIONS):
-                least, most = parts.min(axis=1), parts.max(axis=1)
-                open_ = ~((least >= low - spare[owner]) & (most <= high + spare[owner])).all(axis=1)
+                over = np.maximum(low - slack - parts.min(axis=1), parts.max(axis=1) - high - slack)
+                open_ = ~(over <= size[owner]).all(axis=1)
+                np.maximum.at(excess, owner[~open_], over[~open_])
                 parts, owner = parts[open_], owner[open_]
-                ends, near = parts[:, [0, -1]], spare[owner][:, None]
-                outside = ~((ends >= low - near) & (ends <= high + near)).all(axis=(1, 2))
+                ends, spare = parts[:, [0, -1]], (slack + size[owner])[:, None]
+                outside = ~((ends >= low - spare) & (ends <= high + spare)).all(axis=(1, 2))
                 if outside.any() or not len(parts):
                     break
                 parts, owner = halves(parts), np.concatenate([owner, owner])
-            if len(parts):
-                k = int(owner[int(outside.argmax())])
-                raise Refused(f"curve.control[{k}]: the {quantity} is not proven to keep the limits of the proof")
-        return tuple(found)
+            impulse = excess * width
+            impulse[1:] += jumps
+            if not len(parts) and impulse.sum(axis=0).max() <= IMPULSE:
+                continue
+            k = int(owner[int(outside.argmax())]) if len(parts) else int(impulse.max(axis=1).argmax())
+            raise Refused(f"curve.control[{k}]: the {quantity} is not proven to keep the limits of the proof")
+        return tuple(quantities)
 
 
 def _digest(*parts: Any) -> str:

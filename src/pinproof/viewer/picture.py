@@ -21,7 +21,7 @@ from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
-from pinproof.motion import Trajectory
+from pinproof.motion import Trajectory, check_limits
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
 from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, film_of_elbow, still
 from pinproof.viewer.camera import View, choose_view, tool_points
@@ -133,8 +133,10 @@ def caption_of(
         )
         partings = tuple((contact, str(parting)) for parting in certificate.partings)
         kept = tuple(("Constraint", str(proof)) for proof in certificate.constraints)
-        if certificate.limits is None:
-            kept = (("Joint limits", "not compared"), *kept)
+        limits = "not compared" if certificate.limits is None else str(certificate.limits)
+        if outside := check_limits(motion, arm.limits).violations:  # of the arm; the certificate may state others
+            limits = f"{'not compared' if certificate.limits is None else 'not those of the arm'}; {outside[0]}"
+        kept = (("Joint limits", limits), *kept)
         return Caption("FREE", reason, "free", (*figures, clearance, duration, *kept, *partings), excluded)
     if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
         reason = _contact_reason(certificate.first_contact, certificate.margin)

@@ -110,9 +110,10 @@ def certify(
         all of them, which :func:`pinproof.collision.with_movers` returns, over space and time.
     limits
         The limits of position, velocity and acceleration that a FREE motion keeps (a path: of position), by default
-        those of the arm of the checker. Accelerations of the arm that are default values are not compared, see
-        :func:`pinproof.motion.check_limits`. They hold for the curve itself, without ``joint_tolerance``. None: limits
-        are not compared, which the certificate states in its notes.
+        those of the arm of the checker, and for joints of ``movers`` those of the robot's description. Accelerations of
+        the arm that are default values are not compared, see :func:`pinproof.motion.check_limits`. They hold for the
+        curve itself, without ``joint_tolerance``. None: limits are not compared, which the certificate states in its
+        notes.
     record
         Store the evidence in :attr:`Certificate.evidence`, which :meth:`Certificate.save` needs.
 
@@ -145,7 +146,9 @@ def certify(
             raise InputError("movers cannot be combined with parting or obstacle_tolerance; Mover has a tolerance")
         curve, checker, of_movers = with_movers(curve, checker, movers)
         joints = np.concatenate([joints, np.zeros(len(of_movers) - len(joints))]) + of_movers
-        if own_limits is not None:  # those of the movers follow; a moving obstacle has none
+        if limits == "arm":
+            own_limits = checker.group.limits
+        elif own_limits is not None:  # those of the movers follow; a moving obstacle has none
             rest = checker.group.limits.select(range(group.dof, checker.group.dof))
             own_limits = JointLimits.join([own_limits, rest])
     within = None if own_limits is None else check_limits(curve, own_limits)

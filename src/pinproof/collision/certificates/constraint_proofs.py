@@ -93,14 +93,14 @@ def with_limits(certificate: Certificate, check: LimitCheck | None) -> Certifica
     if check is None:
         return replace(certificate, notes=(*certificate.notes, "joint limits were not compared (limits=None)"))
     if not check.violations:
-        return replace(certificate, limits=check)
+        message = f"{certificate.message}; {check}" if certificate.free else certificate.message
+        return replace(certificate, limits=check, message=message)
     first = min((*check.violations, *([certificate.violation] if certificate.violation else [])), key=lambda v: v.time)
     certificate = replace(certificate, limits=check, violation=first)
-    words = "outside the limits: " + "; ".join(map(str, check.violations))
     if certificate.status is CertificateStatus.COLLIDING:
-        return replace(certificate, message=f"{certificate.message}; also, {words}")
+        return replace(certificate, message=f"{certificate.message}; also, {check}")
     before = "collisions: " if certificate.status is CertificateStatus.UNDECIDED else ""
-    message = f"{words}; {before}{certificate.message}"
+    message = f"{check}; {before}{certificate.message}"
     return _without_proof(replace(certificate, status=CertificateStatus.VIOLATED, message=message))
 
 

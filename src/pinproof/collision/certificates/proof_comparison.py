@@ -14,7 +14,8 @@ from pinproof.collision.certificates.proof_file import bodies_of, constraint_of,
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.errors import FileError, InputError
 from pinproof.model import Arm, JointLimits
-from pinproof.motion import Curve, Trajectory
+from pinproof.motion import Curve
+from pinproof.motion.curve import TimedCurve
 from pinproof.verifier import Proof, ProofVerdict, load, verify
 
 SAME = 1e-12
@@ -83,8 +84,11 @@ def verify_proof(
         if not proof.limits:
             not_compared.append("the joint limits (the proof claims none)")
         elif not reasons:
-            reasons += _wider_limits(proof, checker.group.limits, curve)
-            compared.append("the joint limits")
+            timed = isinstance(curve, TimedCurve) or bool(np.isfinite(proof.limits["velocity"][1]).any())
+            reasons += _wider_limits(proof, checker.group.limits, timed)
+            compared.append("the joint limits" if timed else "the limits of position")
+            if not timed and curve is None:
+                not_compared.append("the limits of velocity and acceleration (the proof claims none)")
         if constraints:
             reasons += _missing_constraints(document, checker.arm, check_constraints(constraints))
             compared.append("the constraints")
@@ -120,13 +124,9 @@ def _missing_constraints(document: dict[str, Any], arm: Arm, constraints: Sequen
     return found
 
 
-def _wider_limits(proof: Proof, limits: JointLimits, curve: Curve | None) -> list[str]:
-    """List the joints that the proof allows to exceed your limits; of the acceleration only those that are known.
-
-    A proof without limits of the velocity is one of a path, unless your curve is timed.
-    """
+def _wider_limits(proof: Proof, limits: JointLimits, timed: bool) -> list[str]:
+    """List the joints that the proof allows to exceed your limits: those of position, if timed also known rates."""
     mine = {"position": (limits.lower, limits.upper)}
-    timed = isinstance(curve, Trajectory) or bool(np.isfinite(proof.limits["velocity"]).any())
     known = np.where(limits.guessed, np.inf, limits.acceleration)
     for quantity, rate in (("velocity", limits.velocity), ("acceleration", known)) if timed else ():
         largest = np.where(np.isnan(rate), np.inf, rate)

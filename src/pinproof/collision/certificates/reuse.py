@@ -24,6 +24,7 @@ from pinproof.collision.certificates.identity import Identity, checked_hash, mes
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError
+from pinproof.motion import check_limits
 from pinproof.spatial import Array
 
 
@@ -145,6 +146,10 @@ class StoredProof:
         if change.before is not self.checker:
             raise InputError("the change begins at another checker than that of the proof")
         known, old = change.known(self), self.certificate
+        # The limits of the arm are those of the new checker; others were stated for this motion.
+        limits = None if old.limits is None else old.limits.limits
+        if limits is self.checker.group.limits:
+            limits = change.after.group.limits
         tolerances = TOLERANCES if tolerance is None else (tolerance,)
         if known is None:
             return certify(
@@ -155,7 +160,7 @@ class StoredProof:
                 joint_tolerance=self.joint_tolerance,
                 obstacle_tolerance=self.obstacle_tolerance,
                 constraints=[each.constraint for each in old.constraints],
-                limits=None if old.limits is None else old.limits.limits,
+                limits=limits,
                 record=record,
             )
         fresh = prove_rest(
@@ -164,12 +169,10 @@ class StoredProof:
             known,
             ProofLimits(tolerances, max_intervals, self.joint_tolerance, self.obstacle_tolerance, record),
         )
-        # Joint limits and constraints of the tcp do not depend on the scene.
-        fresh = with_limits(fresh, old.limits)
-        if not old.constraints:
-            return fresh
-        message = "; ".join((fresh.message, *map(str, old.constraints))) if fresh.free else fresh.message
-        return replace(fresh, message=message, constraints=old.constraints)
+        if old.constraints:  # they do not depend on the scene
+            message = "; ".join((fresh.message, *map(str, old.constraints))) if fresh.free else fresh.message
+            fresh = replace(fresh, message=message, constraints=old.constraints)
+        return with_limits(fresh, None if limits is None else check_limits(self.curve, limits))
 
 
 def _ends(checker: CollisionChecker) -> str:

@@ -43,7 +43,7 @@ from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
-from pinproof.motion.curve import Curve
+from pinproof.motion.curve import Curve, refuse_broken
 from pinproof.spatial import Array, finite
 
 
@@ -643,12 +643,13 @@ class CollisionChecker(CheckedBodies):
 
 
 def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") -> None:
-    """Raise InputError unless the curve has the joints of the checker's group, in their order."""
+    """Raise InputError unless the curve has the joints of the checker's group, in their order, and does not jump."""
     require_type("checker", checker, CollisionChecker)
     if not callable(getattr(curve, "bezier", None)):
         raise InputError(f"the {name} must be a curve, such as a JointPath or a Trajectory, not {curve!r:.80}")
     if tuple(curve.joint_names) != checker.group.joint_names:
         raise InputError(f"the {name} has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")
+    refuse_broken(curve)
 
 
 def overlap_hint(checker: CollisionChecker, q: Array, found: CheckResult) -> str:

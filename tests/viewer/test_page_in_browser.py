@@ -161,11 +161,11 @@ def test_the_caption_is_green_only_with_a_proof_of_this_very_motion(
         colour = page.evaluate("getComputedStyle(document.getElementById('verdict')).backgroundColor")
         shown[case] = (page.text("#verdict"), colour, page.text("#caption"))
         page.close()
-    assert shown["matching"][:2] == ("FREE", "rgb(11, 107, 58)")
+    assert shown["matching"][:2] == ("FREE", "rgb(11, 122, 67)")
     assert "Proven clearance" in shown["matching"][2]
     assert "2.00 s" in shown["matching"][2]
     for case in ("none", "other"):
-        assert shown[case][:2] == ("NOT VALIDATED", "rgb(138, 75, 0)")
+        assert shown[case][:2] == ("NOT VALIDATED", "rgb(169, 79, 0)")
         assert "clearance" not in shown[case][2]
 
 

@@ -126,7 +126,7 @@ def test_the_first_good_pick_plays_at_once_and_is_captioned_by_its_proof(page: P
     page.wait_for("pinproof.viewer.animator.time > 0.1")
     assert page.evaluate("pinproof.chosen") == 1
     assert page.text("#verdict") == "FREE"
-    assert page.evaluate("getComputedStyle(document.getElementById('verdict')).backgroundColor") == "rgb(11, 107, 58)"
+    assert page.evaluate("getComputedStyle(document.getElementById('verdict')).backgroundColor") == "rgb(11, 122, 67)"
     assert "Proven clearance" in page.text("#figures")
     assert "resampled for display at 30 poses per second" in page.evaluate(
         "document.getElementById('notes').textContent"

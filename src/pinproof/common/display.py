@@ -12,6 +12,8 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.theme import SERIES
+
 MOST_LINES = 10
 """Largest number of lines of a ``repr``."""
 
@@ -26,8 +28,6 @@ PLOT_POINTS = 120
 
 PLOT_SIZE = (400.0, 160.0)
 """Width and height of a plot in pixels."""
-
-PLOT_COLOURS = ("#0b5cad", "#c05a00", "#0b7a43", "#7a2aa3", "#b3191f", "#51606f", "#8a6d00", "#00798c")
 
 
 def shortened(text: str, width: int = MOST_WIDTH) -> str:
@@ -130,7 +130,7 @@ def html_plot(times: npt.ArrayLike, lines: Mapping[str, npt.ArrayLike], unit: st
     across = (x - x[0]) / max(float(x[-1] - x[0]), 1e-12) * width
     drawn, legend = [], []
     for number, (name, values) in enumerate(curves.items()):
-        colour = PLOT_COLOURS[number % len(PLOT_COLOURS)]
+        colour = SERIES[number % len(SERIES)]
         up = height - (values - low) / max(float(high - low), 1e-12) * height
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, up, strict=True))
         drawn.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.5"/>')

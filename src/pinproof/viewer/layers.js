@@ -54,9 +54,9 @@ function label(text, size, below) {
   canvas.width = Math.ceil(pen.measureText(text).width) + 24;
   canvas.height = 56;
   pen.font = font;
-  pen.fillStyle = "#ffffffd0";
+  pen.fillStyle = settings.theme.veil;
   pen.fillRect(0, 0, canvas.width, canvas.height);
-  pen.fillStyle = "#1b2530";
+  pen.fillStyle = settings.theme.ink;
   pen.fillText(text, 12, 42);
   const map = new THREE.CanvasTexture(canvas);
   map.minFilter = THREE.LinearFilter;

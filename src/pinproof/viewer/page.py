@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
+from pinproof.common import theme
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
@@ -166,10 +167,11 @@ def assemble(
     """
     bundle, licences = _viewer_bundle()
     own = "\n".join([part("picture.js"), part("player.js"), script])
+    settings = {**settings, "theme": theme.COLOURS}
     values = {
         "title": escape(title),
         "policy": POLICY.format(connect="'self'" if live else "'none'"),
-        "style": style,
+        "style": theme.css() + style,
         "body": body,
         "licences": _inside_script(licences),
         "bundle": _inside_script(bundle),

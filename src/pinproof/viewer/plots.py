@@ -14,6 +14,7 @@ from html import escape
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.theme import SERIES
 from pinproof.model import JointGroup
 from pinproof.motion import MotionLimits, RateConstraint, Trajectory
 from pinproof.motion.plot import Panel, panels_of
@@ -31,7 +32,6 @@ FEWEST, MOST, TOTAL = 2, 25, 600
 FLAT = 0.12
 """SVG units by which a line may deviate from the samples that it omits."""
 
-COLOURS = ("#0b5cad", "#c2410c", "#0b6b3a", "#7a3db8", "#a61b1b", "#8a6d00", "#0f8b8d", "#c0267e", "#475569", "#5b7f13")
 
 LIMIT = 1.0
 """The share at which a limit is reached."""
@@ -103,7 +103,7 @@ def _more(panels: Sequence[Panel]) -> str:
 
 
 def _colour(index: int) -> str:
-    return COLOURS[index % len(COLOURS)]
+    return SERIES[index % len(SERIES)]
 
 
 def _svg(panel: Panel, times: Array) -> str:

@@ -8,20 +8,16 @@ from typing import Any
 import numpy as np
 
 from pinproof.cell.allocation.allocation_result import AllocationResult
-from pinproof.cell.allocation.arm_program import WAIT
 from pinproof.cell.sequencing.cycle_time import cycle_time
-from pinproof.cell.sequencing.sequence_page import COLOURS, MOST_FRAMES, RATE, PageTexts, Riders, write_page
+from pinproof.cell.sequencing.sequence_page import MOST_FRAMES, RATE, PageTexts, Riders, write_page
 from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.common import theme
 from pinproof.errors import InputError
 from pinproof.model.limits import guess_note
 from pinproof.model.robot import PART
 from pinproof.spatial import matrix
 from pinproof.viewer.animation import Film
 from pinproof.viewer.stage import Stage, set_stage, simplified
-
-WAITING = "#e3e7eb"
-"""The CSS colour of a wait."""
-
 
 SAME_TIME = 1e-9
 """Seconds: differences are rounding."""
@@ -89,8 +85,7 @@ def _content(result: AllocationResult) -> dict[str, Any]:
                 }
             )
     rows.sort(key=lambda row: row["start"])
-    colours = {**COLOURS, WAIT: WAITING}
-    return {"rows": rows, "closing": closing, "colours": colours, "lanes": list(result.group.ends), "arms": True}
+    return {"rows": rows, "closing": closing, "colours": theme.PHASES, "lanes": list(result.group.ends), "arms": True}
 
 
 def _film(stage: Stage, result: AllocationResult) -> tuple[Film, Riders]:

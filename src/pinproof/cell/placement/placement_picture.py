@@ -10,9 +10,10 @@ import numpy as np
 
 from pinproof.cell.placement.heat_map import PlacementMap
 from pinproof.cell.placement.region import Placement, PlacementRegion
+from pinproof.common import theme
 from pinproof.spatial import Array
 
-RED, GREY = "#b3191f", "#d9d9d9"
+RED, GREY = theme.COLOURS["bad"], theme.COLOURS["line"]
 
 
 def heat_map_picture(

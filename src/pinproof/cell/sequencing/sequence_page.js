@@ -63,13 +63,13 @@ function draw() {
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   pen.clearRect(0, 0, width, height);
   pen.font = "11px system-ui, sans-serif";
-  pen.fillStyle = "#51606f";
+  pen.fillStyle = settings.theme.muted;
   const every = step(k);
   for (let t = Math.ceil(at / k / every) * every; t * k - at < width; t += every) {
     const x = t * k - at;
-    pen.fillStyle = "#dde3e9";
+    pen.fillStyle = settings.theme["faint-line"];
     pen.fillRect(x, HEAD - 5, 1, height);
-    pen.fillStyle = "#51606f";
+    pen.fillStyle = settings.theme.muted;
     pen.fillText((every < 1 ? t.toFixed(1) : String(Math.round(t))) + " s", x + 3, 12);
   }
   for (const bar of bars) {
@@ -80,12 +80,12 @@ function draw() {
     pen.fillRect(x, HEAD + LANE * lanes.indexOf(laneOf(bar)) + 2, wide, LANE - 4);
   }
   if (several) lanes.forEach((name, lane) => {
-    pen.fillStyle = "#ffffffd9";
+    pen.fillStyle = settings.theme.veil;
     pen.fillRect(0, HEAD + LANE * lane + 6, pen.measureText(name).width + 10, LANE - 12);
-    pen.fillStyle = "#1b2530";
+    pen.fillStyle = settings.theme.ink;
     pen.fillText(name, 5, HEAD + LANE * lane + LANE / 2 + 4);
   });
-  pen.fillStyle = "#a61b1b";
+  pen.fillStyle = settings.theme.bad;
   pen.fillRect(Math.min(animator.time, settings.duration) * k - at - 1, 0, 2, height);
 }
 

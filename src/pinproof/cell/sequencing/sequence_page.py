@@ -12,6 +12,7 @@ import numpy as np
 from pinproof.cell.sequencing.cycle_time import cycle_time
 from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult
 from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.common import theme
 from pinproof.common.files import os_errors, write_text_whole
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model.limits import guess_note
@@ -38,18 +39,6 @@ LAST = 1e-3
 
 FRAMED = 200
 """Number of poses of the arm that the camera frames."""
-
-COLOURS = {
-    "transit": "#5b7aa8",
-    "approach": "#3f9b6d",
-    "grip": "#b3191f",
-    "retreat": "#8bbf5a",
-    "transfer": "#d98a1f",
-    "place": "#3f9b9b",
-    "release": "#7a2aa3",
-    "leave": "#9aa6b2",
-}
-"""The CSS colour of each phase."""
 
 
 def write_sequence_page(
@@ -223,7 +212,7 @@ def _content(result: SequenceResult) -> dict[str, Any]:
         )
     end = result.steps[-1].end
     closing = [] if result.closing is None else [["transit", end, result.closing.trajectory.duration]]
-    return {"rows": rows, "closing": closing, "colours": COLOURS, "lanes": list(PHASES), "arms": False}
+    return {"rows": rows, "closing": closing, "colours": theme.PHASES, "lanes": list(PHASES), "arms": False}
 
 
 def _film(stage: Stage, result: SequenceResult) -> tuple[Film, Riders]:

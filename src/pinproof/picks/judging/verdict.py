@@ -57,16 +57,6 @@ class PickStatus(Enum):
     """The pick could not be judged: the judge raised an error or its process died."""
 
 
-VERDICT_COLOURS = {
-    "good": "#0b7a43",
-    "impossible": "#b3191f",
-    "not found": "#c05a00",
-    "unreadable": "#5b6673",
-    "crashed": "#7a2aa3",
-}
-"""The CSS colour of each verdict, in pages and tables."""
-
-
 @dataclass(frozen=True)
 class StageResult:
     """One stage: whether it passed, the reason, and its figures by name (m, rad, s and counts)."""

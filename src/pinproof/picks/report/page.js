@@ -56,7 +56,7 @@ function drawArrows(visible) {
 const body = byId("rows"), find = byId("find");
 const rows = entries.map((entry, k) => {
   const row = make("tr"), state = make("td"), swatch = make("span", "", "swatch"), why = make("td", entry.reason);
-  swatch.style.background = kinds[entry.verdict] || "#51606f";
+  swatch.style.background = kinds[entry.verdict] || settings.theme.muted;
   state.append(swatch, entry.verdict);
   if (entry.remedy) why.append(make("span", "Suggestion: " + entry.remedy, "try"));
   const seconds = entry.duration === null || entry.duration === undefined ? "" : entry.duration.toFixed(2) + " s";

@@ -20,13 +20,14 @@ import numpy as np
 from pinproof.collision import Obstacle, Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.collision.certificates.identity import setup_hash
+from pinproof.common import theme
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm
 from pinproof.model.limits import guess_note
 from pinproof.picks.input.pick import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickVerdict
+from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import Array, matrix, pose
 from pinproof.viewer.animation import Film, Phase, film, still, tracks
 from pinproof.viewer.camera import View, choose_view, extremes, placed_points, tool_points
@@ -443,9 +444,9 @@ def _render(
     commands = stage_commands(stage, rest, view)
     _draw_open_hand(commands, stage, home, picks)
     marked = [k for k, at in enumerate(placed) if at is not None]
-    index_of = {name: index for index, name in enumerate(VERDICT_COLOURS)}
+    index_of = {name: index for index, name in enumerate(theme.VERDICTS)}
     colour_of = np.array([index_of.get(rows[k].values["verdict"], -1) for k in marked], dtype=np.int64)
-    markers = PoseMarkers(grasps, colour_of, tuple(map(_rgb, VERDICT_COLOURS.values())))
+    markers = PoseMarkers(grasps, colour_of, tuple(map(theme.rgb, theme.VERDICTS.values())))
     details = (entry(row.values, row.verdict, arm, scene, picks, guessed=guessed) for row in rows)
     entries, shortened = without_more_details(details)
     if shortened:
@@ -454,7 +455,7 @@ def _render(
     settings = {
         **view.settings(),
         "entries": entries,
-        "kinds": VERDICT_COLOURS,
+        "kinds": theme.VERDICTS,
         "marked": marked,
         "markers": markers.settings(commands),
         "motions": motions.add_to(commands),
@@ -470,24 +471,20 @@ def _render(
         },
     )
     style = part("common.css") + part("page.css", __package__)
+    for name, colour in theme.VERDICTS.items():
+        style += f"#card .verdict.{name.replace(' ', '-')} {{ background: {colour}; }}\n"
     return assemble(words["title"], style, body, part("page.js", __package__), settings, commands)
 
 
 def _chips(kinds: Mapping[str, int]) -> str:
     """A button for each verdict that occurs, with its colour and number of rows; it filters the table."""
-    known = [name for name in dict.fromkeys((*VERDICT_COLOURS, *kinds)) if kinds.get(name)]
+    known = [name for name in dict.fromkeys((*theme.VERDICTS, *kinds)) if kinds.get(name)]
     return "".join(
         f'<button type="button" class="chip" data-verdict="{escape(name)}" aria-pressed="false">'
-        f'<span class="swatch" style="background:{VERDICT_COLOURS.get(name, "#51606f")}"></span>'
+        f'<span class="swatch" style="background:{theme.VERDICTS.get(name, theme.COLOURS["muted"])}"></span>'
         f"{kinds[name]:,} {escape(name)}</button>"
         for name in known
     )
-
-
-def _rgb(css: str) -> tuple[float, float, float]:
-    """The red, green and blue components of a CSS colour, each from 0 to 1."""
-    r, g, b = (int(css[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return r, g, b
 
 
 def _items(texts: Iterable[str]) -> str:

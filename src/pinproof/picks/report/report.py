@@ -14,6 +14,7 @@ import numpy as np
 
 from pinproof.collision import Certificate, Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.common import theme
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import csv_text, file_stems, json_text, save_as
 from pinproof.model import Arm
@@ -22,7 +23,7 @@ from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import PickProblem, Picks
 from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickMotion, PickStatus, PickVerdict, Stage, StageResult
+from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.picks.report.report_keys import SCHEMA
 from pinproof.spatial import xyz_rpy
 
@@ -167,7 +168,7 @@ class PickReport:
 
     def _repr_html_(self) -> str:
         rows = self.rows()
-        colours = [VERDICT_COLOURS[row[1]] for row in rows]
+        colours = [theme.VERDICTS[row[1]] for row in rows]
         notes = [f"not covered: {note}" for note in self.notes]
         notes.append(self.guessed_accelerations or f"Acceleration limits: {self.acceleration_source}")
         return html_block(f"{self.robot}: {self.summary}", html_table(COLUMNS, rows, colours=colours), html_list(notes))

@@ -82,7 +82,14 @@ def test_single_margins_of_removed_bodies_are_dropped(slider):
 
 
 @pytest.mark.parametrize(
-    "margins", [{("ball", "ball"): 0.1}, {("ball",): 0.1}, {"ball": 0.1}, {("part", "ball"): -1.0}]
+    "margins",
+    [
+        {("ball", "ball"): 0.1},
+        {("ball",): 0.1},
+        {"ball": 0.1},
+        {("part", "ball"): -1.0},
+        {("part", "ball", "ball"): 0.1},
+    ],
 )
 def test_margins_that_make_no_sense_are_refused(slider, margins):
     scene = Scene([Obstacle("part", Sphere(0.04), pose((0.0, 0.1, 0)))])
@@ -90,9 +97,21 @@ def test_margins_that_make_no_sense_are_refused(slider, margins):
         CollisionChecker(slider, scene, margins=margins)
 
 
-def test_a_margin_for_an_unknown_name_is_refused(slider):
+@pytest.mark.parametrize("unknown", ["nobody", "aaa"])
+def test_a_margin_for_an_unknown_name_is_refused(slider, unknown):
     with pytest.raises(UnknownNameError, match="ball"):
-        CollisionChecker(slider, margins={("nobody", "ball"): 0.1})
+        CollisionChecker(slider, margins={(unknown, "ball"): 0.1})
+
+
+@pytest.mark.parametrize("far", range(3))
+def test_the_allowance_for_rounding_grows_with_the_farthest_body(slider, far):
+    """Whichever of the obstacles it is; a free configuration is then free by more."""
+    places = [pose((0, 1, 0)), pose((0, 2, 0)), pose((0, 3, 0))]
+    near = CollisionChecker(slider, Scene([Obstacle(f"o{k}", Sphere(0.1), at) for k, at in enumerate(places)]))
+    places[far] = pose((0, 1000, 0))
+    wide = CollisionChecker(slider, Scene([Obstacle(f"o{k}", Sphere(0.1), at) for k, at in enumerate(places)]))
+    assert wide.rounding == pytest.approx(1000.1 * near.rounding / max(3.1, 1.0), rel=0.01)
+    assert 1e-10 <= near.rounding < 1e-8
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -153,6 +153,21 @@ def test_verdict_depends_on_when_a_part_passes() -> None:
     }
     assert pp.certify(trajectory, base, movers=[meets[0.5]]).status is COLLIDING
     assert pp.certify(trajectory, base, movers=[meets[-1.0]]).status is FREE
+    hit = audit(trajectory, base, movers=[meets[0.5]], step=0.02, measure=False)
+    assert {"part0"} <= {name for _, pair in hit.contacts for name in pair}
+    assert audit(trajectory, base, movers=[meets[-1.0]], step=0.02, measure=False).clean
+
+
+def test_defaults_of_a_mover_add_nothing() -> None:
+    """It slides along x from its pose at the value 0, has no tolerance, and does not rest at the end."""
+    still = pp.Trajectory([0.0, 20.0], [[0.1], [0.3]], np.full((2, 1), 0.01), ["z"])
+    for mover in (pp.Mover("m", ("part2",), still), pp.Mover.constant("m", ["part2"], 0.01, 20.0, start=-10.0)):
+        np.testing.assert_allclose(mover.placements(np.array([10.0]))[0], pp.pose((0.2, 0, 0)).homogeneous, atol=1e-12)
+        assert with_movers(over_the_belt(0.32), checker(), [mover]).tolerances.tolist() == [0.0] * 7
+        assert mover.rests is False
+    turned = pp.Mover("m", ("part2",), still, "revolute")
+    about_x = pp.pose(rpy=(0.2, 0, 0)).homogeneous
+    np.testing.assert_allclose(turned.placements(np.array([10.0]))[0], about_x, atol=1e-12)
 
 
 def test_setups_with_other_movers_differ() -> None:

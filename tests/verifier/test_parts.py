@@ -1,0 +1,145 @@
+"""Support functions, allowances, limits and values of the verifier, each against an independent computation."""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pinproof.verifier import Proof, Refused, body_digest, load, verify
+from pinproof.verifier.parts import Body, Curve
+
+
+def body(points, discs, radius, semi) -> Body:
+    row = {
+        "name": "b", "owner": "b", "kind": "link", "geometry": "g", "level": 0, "source": "s", "joint": -1,
+        "placement": np.eye(4)[:3].tolist(),
+        "shape": {
+            "points": np.asarray(points).tolist(), "disc_radii": np.asarray(discs).tolist(), "radius": radius,
+            "semi_axes": list(semi),
+        },
+    }  # fmt: skip
+    return Body(row | {"sha256": body_digest(row)}, 0, 0)
+
+
+@pytest.mark.parametrize("semi", [(0.0, 0.0, 0.0), (0.3, 0.2, 0.1), (0.3, 0.0, 0.0), (0.0, 0.2, 0.1)])
+@pytest.mark.parametrize("discs", [0.0, 0.4])
+@pytest.mark.parametrize("radius", [0.0, 0.2])
+def test_reach_is_the_largest_over_the_points_of_a_body(semi, discs, radius) -> None:
+    """Sums of a point, a point of its disc, one of the ball and one of the ellipsoid, by dense samples."""
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(5, 3))
+    radii = discs * rng.uniform(size=5) * [1, 1, 0, 1, 1]
+    shape = body(points, radii, radius, semi)
+    angle = np.linspace(0, 2 * np.pi, 2001)
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    k = np.arange(20000) + 0.5
+    z, turn = 1 - k / 10000, np.pi * (1 + 5**0.5) * k
+    sphere = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
+    directions = rng.normal(size=(40, 3))
+    reach = shape.reach(directions)
+    for d, found in zip(directions, reach, strict=True):
+        discs_of_points = [(point + r * circle) @ d for point, r in zip(points, radii, strict=True)]
+        largest = np.max(discs_of_points) + (radius * sphere @ d).max() + (sphere * semi @ d).max()
+        assert largest - 1e-12 <= found <= largest + 1e-3
+    far = [np.linalg.norm(p - shape.centre) + r for p, r in zip(points, radii, strict=True)]
+    assert shape.ball <= max(far) + radius + max(semi) + 1e-12
+    assert (shape.ball * np.linalg.norm(directions, axis=1) >= reach - directions @ shape.centre).all()
+
+
+def test_the_allowance_for_rounding_grows_with_reach_travel_and_turning(tampered, rehashed) -> None:
+    """Of the farthest body, of the vectors of constraints, of the chain, and of what prismatic joints travel."""
+
+    def expected(document) -> float:
+        control = np.array(document["curve"]["control"], dtype=float)
+        most = np.abs(control).max(axis=(0, 1)) + document["settings"]["joint_tolerance"]
+        values = [abs(j["multiplier"]) * most[j["leader"]] + abs(j["offset"]) for j in document["joints"]]
+        travel = sum(v for j, v in zip(document["joints"], values, strict=True) if j["type"] == "prismatic")
+        chain = sum(np.linalg.norm(np.array(j["placement"])[:, 3]) for j in document["joints"])
+        far = [0.0]
+        for b in document["bodies"]:
+            place = np.linalg.norm(np.array(b["placement"])[:, 3])
+            if b["shape"] == "half_space":
+                far.append(place)
+                continue
+            points = np.array(b["shape"]["points"])
+            centre = (points.min(axis=0) + points.max(axis=0)) / 2
+            ball = np.linalg.norm(points - centre, axis=1).max() + b["shape"]["radius"]
+            far.append(place + np.linalg.norm(centre) + ball)
+        for c in document.get("constraints", ()):
+            far += [np.linalg.norm(c[key]) for key in ("point", "origin", "direction", "axis") if key in c]
+            far += [np.linalg.norm(np.array(c["placement"])[:, 3])] if "placement" in c else []
+        return 1e-9 * max(1.0, max(far) + chain + travel) * max(1.0, sum(values) * control.shape[1] / 1e3)
+
+    for change in ("nothing", "body 0", "body 1", "last body", "travel", "turning", "first constraint", "constraint"):
+        document = copy.deepcopy(tampered)
+        if "body" in change:
+            index = -1 if change == "last body" else int(change[-1])
+            document["bodies"][index]["placement"][0][3] = 300.0
+        control = np.array(document["curve"]["control"])
+        if change == "travel":
+            control[..., 1] += 50.0
+        if change == "turning":
+            control[..., 2] += 1e5
+        if "constraint" in change:
+            row = {
+                "name": "look_at", "kind": "target", "joint": 2, "tolerance": 0.5, "largest": 0.1, "intervals": [],
+                "axis": [0.0, 0.0, 1.0], "origin": [0.0, 0.0, 0.0], "point": [0.0, 0.0, 80.0],
+            }  # fmt: skip
+            near = row | {"point": [0.0, 0.0, 0.0]}
+            document["constraints"] = [row, near] if change == "first constraint" else [near, row]
+        document["curve"]["control"] = control.tolist()
+        assert Proof(rehashed(document)).rounding == pytest.approx(expected(document), rel=1e-9), change
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("piece", [0, 1, 2])
+def test_limits_hold_in_every_piece_of_a_curve_of_any_degree(degree: int, piece: int) -> None:
+    """One piece of three moves at 2 units of the parameter; with a limit just above and below its largest rate."""
+    share = np.linspace(0, 1, degree + 1)[:, None]
+    ends = np.array([[0.0, 0.0], [0.1, 0.0], [0.2, 0.0], [0.3, 0.0]])
+    ends[piece + 1 :, 1] += 1.0
+    control = np.array([a + share * (b - a) for a, b in pairwise(ends)])
+    knots = [0.0, 0.5, 1.0, 1.5]
+    curve = Curve({"joint_names": ["a", "b"], "knots": knots, "control": control.tolist()})
+    wide = np.full(2, 10.0)
+
+    def check(position: float, velocity: float) -> tuple[str, ...]:
+        fast = np.array([10.0, velocity])
+        high = np.array([10.0, position])
+        return curve.check_limits({"position": (-wide, high), "velocity": (-fast, fast)})
+
+    assert check(1.0, 2.0) == ("position", "velocity")
+    with pytest.raises(Refused, match=rf"control\[{piece}\]: the position"):
+        check(1.0 - 1e-5, 2.0)
+    with pytest.raises(Refused, match=rf"control\[{piece}\]: the velocity"):
+        check(1.0, 2.0 * (1 - 1e-5))
+
+
+@pytest.mark.parametrize("names", [[], ["a", "a", "b"], ["a", "", "b"], ["a", "b\n", "c"], ["a", "b", 3], "abc"])
+def test_joint_names_are_different_printable_texts(tampered, names) -> None:
+    tampered["curve"]["joint_names"] = names
+    assert "curve.joint_names" in str(verify(tampered))
+
+
+def test_integers_are_read_as_numbers(tampered, rehashed) -> None:
+    """JSON has one kind of number: 2 is 2.0."""
+    tampered["settings"]["margins"] = []
+    tampered["settings"]["margin"] = 0
+    tampered["joints"][0]["placement"] = [[1, 0, 0, 2], [0, 1, 0, 3], [0, 0, 1, 400]]
+    moved = Proof(rehashed(tampered)).joints[0].translation
+    assert moved.tolist() == [2.0, 3.0, 400.0]
+
+
+def test_only_files_are_read(tmp_path, proof) -> None:
+    """A pipe would never end."""
+    os.mkfifo(tmp_path / "pipe")
+    for place in (tmp_path / "pipe", tmp_path):
+        with pytest.raises(ValueError, match="not a file"):
+            load(place)
+    (tmp_path / "proof.json").write_text(json.dumps(proof))
+    assert load(tmp_path / "proof.json") == proof

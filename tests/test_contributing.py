@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md names the packages, in the order of imports, and files that exist."""
+"""The page on the architecture names the packages, in the order of imports; named files exist."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from . import test_layers
 from .pages import ROOT
 
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PACKAGE = ROOT / "src" / "pinproof"
 ROOTS = "src|tests|docs|scripts|robots"
 
 
 def packages_of_the_table() -> list[str]:
-    return re.findall(r"^\| `(\w+)` \| .* \| .*\|$", TEXT, re.MULTILINE)
+    return re.findall(r"^\| `(\w+)` \| .* \| .*\|$", ARCHITECTURE, re.MULTILINE)
 
 
 def test_the_table_names_every_package() -> None:
@@ -31,9 +32,17 @@ def test_the_table_has_the_order_of_imports() -> None:
 
 
 def test_named_files_exist() -> None:
-    named = set(re.findall(rf"(?<![\w/<])((?:{ROOTS})/[\w./-]*\w)(?![\w<])", TEXT))
+    named = set(re.findall(rf"(?<![\w/<])((?:{ROOTS})/[\w./-]*\w)(?![\w<])", TEXT + ARCHITECTURE))
     assert len(named) > 30
     assert sorted(name for name in named if not (ROOT / name).exists()) == []
+
+
+def test_every_folder_of_modules_is_named() -> None:
+    folders = {path.parent.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")}
+    inner = {f"{path.as_posix()}/" for path in folders if len(path.parts) > 1}
+    core = {f"{path.name}/" for path in (ROOT / "src" / "core").iterdir() if path.is_dir()}
+    named = set(re.findall(r"^\| `([\w/]+/)` \|", ARCHITECTURE, re.MULTILINE))
+    assert named == inner | core
 
 
 def test_named_scripts_are_executable() -> None:

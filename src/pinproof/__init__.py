@@ -45,7 +45,6 @@ _PACKAGES = (
     "planning",
     "verifier",
     "viewer",
-    "work",
 )
 """Packages with further names, imported at first use: ``pp.picks.PickBudget``."""
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 
+import numpy as np
 import pytest
 
 import pinproof as pp
@@ -100,7 +102,7 @@ def test_links_whose_hulls_touch_and_meshes_do_not_are_counted_by_their_meshes()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["alex_left", "tiago_no_hand"])
+@pytest.mark.parametrize("name", ["talos_left", "tiago_no_hand"])
 def test_the_overlaps_of_the_catalogue_touch_in_every_sample(name):
     entry = find_robot(name)
     report = sample_overlaps(pp.load_robot(entry.urdf, srdf=entry.srdf), samples=100)
@@ -115,6 +117,24 @@ def test_a_start_in_self_collision_names_the_command(wrist):
     assert "info ROBOT --overlaps" in plan.message
     with pytest.raises(pp.InputError, match="info ROBOT --overlaps"):
         pp.validate_picks(arm, pp.Scene(), [pp.Pick("a", pp.pose((0, 0, 0.5)))])
+
+
+def test_a_start_at_which_links_touch_that_touch_in_most_configurations_states_their_share(arm_from_links):
+    bar = '<box size="0.2 0.02 0.02"/>'
+    arm = arm_from_links(
+        {"fore": f"{bar}@-0.1 0 0", "empty": "", "hand": f"{bar}@0.104 0 0", "tip": ""},
+        [
+            ("j1", "revolute", "fore", "empty", "0.001 0 0", "0 1 0"),
+            ("j2", "revolute", "empty", "hand", "0.001 0 0", "0 0 1"),
+            ("end", "fixed", "hand", "tip", "1 0 0", "1 0 0"),
+        ],
+    ).arm(tcp="tip")
+    start = np.array([0.0, 2.0])
+    message = pp.RrtConnect().plan(pp.CollisionChecker(arm), start, arm.home, rng=0).message
+    share = re.search(r"fore and hand in contact in (\d+) of 200 ", message)
+    assert share is not None
+    assert 180 < int(share[1]) < 200
+    assert "allowed_contacts" in message
 
 
 def test_contact_with_an_obstacle_at_home_gives_no_hint_of_an_srdf():

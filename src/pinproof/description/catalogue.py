@@ -14,6 +14,9 @@ from typing import Any
 from pinproof.description.packages import example_robot_data
 from pinproof.errors import InputError, UnknownNameError
 
+OVERLAP_REASON = "catalogue: overlaps by design"
+"""The reason with which the catalogue excludes a pair of links."""
+
 
 @dataclass(frozen=True)
 class CatalogueEntry:
@@ -32,7 +35,7 @@ class CatalogueEntry:
     base
         Default base of ``robot.arm()`` if the tcp is a descendant of it; None for the root link.
     overlaps
-        Pairs of links whose collision geometry overlaps in every sampled configuration (`pinproof info --overlaps`).
+        Pairs of links whose collision geometry overlaps by design (`pinproof info --overlaps`).
     arms
         The tcp frames of the arms of ``robot.arms()`` by name, for a robot with several.
     """

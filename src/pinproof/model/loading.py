@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pinproof.common.validation import require_type
 from pinproof.description import (
+    OVERLAP_REASON,
     CatalogueEntry,
     DhTable,
     Srdf,
@@ -84,7 +85,7 @@ def load_robot(
         semantic = read_srdf(srdf)
     if entry is None:
         return Robot(urdf, semantic)
-    overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
+    overlaps = tuple(DisabledPair(pair, OVERLAP_REASON) for pair in entry.overlaps)
     semantic = replace(semantic, disabled=(*semantic.disabled, *overlaps))
     return Robot(urdf, semantic, entry.tcp, entry.home, entry.base, entry.arms)
 

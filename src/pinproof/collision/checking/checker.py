@@ -141,8 +141,8 @@ class CollisionChecker(CheckedBodies):
         triangles, solid if the mesh is watertight; otherwise by the hull. ``"surface"``: by their triangles; a mesh
         that is not watertight is then a surface, and a body entirely inside it is not detected. ``"decomposed"``: by
         several convex hulls that together contain the mesh. One value for all links, or a mapping of link names to
-        values, in which ``"*"`` stands for all other links. Pairs of links that an SRDF disables without a reason are
-        checked with several hulls each where one hull would be too coarse.
+        values, in which ``"*"`` stands for all other links. Pairs of links that an SRDF disables without a reason, and
+        pairs whose hulls touch in every sampled configuration, are checked with finer geometry, see :attr:`finer`.
     attached
         Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``. For a joint group with
         several arms, ``Obstacle(..., arm=name)`` states the arm.
@@ -150,11 +150,11 @@ class CollisionChecker(CheckedBodies):
         Pairs of names (links, attached objects, obstacles) that may touch.
     trust_disabled
         Exclude every pair that the SRDF or the scene's allowed-collision matrix disables. Otherwise these pairs are
-        checked, unless they touch in nearly all sampled configurations or no joint of the arm moves them relative to
-        each other.
+        checked, unless they touch in all sampled configurations or no joint of the arm moves them relative to each
+        other.
     housing
         Length (m) of a joint housing, such as that of a spherical wrist. Two links that are separated only by links
-        without geometry are excluded if they touch in nearly all sampled configurations and the distances between the
+        without geometry are excluded if they touch in all sampled configurations and the distances between the
         revolute joints between them add up to no more than this length. Default: 5 % of the robot's size (the largest
         sum of joint offsets from the root to a link).
 
@@ -407,7 +407,8 @@ class CollisionChecker(CheckedBodies):
         """Return a checker in which links that touch at q (n,) are represented by their exact meshes."""
         owners = (frozenset(self._owners(k)) for k in self._in_contact(self.group.configuration(q)))
         pairs = [pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))]
-        return self._on({**self._levels, **dict.fromkeys(pairs, EXACT)}) if pairs else self
+        levels = {pair: max(EXACT, self._levels.get(pair, 0)) for pair in pairs}
+        return self._on({**self._levels, **levels}) if pairs else self
 
     def _on(self, levels: Levels) -> CollisionChecker:
         """Return the checker with other levels of detail."""
@@ -474,7 +475,7 @@ class CollisionChecker(CheckedBodies):
     @property
     def hollow(self) -> tuple[str, ...]:
         """The exact meshes that are not watertight: a body that is entirely inside one of them is not in contact."""
-        return tuple(b.name for b in self.bodies if b.solid is not None and not b.solid.watertight)
+        return tuple(body.name for body in self.bodies if body.is_hollow)
 
     @property
     def still(self) -> FixedPairs:
@@ -652,13 +653,25 @@ def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") 
     refuse_broken(curve)
 
 
+MOSTLY = 0.5
+"""Links that touch in more than this share of the samples touch by the design of their meshes rather than by chance."""
+
+
 def overlap_hint(checker: CollisionChecker, q: Array, found: CheckResult) -> str:
-    """Return a remedy if links touch each other at the home configuration of an arm, else an empty text."""
+    """Return a remedy if links touch that do so in most configurations, or at the arm's home, else an empty text."""
     links = set(checker.group.robot.urdf.links)
-    among_links = [contact for contact in found.contacts if links.issuperset(contact.bodies)]
-    if not among_links or not (q == checker.group.home).all():
-        return ""
-    return (
-        "if these links overlap by design, `pinproof info ROBOT --overlaps` lists all such pairs and "
-        "--write-srdf writes an SRDF that excludes them (pinproof.collision.sample_overlaps in Python)"
-    )
+    among_links = dict.fromkeys(contact.bodies for contact in found.contacts if links.issuperset(contact.bodies))
+    overlaps = {pair: checker._rules.overlaps.of(*pair) for pair in among_links}
+    mostly = [f"{' and '.join(pair)} {how}" for pair, how in overlaps.items() if how.touching > MOSTLY * how.samples]
+    hints = []
+    if mostly:
+        hints.append(
+            f"{'; '.join(mostly)}: if these links touch by design, list them in allowed_contacts of a scene (allowed= "
+            "of the checker in Python)"
+        )
+    if among_links and (q == checker.group.home).all():
+        hints.append(
+            "if these links overlap by design, `pinproof info ROBOT --overlaps` lists all such pairs and "
+            "--write-srdf writes an SRDF that excludes them (pinproof.collision.sample_overlaps in Python)"
+        )
+    return "; ".join(hints)

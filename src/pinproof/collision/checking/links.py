@@ -26,13 +26,22 @@ LinkMeshes = Literal["hull", "mesh", "surface", "decomposed"]
 """Representation of a link's mesh: its convex hull, its triangles if watertight, its triangles in any case, or several
 convex hulls that cover it."""
 
-AS_REQUESTED, DECOMPOSED, EXACT = 0, 1, 2
-"""Levels of detail: the representation that the caller requests, several hulls, the exact triangles."""
+AS_REQUESTED, DECOMPOSED, EXACT, SURFACES = 0, 1, 2, 3
+"""Levels of detail: the representation that the caller requests, several hulls, the triangles of watertight meshes, the
+triangles of all meshes. A body inside a mesh that is not watertight is not detected, so only pairs whose hulls would
+tell nothing are checked by surfaces."""
 
-GEOMETRY_NAMES = {DECOMPOSED: "several hulls", EXACT: "exact meshes"}
+GEOMETRY_NAMES = {DECOMPOSED: "several hulls", EXACT: "exact meshes", SURFACES: "surfaces of meshes"}
 """The geometry of each level of detail, for messages."""
 
-COARSER: dict[int, tuple[LinkMeshes, ...]] = {DECOMPOSED: ("hull",), EXACT: ("hull", "decomposed")}
+FINER: dict[int, LinkMeshes] = {DECOMPOSED: "decomposed", EXACT: "mesh", SURFACES: "surface"}
+"""The representation of each finer level."""
+
+COARSER: dict[int, tuple[LinkMeshes, ...]] = {
+    DECOMPOSED: ("hull",),
+    EXACT: ("hull", "decomposed"),
+    SURFACES: ("hull", "decomposed", "mesh"),
+}
 """The requested representations that are coarser than each level."""
 
 KINDS: dict[str, type[Box] | type[Sphere] | type[Cylinder] | type[Capsule]] = {
@@ -137,7 +146,7 @@ class LinkBodies:
         return self._requested + tuple(
             body
             for geometry in self._geometries
-            for level in (DECOMPOSED, EXACT)
+            for level in FINER
             if (geometry.link, level) in wanted
             for body in self._more_finely(geometry, level)
         )
@@ -155,10 +164,10 @@ class LinkBodies:
         """Return the representation of a link's meshes."""
         return self._meshes[link]
 
-    def can_be_finer(self, owner: str) -> bool:
-        """Whether it is a link with a mesh that is not represented by its triangles yet."""
+    def can_be_finer(self, owner: str, level: int = EXACT) -> bool:
+        """Whether it is a link with a mesh whose requested representation is coarser than that of a level."""
         return any(
-            geometry.link == owner and geometry.kind == "mesh" and self._meshes[owner] in COARSER[EXACT]
+            geometry.link == owner and geometry.kind == "mesh" and self._meshes[owner] in COARSER[level]
             for geometry in self._geometries
         )
 
@@ -176,13 +185,14 @@ class LinkBodies:
 def _finer_bodies(geometry: LinkGeometry, requested: LinkMeshes, level: int) -> list[Body]:
     if geometry.kind != "mesh" or requested not in COARSER[level]:
         return []
-    bodies = _kept_bodies(geometry, "decomposed" if level == DECOMPOSED else "mesh")
-    if level == DECOMPOSED and len(bodies) == 1:  # its hull fits closely, or it is not watertight
-        return []
-    if level == EXACT and bodies[0].support is not None:  # not watertight
-        return []
-    name = f"{geometry.name}_exact"
-    return [replace(body, name=body.name if level == DECOMPOSED else name, level=level) for body in bodies]
+    bodies = _kept_bodies(geometry, FINER[level])
+    if level == DECOMPOSED:
+        # A single hull fits closely, or the mesh is not watertight.
+        return [replace(body, level=level) for body in bodies] if len(bodies) > 1 else []
+    if bodies[0].support is not None or (requested == "mesh" and not bodies[0].is_hollow):
+        return []  # not watertight, or represented by its triangles already
+    name = f"{geometry.name}_{'exact' if level == EXACT else 'surface'}"
+    return [replace(body, name=name, level=level) for body in bodies]
 
 
 Scale = float | tuple[float, float, float]

@@ -1,10 +1,9 @@
 """How often links of a robot touch in random configurations, and an SRDF that excludes the pairs that always do.
 
 Sampling is needed because a pair that an SRDF disables is no evidence: ``Default`` means that the two touched in one
-configuration, ``Adjacent`` and ``User`` that the author disabled them. Collision models are often larger than the
-robot, and links that share a housing overlap by design; a pair that overlaps in nearly all configurations carries no
-information. If the hulls of two links overlap much more often than their exact meshes, the pair is checked with several
-hulls each, or with the exact meshes, instead.
+configuration, ``Adjacent`` and ``User`` that the author disabled them. Only a pair that touches in every configuration
+carries no information, such as links that share a housing. If the hulls of two links overlap much more often than their
+triangles, the pair is checked with several hulls each, or with the triangles, instead.
 """
 
 from __future__ import annotations
@@ -22,10 +21,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.checking.links import AS_REQUESTED, DECOMPOSED, EXACT, GEOMETRY_NAMES, LinkBodies
+from pinproof.collision.checking.links import AS_REQUESTED, DECOMPOSED, EXACT, GEOMETRY_NAMES, SURFACES, LinkBodies
 from pinproof.collision.geometry.bodies import Body
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import require_integer
+from pinproof.description import Urdf
 from pinproof.description.srdf import DisabledPair, srdf_text
 from pinproof.model import Robot
 
@@ -39,22 +39,19 @@ MIN_SAMPLES = 50
 """Smallest number of configurations: links that touch in all of them touch in 94 % of all, with 95 % confidence."""
 
 NEARLY_ALL = 0.95
-"""A pair that touches in this share of the samples is excluded: the share above which MoveIt's Setup Assistant regards
-a pair as always in collision (``min_collision_fraction``)."""
-
-MOST = 0.5
-"""A pair that touches in this share of the samples is also excluded if it is close in :data:`NEARLY_ALL` of them."""
-
-CLOSE_SHARE = 0.0025
-"""Share of the robot's size, a few millimetres: links at a smaller distance are close. Meshes are not more accurate;
-shoulder links whose meshes touch in three of four configurations and are never farther apart are adjacent."""
+"""A pair that touches in this share of the samples does so nearly always, in words: the share above which MoveIt's
+Setup Assistant regards a pair as always in collision (``min_collision_fraction``)."""
 
 COARSE = 0.05
 """Bodies represent a pair well enough if the share of samples in which they touch, and the exact meshes do not, is no
-larger than this."""
+larger than this, and no larger than half of the share in which the exact meshes are apart."""
 
 SAMPLES = 200
-"""Number of sampled configurations: a share of 0.95 is estimated within 0.03 in 19 of 20 cases."""
+"""Number of sampled configurations for a choice of geometry: shares have a standard deviation of at most 0.035."""
+
+CONFIRMATIONS = 2000
+"""Number of configurations in which links must touch to be excluded: they then touch in 99.85 % of all configurations,
+with 95 % confidence."""
 
 SEED = 0
 """Seed of the samples, so that every checker of a robot excludes the same pairs."""
@@ -63,84 +60,102 @@ SEED = 0
 class Overlap(NamedTuple):
     """How often two links, or objects attached to them, touch."""
 
-    touching: float
-    """The share of the samples in which they touch, with bodies of ``level``."""
-    near: float
-    """The share of the samples in which their distance is at most ``close``."""
-    close: float
-    """Distance (m) up to which they count as close."""
+    touching: int
+    """The number of samples in which they touch, with bodies of ``level``."""
+    samples: int
+    """The number of samples: more where they touch in all of the first ones."""
     level: int = AS_REQUESTED
     """The level of detail that the pair needs, see :mod:`pinproof.collision.checking.links`."""
 
     @property
-    def nearly_all(self) -> bool:
-        """Whether they touch in nearly all configurations, so that contact does not distinguish configurations."""
-        return self.touching >= NEARLY_ALL or (self.touching >= MOST and self.near >= NEARLY_ALL)
+    def always(self) -> bool:
+        """Whether they touch in every sample, so that contact does not distinguish configurations."""
+        return self.touching == self.samples
 
     def __str__(self) -> str:
-        text = f"in contact in {self.touching:.0%} of sampled configurations"
-        return text if self.touching >= NEARLY_ALL else f"{text}, within {self.close * 1e3:.2g} mm in {self.near:.0%}"
+        share = f"all {self.samples:,}" if self.always else f"{self.touching:,} of {self.samples:,}"
+        return f"in contact in {share} sampled configurations"
 
 
 class Overlaps:
-    """Estimates how often pairs of links of a robot touch, at a number of sampled configurations.
+    """Counts how often pairs of links of a robot touch, at ``samples`` configurations.
 
-    Results are cached for all checkers of the robot.
+    If they touch in all of these, they are confirmed at ``confirmations``. Results are cached for all checkers of the
+    robot.
     """
 
-    def __init__(self, robot: Robot, links: LinkBodies, samples: int = SAMPLES) -> None:
-        self._robot, self._links, self._count = robot, links, samples
+    def __init__(
+        self, robot: Robot, links: LinkBodies, samples: int = SAMPLES, confirmations: int = CONFIRMATIONS
+    ) -> None:
+        self._robot, self._links, self._count, self._most = robot, links, samples, confirmations
         self._verdicts: dict[frozenset[str], Overlap] = {}  # included in a pickle
 
     def of(self, a: str, b: str) -> Overlap:
-        """Return how often two links touch."""
+        """Return how often two links touch, on the level of detail on which the pair is to be checked."""
         pair = frozenset((a, b))
         if pair not in self._verdicts:
-            known = _known(self._robot, self._count).overlaps
-            key = pair, *sorted((link, self._links.meshes_of(link)) for link in pair)
+            known = _samples_of(self._robot).overlaps
+            key = pair, self._count, self._most, *sorted((link, self._links.meshes_of(link)) for link in pair)
             if key not in known:
-                known[key] = self._found(a, b)
+                known[key] = self._measured(a, b)
             self._verdicts[pair] = known[key]
         return self._verdicts[pair]
 
     def of_bodies(self, a: Sequence[Body], b: Sequence[Body]) -> Overlap:
         """Return how often any of these bodies touch, each of which moves with a link; not cached."""
-        return self._overlap(a, b, self._touching(a, b), AS_REQUESTED)
+        return self._confirmed(a, b, self._touching(a, b), AS_REQUESTED)
 
-    def _found(self, a: str, b: str) -> Overlap:
-        requested, exact = self._on(AS_REQUESTED, a, b), self._on(EXACT, a, b)
+    def always_touch(self, a: str, b: str) -> bool:
+        """Whether two links touch in every sample as requested; most pairs are decided by the first sample."""
+        one, other = self._on(AS_REQUESTED, a, b)
+        return all(self._touch_at(i, one, other) for i in range(self._count))
+
+    def _measured(self, a: str, b: str) -> Overlap:
+        requested = self._on(AS_REQUESTED, a, b)
         coarse = self._touching(*requested)
-        if coarse.mean() <= COARSE or not any(map(self._links.can_be_finer, (a, b))):
-            return self._overlap(*requested, coarse, AS_REQUESTED)
-        true = self._touching(*exact, where=coarse)
-        found = self._overlap(*exact, true, EXACT)
-        if found.nearly_all:
-            return found
-        if coarse.mean() - true.mean() <= COARSE:
-            return self._overlap(*requested, coarse, AS_REQUESTED)
-        several = self._on(DECOMPOSED, a, b)
-        closer = self._touching(*several, where=coarse)
-        return self._overlap(*several, closer, DECOMPOSED) if closer.mean() - true.mean() <= COARSE else found
+        if coarse.mean() <= COARSE or not any(self._links.can_be_finer(link, SURFACES) for link in (a, b)):
+            return self._confirmed(*requested, coarse, AS_REQUESTED)
+        # Hulls contain the triangles, so only samples in which the hulls touch are in question. A mesh that is not
+        # watertight keeps its hull, which has an inside, unless the hull touches in every sample and tells nothing.
+        level, finest = EXACT, self._on(EXACT, a, b)
+        true = self._touching(*finest, where=coarse)
+        if true.all() and any(body.is_hollow for link in (a, b) for body in self._links.on_level(link, SURFACES)):
+            level, finest = SURFACES, self._on(SURFACES, a, b)
+            true = self._touching(*finest)
+        measured = self._confirmed(*finest, true, level)
+        if measured.always:
+            return measured
+        # The coarsest bodies that represent the pair well enough are checked fastest, and their proofs can be saved.
+        apart = 1 - measured.touching / measured.samples
+        for coarser in (AS_REQUESTED, DECOMPOSED):
+            bodies = self._on(coarser, a, b)
+            touching = coarse if coarser == AS_REQUESTED else self._touching(*bodies, where=coarse)
+            if touching.mean() - true.mean() <= min(COARSE, apart / 2) and not touching.all():
+                return Overlap(int(touching.sum()), self._count, coarser)
+        return measured
 
-    def _overlap(self, a: Sequence[Body], b: Sequence[Body], touching: Booleans, level: int) -> Overlap:
-        close, near = CLOSE_SHARE * self._robot.size_around(a[0].link or ""), touching
-        if MOST <= touching.mean() < NEARLY_ALL:
-            near = touching | self._touching(a, b, where=~touching, within=close)
-        return Overlap(float(touching.mean()), float(near.mean()), close, level)
+    def _confirmed(self, a: Sequence[Body], b: Sequence[Body], touching: Booleans, level: int) -> Overlap:
+        """Return the overlap of bodies that touch in these samples, from more samples if they touch in all."""
+        if not touching.all():
+            return Overlap(int(touching.sum()), self._count, level)
+        more = sum(self._touch_at(i, a, b) for i in range(self._count, self._most))
+        return Overlap(self._count + more, max(self._count, self._most), level)
 
     def _on(self, level: int, a: str, b: str) -> tuple[Sequence[Body], Sequence[Body]]:
         return self._links.on_level(a, level), self._links.on_level(b, level)
 
-    def _touching(
-        self, a: Sequence[Body], b: Sequence[Body], *, where: Booleans | None = None, within: float = 0.0
-    ) -> Booleans:
-        """Return (samples,) whether any bodies are ``within`` this distance (m), only at the samples ``where``."""
+    def _touching(self, a: Sequence[Body], b: Sequence[Body], *, where: Booleans | None = None) -> Booleans:
+        """Return (samples,) whether any bodies touch, only at the samples ``where``."""
         touching = np.zeros(self._count, dtype=bool)
-        samples = _known(self._robot, self._count)
         for i in range(self._count) if where is None else np.flatnonzero(where).tolist():
-            placed = [[(body, samples.placement(i, body)) for body in bodies] for bodies in (a, b)]
-            touching[i] = any(_touch(*one, *other, within) for one in placed[0] for other in placed[1])
+            touching[i] = self._touch_at(i, a, b)
         return touching
+
+    def _touch_at(self, i: int, a: Sequence[Body], b: Sequence[Body]) -> bool:
+        """Whether any bodies touch in sample ``i``."""
+        samples = _samples_of(self._robot)
+        placed = [[(body, samples.placement(i, body)) for body in bodies] for bodies in (a, b)]
+        return any(_touch(*one, *other) for one in placed[0] for other in placed[1])
 
     def __repr__(self) -> str:
         return f"Overlaps({self._robot.name!r})"
@@ -149,13 +164,13 @@ class Overlaps:
 class _Samples:
     """Random configurations of all joints of a robot, and the cached overlaps of its links."""
 
-    def __init__(self, robot: Robot, count: int) -> None:
-        self._model = robot.model
+    def __init__(self, robot: Robot) -> None:
+        self._model, self._urdf = robot.model, robot.urdf
         self.overlaps: dict[Any, Overlap] = {}
         self._data = self._model.createData()
         self._placements: dict[tuple[int, str | None], pin.SE3] = {}
-        rng = np.random.default_rng(SEED)
-        self._configurations = [_configuration(robot, rng) for _ in range(count)]
+        self._rng = np.random.default_rng(SEED)
+        self._configurations: list[npt.NDArray[np.float64]] = []  # extended as far as they are used
         self._placed_at = -1
         self._lock = threading.Lock()  # all threads share the workspace
 
@@ -164,6 +179,8 @@ class _Samples:
         key = i, body.link
         with self._lock:
             if key not in self._placements:
+                while len(self._configurations) <= i:
+                    self._configurations.append(_configuration(self._model, self._urdf, self._rng))
                 if self._placed_at != i:
                     pin.forwardKinematics(self._model, self._data, self._configurations[i])
                     self._placed_at = i
@@ -172,19 +189,18 @@ class _Samples:
         return self._placements[key] * body.link_from_body
 
 
-_KNOWN: WeakKeyDictionary[Robot, dict[int, _Samples]] = WeakKeyDictionary()
+_SAMPLES: WeakKeyDictionary[Robot, _Samples] = WeakKeyDictionary()
 
 
-def _known(robot: Robot, count: int) -> _Samples:
-    known = _KNOWN.setdefault(robot, {})
-    if count not in known:
-        known[count] = _Samples(robot, count)
-    return known[count]
+def _samples_of(robot: Robot) -> _Samples:
+    if robot not in _SAMPLES:
+        _SAMPLES[robot] = _Samples(robot)
+    return _SAMPLES[robot]
 
 
-def _configuration(robot: Robot, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+def _configuration(model: Any, urdf: Urdf, rng: np.random.Generator) -> npt.NDArray[np.float64]:
     """Return a random configuration of all joints: mimic joints follow their leaders, floating joints are neutral."""
-    model, joints = robot.model, robot.urdf.joints
+    joints = urdf.joints
     q = pin.neutral(model)
     values = {}
     for name, joint in joints.items():
@@ -200,19 +216,17 @@ def _configuration(robot: Robot, rng: np.random.Generator) -> npt.NDArray[np.flo
             value = values[name]
         else:
             continue
-        q[model.joints[model.getJointId(robot.urdf.model_joint(name))].idx_q] = value
+        q[model.joints[model.getJointId(urdf.model_joint(name))].idx_q] = value
     return np.asarray(q)
 
 
-def _touch(a: Body, root_from_a: pin.SE3, b: Body, root_from_b: pin.SE3, within: float) -> bool:
-    """Whether two bodies are at most ``within`` (m) apart, or one is inside the watertight mesh of the other."""
+def _touch(a: Body, root_from_a: pin.SE3, b: Body, root_from_b: pin.SE3) -> bool:
+    """Whether two bodies touch, or one is inside the watertight mesh of the other."""
     offset = _middle(a, root_from_a) - _middle(b, root_from_b)
-    if offset @ offset > (_ball(a) + _ball(b) + within + 1e-6) ** 2:  # farther apart than their bounding balls
+    if offset @ offset > (_ball(a) + _ball(b) + 1e-6) ** 2:  # farther apart than their bounding balls
         return False
-    request = coal.CollisionRequest()
-    request.security_margin = within
     placed = [coal.Transform3s(at.rotation, at.translation) for at in (root_from_a, root_from_b)]
-    if coal.collide(a.geometry, placed[0], b.geometry, placed[1], request, coal.CollisionResult()):
+    if coal.collide(a.geometry, placed[0], b.geometry, placed[1], coal.CollisionRequest(), coal.CollisionResult()):
         return True
     return a.contains_part_of(b, root_from_a.actInv(root_from_b)) or b.contains_part_of(
         a, root_from_b.actInv(root_from_a)
@@ -240,8 +254,9 @@ class LinkOverlap:
     adjacent
         Whether one joint connects them.
     geometry
-        The geometry that was tested: that of the collision model (meshes as hulls), or ``several hulls`` or ``exact
-        meshes`` where the hulls touch much more often than the meshes.
+        The geometry that was tested, with which a checker checks the pair: that of the collision model (meshes as
+        hulls), or ``several hulls``, ``exact meshes`` or ``surfaces of meshes`` (of which at least one is not
+        watertight) where the hulls touch much more often than the triangles.
     disabled
         The reason with which the SRDF of the robot disables the pair, ``without a reason``, or empty.
     """
@@ -318,13 +333,13 @@ def sample_overlaps(robot: Robot, *, samples: int = 1000) -> OverlapReport:
     require_integer("samples", samples, MIN_SAMPLES)
     links = list(dict.fromkeys(geometry.link for geometry in robot.urdf.collisions))
     bodies = LinkBodies(robot.urdf.collisions, dict.fromkeys(robot.urdf.links, "hull"))
-    overlaps = Overlaps(robot, bodies, samples)
+    overlaps = Overlaps(robot, bodies, samples, samples)
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.urdf.joints.values()}
     disabled = {frozenset(pair.links): pair.reason or "without a reason" for pair in robot.srdf.disabled}
     pairs = []
     for first, second in combinations(links, 2):
-        found, key = overlaps.of(first, second), frozenset((first, second))
-        geometry = "collision model" if found.level == AS_REQUESTED else GEOMETRY_NAMES[found.level]
-        count = round(found.touching * samples)
-        pairs.append(LinkOverlap((first, second), count, samples, key in joined, geometry, disabled.get(key, "")))
+        overlap, key = overlaps.of(first, second), frozenset((first, second))
+        geometry = "collision model" if overlap.level == AS_REQUESTED else GEOMETRY_NAMES[overlap.level]
+        reason = disabled.get(key, "")
+        pairs.append(LinkOverlap((first, second), overlap.touching, samples, key in joined, geometry, reason))
     return OverlapReport(robot, tuple(sorted(pairs, key=lambda pair: -pair.touching)), samples)

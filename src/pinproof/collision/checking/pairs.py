@@ -1,10 +1,10 @@
 """The pairs of bodies that are checked, the pairs that are excluded, and the reasons.
 
 Links connected by one joint touch by design and are not checked. Pairs that an SRDF disables, and links that are
-separated only by links without geometry in one joint housing, are excluded only if sampling shows that they touch in
-nearly all configurations, or if no joint of the arm moves them relative to each other. A scene or a caller can allow
-contacts. Other pairs that an SRDF or a planning scene disables, as ``Never`` in contact or without a reason, are
-checked unless the caller trusts them. Every exclusion is listed with its reason.
+separated only by links without geometry in one joint housing, are excluded only if they touch in every sampled
+configuration, or if no joint of the arm moves them relative to each other. A scene or a caller can allow contacts.
+Other pairs that an SRDF or a planning scene disables, as ``Never`` in contact or without a reason, are checked unless
+the caller trusts them. Every exclusion is listed with its reason.
 
 :mod:`pinproof.collision.checking.overlaps` samples how often links touch, and states why this is needed.
 """
@@ -25,7 +25,7 @@ from pinproof.collision.checking.overlaps import Overlap, Overlaps
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.shapes import ANYTHING
 from pinproof.collision.scenes.scene import Scene
-from pinproof.description import UrdfJoint
+from pinproof.description import OVERLAP_REASON, UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import JointGroup, Robot
 
@@ -36,7 +36,7 @@ geometry may touch inside a housing."""
 SAME_PLACE = 1e-9
 """Tolerance (metres and matrix entries) within which a link frame equals the root frame."""
 
-TOUCHING = ("adjacent", "always", "default", "user", "overlaps in every sampled configuration")
+TOUCHING = ("adjacent", "always", "default", "user", OVERLAP_REASON)
 """Reasons, in lower case, with which an SRDF disables links that were found to touch: those of MoveIt's Setup Assistant
 (``Default``: they touch with every joint at its default; ``User``: disabled by hand) and that of the catalogue. None of
 them shows that two links touch in every configuration, so these pairs are sampled."""
@@ -147,17 +147,22 @@ def choose_pairs(
 
 
 def overlap_levels(bodies: Sequence[Body], arm: JointGroup, rules: PairRules) -> dict[frozenset[str], int]:
-    """Return the levels of detail of pairs of links that may touch, but do not in nearly all configurations.
+    """Return the levels of detail of pairs of links whose hulls touch much more often than their meshes.
 
-    If their hulls touch much more often than their meshes, they are checked with several hulls or the exact meshes.
+    These are pairs that may touch, such as those that an SRDF disables, and pairs whose hulls touch in every
+    configuration, so that without finer bodies no configuration would be free.
     """
     neighbours = _Neighbours(arm, bodies, rules)
-    first = {body.owner: body for body in reversed(bodies)}
+    robot, first = arm.robot, {body.owner: body for body in reversed(bodies)}
+    trusted = {frozenset(pair.links) for pair in robot.srdf.disabled if rules.trust_disabled}
     levels = {}
     for a, b in combinations(first, 2):
-        if neighbours.claim(first[a], first[b])[1]:
+        claim, sampled = neighbours.claim(first[a], first[b])
+        if (claim and not sampled) or frozenset((a, b)) in trusted:
+            continue
+        if claim or (robot.part_of(a) == robot.part_of(b) and rules.overlaps.always_touch(a, b)):
             overlap = rules.overlaps.of(a, b)
-            if overlap.level and not overlap.nearly_all:
+            if overlap.level and not overlap.always:
                 levels[frozenset((a, b))] = overlap.level
     return levels
 
@@ -212,11 +217,11 @@ def _reasons(
 
 
 def _by_srdf(reason: str) -> str:
-    return f"SRDF: {reason or 'disabled without a reason'}"
+    return reason if reason == OVERLAP_REASON else f"SRDF: {reason or 'disabled without a reason'}"
 
 
 class _Neighbours:
-    """Finds links that touch by design: connected by one joint, or in contact in nearly all configurations."""
+    """Finds links that touch by design: connected by one joint, or in contact in all sampled configurations."""
 
     def __init__(self, arm: JointGroup, bodies: Sequence[Body], rules: PairRules) -> None:
         self._robot, self._rules = arm.robot, rules
@@ -236,7 +241,7 @@ class _Neighbours:
         if not claim or not sampled:
             return claim
         overlap = self._overlap(one, other)
-        return f"{claim}; {overlap}" if overlap.nearly_all else ""
+        return f"{claim}; {overlap}" if overlap.always else ""
 
     def claim(self, a: Body, b: Body) -> tuple[str, bool]:
         """Return why the owners of two bodies may touch (empty: they may not), and if sampling must confirm it."""

@@ -198,6 +198,11 @@ class Body:
         return isinstance(self.geometry, coal.BVHModelBase)
 
     @property
+    def is_hollow(self) -> bool:
+        """Whether it is an exact mesh that is not watertight: a body that is entirely inside is not in contact."""
+        return self.solid is not None and not self.solid.watertight
+
+    @property
     def unchanged(self) -> bool:
         """Whether the coal geometry, which cannot be made read-only, is still that with which the body was created."""
         return bool(self._read == self._checksum())

@@ -1,5 +1,7 @@
 """Motions that begin or end while moving."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -117,3 +119,25 @@ def test_a_velocity_that_cannot_be_braked_is_refused(make, jerk):
 def test_a_path_of_length_0_has_no_velocity():
     with pytest.raises(InputError, match="start_velocity"):
         time_parametrise(JointPath([[1.0], [1.0]], names(1)), limits_of([1], [1]), start_velocity=[0.1])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_velocity_is_accepted_if_it_is_along_the_tangent_and_within_its_limit(seed):
+    """At both ends of paths that do not begin at the origin, with limits of any size."""
+    rng = np.random.default_rng(seed)
+    limits = limits_of(rng.uniform(0.2, 5.0, 3), rng.uniform(5.0, 20.0, 3))
+    curve = CubicPath.through(np.cumsum(rng.uniform(-1, 1, (4, 3)), axis=0) + 5.0, names(3))
+    for path, place in product((curve, JointPath(curve(np.linspace(*curve.domain, 2)), names(3))), ("start", "end")):
+        tangent = slope(path, place)
+        fastest = tangent * (limits.velocity / np.abs(tangent)).min()
+        key = f"{place}_velocity"
+        inside = 0.3 * fastest
+        trajectory = time_parametrise(path, limits, **{key: inside})
+        np.testing.assert_allclose(trajectory.velocities[0 if place == "start" else -1], inside)
+        with pytest.raises(InputError, match=f"{key} exceeds the velocity limit"):
+            time_parametrise(path, limits, **{key: 1.001 * fastest})
+        with pytest.raises(InputError, match=f"{key} .*backward"):
+            time_parametrise(path, limits, **{key: -inside})
+        for off, side in product(np.eye(3), (1, -1)):
+            with pytest.raises(InputError, match=f"{key} .*not parallel"):
+                time_parametrise(path, limits, **{key: inside + side * 1e-3 * np.abs(inside).max() * off})

@@ -1,5 +1,7 @@
 """Timing with limits beside those of the joints."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -164,7 +166,23 @@ def test_a_constraint_that_is_violated_at_standstill_is_named_with_its_place():
     for path in (WAVE, JointPath([[1.0, 2, 3]], names(3))):
         with pytest.raises(TimingError, match=r"'force' is violated at standstill at q = \[") as caught:
             time_parametrise(path, WIDE, rate_limits=[Linear([[1.0, 1, 1]], [1.2], weight=1.0)])
-        assert "limit is 1.2" in str(caught.value)
+        found = re.search(r"q = \[(.*)\]: component 0 is (\S+), the limit is 1.2;", str(caught.value))
+        assert float(found[2]) > 1.2
+        assert float(found[2]) == pytest.approx(sum(map(float, found[1].split(","))), abs=1e-3)
+
+
+def test_a_constraint_without_a_component_changes_nothing():
+    class Nothing:
+        name = "nothing"
+
+        def coefficients(self, q, slope, curvature):
+            return (np.zeros((len(q), 0)),) * 4
+
+        def excess(self, trajectory):
+            return np.zeros(len(trajectory.bezier()[1]))
+
+    for path in (WAVE, JointPath([[1.0, 2, 3]], names(3))):
+        assert time_parametrise(path, WIDE, rate_limits=[Nothing()]).digest() == time_parametrise(path, WIDE).digest()
 
 
 class Wrong(ToolSpeed):

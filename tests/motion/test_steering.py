@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pinproof.motion import CubicPath, JointPath, time_parametrise
 from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import MoveSequence, Steering, rate_excess, rest, rest_to_rest_times
 
@@ -54,6 +55,39 @@ def test_a_sequence_becomes_a_trajectory_with_the_same_motion(jerk: bool) -> Non
         assert np.abs(trajectory(times) - found).max() < 1e-6
         assert (trajectory.max_velocity() <= V * (1 + 1e-6)).all()
         assert rate_excess(trajectory, bounds).max() < 1.001
+
+
+@pytest.mark.parametrize("jerk", [True, False])
+def test_the_states_of_a_trajectory_are_its_positions_and_derivatives(jerk: bool) -> None:
+    bounds = bounds_with(jerk)
+    path = CubicPath.through(np.sin(np.arange(15.0).reshape(5, 3)), NAMES)
+    trajectory = time_parametrise(
+        path, SimpleNamespace(velocity=0.9 * V, acceleration=0.9 * A), jerk=J if jerk else None
+    )
+    sequence = MoveSequence.of(trajectory, bounds)
+    for time in np.random.default_rng(0).uniform(0.0, trajectory.duration, 200).tolist():
+        derivatives = (trajectory, trajectory.velocity, trajectory.acceleration)
+        for value, derivative in zip(sequence.state(time), derivatives, strict=True):
+            np.testing.assert_allclose(value, derivative(time), atol=1e-9)
+    (move,) = sequence.moves
+    states = np.array([state[0] for state in move.states(0.05)])
+    times = np.linspace(0.0, trajectory.duration, len(states) + 1)[1:]
+    assert times[0] <= 0.05
+    np.testing.assert_allclose(states, trajectory(times), atol=1e-9)
+
+
+@pytest.mark.parametrize("jerk", [True, False])
+def test_rest_to_rest_times_are_those_of_the_timing(jerk: bool) -> None:
+    """Over orders of magnitude, so that each phase is left out in some of the moves."""
+    rng = np.random.default_rng(6)
+    for distance, velocity, ramp, rise in 10.0 ** rng.uniform([-3, -1, -1.3, -1.7], [2, 1, 0.7, 0.3], (60, 4)):
+        acceleration, rate = velocity / ramp, velocity / ramp / rise
+        limits = SimpleNamespace(velocity=[velocity], acceleration=[acceleration])
+        timed = time_parametrise(JointPath([[0.0], [distance]], ("a",)), limits, jerk=[rate] if jerk else None)
+        bounds = Bounds.of(limits, ("a",), [rate] if jerk else None)
+        least = rest_to_rest_times(np.array([distance]), bounds)[0]
+        assert least <= timed.duration + 3e-9  # times are rounded to nanoseconds
+        assert timed.duration <= 1.005 * least + 3e-9  # phases of a millisecond are left out
 
 
 def test_a_straight_move_is_straight() -> None:

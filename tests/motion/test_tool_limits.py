@@ -70,6 +70,28 @@ def test_timing_keeps_the_limits_of_the_tool(panda, limit):
     assert max(shares) > 0.98
 
 
+def test_the_coefficients_are_the_limits_of_the_motion_along_the_path(panda):
+    """A polygon inside the circle replaces the length of an acceleration; see DIRECTIONS."""
+    rng, limits = np.random.default_rng(2), np.array([0.3, 1.1, 2.0, 5.0])
+    tool = ToolLimits(panda, **dict(zip(RATES, limits, strict=True)))
+    q, slope, curvature = panda.home + rng.uniform(-0.5, 0.5, (3, 40, 7))
+    slope[0], curvature[1] = 0.0, 0.0
+    for speed, gain in [(0.7, 0.0), (0.0, 1.3), *rng.normal(size=(8, 2))]:
+        rows = []
+        for place in zip(q, slope * speed, slope * gain + curvature * speed**2, strict=True):
+            start, v, a = (np.stack([x, x]) for x in place)
+            motion = pp.Trajectory([0, 1], start, v, panda.joint_names, accelerations=a)
+            rows.append(rates_by_pinocchio(panda, motion, [0.0])[0])
+        used = (np.array(rows) / limits) ** [2, 2, 1, 1]
+        alpha, beta, gamma, bound = tool.coefficients(q, slope, curvature)
+        assert (gamma == 0.0).all()
+        share = np.abs(alpha * gain + beta * speed**2) / bound
+        share = np.column_stack([share[:, :2], share[:, 2:18].max(axis=1), share[:, 18:].max(axis=1)])
+        assert (share >= used * (1 - 1e-9)).all()
+        assert (share[:, :2] <= used[:, :2] * (1 + 1e-9) + 1e-12).all()
+        assert (share[:, 2:] <= used[:, 2:] / np.cos(np.pi / 32) * (1 + 1e-9) + 1e-12).all()
+
+
 def test_an_arm_at_rest_keeps_every_limit(panda):
     trajectory = time_parametrise(JointPath([panda.home, panda.home], panda.joint_names), panda.limits)
     assert ToolLimits(panda, linear_speed=1e-6).excess(trajectory).tolist() == [0.0]

@@ -79,6 +79,7 @@ def test_the_bound_covers_dense_samples_and_is_tight(arm, quintic):
     assert (excess[over] <= 1.005 * dense[over]).all()  # 1e-4 of slack, and what the samples miss
     peaks, largest = limits.peaks(trajectory), np.abs(of_motion + of_gravity).max(axis=0)
     bounds = np.array([peak.torque for peak in peaks])
+    assert [peak.share for peak in peaks] == pytest.approx(bounds / limits.limits)
     assert (bounds >= largest * (1.0 - 1e-9)).all()
     assert (bounds <= 1.005 * largest + 1e-5 * largest.max()).all()
     worst = int(np.argmax(bounds))
@@ -150,6 +151,32 @@ def test_joints_without_a_limit_are_not_limited(panda):
     assert "panda_joint1, panda_joint3" in limits.notes[0]
     again = pickle.loads(pickle.dumps(limits))
     assert again.limits.tolist() == limits.limits.tolist()
+
+
+def test_one_number_is_the_limit_of_every_joint_and_the_limits_cannot_be_changed(panda):
+    limits = TorqueLimits(panda, limits=30.0)
+    assert limits.limits.tolist() == [30.0] * 7
+    for array in (limits.limits, limits.gravity):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+def test_the_share_at_standstill_is_the_largest_one_of_gravity(panda):
+    q = np.random.default_rng(4).uniform(*panda.limits.sampling_range(), (20, 7))
+    limits = TorqueLimits(panda, PART, limits=[40, 90, 50, 60, 10, 20, 5])
+    still = np.zeros(7)
+    needed = np.abs([panda.torques(each, still, still, payload=PART) for each in q]) / limits.limits
+    assert limits.standstill_share(q) == pytest.approx(needed.max())
+    for each, share in zip(q, needed, strict=True):
+        assert limits.standstill_share(each) == pytest.approx(share.max())
+        assert (limits.standstill(each) == "") == bool((share <= 1.0).all())
+
+
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("limit", [0.0, -5.0, -np.inf])
+def test_the_joint_whose_limit_is_not_above_0_is_named(panda, joint, limit):
+    with pytest.raises(InputError, match=f"'panda_joint{joint + 1}'"):
+        TorqueLimits(panda, limits=np.where(np.arange(7) == joint, limit, 87.0))
 
 
 @pytest.mark.parametrize("limits", [[87.0] * 6, [87.0] * 6 + [-12.0], [87.0] * 6 + [0.0], [np.nan] * 7, "many"])

@@ -140,6 +140,9 @@ def test_point_clouds_with_other_fields_and_padding(kind) -> None:
         ros2.read_point_cloud2({**message, "fields": [fields[0], fields[2]]}, 0.01)
     with pytest.raises(InputError, match="beyond point_step"):
         ros2.read_point_cloud2({**message, "point_step": 8}, 0.01)
+    for changes in ({"row_step": 100, "data": data[:200]}, {"height": 3}, {"width": 4}, {"height": -1, "data": b""}):
+        with pytest.raises(InputError, match="were expected"):
+            ros2.read_point_cloud2({**message, **changes}, 0.01)
 
 
 def test_point_cloud_round_trip_in_single_precision() -> None:
@@ -289,7 +292,8 @@ def test_no_motion_is_sent_after_a_difference_that_changes_objects_until_a_compl
     }
     ball = pp.Obstacle("ball", pp.Sphere(0.05), checker.arm.forward_kinematics(swing(1.9)))
     execution = ready(checker, swing)
-    assert execution.on_scene(moved, 0.0) == ros2.Reply()
+    for unchanged in (moved, {"is_diff": True}, {**moved, "robot_state": None, "world": None}):
+        assert execution.on_scene(unchanged, 0.0) == ros2.Reply()
     assert execution.on_path(shown, 0.0).command is not None
     for changed in (
         ros2.planning_scene(pp.Scene([ball])),
@@ -483,13 +487,41 @@ class TestStart:
         execution.on_state({**at_rest(swing.start, swing), "velocity": [3.0] * 6}, 0.0)
         assert execution.on_path(ros2.display_trajectory([swing]), 0.01).command is None
 
-    @pytest.mark.parametrize("off", [1.2, 0.03, np.nan])
-    def test_it_is_not_sent_if_the_message_states_another_start(self, checker, swing, off) -> None:
+    @pytest.mark.parametrize("joint", range(6))
+    @pytest.mark.parametrize("off", [1.2, 0.0201, -0.0201, np.nan])
+    def test_it_is_not_sent_if_the_message_states_another_start(self, checker, swing, off, joint) -> None:
         shown = ros2.display_trajectory([swing])
-        shown["trajectory_start"]["joint_state"]["position"][1] += off
+        shown["trajectory_start"]["joint_state"]["position"][joint] += off
         reply = ready(checker, swing).on_path(shown, 0.01)
         assert (reply.command, reply.alarm) == (None, True)
-        assert "shoulder_lift_joint" in reply.text
+        assert swing.joint_names[joint] in reply.text
+
+    def test_it_is_sent_if_the_stated_start_is_within_the_tolerance_or_partly_known(self, checker, swing) -> None:
+        shown = ros2.display_trajectory([swing], held={"finger": 9.0})
+        shown["trajectory_start"]["joint_state"]["position"][3] += 0.0199
+        assert ready(checker, swing).on_path(shown, 0.01).command is not None
+        for start in (None, {}, {"joint_state": {}}, {"joint_state": {"name": [], "position": []}}):
+            assert ready(checker, swing).on_path({**shown, "trajectory_start": start}, 0.01).command is not None
+
+    @pytest.mark.parametrize(("off", "sent"), [(0.0009, True), (0.0011, False), (-0.0011, False), (0.02, False)])
+    def test_a_finger_that_is_held_must_be_where_it_is_certified(self, off, sent) -> None:
+        arm = pp.load_robot("panda").arm()
+        checker = pp.CollisionChecker(arm)
+        name, held = next(iter(checker.group.held.items()))
+        motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names), arm.limits)
+        execution = ready(checker, motion)
+        reply = execution.on_path(ros2.display_trajectory([motion], held={name: held + off}), 0.01)
+        assert (reply.command is not None) == sent
+        assert sent or name in reply.text
+
+    def test_the_first_velocity_is_estimated_from_the_state_before_the_motion(self, checker, swing) -> None:
+        """The robot settles by 18 mrad in the 60 ms between two states, and not in the 10 ms since the command."""
+        execution = ros2.CertifiedExecution(checker)
+        state = {**at_rest(swing.start + 0.013 * np.eye(6)[5], swing), "velocity": []}
+        assert not execution.on_state(state, 0.0).alarm
+        assert execution.on_path(ros2.display_trajectory([swing]), 0.05).command is not None
+        later = swing(0.01) - 0.005 * np.eye(6)[5]
+        assert execution.on_state({**state, "position": later.tolist()}, 0.06) == ros2.Reply()
 
     @pytest.mark.parametrize("moving", [False, True])
     def test_it_is_not_sent_to_a_robot_that_is_elsewhere_on_the_motion(self, checker, swing, moving) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
@@ -155,12 +156,109 @@ def test_tolerance_belongs_to_the_proof(planar) -> None:
     )
 
 
+def test_a_search_without_a_solution_is_no_answer(arms) -> None:
+    """Poses that need more boxes than are examined before the search: proven with a budget, undecided with less."""
+    arm, rng, counts = arms["so100"], np.random.default_rng(1), []
+    for _ in range(12):
+        q = rng.uniform(*arm.limits.sampling_range())
+        target = off_by(rng, arm.forward_kinematics(q).homogeneous, 2e-6)
+        alone = pp.prove_unreachable(arm, target, search=False, budget=600)
+        if alone.proven and alone.examined > 64 and len(counts) < 2:
+            counts.append(alone.examined)
+            with_search = pp.prove_unreachable(arm, target, budget=600)
+            assert (with_search.status, with_search.q) == (ReachStatus.IMPOSSIBLE, None)
+            assert with_search.verify()
+            assert len(with_search.boxes) > 64
+            undecided = pp.prove_unreachable(arm, target, budget=65)
+            assert undecided.status is ReachStatus.UNDECIDED
+            assert undecided.examined >= 65
+            assert len(undecided.steps) == 0
+    assert len(counts) == 2
+
+
+def test_a_configuration_within_the_tolerance_of_the_limits_is_never_excluded(planar) -> None:
+    """Joint values beyond a limit by less than AT_LIMIT are valid everywhere, also for much smaller tolerances."""
+    arm = planar("-1 1", "-0.5 2")
+    for first, second in product(
+        (-1 - 0.9 * AT_LIMIT, 1 + 0.9 * AT_LIMIT), (-0.5 - 0.9 * AT_LIMIT, 2 + 0.9 * AT_LIMIT)
+    ):
+        total = first + second
+        target = pp.pose((np.cos(first) + np.cos(total), np.sin(first) + np.sin(total), 0), (0, 0, total))
+        settings = {"position_tolerance": 1e-12, "orientation_tolerance": 1e-12, "search": False}
+        assert not pp.prove_unreachable(arm, target, **settings).proven
+    beyond = pp.pose((np.cos(1 + 5e-9) + np.cos(1.3), np.sin(1 + 5e-9) + np.sin(1.3), 0), (0, 0, 1.3))
+    assert pp.prove_unreachable(arm, beyond, **settings).proven
+
+
+def test_target_of_a_proof_cannot_be_changed(arms) -> None:
+    proof = pp.prove_unreachable(arms["scara"], pp.pose((9.0, 0, 0)))
+    with pytest.raises(ValueError, match="read-only"):
+        proof.target[0, 3] = 0.1
+
+
+def nearly_meeting(offset: float) -> pp.Arm:
+    """Five joints whose axes miss each other by an offset, which counts as one point with an error, and a slide."""
+    axes = ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "0 0 1")
+    places = ("0 0 0.3", f"{offset} 0 0", f"0 {offset} {offset}", "0.4 0 0", f"0 0 {offset}")
+    parts = ['<robot name="near"><link name="l0"/>']
+    for k, (axis, place) in enumerate(zip(axes, places, strict=True), 1):
+        kind = "prismatic" if k == 4 else "revolute"
+        parts.append(
+            f'<link name="l{k}"/><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/>'
+            f'<origin xyz="{place}"/><axis xyz="{axis}"/>'
+            '<limit lower="-1.5" upper="1.2" velocity="1" effort="1"/></joint>'
+        )
+    return load_robot_from_text("".join([*parts, "</robot>"])).arm(tcp="l5")
+
+
+def box_around(rng: np.random.Generator, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A box of joint values that contains q (n,), near its border in some joints."""
+    width = 10.0 ** rng.uniform(-9, rng.choice([-3.0, 0.5]), len(q))
+    low = width * rng.choice([0.0, 0.01, 0.5, 1.0], len(q))
+    return q - low, q + width - low
+
+
+def check_step(proof: pp.ik.ReachProof, number: int, ranges, target, tolerances, overlaps=()) -> bool:
+    """Whether one distance, or one overlap, excludes the complete ranges."""
+    steps = Steps(*[[value] for value in (EXCLUDED, -1, number, 0, 0.0)])
+    return check_exclusion(proof._loop, steps, ranges, np.array(target), tolerances, overlaps)
+
+
+@pytest.mark.parametrize("name", [*ROBOTS, "near"])
+def test_the_check_accepts_no_exclusion_of_a_box_with_a_solution(arms, name) -> None:
+    """Of all distances and overlaps, for boxes of any width, and targets that are moved by almost the tolerances."""
+    arm, rng = arms.get(name) or nearly_meeting(2e-5), np.random.default_rng(7)
+    far = pp.prove_unreachable(arm, pp.pose((99.0, 0, 0)))
+    count, excluded, overlapping = len(far._loop.pairs), 0, 0
+    for _ in range(8):
+        q, some = rng.uniform(*arm.limits.sampling_range()), rng.permutation(count)[:20].tolist()
+        ranges, size = box_around(rng, q), 10.0 ** rng.uniform(-9, -1)
+        target = off_by(rng, arm.forward_kinematics(q).homogeneous, size)
+        assert not any(check_step(far, k, ranges, target, (size, size)) for k in some)
+        # The same distances exclude boxes whose configurations do not reach the target.
+        excluded += any(check_step(far, k, ranges, off_by(rng, target, 0.5), (1e-6, 1e-6)) for k in some)
+        pose = arm.forward_kinematics(q).homogeneous
+        free = [overlap_near(rng, arm, q, 1e-7) for _ in range(3)]
+        deep = [overlap_near(rng, arm, q, -0.3) for _ in range(3)]
+        for number in range(count, count + 3):
+            assert not check_step(far, number, ranges, pose, (1e-9, 1e-9), free)
+            overlapping += check_step(far, number, ranges, pose, (1e-9, 1e-9), deep)
+        assert not check_step(far, count + 3, ranges, pose, (1e-9, 1e-9), deep)
+    assert excluded > 2
+    assert overlapping > 4
+
+
 def test_undecided_proof_has_nothing_to_verify(arms) -> None:
     arm = arms["panda"]
     proof = pp.prove_unreachable(arm, arm.forward_kinematics(arm.home), budget=3, search=False)
     assert proof.status is ReachStatus.UNDECIDED
     with pytest.raises(InputError, match="budget"):
         proof.verify()
+    large = overlap_near(np.random.default_rng(0), arm, arm.home, -0.3)
+    settings = {"search": False, "overlaps": [large], "position_tolerance": 0.1, "orientation_tolerance": 1.0}
+    for budget in (1, 30):
+        undecided = pp.prove_unreachable(arm, arm.forward_kinematics(arm.home), budget=budget, **settings)
+        assert (undecided.status, undecided.bodies) == (ReachStatus.UNDECIDED, ())
 
 
 def test_closed_form_without_a_branch_returns_a_proof_for_redundant_arms(arms) -> None:

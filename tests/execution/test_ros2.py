@@ -514,15 +514,6 @@ class TestStart:
         assert (reply.command is not None) == sent
         assert sent or name in reply.text
 
-    def test_the_first_velocity_is_estimated_from_the_state_before_the_motion(self, checker, swing) -> None:
-        """The robot settles by 18 mrad in the 60 ms between two states, and not in the 10 ms since the command."""
-        execution = ros2.CertifiedExecution(checker)
-        state = {**at_rest(swing.start + 0.013 * np.eye(6)[5], swing), "velocity": []}
-        assert not execution.on_state(state, 0.0).alarm
-        assert execution.on_path(ros2.display_trajectory([swing]), 0.05).command is not None
-        later = swing(0.01) - 0.005 * np.eye(6)[5]
-        assert execution.on_state({**state, "position": later.tolist()}, 0.06) == ros2.Reply()
-
     @pytest.mark.parametrize("moving", [False, True])
     def test_it_is_not_sent_to_a_robot_that_is_elsewhere_on_the_motion(self, checker, swing, moving) -> None:
         """The tube of the whole motion says nothing about its start: the end and every corner are in it too."""

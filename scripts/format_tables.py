@@ -13,7 +13,7 @@ from typing import Any
 from generated_files import main, with_tables
 
 from pinproof.formats import FORMATS, file_schema
-from pinproof.picks.input.picks_keys import COLUMNS
+from pinproof.picks.input.sources import COLUMNS
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "formats"
 NUMBERS = "index.md#numbers"

@@ -25,7 +25,8 @@ from pinproof.common.yaml_file import parse_number, read_yaml
 from pinproof.errors import FileError
 from pinproof.formats import FORMATS
 from pinproof.model import JointLimits
-from pinproof.picks.input.picks_keys import CELL_ROBOT, COLUMNS
+from pinproof.picks.input.picks_file import CELL_ROBOT
+from pinproof.picks.input.sources import COLUMNS
 from pinproof.verifier import proof as verifier_proof
 from pinproof.verifier.parts import Body, Curve, Joint
 
@@ -404,12 +405,12 @@ BEYOND_A_SCHEMA = re.compile(
     r"finite|inf|nan\b|inhomogeneous|a second|already named|named .* twice|is not a name|joint \S+ must be a name"
     # related numbers
     r"|no hull|Mesh\.triangles|PointCloud\.resolution|must lie below|not a rigid|quaternion of length"
-    r"|axis of the fingers|no body has the inertia"
+    r"|no body has the inertia"
     # grids and their depth images
     r"|no cell of the bounds|far off the center|the image has|are empty|gives .* cells|median depth|inside an obstacle"
     r"|in the view of the camera|to below 90 deg"
     r"|with at most|no known leaf|cannot be decoded|does not hold the states|OccupancyGrid reaches|bounds reach"
-    r"|direction of .* is zero|the first angle must not exceed|required: 0 <= grip|is above|one per joint"
+    r"|the first angle must not exceed|required: 0 <= grip|is above|one per joint"
     r"|either all points|at time 0|increase strictly"
     # texts and units
     r"|is not a valid name|is not a valid robot name|full rotations|is too long"
@@ -420,9 +421,33 @@ BEYOND_A_SCHEMA = re.compile(
     r"|sec must be from 0 to|the end of the segments|at the end of a segment|two events|starts at"
     r"|the arm does not rest|the arm moves at|accelerations are required"
     # the number of picks, the files
-    r"|pattern\.grid has|there is no (file|folder)|only if the robot is|a cup and fingers|tilt of the cup"
+    r"|pattern\.grid has|there is no (file|folder)|only if the robot is|a cup and fingers"
 )
 """Reasons for which a reader refuses a file that its schema accepts, because a schema cannot state them."""
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("grip_limits", {"compliance": 0}),
+        ("grip_limits", {"angle": 2}),
+        ("cup", {"radius": 0.01, "tilt": 2}),
+        ("fingers", {**EVERYTHING["picks"]["fingers"], "axis": [0, 0, 0]}),
+        ("conveyor", {**OTHER_PICKS["conveyor"], "direction": [0, 0.0, "0"]}),
+        ("defaults", {"rpy": [0, 0, 0], "upright": 5}),
+        ("defaults", {"rpy": [0, 0, 0], "upright": 0}),
+        ("defaults", {"rpy": [0, 0, 0], "upright": 0.1, "upright_axis": [0, 0, 0]}),
+        ("defaults", {"rpy": [0, 0, 0], "approach_direction": [0, 0, 0]}),
+        ("defaults", {"rpy": [0, 0, 0], "approach": 21}),
+        ("defaults", {"rpy": [0, 0, 0], "speed": 0}),
+    ],
+)
+def test_reader_and_schema_refuse_numbers_out_of_range(key: str, value: Any, folder: Path) -> None:
+    tree = {"picks": [{"name": "a", "xyz": [0, 0, 0], "rpy": [0, 0, 0]}], key: value}
+    reason = refused("picks", tree, folder)
+    assert reason is not None
+    assert f"key {key}." in reason
+    assert not valid("picks", tree)
 
 
 EXAMPLES = int(os.environ.get("PINPROOF_FUZZ_EXAMPLES", "40"))

@@ -81,6 +81,9 @@ class PinproofError(Exception):
 class InputError(PinproofError, ValueError):
     """An invalid argument; the message states the argument and the valid values."""
 
+    argument: str = ""
+    """The name of the field of a class that is wrong, where readers of files look for its key."""
+
 
 LISTED = 16
 """Largest number of valid names that a message lists."""

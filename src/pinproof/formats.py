@@ -9,15 +9,15 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from pinproof.common.file_keys import KeyTable, json_schema
+from pinproof.common.structs import Table, json_schema, table_of
 from pinproof.errors import UnknownNameError
 
 __all__ = ["FORMATS", "file_schema"]
 
 FORMATS = {
-    "scene": ("pinproof.collision.scenes.scene_keys", "SCENE"),
-    "picks": ("pinproof.picks.input.picks_keys", "PICKS"),
-    "attached": ("pinproof.collision.scenes.scene_keys", "ATTACHED"),
+    "scene": ("pinproof.collision.scenes.scene", "Scene"),
+    "picks": ("pinproof.picks.input.picks_file", "PICKS"),
+    "attached": ("pinproof.collision.scenes.scene", "Attachments"),
     "dh": ("pinproof.description.dh_keys", "TABLE"),
     "limits": ("pinproof.model.limits", "FILE"),
     "motion": ("pinproof.motion.motion_keys", "MOTION"),
@@ -31,7 +31,7 @@ FORMATS = {
     "comparison": ("pinproof.cell.placement.placement_keys", "COMPARISON"),
     "tolerance": ("pinproof.cell.placement.placement_keys", "TOLERANCE"),
 }
-"""Module and name of the table of keys of each format."""
+"""Module and name of the struct, or the table of keys, of each format."""
 
 
 def file_schema(name: str) -> dict[str, Any]:
@@ -45,5 +45,5 @@ def file_schema(name: str) -> dict[str, Any]:
     if name not in FORMATS:
         raise UnknownNameError("file format", name, FORMATS)
     module, table = FORMATS[name]
-    found: KeyTable = getattr(import_module(module), table)
-    return json_schema(found)
+    found = getattr(import_module(module), table)
+    return json_schema(found if isinstance(found, Table) else table_of(found))

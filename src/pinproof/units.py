@@ -19,6 +19,7 @@ __all__ = [
     "MOST_REACH",
     "MOST_TURN",
     "far_hint",
+    "hint_at_unit",
     "parse_angle",
     "refuse_degree_limit",
     "refuse_degrees",
@@ -77,14 +78,16 @@ def warn_of_degrees(name: str, angles: Iterable[float], *, stacklevel: int = 2) 
 def _degrees_text(name: str, angles: Iterable[float]) -> str:
     for angle in angles:
         if MOST_TURN < abs(angle) < math.inf:
-            return f"{name}: {angle:g} rad is more than two full rotations; {_degrees(angle)}"
+            return f"{name}: {angle:g} rad is more than two full rotations; {hint_at_unit(angle, 'rad')}"
     return ""
 
 
 def refuse_degree_limit(name: str, limit: float | None) -> None:
     """Raise InputError for a limit of a revolute joint that is probably in degrees (:data:`DEGREE_LIMITS`)."""
     if limit is not None and DEGREE_LIMITS[0] < abs(limit) <= DEGREE_LIMITS[1] and limit == round(limit):
-        raise InputError(f"{name}: {limit:g} rad is {abs(limit) / math.tau:.0f} full rotations; {_degrees(limit)}")
+        raise InputError(
+            f"{name}: {limit:g} rad is {abs(limit) / math.tau:.0f} full rotations; {hint_at_unit(limit, 'rad')}"
+        )
 
 
 def refuse_millimetres(name: str, lengths: Sequence[float], *, most: float = MOST_REACH) -> None:
@@ -107,8 +110,7 @@ def _millimetres_text(name: str, lengths: Sequence[float], most: float = MOST_RE
     stated = [abs(length) for length in lengths if length]
     if not stated or not most < max(stated) < math.inf or min(stated) < 1.0:
         return ""
-    far = max(stated)
-    return f"{name}: {far:g} m is too long; lengths are in metres, {far:g} mm = {far / 1000:g} m"
+    return f"{name}: {max(stated):g} m is too long; {hint_at_unit(max(stated), 'm')}"
 
 
 def far_hint(missed: float, size: float) -> str:
@@ -121,5 +123,8 @@ def far_hint(missed: float, size: float) -> str:
     )
 
 
-def _degrees(angle: float) -> str:
-    return f"angles are in radians, {angle:g} degrees = {math.radians(angle):.6g} rad"
+def hint_at_unit(value: float, unit: str) -> str:
+    """Return a hint at the unit of a number that is too large: an angle in rad or a length in m; else ''."""
+    if unit == "rad":
+        return f"angles are in radians, {value:g} degrees = {math.radians(value):.6g} rad"
+    return f"lengths are in metres, {value:g} mm = {value / 1000:g} m" if unit == "m" else ""

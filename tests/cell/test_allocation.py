@@ -222,8 +222,12 @@ def test_file_of_several_robots_is_refused_for_a_single_arm(cell) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("left: {base:", "left: {bse:", "unknown key 'bse' of robot 'left'"),
-        ("right: {base: {xyz: [0.45, 0, 0], rpy: [0, 0, pi]}}", "right: {tcp: tool0}", "states no base"),
+        ("left: {base:", "left: {bse:", "key robots.left.bse: unknown key 'bse'"),
+        (
+            "right: {base: {xyz: [0.45, 0, 0], rpy: [0, 0, pi]}}",
+            "right: {tcp: tool0}",
+            "key robots.right: right does not state base",
+        ),
     ],
 )
 def test_wrong_robots_of_a_file_are_refused(tmp_path, old, new, words) -> None:

@@ -34,9 +34,9 @@ def test_a_saved_file_is_read_back(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("tool: []", ("'tool'", "allowed_contacts, attached, held, tip")),
-        ("held: {}", ("attached:",)),
+        ("held: {}", ("does not state attached",)),
         ("attached: {}", ("key attached", "list")),
-        ("attached: [rod]", ("#1", "'rod'")),
+        ("attached: [rod]", ("attached[0]", "'rod'")),
         ("attached:\n  - {name: rod, sphere: {radius: 0.1}, colour: red}", ("line 2", "'colour'", "rgba")),
         ("attached:\n  - {name: rod, sphere: {radius: -1}}", ("line 2", "radius")),
         ("attached:\n  - {name: a, sphere: {radius: 1}}\n  - {name: a, sphere: {radius: 1}}", ("line 3", "'a'")),

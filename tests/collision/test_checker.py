@@ -213,7 +213,7 @@ def test_a_body_allowed_to_touch_itself_is_refused(ur5):
     scene = Scene([Obstacle("ball", Sphere(0.1))])
     with pytest.raises(InputError, match="'ball' twice"):
         CollisionChecker(ur5, scene, allowed=[("ball", "ball")])
-    with pytest.raises(InputError, match="'ball' is named twice"):
+    with pytest.raises(InputError, match="names 'ball' twice"):
         Scene(scene.obstacles, allowed=[("ball", "ball")])
 
 

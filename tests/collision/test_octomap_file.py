@@ -162,12 +162,12 @@ def test_scene_files_name_a_map(tmp_path: Path) -> None:
     scene(keys).save(copy)
     assert Scene.load(copy)["map"].shape == expected
     for wrong, reason in (
-        ("octomap: none.ot", "no file 'none.ot'"),
+        ("octomap: none.ot", "no file .*none.ot"),
         ("octomap: map.ot, voxel: 0.1", "voxel"),
         ("octomap: map.ot, cells: eA==", "octomap"),
         ("octomap: map.ot, treshold: 0.1", "threshold"),
         ("octomap: map.ot, threshold: high", "threshold"),
-        ("voxel: 0.1", "needs one of cells, views, octomap"),
+        ("voxel: 0.1", "needs one of views, octomap, cells"),
     ):
         with pytest.raises(SceneError, match=reason):
             scene(wrong)

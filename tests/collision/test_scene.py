@@ -43,7 +43,7 @@ def test_names_that_are_not_there_are_refused(scene):
     for change in (lambda: scene.move("bal", pose()), lambda: scene.remove("bal"), lambda: scene["bal"]):
         with pytest.raises(UnknownNameError, match="'bal'"):
             change()
-    with pytest.raises(InputError, match="ball appear more than once"):
+    with pytest.raises(InputError, match="named 'ball'"):
         scene.add(Obstacle("ball", Sphere(1)))
 
 

@@ -84,7 +84,7 @@ def test_an_invalid_size_is_refused(value):
         (lambda: Mesh.from_arrays([[0, 0, np.nan]], [[0, 0, 0]]), "nan"),
         (lambda: Mesh("part.stl", hull=True, hollow=True), "not both"),
         (lambda: Mesh("part.stl", vertices=TETRAHEDRON, triangles=OUTWARD), "not both"),
-        (lambda: Mesh(None), "Mesh.vertices"),
+        (lambda: Mesh(None), "needs a path, or vertices"),
         (lambda: Obstacle("thing", "box"), "HalfSpace"),
     ],
 )
@@ -116,7 +116,7 @@ def test_half_spaces_are_equal():
         (lambda: Sphere(r=0.1), r"Sphere\(radius\)"),
         (lambda: Cylinder(0.1), r"Cylinder\(radius, length\)"),
         (lambda: HalfSpace(0.1), r"HalfSpace\(\)"),
-        (lambda: Mesh(), r"Mesh\(path, scale"),
+        (lambda: Mesh("part.stl", size=2), r"Mesh\(path, scale"),
     ],
 )
 def test_wrong_arguments_are_answered_with_the_right_call(create, named: str):

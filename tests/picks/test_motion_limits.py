@@ -145,7 +145,7 @@ def test_a_wrong_shared_payload_is_refused_with_its_key(file, shared, words):
         ("{name: a, xyz: [0, 0, 0], object: bolt_1, payload: {mass: 0}}", "mass"),
         ("{name: a, xyz: [0, 0, 0], object: bolt_1, payload: {mass: 1, frame: tool0}}", "frame"),
         ("{name: a, xyz: [0, 0, 0], speed: {aproach: 0.1}}", "approach"),
-        ("{name: a, xyz: [0, 0, 0], speed: 0}", "linear_speed"),
+        ("{name: a, xyz: [0, 0, 0], speed: 0}", "speed must be a finite number above 0"),
         ("{name: a, xyz: [0, 0, 0], speed: {approach: {linear_sped: 0.1}}}", "linear_speed"),
         ("{name: a, xyz: [0, 0, 0], speed: {approach: {}}}", "linear_speed"),
     ],

@@ -80,20 +80,20 @@ def test_a_support_is_a_name_or_several(write) -> None:
         ("{name: bad, xyz: [0.4, .inf, 0.2]}", "xyz holds inf"),
         ("{name: bad, xyz: [0.4, 0.2]}", "xyz must have 3 numbers, not 2"),
         ("{name: bad, xyz: 0.4}", "xyz must have 3 numbers, not 1"),
-        ("{name: bad, xyz: [0.4, near, 0.2]}", "xyz: 'near' is not a number"),
-        ("{name: bad, xyz: [0.4, true, 0.2]}", "xyz: True is not a number"),
-        ("{name: bad, xyz: }", "xyz: None is not a number"),
+        ("{name: bad, xyz: [0.4, near, 0.2]}", "key xyz: 'near' is not a number"),
+        ("{name: bad, xyz: [0.4, true, 0.2]}", "key xyz: True is not a number"),
+        ("{name: bad, xyz: }", "key xyz: None is not a number"),
         ("{name: bad}", "does not state its xyz"),
         ("{xyz: [0.4, 0.1, 0.2]}", "a pick needs a name"),
-        ("{name: 7, xyz: [0.4, 0.1, 0.2]}", "in quotes if it is a number"),
+        ("{name: 7, xyz: [0.4, 0.1, 0.2]}", "put it in quotes"),
         ("{name: fine, xyz: [0.4, 0.1, 0.2]}", "a second pick is named 'fine'"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], aproach: 0.1}", "unknown key 'aproach'; valid: approach"),
         (
             "{name: bad, xyz: [0.4, 0.1, 0.2], approach: -0.1}",
-            "approach of pick 'bad' is -0.1 m; it must be from 0 to 20",
+            "approach of pick 'bad' must be a finite number of at least 0",
         ),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], approach: [0.1, 0.2]}", "approach of pick 'bad'"),
-        ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat: .nan}", "retreat of pick 'bad' holds nan"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat: .nan}", "retreat of pick 'bad' must be a finite number"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat_direction: [0, 0, 0]}", "retreat_direction of pick 'bad' is zero"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], rpy: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}", "rpy or quat_xyzw, not both"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], quat_xyzw: [0, 0, 0, 0]}", "a rotation needs a quaternion of length 1"),
@@ -107,7 +107,7 @@ def test_a_bad_row_is_reported_with_its_reason_and_the_others_are_kept(write, ro
     assert problem.row == 2
     assert reason in problem.reason
     if row.startswith("{"):
-        assert problem.reason.startswith("line 4: ")
+        assert problem.reason.startswith("line 4, column ")
 
 
 def test_an_orientation_is_required(write) -> None:
@@ -119,33 +119,33 @@ def test_an_orientation_is_required(write) -> None:
 @pytest.mark.parametrize(
     ("shared", "where", "reason"),
     [
-        ("margin: -0.001", "key margin", "is -0.001 m; it must be 0 or more"),
+        ("margin: -0.001", "key margin", "at least 0, not -0.001"),
         ("margin: .nan", "key margin", "nan"),
         ("margin: wide", "key margin", "'wide' is not a number"),
         ("margin: ", "key margin", "None is not a number"),
-        ("tip: {xyz: [0, 0, .nan]}", "line 1, column 1, key tip", "xyz holds nan"),
-        ("tip: {xyz: [0, 0]}", "line 1, column 1, key tip", "xyz must have 3 numbers, not 2"),
-        ("tip: {z: 0.1}", "line 1, column 1, key tip", "unknown key 'z'"),
+        ("tip: {xyz: [0, 0, .nan]}", "line 1, column 7, key tip.xyz", "xyz holds nan"),
+        ("tip: {xyz: [0, 0]}", "line 1, column 7, key tip.xyz", "xyz must have 3 numbers, not 2"),
+        ("tip: {z: 0.1}", "line 1, column 7, key tip.z", "unknown key 'z'"),
         ("tip: 0.1", "key tip", "not a mapping"),
         ("home: [0, 0]", "key home", "not a mapping of joint names"),
-        ("home: {a: up}", "line 1, column 1, key home", "a: 'up' is not a number"),
-        ("home: {a: .inf}", "line 1, column 1, key home", "a holds inf"),
-        ("defaults: {rpy: [pi, 0]}", "line 1, column 1, key defaults", "rpy must have 3 numbers, not 2"),
+        ("home: {a: up}", "line 1, column 8, key home.a", "'up' is not a number"),
+        ("home: {a: .inf}", "line 1, column 8, key home.a", "a must be a finite number"),
+        ("defaults: {rpy: [pi, 0]}", "line 1, column 12, key defaults.rpy", "rpy must have 3 numbers, not 2"),
         ("defaults: {rpy: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}", "key defaults", "rpy or quat_xyzw, not both"),
-        ("defaults: {approach: -1}", "line 1, column 1, key defaults", "approach"),
-        ("defaults: {name: x}", "line 1, column 1, key defaults", "unknown key 'name'"),
+        ("defaults: {approach: -1}", "line 1, column 12, key defaults.approach", "at least 0"),
+        ("defaults: {name: x}", "line 1, column 12, key defaults.name", "unknown key 'name'"),
         ("defaults: [1]", "key defaults", "not a mapping"),
-        ("robot: 5", "key robot", "5 is not a name"),
-        ("scene: [a]", "key scene", "not a name"),
+        ("robot: 5", "key robot", "5, which is not a name"),
+        ("scene: [a]", "key scene", "is not a name"),
         ("cup: ", "key cup", "holds None, not a mapping"),
         ("cup: {radius: 0.01}\nheld: {a: {open: 0, grip: 1}}", "", "a cup and fingers"),
-        ("conveyor: {speed: 0.1, parts: 5}", "key conveyor", "conveyor.parts is 5"),
-        ("conveyor: {speed: 0.1, parts: [a, a]}", "key conveyor", "names an obstacle twice"),
+        ("conveyor: {speed: 0.1, parts: 5}", "key conveyor.parts", "parts is 5"),
+        ("conveyor: {speed: 0.1, parts: [a, a]}", "key conveyor.parts", "names an obstacle twice"),
         ("tool: {name: x}", "key tool", "not a list"),
-        ("tool: [{name: x, box: [1, 1]}]", "line 1, obstacle 'x'", "box must have 3 numbers, not 2"),
+        ("tool: [{name: x, box: [1, 1]}]", "line 1, column 18, key tool['x'].box", "box must have 3 numbers, not 2"),
         (
             "tool: [{name: x, box: [1, 1, 1]}, {name: x, box: [2, 2, 2]}]",
-            "line 1, key tool, #2",
+            "line 1, column 35, key tool['x']",
             "a second body is named 'x'",
         ),
         ("scen: scene.yaml", "", "unknown key 'scen'; valid: scene"),
@@ -159,6 +159,27 @@ def test_invalid_shared_settings_are_refused_with_line_and_key(write, shared: st
     assert where in caught.value.place
     assert reason in caught.value.reason
     assert str(caught.value.path).endswith("picks.yaml")
+
+
+@pytest.mark.parametrize(
+    ("shared", "place"),
+    [
+        ("defaults:\n  rpy: [pi, 0, 0]\n  approach: -1", "line 3, column 3, key defaults.approach"),
+        ("defaults:\n  rpy: [pi, 0, 0]\n  place:\n    xyz: [0, 0]", "line 4, column 5, key defaults.place.xyz"),
+        ("fingers:\n  opening: 0.1\n  grip: 0.2\n  bodies: [{name: a, box: [1, 1, 1]}, {name: b, box: [1, 1, 1]}]",
+         "line 3, column 3, key fingers.grip"),
+        ("fingers:\n  opening: 0.1\n  grip: 0.01\n  bodies:\n  - {name: a, box: [1, 1, 1]}\n  - {name: b, ball: 1}",
+         "line 6, column 15, key fingers.bodies['b'].ball"),
+        ("grip_limits:\n  gap: 0.001\n  compliance: 0", "line 3, column 3, key grip_limits.compliance"),
+        ("cup:\n  radius: 0.01\n  tilt: 2", "line 3, column 3, key cup.tilt"),
+        ("frames:\n  tray:\n    xyz: [1, 2]", "line 3, column 5, key frames.tray.xyz"),
+        ("robots:\n  left:\n    base: {}\n    cup:\n      radius: -1", "line 5, column 7, key robots.left.cup.radius"),
+    ],
+)  # fmt: skip
+def test_an_error_in_a_mapping_names_the_line_of_its_own_key(write, shared: str, place: str) -> None:
+    with pytest.raises(PicksError) as caught:
+        pp.read_picks(write(GOOD_ROW, shared=shared))
+    assert caught.value.place == place
 
 
 def test_a_yaml_error_names_its_line(tmp_path: Path) -> None:
@@ -280,13 +301,13 @@ def test_a_held_joint_has_one_value_or_an_open_and_a_closed_one(write) -> None:
     [
         ("spin: fast", "'fast' is not a number"),
         ("spin: {range: [1, 0]}", "must not exceed the last"),
-        ("tolerance: {tilt: -1}", "must be 0 or more"),
+        ("tolerance: {tilt: -1}", "at least 0"),
         ("retreat_frame: base", "unknown retreat_frame 'base'"),
         ("place: {xyz: [0, 0, 0], rpy: [0, 0, 0]}", "a place or a support but no object"),
         ("object: a, place: {xyz: [0, 0, 0]}", "place does not state"),
         ("object: {box: [1, 1]}", "box must have 3 numbers, not 2"),
         ("pattern: {grid: {counts: [2, 0, 1], step: [1, 1, 1]}}", "an integer of at least 1"),
-        ("pattern: {ring: 3}", "unknown key 'ring' of pattern"),
+        ("pattern: {ring: 3}", "key pattern.ring: unknown key 'ring'"),
     ],
 )
 def test_invalid_families_and_objects_are_reported(write, row: str, reason: str) -> None:

@@ -76,7 +76,7 @@ def test_a_picks_file_may_name_a_table_and_gives_it_what_is_shared(write, tmp_pa
         ("b,1,,3,0,0,0,,,,,", "states only some of x, y, z"),
         ("b,,,,0,0,0,,,,,", "does not state its xyz"),
         ("b,1,2,3,,,,,,,,", "states no orientation"),
-        ("b,1,2,3,0,0,0,-1,,,,", "approach of pick 'b' is -1 m"),
+        ("b,1,2,3,0,0,0,-1,,,,", "approach of pick 'b' must be a finite number of at least 0"),
         ('"b,1,2,3,0,0,0,,,,,', "not a valid line"),
         (b"\xff,1,2,3,0,0,0,,,,,", "UTF-8"),
         ("a,1,2,3,0,0,0,,,,,", "a second pick is named 'a'"),

@@ -5,13 +5,15 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Mapping
+import operator
+from collections.abc import Callable, Mapping
 from numbers import Integral, Real
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
 from pinproof.errors import InputError
+from pinproof.units import hint_at_unit
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -42,12 +44,34 @@ def named_arguments(kind: Kind) -> Kind:
     return kind
 
 
+def require_number(name: str, value: Any, unit: str = "", **bounds: float) -> float:
+    """Return a finite number within ``bounds``: ``minimum``, ``above`` (exclusive), ``maximum``, ``below`` (exclusive).
+
+    InputError for anything else; for numbers that are too large it mentions degrees or millimetres.
+    """
+    number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    if number and all(_WITHIN[bound](value, limit) for bound, limit in bounds.items()):
+        return float(value)
+    valid = " and ".join(
+        f"{_BOUND_WORDS[bound]} {limit:.5g}" for bound, limit in bounds.items() if abs(limit) < math.inf
+    )
+    too_large = number and value > min(bounds.get("maximum", math.inf), bounds.get("below", math.inf))
+    hint = hint_at_unit(value, unit) if too_large else ""
+    raise InputError(f"{name} must be a finite number{valid and f' {valid}'}, not {value!r}{hint and f'; {hint}'}")
+
+
+_WITHIN: dict[str, Callable[[float, float], bool]] = {
+    "minimum": operator.ge, "above": operator.gt, "maximum": operator.le, "below": operator.lt,
+}  # fmt: skip
+_BOUND_WORDS = {"minimum": "of at least", "above": "above", "maximum": "at most", "below": "below"}
+
+
 def require_positive(name: str, value: float, *, zero: bool = False, below: float = math.inf) -> None:
     """Raise InputError unless ``value`` is finite, above 0 (with ``zero`` at least 0) and below ``below``."""
-    number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    if not number or value < 0 or (value == 0 and not zero) or value >= below:
-        end = "" if below == math.inf else f" and below {below:g}"
-        raise InputError(f"{name} must be a finite number {'of at least' if zero else 'above'} 0{end}, not {value!r}")
+    if zero:
+        require_number(name, value, minimum=0.0, below=below)
+    else:
+        require_number(name, value, above=0.0, below=below)
 
 
 def require_type(name: str, value: object, *kinds: type) -> None:
@@ -58,10 +82,20 @@ def require_type(name: str, value: object, *kinds: type) -> None:
         raise InputError(f"{name} must be of type {valid}, not {given:.80}")
 
 
-def require_integer(name: str, value: int, smallest: int) -> None:
-    """Raise InputError unless ``value`` is an integer of at least ``smallest``."""
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < smallest:
-        raise InputError(f"{name} must be an integer of at least {smallest}, not {value!r}")
+def require_integer(name: str, value: int, smallest: int | None, largest: int | None = None) -> int:
+    """Return an integer from ``smallest`` to ``largest``, where they are stated; InputError for anything else."""
+    integer = isinstance(value, Integral) and not isinstance(value, bool)
+    low, high = -math.inf if smallest is None else smallest, math.inf if largest is None else largest
+    if not integer or not low <= value <= high:
+        valid = (
+            ""
+            if smallest is None
+            else f" of at least {smallest}"
+            if largest is None
+            else f" from {smallest} to {largest}"
+        )
+        raise InputError(f"{name} must be an integer{valid}, not {value!r}")
+    return int(value)
 
 
 def unique_names(what: str, stated: object) -> tuple[str, ...]:

@@ -88,10 +88,16 @@ def write_yaml(path: str | Path, content: Mapping[str, Any], error: type[FileErr
 
 
 class LinedMapping(dict[Any, Any]):
-    """A YAML mapping with the number of the line where it starts, and the positions of its keys."""
+    """A YAML mapping with the line and the column where it starts, and the positions of its keys."""
 
     line: int
+    column: int
     positions: Mapping[Any, tuple[int, int]] = MappingProxyType({})
+
+    def at(self, key: object = None) -> str:
+        """Return the position of a key, or of the mapping, for messages: ``line 3, column 1``; empty without one."""
+        line, column = self.positions.get(key, (self.line, self.column)) if self.positions else (0, 0)
+        return f"line {line}, column {column}" if line else ""
 
     def place(self, key: object, kind: str = "key") -> str:
         """Return the position of a key for messages: ``line 3, column 1, key robot``."""
@@ -175,7 +181,7 @@ class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignor
 
 def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
     mapping = LinedMapping()
-    mapping.line = node.start_mark.line + 1
+    mapping.line, mapping.column = node.start_mark.line + 1, node.start_mark.column + 1
     mapping.positions = positions = {}
     yield mapping
     for key_node, value_node in node.value:

@@ -149,7 +149,7 @@ def read_planning_scene(message: Mapping[str, Any]) -> Scene:
     SceneError
         If something is not supported, such as attached objects; the message names it.
     """
-    return Scene(**read_moveit_message(message)._asdict())
+    return Scene(**read_moveit_message(message))
 
 
 def point_cloud2(points: npt.ArrayLike, *, frame: str = "world") -> Message:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,7 +10,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import DynamicTree
-from pinproof.common.validation import named_arguments, require_positive
+from pinproof.common.structs import any_of, array_of, key, list_of, parsed, simple, struct, vector
+from pinproof.common.validation import named_arguments
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.chain import aligned_axes
 from pinproof.spatial import Array, finite
@@ -44,69 +44,12 @@ class ArmBodies(Protocol):
         """The number n of joints in q."""
 
 
-@named_arguments
-@dataclass(frozen=True, eq=False)
-class Payload:
-    """A rigid body fixed to a link of the arm, such as a tool or a carried part.
-
-    Parameters
-    ----------
-    mass
-        Mass in kg, above 0.
-    center_of_mass
-        (3,) in m, in the axes of ``frame``.
-    inertia
-        Inertia about the centre of mass in kg m^2, in the axes of ``frame``: (3, 3), or (3,) for a diagonal one. By
-        default, the body is a point mass.
-    frame
-        The link that the body is fixed to; by default the tcp of the arm. Required for a group with several arms.
-
-    Raises
-    ------
-    InputError
-        If the mass is not above 0, a number is not finite, or no body has the inertia: it is not symmetric, a principal
-        moment is negative, or one principal moment is larger than the sum of the other two.
-    """
-
-    mass: float
-    center_of_mass: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # an array after validation
-    inertia: Array | None = None
-    frame: str | None = None
-
-    def __post_init__(self) -> None:
-        require_positive("the mass (kg) of a payload", self.mass)
-        center = finite("center_of_mass", self.center_of_mass, (3,))
-        center.setflags(write=False)
-        object.__setattr__(self, "mass", float(self.mass))
-        object.__setattr__(self, "center_of_mass", center)
-        if self.inertia is not None:
-            inertia = _checked_inertia(self.inertia)
-            inertia.setflags(write=False)
-            object.__setattr__(self, "inertia", inertia)
-        if self.frame is not None and not isinstance(self.frame, str):
-            raise InputError(f"the frame of a payload must be the name of a link, not {self.frame!r}")
-
-    def placed(self, a_from_b: pin.SE3) -> Payload:
-        """The same body, which is stated in the axes of b, in those of a."""
-        rotation = a_from_b.rotation
-        inertia = None if self.inertia is None else rotation @ self.inertia @ rotation.T
-        return Payload(self.mass, a_from_b * np.array(self.center_of_mass), inertia, self.frame)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Payload, (self.mass, self.center_of_mass, self.inertia, self.frame)  # pickle makes arrays writable
-
-    def __repr__(self) -> str:
-        kind = "point mass" if self.inertia is None else "rigid body"
-        at = ", ".join(f"{value:g}" for value in self.center_of_mass)
-        return f"Payload({self.mass:g} kg at ({at}) m of {self.frame or 'the tcp'}, {kind})"
-
-
-def _checked_inertia(value: npt.ArrayLike) -> Array:
+def _checked_inertia(name: str, value: npt.ArrayLike) -> Array:
     try:
         moments_given = np.ndim(value) == 1
     except ValueError:  # rows of different lengths
         moments_given = False
-    inertia = np.diag(finite("inertia", value, (3,))) if moments_given else finite("inertia", value, (3, 3))
+    inertia = np.diag(finite(name, value, (3,))) if moments_given else finite(name, value, (3, 3))
     size = float(np.abs(inertia).max())
     if np.abs(inertia - inertia.T).max() > INERTIA_TOLERANCE * size:
         raise InputError(f"the inertia of a payload must be symmetric, not {inertia.tolist()}")
@@ -122,7 +65,49 @@ def _checked_inertia(value: npt.ArrayLike) -> Array:
             f"no body has the inertia of the payload: of its principal moments {text} kg m^2, the largest exceeds the "
             "sum of the others"
         )
-    return np.asarray(0.5 * (inertia + inertia.T))
+    inertia = np.asarray(0.5 * (inertia + inertia.T))
+    inertia.setflags(write=False)
+    return inertia
+
+
+@named_arguments
+@struct("payload", eq=False, repr=False)
+class Payload:
+    """The mass of a rigid body fixed to a link of the arm, such as a tool or a carried part."""
+
+    mass: float = key("mass, above 0", "kg", above=0)
+    center_of_mass: Array = key(
+        "(3,) centre of mass, in the axes of `frame`",
+        "m",
+        default=(0.0, 0.0, 0.0),
+        kind=array_of(vector(), (3,)),
+    )
+    inertia: Array | None = key(
+        "inertia about the centre of mass, in the axes of `frame`: the diagonal (3,), or three rows (3, 3); by default "
+        "that of a point mass",
+        "kg m²",
+        default=None,
+        kind=simple(any_of(vector(), list_of(vector(), 3, 3)).schema, _checked_inertia, parsed),
+    )
+    frame: str | None = key(
+        "the link that it is fixed to, in whose frame it is stated; by default the tcp. Required for a group with "
+        "several arms",
+        default=None,
+    )
+
+    def placed(self, a_from_b: pin.SE3) -> Payload:
+        """The same body, which is stated in the axes of b, in those of a."""
+        rotation = a_from_b.rotation
+        inertia = None if self.inertia is None else rotation @ self.inertia @ rotation.T
+        return Payload(self.mass, a_from_b * np.array(self.center_of_mass), inertia, self.frame)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Payload, (self.mass, self.center_of_mass, self.inertia, self.frame)  # pickle makes arrays writable
+
+    def __repr__(self) -> str:
+        kind = "point mass" if self.inertia is None else "rigid body"
+        at = ", ".join(f"{value:g}" for value in self.center_of_mass)
+        return f"Payload({self.mass:g} kg at ({at}) m of {self.frame or 'the tcp'}, {kind})"
 
 
 def checked_payloads(payload: Payload | Iterable[Payload] | None) -> tuple[Payload, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
 
@@ -52,6 +53,6 @@ def without_parts(arm: Arm, scene: Scene, picks: Picks) -> tuple[Scene, Picks]:
     return scene.remove(*sorted(parts)), replace(picks, picks=tuple(map(alone, picks)), frames=frames)
 
 
-def other_supports(support: object, parts: AbstractSet[str]) -> tuple[str, ...] | None:
+def other_supports(support: str | Sequence[str] | None, parts: AbstractSet[str]) -> tuple[str, ...] | None:
     """The stated supports that are not parts; None if no other is stated."""
     return tuple(name for name in support_names(support) or () if name not in parts) or None

@@ -12,13 +12,18 @@ import numpy.typing as npt
 from pinproof._core import Shape
 from pinproof.collision.geometry.sensor_files import read_image, read_points
 from pinproof.collision.geometry.shape_values import point_array
-from pinproof.common.validation import named_arguments, require_integer, require_positive
+from pinproof.common.structs import COUNT, POSE, Key, Table, file_of, key, number, required, struct, table_of, without
+from pinproof.common.validation import named_arguments, require_positive
 from pinproof.errors import InputError
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
 from pinproof.units import MOST_REACH
 
 DEPTH_UNCERTAINTY = 0.005
 """Default largest error (m) of a measured depth: about that of common depth cameras at a distance of 1 m."""
+
+PIXEL_MARGIN = 1
+"""Default number of pixels around the image of a cell that must be farther too: an edge of a body may lie between the
+centres of two pixels, and then only one of them measures the body."""
 
 LEAST_DEPTH = 0.01
 """Metres. A median depth below this is too near for any depth camera: the image is in other units."""
@@ -38,33 +43,21 @@ for an image of half the size is off by 0.25."""
 
 
 @named_arguments
-@dataclass(frozen=True)
+@struct("intrinsics")
 class Intrinsics:
-    """A pinhole camera: a point (x, y, z) of its frame is at the pixel (fx x / z + cx, fy y / z + cy).
+    """A pinhole camera without distortion; the center of the first pixel is (0, 0).
 
-    Parameters
-    ----------
-    fx, fy
-        Focal lengths (pixels).
-    cx, cy
-        The principal point (pixels): column and row. The center of the first pixel is (0, 0).
-    width, height
-        The size of the image (pixels).
+    A point (x, y, z) of its frame is at the pixel (fx x / z + cx, fy y / z + cy).
     """
 
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    width: int
-    height: int
+    fx: float = key("focal length along the rows", "pixels", above=0)
+    fy: float = key("focal length along the columns", "pixels", above=0)
+    cx: float = key("column of the principal point", "pixels")
+    cy: float = key("row of the principal point", "pixels")
+    width: int = key("columns of the image", "pixels", minimum=1)
+    height: int = key("rows of the image", "pixels", minimum=1)
 
     def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            require_integer(f"Intrinsics.{name}", getattr(self, name), 1)
-        for name in ("fx", "fy"):
-            require_positive(f"Intrinsics.{name}", getattr(self, name))
-        finite("Intrinsics.cx and cy", (self.cx, self.cy), (2,))
         for name, size in (("cx", self.width), ("cy", self.height)):
             if not abs(getattr(self, name) - (size - 1) / 2) <= OFF_CENTER * size:
                 raise InputError(
@@ -230,6 +223,49 @@ class DepthView:
                 f"every measured surface is within {float(self.depth.max()):.3g} m of the camera: it is covered or "
                 "inside an obstacle"
             )
+
+
+def _view(
+    intrinsics: Intrinsics,
+    camera: SE3,
+    image: Path | None = None,
+    points: Path | None = None,
+    pixel_margin: int | None = None,
+    **settings: float,
+) -> tuple[DepthView, dict[str, int]]:
+    """The view that a file states, and the ``pixel_margin`` if it is stated."""
+    if (image is None) is (points is None) or (points is not None and "depth_scale" in settings):
+        raise InputError("a view needs one of image and points; points have no depth_scale")
+    margin = {} if pixel_margin is None else {"pixel_margin": pixel_margin}
+    if image is not None:
+        return DepthView.read(image, intrinsics, camera, **settings), margin
+    return DepthView.from_points(str(points), intrinsics, camera, **settings), margin
+
+
+VIEW = Table(
+    "view",
+    "A depth image and its camera.",
+    Key("image", file_of(), "the image (NPY, PNG or EXR), relative to the folder of this file"),
+    Key("points", file_of(), "instead of `image`: a point cloud (NPY, PLY or PCD) in the frame of the obstacle"),
+    required("intrinsics", table_of(Intrinsics), "the camera"),
+    required("camera", POSE, "root_from_camera: x to the right, y downwards, z forward"),
+    Key("depth_scale", number(above=0), "metres per unit of the image, which images of integers need", "m"),
+    Key("depth_uncertainty", number(minimum=0), "largest error of a measured depth", "m", DEPTH_UNCERTAINTY),
+    Key(
+        "pixel_margin",
+        COUNT,
+        "pixels around the image of a cell that must be farther than the cell too",
+        "",
+        PIXEL_MARGIN,
+    ),
+    rules={
+        "oneOf": [
+            {"required": ["image"], **without("points")},
+            {"required": ["points"], **without("image", "depth_scale")},
+        ]
+    },
+    make=_view,
+)
 
 
 def _pixels(image: Any) -> npt.NDArray[Any]:

@@ -7,22 +7,47 @@ that no view proves free are obstacles, whether a surface was measured in them o
 
 from __future__ import annotations
 
+import base64
+import binascii
 import itertools
 import math
+import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import carve, clear_within
-from pinproof.collision.geometry.depth_image import DEPTH_UNCERTAINTY, DepthView, Intrinsics, Piece
+from pinproof.collision.geometry.depth_image import (
+    DEPTH_UNCERTAINTY,
+    PIXEL_MARGIN,
+    VIEW,
+    DepthView,
+    Intrinsics,
+    Piece,
+)
 from pinproof.collision.geometry.octomap_file import THRESHOLD, OctomapLeaves, read_octomap
-from pinproof.collision.geometry.shape_values import LARGEST_SIZE, ByContent, checked_size
+from pinproof.collision.geometry.shape_values import COORDINATE, LARGEST_SIZE, LENGTH, ByContent, checked_size
+from pinproof.common.structs import (
+    ANY_TEXT,
+    INTEGER,
+    TEXT,
+    Key,
+    Table,
+    choice,
+    file_of,
+    integer,
+    list_of,
+    number,
+    vector,
+    without,
+)
 from pinproof.common.validation import named_arguments, require_integer, require_positive
-from pinproof.errors import InputError
+from pinproof.errors import InputError, UnknownNameError
 from pinproof.spatial import Array, finite, matrix
 
 Cells = npt.NDArray[np.uint8]
@@ -34,10 +59,6 @@ was removed, which another view may contradict."""
 
 MOST_CELLS = 2**26
 """Largest number of cells of a grid: 64 MB."""
-
-PIXEL_MARGIN = 1
-"""Default number of pixels around the image of a cell that must be farther too: an edge of a body may lie between the
-centres of two pixels, and then only one of them measures the body."""
 
 POLICIES = ("occupied", "free")
 """The valid states of cells that were not seen."""
@@ -435,3 +456,93 @@ def _lattice(
             f"{source or 'voxel'} = {side:g} gives {nx} x {ny} x {nz} cells, more than {MOST_CELLS}; {remedy}"
         )
     return low, (nx, ny, nz), side
+
+
+SOURCES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "views": (("voxel", "bounds"), ()),
+    "octomap": ((), ("bounds", "threshold")),
+    "cells": (("voxel", "low", "count"), ("record",)),
+}
+"""The keys of which a grid in a file has exactly one, each with the keys that it needs and those that it may have."""
+
+_KEYS = (
+    Key("voxel", LENGTH, "with `views` or `cells`: side of a cell", "m"),
+    Key("unknown", choice(*POLICIES), "the state of cells that were not seen", "", POLICIES[0]),
+    Key("views", list_of(VIEW, 1), "the depth images; a cell is free if one of them proves it free"),
+    Key("octomap", file_of(), "a map of OctoMap (BT or OT), relative to the folder of this file, instead of `views`"),
+    Key(
+        "bounds",
+        list_of(vector(3, COORDINATE), 2, 2),
+        "lower and upper corner of the grid: required with `views`; with `octomap`, by default those of known space",
+        "m",
+    ),
+    Key(
+        "threshold",
+        number(above=0, below=1),
+        "with `octomap`: occupancy from which the leaves of an OT file are occupied",
+        "",
+        THRESHOLD,
+    ),
+    Key("cells", TEXT, "the states of the cells instead of `views`: base64 of zlib, as `Scene.save` writes it"),
+    Key("low", list_of(INTEGER, 3, 3), "with `cells`: indices of the first cell"),
+    Key("count", list_of(integer(1), 3, 3), "with `cells`: numbers of cells along x, y, z"),
+    Key("record", list_of(ANY_TEXT), "with `cells`: how the grid was made"),
+)
+
+
+def _grid(unknown: str = POLICIES[0], **stated: Any) -> OccupancyGrid:
+    """The grid that a file states: by depth images of which it is made, by a map, or by the states of its cells."""
+    sources = [key for key in SOURCES if key in stated]
+    if len(sources) != 1:
+        what = " and ".join(sources) or "no source of its cells"
+        raise InputError(f"occupancy_grid has {what}; it needs one of {', '.join(SOURCES)}")
+    needed, possible = SOURCES[sources[0]]
+    for key in stated:
+        if key not in (*sources, *needed, *possible):
+            kind = f"key of occupancy_grid with {sources[0]}"
+            raise UnknownNameError(kind, key, [*sources, "unknown", *needed, *possible])
+    if missing := [key for key in needed if key not in stated]:
+        raise InputError(f"occupancy_grid does not state {' and '.join(missing)}")
+    if "octomap" in stated:
+        return OccupancyGrid.from_octomap(stated.pop("octomap"), unknown=unknown, **stated)
+    if "views" in stated:
+        voxel, bounds = stated["voxel"], stated["bounds"]
+        grids = [
+            OccupancyGrid.from_view(view, voxel=voxel, bounds=bounds, unknown=unknown, **margin)
+            for view, margin in stated["views"]
+        ]
+        return grids[0].fuse(*grids[1:])
+    size = math.prod(stated["count"])
+    if size > MOST_CELLS:
+        raise InputError(f"occupancy_grid.count: {stated['count']} are more than {MOST_CELLS} cells")
+    try:
+        data = zlib.decompressobj().decompress(base64.b64decode(stated["cells"], validate=True), size + 1)
+    except (binascii.Error, ValueError, zlib.error) as error:
+        raise InputError(f"occupancy_grid.cells: cannot be decoded ({error}); Scene.save writes it") from error
+    if len(data) != size:
+        raise InputError(f"occupancy_grid.cells: does not hold the states of {size} cells")
+    cells = np.frombuffer(data, dtype=np.uint8).reshape(stated["count"])
+    return OccupancyGrid(cells, stated["voxel"], stated["low"], unknown, stated.get("record", ()))
+
+
+def stated_grid(grid: OccupancyGrid) -> dict[str, Any]:
+    """Return a grid as a mapping for a file; it has about one byte for every twenty cells."""
+    packed = base64.b64encode(zlib.compress(grid.cells.tobytes(), 9)).decode("ascii")
+    head = {"voxel": grid.voxel, "unknown": grid.unknown, "low": list(grid.low), "count": list(grid.cells.shape)}
+    return {**head, "cells": packed, "record": list(grid.record)}
+
+
+def _only_with(source: str) -> dict[str, Any]:
+    """The rule of a schema for the keys of a grid with one of its sources."""
+    needed, possible = SOURCES[source]
+    valid = (source, "unknown", *needed, *possible)
+    return {"required": [*needed, source], **without(*(key.name for key in _KEYS if key.name not in valid))}
+
+
+GRID = Table(
+    "occupancy_grid",
+    "Space that depth images prove free, or that a map of OctoMap states free; everything else is an obstacle.",
+    *_KEYS,
+    rules={"oneOf": [_only_with(source) for source in SOURCES]},
+    make=_grid,
+)

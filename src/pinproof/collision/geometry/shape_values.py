@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import fields
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.structs import NUMBER, Definition, number, parsed, simple
 from pinproof.errors import InputError
 from pinproof.spatial import Array, finite
 
@@ -28,6 +29,14 @@ def checked_size(name: str, value: object) -> float:
     if not SMALLEST_SIZE <= number <= LARGEST_SIZE:
         raise InputError(f"{name} = {number:g}; sizes are from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m")
     return number
+
+
+SIZE = Definition("size", {"$ref": NUMBER.schema, "minimum": SMALLEST_SIZE, "maximum": LARGEST_SIZE})
+LENGTH = simple(SIZE, checked_size, parsed)
+Size = Annotated[float, LENGTH]
+"""A length of a shape."""
+
+COORDINATE = number(minimum=-LARGEST_SIZE, maximum=LARGEST_SIZE)
 
 
 def coordinates(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:

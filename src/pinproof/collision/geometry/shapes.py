@@ -12,27 +12,47 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
 from pinproof.collision.geometry.hulls import refuse_flat
-from pinproof.collision.geometry.occupancy import OccupancyGrid
+from pinproof.collision.geometry.occupancy import GRID, OccupancyGrid, stated_grid
 from pinproof.collision.geometry.shape_values import (
+    COORDINATE,
     LARGEST_SIZE,
+    SIZE,
     SMALLEST_SIZE,
     ByContent,
-    checked_size,
+    Size,
     coordinates,
     point_array,
 )
+from pinproof.common.structs import (
+    COUNT,
+    NUMBER,
+    POSE,
+    Key,
+    Kind,
+    Table,
+    any_of,
+    array_of,
+    file_of,
+    key,
+    list_of,
+    number,
+    optional,
+    parsed,
+    simple,
+    struct,
+    table_of,
+    vector,
+)
 from pinproof.common.validation import named_arguments
 from pinproof.errors import InputError
-from pinproof.spatial import Array, finite, frozen, rigid
+from pinproof.spatial import SE3, Array, finite, frozen, rigid
 
 GRID_CELLS = 2**20
 """Number of cells of a point cloud on either side of the origin along each axis: three indices fit into 63 bits."""
@@ -42,82 +62,109 @@ BELOW_LOWEST = 0.01
 
 
 @named_arguments
-@dataclass(frozen=True, eq=False, repr=False)
+@struct("convex_hull", eq=False, repr=False)
 class ConvexHull(ByContent):
-    """The convex hull of ``points`` (V, 3)."""
+    """The convex hull of points."""
 
-    points: Array
+    points: Array = key(
+        "(V, 3) the points, which are not all in one plane",
+        "m",
+        kind=array_of(list_of(vector(3, COORDINATE), 4), (None, 3), coordinates),
+    )
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", coordinates("ConvexHull.points", self.points, (None, 3)))
         refuse_flat(self.points, "ConvexHull.points")
 
 
+def _factors(name: str, value: Any) -> tuple[float, float, float]:
+    values = value if isinstance(value, (tuple, list)) else (value,) * 3
+    try:
+        x, y, z = (float(factor) for factor in values)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be one number or three, not {value!r}") from None
+    if not all(math.isfinite(factor) and factor != 0.0 for factor in (x, y, z)):
+        raise InputError(f"{name} = {(x, y, z)}; factors must be finite and not 0")
+    return x, y, z
+
+
+def _indices(name: str, value: Any) -> npt.NDArray[np.int64]:
+    try:
+        indices = np.array(value)
+    except ValueError as error:  # rows of different lengths
+        raise InputError(f"{name} must be integers of the shape (F, 3): {error}") from error
+    if indices.ndim != 2 or indices.shape[1] != 3 or len(indices) == 0 or indices.dtype.kind not in "iu":
+        raise InputError(f"{name} must be integers of the shape (F, 3); they are {indices.dtype} of {indices.shape}")
+    indices = indices.astype(np.int64)
+    indices.setflags(write=False)
+    return indices
+
+
 @named_arguments
-@dataclass(frozen=True, eq=False, repr=False)
+@struct(
+    "mesh",
+    first=("path", "scale", "vertices", "triangles"),
+    rules=[
+        {
+            "oneOf": [
+                {"required": ["path"], "not": {"anyOf": [{"required": ["vertices"]}, {"required": ["triangles"]}]}},
+                {"required": ["vertices", "triangles"], "not": {"required": ["scale"]}},
+            ],
+            "not": {"properties": {"hull": {"const": True}, "hollow": {"const": True}}, "required": ["hull", "hollow"]},
+        }
+    ],
+    eq=False,
+    repr=False,
+)
 class Mesh(ByContent):
-    """A triangle mesh, from a file or from arrays (:meth:`from_arrays`).
+    """A triangle mesh, from a file or from vertices and triangles."""
 
-    Parameters
-    ----------
-    path
-        The file: STL, OBJ, DAE, PLY, GLB or glTF. None for a mesh from arrays.
-    scale
-        One factor, or one each for x, y, z.
-    hull
-        None (default): a watertight mesh is a solid of its own shape. It is covered by a few convex pieces if these
-        extend at most 1 mm beyond it, as for most bins, shelves and brackets with flat faces; otherwise its triangles
-        are used. A mesh that is not watertight is replaced by its convex hull, and certificates note this. True: the
-        convex hull, which fills a bin. False: the triangles, which must be watertight; being inside is a contact.
-    hollow
-        Use only the surface, watertight or not. A body that is entirely inside is then not in contact, and certificates
-        note this.
-    vertices, triangles
-        (V, 3) metres and (F, 3) indices of a mesh from arrays.
-    """
-
-    path: str | Path | None
-    scale: float | tuple[float, float, float] = 1.0
-    hull: bool | None = None
-    hollow: bool = False
-    vertices: Array | None = None
-    triangles: npt.NDArray[np.int64] | None = None
+    path: str | Path | None = key(
+        "the mesh (STL, OBJ, DAE, PLY, GLB or glTF), relative to the folder of this file", default=None, kind=file_of()
+    )
+    scale: float | tuple[float, float, float] = key(
+        "a factor, or one each for x, y, z; only with `path`",
+        default=1.0,
+        kind=any_of(NUMBER, vector(), check=_factors),
+    )
+    hull: bool | None = key(
+        "`true`: the convex hull, which fills a bin; `false`: the triangles, which must be watertight. By default a "
+        "watertight mesh is a solid of its own shape, covered by a few convex pieces if these extend at most 1 mm "
+        "beyond it, and any other is replaced by its convex hull, which certificates note",
+        default=None,
+    )
+    hollow: bool = key(
+        "`true`: only the surface, watertight or not. A body that is entirely inside is then not in contact, which "
+        "certificates note",
+        default=False,
+    )
+    vertices: Array | None = key(
+        "(V, 3) the vertices of a mesh without a file",
+        "m",
+        default=None,
+        kind=array_of(list_of(vector(3, COORDINATE), 3), (None, 3), coordinates),
+    )
+    triangles: npt.NDArray[np.int64] | None = key(
+        "(F, 3) three indices of vertices for each triangle",
+        default=None,
+        kind=simple(list_of(list_of(COUNT, 3, 3), 1).schema, _indices),
+    )
 
     def __post_init__(self) -> None:
-        values = self.scale if isinstance(self.scale, (tuple, list)) else (self.scale,) * 3
-        try:
-            x, y, z = (float(value) for value in values)
-        except (TypeError, ValueError):
-            raise InputError(f"Mesh.scale must be one number or three, not {self.scale!r}") from None
-        if not all(math.isfinite(v) and v != 0.0 for v in (x, y, z)):
-            raise InputError(f"Mesh.scale = {(x, y, z)}; factors must be finite and not 0")
-        if self.hull not in (None, True, False):
-            raise InputError(f"Mesh.hull must be True, False or None, not {self.hull!r}")
         if self.hull and self.hollow:
             raise InputError("a Mesh has hull=True or hollow=True, not both: hull=False, hollow=True is the surface")
         if self.hollow:
             object.__setattr__(self, "hull", False)
-        object.__setattr__(self, "scale", (x, y, z))
         if self.path is not None:
             if self.vertices is not None or self.triangles is not None:
                 raise InputError("a Mesh has a path, or vertices and triangles, not both")
-            object.__setattr__(self, "path", Path(self.path))
             return
-        vertices = coordinates("Mesh.vertices", self.vertices if self.vertices is not None else [], (None, 3))
-        try:
-            triangles = np.array(self.triangles if self.triangles is not None else [])
-        except ValueError as error:  # rows of different lengths
-            raise InputError(f"Mesh.triangles must be integers of the shape (F, 3): {error}") from error
-        if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0 or triangles.dtype.kind not in "iu":
-            raise InputError(f"Mesh.triangles must be integers of the shape (F, 3); the shape is {triangles.shape}")
-        if triangles.min() < 0 or triangles.max() >= len(vertices):
-            raise InputError(
-                f"Mesh.triangles name vertices {triangles.min()} to {triangles.max()} of 0 to {len(vertices) - 1}"
-            )
-        triangles = triangles.astype(np.int64)
-        triangles.setflags(write=False)
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "triangles", triangles)
+        if self.vertices is None or self.triangles is None:
+            raise InputError("a Mesh needs a path, or vertices and triangles")
+        if self.scale != (1.0, 1.0, 1.0):
+            raise InputError("Mesh.scale is for a mesh with a path only")
+        low, high = int(self.triangles.min()), int(self.triangles.max())
+        if low < 0 or high >= len(self.vertices):
+            raise InputError(f"Mesh.triangles name vertices {low} to {high} of 0 to {len(self.vertices) - 1}")
 
     @classmethod
     def from_arrays(
@@ -127,40 +174,41 @@ class Mesh(ByContent):
         return cls(None, 1.0, hull, hollow, vertices, triangles)  # type: ignore[arg-type]  # made arrays there
 
 
+def _measured(name: str, value: Any) -> Array:
+    """Points of which at least one is finite."""
+    points = point_array(name, value)
+    if not np.isfinite(points).all(axis=1).any():
+        what = f"holds {len(points)} points, of which none is finite" if len(points) else "is empty"
+        raise InputError(f"{name} {what}; at least one point is needed")
+    return points
+
+
 @named_arguments
-@dataclass(frozen=True, eq=False, repr=False)
+@struct("point_cloud", eq=False, repr=False)
 class PointCloud(ByContent):
-    """Points of a sensor: every cell of a grid that contains a point is solid, like the leaves of an octree.
+    """The points of a sensor: every cell of a grid that contains one is solid, like the leaves of an octree."""
 
-    Parameters
-    ----------
-    points
-        (N, 3) in metres. Points with a coordinate that is not finite, which depth cameras return for pixels without a
-        measurement, are dropped and counted (:attr:`dropped`).
-    resolution
-        The side (m) of a cell; cells start at integer multiples of it. The solid extends up to one ``resolution``
-        beyond a point. Space between points that are farther apart than a cell is free, so the resolution should be no
-        finer than the spacing of the points.
-    """
-
-    points: Array
-    resolution: float
+    points: Array = key(
+        "(N, 3) the points. Those with a coordinate that is not finite, which depth cameras return for pixels without "
+        "a measurement, are dropped and counted",
+        "m",
+        kind=simple(list_of(vector(3, COORDINATE), 1).schema, _measured, parsed),
+    )
+    resolution: Size = key(
+        "side of the cells of the grid, which start at integer multiples of it. The solid extends up to one side "
+        "beyond a point, and space between points that are farther apart is free; a cell should be no finer than the "
+        "spacing of the points",
+        "m",
+    )
 
     def __post_init__(self) -> None:
-        stated = point_array("PointCloud.points", self.points)
-        measured = np.isfinite(stated).all(axis=1)
-        points = coordinates("PointCloud.points", stated[measured], (None, 3))
-        if len(points) == 0:
-            what = f"holds {len(stated)} points, of which none is finite" if len(stated) else "is empty"
-            raise InputError(f"PointCloud.points {what}; at least one point is needed")
-        object.__setattr__(self, "_dropped", len(stated) - len(points))
-        resolution = checked_size("PointCloud.resolution", self.resolution)
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "resolution", resolution)
+        measured = self.points[np.isfinite(self.points).all(axis=1)]
+        object.__setattr__(self, "_dropped", len(self.points) - len(measured))
+        object.__setattr__(self, "points", coordinates("PointCloud.points", measured, (None, 3)))
         if not (np.abs(self.cells) < GRID_CELLS - 1).all():
-            far = float(np.abs(points).max())
+            far = float(np.abs(self.points).max())
             least = f"points {far:g} m from the origin need cells of {far / (GRID_CELLS - 2):.2g} m or more"
-            raise InputError(f"PointCloud.resolution = {resolution:g}; {least}")
+            raise InputError(f"PointCloud.resolution = {self.resolution:g}; {least}")
 
     @property
     def dropped(self) -> int:
@@ -181,110 +229,98 @@ def cell_numbers(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
 
 
 @named_arguments
-@dataclass(frozen=True, eq=False, repr=False)
+@struct("height_map", eq=False, repr=False)
 class HeightMap(ByContent):
-    """Ground over a rectangle about the origin, solid from its surface down to ``bottom``.
+    """Ground over a rectangle about the origin, solid from its surface down to its underside.
 
     Between the points the surface is the higher of the two triangulations of a cell, so that it covers both and the
     bilinear patch.
-
-    Parameters
-    ----------
-    heights
-        (ny, nx) z in metres at the points of a regular grid; row 0 lies at y = -``y`` / 2, column 0 at x = -``x`` / 2.
-    x, y
-        The full sides (m) of the rectangle.
-    bottom
-        z (m) of the underside; default :data:`BELOW_LOWEST` below the lowest point.
     """
 
-    heights: Array
-    x: float
-    y: float
-    bottom: float = None  # type: ignore[assignment]  # made a number below
+    heights: Array = key(
+        "(ny, nx) rows of z at the points of a regular grid; row 0 is at y = -y / 2, column 0 at x = -x / 2",
+        "m",
+        kind=array_of(list_of(list_of(COORDINATE, 2), 2), (None, None), coordinates),
+    )
+    x: Size = key("full side of the rectangle along x", "m")
+    y: Size = key("full side of the rectangle along y", "m")
+    bottom: float = key(
+        f"z of the underside; by default {BELOW_LOWEST} m below the lowest point",
+        "m",
+        default=None,
+        kind=Kind(NUMBER.schema, optional(NUMBER).check, NUMBER.parse),
+    )
 
     def __post_init__(self) -> None:
-        heights = coordinates("HeightMap.heights", self.heights, (None, None))
-        if min(heights.shape) < 2:
-            raise InputError(f"HeightMap.heights has the shape {heights.shape}; it needs 2 rows and 2 columns or more")
-        lowest = float(heights.min())
-        bottom = lowest - BELOW_LOWEST if self.bottom is None else float(finite("HeightMap.bottom", self.bottom, ()))
+        if min(self.heights.shape) < 2:
+            shape = self.heights.shape
+            raise InputError(f"HeightMap.heights has the shape {shape}; it needs 2 rows and 2 columns or more")
+        lowest = float(self.heights.min())
+        bottom = lowest - BELOW_LOWEST if self.bottom is None else self.bottom
         if not -2 * LARGEST_SIZE <= bottom <= lowest - SMALLEST_SIZE:
             raise InputError(f"HeightMap.bottom = {bottom:g} must lie below the lowest point, {lowest:g}")
-        object.__setattr__(self, "heights", heights)
-        object.__setattr__(self, "x", checked_size("HeightMap.x", self.x))
-        object.__setattr__(self, "y", checked_size("HeightMap.y", self.y))
         object.__setattr__(self, "bottom", bottom)
 
 
-class _Sized:
-    """Checks every number of a shape as :func:`~pinproof.collision.geometry.shapes.checked_size` does."""
+@named_arguments
+@struct("box")
+class Box:
+    """A box."""
 
-    def __post_init__(self) -> None:
-        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
-            number = checked_size(f"{type(self).__name__}.{field.name}", getattr(self, field.name))
-            object.__setattr__(self, field.name, number)
+    x: Size = key("full side along x", "m")
+    y: Size = key("full side along y", "m")
+    z: Size = key("full side along z", "m")
 
 
 @named_arguments
-@dataclass(frozen=True)
-class Box(_Sized):
-    """A box with the full sides x, y, z."""
-
-    x: float
-    y: float
-    z: float
-
-
-@named_arguments
-@dataclass(frozen=True)
-class Sphere(_Sized):
+@struct("sphere")
+class Sphere:
     """A sphere."""
 
-    radius: float
+    radius: Size = key("radius", "m")
 
 
 @named_arguments
-@dataclass(frozen=True)
-class Cylinder(_Sized):
-    """A cylinder about z, ``length`` from end to end."""
+@struct("cylinder")
+class Cylinder:
+    """A cylinder about z."""
 
-    radius: float
-    length: float
-
-
-@named_arguments
-@dataclass(frozen=True)
-class Capsule(_Sized):
-    """A cylinder about z, ``length`` long without its two hemispherical caps."""
-
-    radius: float
-    length: float
+    radius: Size = key("radius", "m")
+    length: Size = key("length from end to end", "m")
 
 
 @named_arguments
-@dataclass(frozen=True)
-class Cone(_Sized):
-    """A cone about z with its tip at z = ``length`` / 2 and its base of ``radius`` at z = -``length`` / 2."""
+@struct("capsule")
+class Capsule:
+    """A cylinder about z with two hemispherical caps."""
 
-    radius: float
-    length: float
-
-
-@named_arguments
-@dataclass(frozen=True)
-class Ellipsoid(_Sized):
-    """An ellipsoid with the semi-axes rx, ry, rz along x, y, z."""
-
-    rx: float
-    ry: float
-    rz: float
+    radius: Size = key("radius", "m")
+    length: Size = key("length of the cylinder, without the caps", "m")
 
 
 @named_arguments
-@dataclass(frozen=True)
+@struct("cone")
+class Cone:
+    """A cone about z; its tip is at z = length / 2."""
+
+    radius: Size = key("radius of the base", "m")
+    length: Size = key("height", "m")
+
+
+@named_arguments
+@struct("ellipsoid")
+class Ellipsoid:
+    """An ellipsoid."""
+
+    rx: Size = key("semi-axis along x", "m")
+    ry: Size = key("semi-axis along y", "m")
+    rz: Size = key("semi-axis along z", "m")
+
+
+@named_arguments
+@struct("half_space")
 class HalfSpace:
-    """A half-space, such as a floor, wall or ceiling: all points with z <= 0 in its own frame are solid."""
+    """A half-space, such as a floor, wall or ceiling: all points below z = 0 of its frame are solid."""
 
 
 Shape = (
@@ -311,44 +347,100 @@ ANYTHING = "*"
 """The name of any robot link or attached object in an allowed contact."""
 
 
-@dataclass(frozen=True, eq=False)
+def _box(stated: Any) -> Box:
+    if not isinstance(stated, list):
+        raise InputError(f"{stated!r} is not a list of full sides; write box: [x, y, z]")
+    return Box(*finite("box", parsed(stated), (3,)))
+
+
+def _key_of_shape(name: str, made: Any) -> Key:
+    """The key of a shape in the mapping of an obstacle; a box is a list, all others are mappings."""
+    if made is Box:
+        return Key(name, simple(vector(3, SIZE).schema, parse=_box), "the full sides x, y, z of a box", "m")
+    table = GRID if made is OccupancyGrid else table_of(made)
+    return Key(name, table, f"{table.text[0].lower()}{table.text[1:].rstrip('.')}")
+
+
+def _only_shape(**shapes: Shape) -> Shape:
+    if len(shapes) != 1:
+        raise InputError(f"has {' and '.join(shapes) or 'no shape'}; it needs one of {', '.join(SHAPES_BY_KEY)}")
+    return next(iter(shapes.values()))
+
+
+SHAPE = Table(
+    "shape",
+    "Exactly one shape.",
+    *(_key_of_shape(name, made) for name, made in SHAPES_BY_KEY.items()),
+    rules={"oneOf": [{"required": [name]} for name in SHAPES_BY_KEY]},
+    make=_only_shape,
+)
+"""The keys of shapes, of which an obstacle has exactly one."""
+
+
+def _shape(name: str, value: Any) -> Shape:
+    if not isinstance(value, get_args(Shape)):
+        kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
+        raise InputError(f"{name} is {value!r}; valid:  {kinds}")
+    return value
+
+
+def _nearby(name: str, value: Any) -> SE3:
+    placed = SE3.Identity() if value is None else rigid(name, value)
+    if float(np.abs(placed.translation).max()) > LARGEST_SIZE:
+        where = placed.translation.tolist()
+        raise InputError(f"{name} is at {where}; coordinates are limited to {LARGEST_SIZE:g} m")
+    return frozen(placed)
+
+
+def _one_arm(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise InputError(
+            f"{name} = {value!r} must be the name of one arm; an object that several arms hold together forms a closed "
+            "chain, which is not supported"
+        )
+    return value
+
+
+@struct("obstacle", eq=False)
 class Obstacle:
-    """A named shape with a pose.
+    """A body: a name, exactly one shape, a pose and a colour."""
 
-    Parameters
-    ----------
-    name
-        Unique in its scene.
-    shape
-        Its shape.
-    pose
-        ``root_from_obstacle``: its pose in the frame of the robot's root link, SE3 or (4, 4). Copied, and read-only
-        afterwards; :meth:`Scene.move` returns a scene in which the obstacle has another pose.
-    rgba
-        Its colour in the viewer, 0 to 1.
-    arm
-        For an object attached to a joint group with several arms: the name of the arm that carries it.
-    """
+    name: str = key("its name, unique in its list")
+    shape: Shape = key("its shape", kind=simple({}, _shape), inline=SHAPE)
+    pose: SE3 = key(
+        "``root_from_obstacle``: its pose in the frame of the robot's root link, SE3 or (4, 4). Copied, and read-only "
+        "afterwards; :meth:`Scene.move` returns a scene in which the obstacle has another pose",
+        default=None,
+        kind=simple({}, _nearby),
+        inline=POSE,
+    )
+    rgba: tuple[float, float, float, float] | None = key(
+        "colour and opacity in the viewer, each from 0 to 1",
+        default=None,
+        kind=list_of(number(minimum=0, maximum=1), 4, 4),
+    )
+    arm: str | None = key(
+        "for an object attached to a joint group with several arms: the name of the arm that carries it",
+        default=None,
+        kind=simple({}, _one_arm),
+        hidden=True,
+    )
 
-    name: str
-    shape: Shape
-    pose: pin.SE3 = None
-    rgba: tuple[float, float, float, float] | None = None
-    arm: str | None = None
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise InputError(f"an obstacle needs a name, not {self.name!r}")
-        if not isinstance(self.shape, Shape):
-            kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
-            raise InputError(f"obstacle {self.name!r} has the shape {self.shape!r}; valid:  {kinds}")
-        if self.arm is not None and not isinstance(self.arm, str):
-            raise InputError(
-                f"arm = {self.arm!r} of {self.name!r} must be the name of one arm; an object that several arms hold "
-                "together forms a closed chain, which is not supported"
-            )
-        placement = pin.SE3.Identity() if self.pose is None else rigid(f"pose of obstacle {self.name!r}", self.pose)
-        if float(np.abs(placement.translation).max()) > LARGEST_SIZE:
-            where = placement.translation.tolist()
-            raise InputError(f"obstacle {self.name!r} is at {where}; coordinates are limited to {LARGEST_SIZE:g} m")
-        object.__setattr__(self, "pose", frozen(placement))
+def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
+    """Return the key and value of a shape for a file in ``folder``; an unknown shape is refused."""
+    kind = next((name for name, made in SHAPES_BY_KEY.items() if type(shape) is made), None)
+    if kind is None:
+        raise InputError(f"a {type(shape).__name__} has no key in files; valid: {', '.join(SHAPES_BY_KEY)}")
+    if isinstance(shape, Box):
+        return kind, [shape.x, shape.y, shape.z]
+    if isinstance(shape, OccupancyGrid):
+        return kind, stated_grid(shape)
+    stated = table_of(type(shape)).row(shape)
+    if not isinstance(shape, Mesh):
+        return kind, stated
+    if shape.path is not None:
+        file = Path(shape.path).resolve()
+        stated["path"] = (file.relative_to(folder) if file.is_relative_to(folder) else file).as_posix()
+    left_out = ("scale", "path") if shape.path is None else ("vertices", "triangles")
+    return kind, {name: value for name, value in stated.items() if name not in left_out and value is not None}

@@ -44,7 +44,7 @@ from pinproof.collision.geometry.shapes import (
     Shape,
     Sphere,
 )
-from pinproof.collision.scenes.scene_file import SceneContent, numbers_of
+from pinproof.common.structs import parsed
 from pinproof.common.yaml_file import LinedMapping, refuse_unknown, require_list
 from pinproof.description.packages import locate
 from pinproof.errors import FileError, InputError, MeshError, SceneError
@@ -129,8 +129,8 @@ ADD = (None, 0, "ADD", "add", b"\x00", "\x00")
 """The values of ``operation`` that add an object: by name, and as a byte of a message of ROS 2."""
 
 
-def read_moveit_message(message: Mapping[str, Any]) -> SceneContent:
-    """Return the content of a message that is given as nested mappings and lists, as :func:`read_moveit_scene` does."""
+def read_moveit_message(message: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a scene for a message of nested mappings and lists, as :func:`read_moveit_scene` does."""
     return read_moveit_scene(Path("moveit_msgs/PlanningScene"), _lined(message))
 
 
@@ -224,8 +224,8 @@ def _pose_fields(place: pin.SE3) -> dict[str, Any]:
     return {"pose": {"position": position, "orientation": dict(zip("xyzw", quaternion, strict=True))}}
 
 
-def read_moveit_scene(path: Path, content: LinedMapping) -> SceneContent:
-    """Return the content of a planning scene; SceneError, with file, line and object, if it is not supported."""
+def read_moveit_scene(path: Path, content: LinedMapping) -> dict[str, Any]:
+    """Return the arguments of a scene for a planning scene; SceneError, with file, line and object, if it cannot."""
     try:
         return _scene(path, content)
     except InputError as error:
@@ -234,7 +234,7 @@ def read_moveit_scene(path: Path, content: LinedMapping) -> SceneContent:
         raise SceneError(path, f"is not structured as moveit_msgs/PlanningScene: {error}") from error
 
 
-def _scene(path: Path, content: LinedMapping) -> SceneContent:
+def _scene(path: Path, content: LinedMapping) -> dict[str, Any]:
     refuse_unknown(SceneError, path, "key of a planning scene", content, SCENE_KEYS, "")
     world = _mapping(path, content["world"], "world")
     refuse_unknown(SceneError, path, "key of world", world, ("collision_objects", "octomap"), "")
@@ -269,7 +269,8 @@ def _scene(path: Path, content: LinedMapping) -> SceneContent:
         obstacles += made
         parts[name] = tuple(names)
     allowed, disabled = allowed_pairs(path, content.get("allowed_collision_matrix") or {}, parts)
-    return SceneContent(obstacles, allowed, disabled, frames.root, notes)
+    pairs = {"allowed": allowed, "disabled": disabled}
+    return {"obstacles": obstacles, **pairs, "frame": frames.root, "notes": notes}
 
 
 def _octomap(path: Path, stated: Mapping[str, Any], frames: _Frames, notes: list[str]) -> list[Obstacle]:
@@ -370,9 +371,7 @@ def _primitive(stated: Mapping[str, Any]) -> Shape:
     kind = PRIMITIVES.get(kind, kind) if isinstance(kind, int) else str(kind).lower()
     if kind not in COUNTS:
         raise InputError(f"a primitive of the type {kind!r} is not read; valid: {', '.join(COUNTS)}")
-    sizes = finite(
-        f"dimensions of a {kind}", numbers_of("dimensions", stated.get("dimensions")), (COUNTS[kind],)
-    ).tolist()
+    sizes = finite(f"dimensions of a {kind}", parsed(stated.get("dimensions")), (COUNTS[kind],)).tolist()
     if kind == "box":
         return Box(*sizes)
     if kind == "sphere":
@@ -387,7 +386,7 @@ def _mesh(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) ->
         if found.path is None:
             places = "\n  ".join(str(place) for place in found.searched)
             raise InputError(f"the mesh {found.uri} was not found; it was looked for in\n  {places}")
-        scale = numbers_of("dimensions", stated.get("dimensions", [1.0, 1.0, 1.0]))
+        scale = parsed(stated.get("dimensions", [1.0, 1.0, 1.0]))
         mesh = Mesh(found.path, tuple(scale) if isinstance(scale, list) else scale)
     else:
         vertices = [_three(part) for part in stated.get("vertices") or []]
@@ -404,7 +403,7 @@ def _mesh(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) ->
 
 def _half_space(stated: Mapping[str, Any]) -> tuple[HalfSpace, pin.SE3]:
     """The half-space a x + b y + c z + d <= 0 of a plane, and plane_from_half_space."""
-    a, b, c, d = finite("coef of a plane", numbers_of("coef", stated.get("coef")), (4,))
+    a, b, c, d = finite("coef of a plane", parsed(stated.get("coef")), (4,))
     normal = np.array([a, b, c])
     length = float(np.linalg.norm(normal))
     if length < 1e-9:
@@ -452,14 +451,14 @@ def _pose(stated: object) -> pin.SE3:
     rotation, quaternion = stated.get("orientation"), None
     if rotation is not None:
         listed = [rotation.get(key, 0.0) for key in "xyzw"] if isinstance(rotation, Mapping) else rotation
-        quaternion = finite("orientation", numbers_of("orientation", listed), (4,)).tolist()
+        quaternion = finite("orientation", parsed(listed), (4,)).tolist()
     position = _three(stated["position"]) if stated.get("position") is not None else np.zeros(3)
     return pose(position.tolist(), quat_xyzw=quaternion if quaternion is not None and any(quaternion) else None)
 
 
 def _three(stated: object) -> Array:
     values = [stated.get(key, 0.0) for key in "xyz"] if isinstance(stated, Mapping) else stated
-    return finite("position", numbers_of("position", values), (3,))
+    return finite("position", parsed(values), (3,))
 
 
 def _mapping(path: Path, stated: object, key: str) -> Mapping[str, Any]:

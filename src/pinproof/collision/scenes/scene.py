@@ -3,51 +3,74 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
+import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.geometry.shapes import Obstacle
+from pinproof.collision.geometry.shapes import Obstacle, stated_shape
 from pinproof.common.display import html_block, html_list, html_table, outline, shortened
-from pinproof.common.validation import require_type
+from pinproof.common.structs import (
+    ANY_TEXT,
+    errors_of,
+    key,
+    list_of,
+    plain,
+    simple,
+    struct,
+    table_of,
+)
+from pinproof.common.yaml_file import read_yaml, write_yaml
 from pinproof.errors import InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, matrix, rigid, xyz_rpy
+from pinproof.units import MOST_REACH
 
 SHAPE_WIDTH = 60
 """Largest number of characters of a shape in a table of obstacles."""
 
 
-@dataclass(frozen=True, eq=False)
+def _pair(name: str, value: object) -> tuple[str, str]:
+    names = list(value) if isinstance(value, (list, tuple)) else []
+    if len(names) != 2 or not all(isinstance(each, str) for each in names):
+        raise InputError(f"{name} is {value!r}, not a pair of names")
+    if names[0] == names[1]:
+        raise InputError(f"{name} names {names[0]!r} twice; a pair is two bodies")
+    return names[0], names[1]
+
+
+PAIRS = list_of(simple(list_of(ANY_TEXT, 2, 2).schema, _pair))
+
+
+@struct("scene", first=("obstacles", "allowed_contacts", "disabled_pairs", "frame"), init=False, repr=False, eq=False)
 class Scene:
-    """An immutable set of obstacles, which are not checked against each other.
+    """Obstacles, which are not checked against each other. Poses are in the frame of the robot's root link."""
 
-    Parameters
-    ----------
-    obstacles
-        The obstacles; their names differ.
-    allowed
-        Pairs of (robot link, obstacle) that may touch, such as the base and the table on which it is mounted.
-        Certificates list them as excluded. ``"*"`` as the link means every link and attached object.
-    disabled
-        Pairs of robot links that a MoveIt allowed-collision matrix disables. Like an SRDF's pairs without a reason they
-        are checked, unless the checker has ``trust_disabled``.
-    frame
-        Name of the frame of the poses. A checker refuses a robot if neither its root nor a link fixed at the root has
-        this name. Empty: the root of any robot.
-    notes
-        Simplifications made when the file was read.
-    source
-        The file from which it was read, for messages.
-    """
-
-    obstacles: tuple[Obstacle, ...] = ()
-    allowed: tuple[tuple[str, str], ...] = ()
-    disabled: tuple[tuple[str, str], ...] = ()
-    frame: str = ""
-    notes: tuple[str, ...] = ()
-    source: Path | None = None
+    obstacles: tuple[Obstacle, ...] = key(
+        "the obstacles; write `obstacles: []` for an empty scene", kind=list_of(table_of(Obstacle), named="obstacle")
+    )
+    allowed: tuple[tuple[str, str], ...] = key(
+        "pairs of a robot link and an obstacle that may touch, such as the base and the table on which it is mounted; "
+        "certificates list them as excluded. `*` as the link means every link and attached object",
+        name="allowed_contacts",
+        default=(),
+        kind=PAIRS,
+    )
+    disabled: tuple[tuple[str, str], ...] = key(
+        "pairs of robot links that a MoveIt matrix disables; they are checked unless the caller trusts them",
+        name="disabled_pairs",
+        default=(),
+        kind=PAIRS,
+    )
+    frame: str = key(
+        "the root link, or a link fixed to it, that the robot must have; by default any robot is accepted",
+        default="",
+        kind=ANY_TEXT,
+    )
+    notes: tuple[str, ...] = key("simplifications made when the file was read", default=(), hidden=True)
+    source: Path | None = key("the file from which it was read, for messages", default=None, hidden=True)
 
     def __repr__(self) -> str:
         things = (f"{each.name}: {shortened(repr(each.shape), SHAPE_WIDTH)}" for each in self.obstacles)
@@ -74,23 +97,19 @@ class Scene:
         notes: Iterable[str] = (),
         source: str | Path | None = None,
     ) -> None:
-        obstacles = tuple(obstacles)
-        for each in obstacles:
-            require_type("an obstacle of a scene", each, Obstacle)
-        names = [obstacle.name for obstacle in obstacles]
-        doubled = sorted({name for name in names if names.count(name) > 1})
-        if doubled:
-            raise InputError(f"obstacle names must differ; {', '.join(doubled)} appear more than once")
-        pairs = _pairs("allowed", allowed)
-        for _, obstacle in pairs:
+        given = {"obstacles": obstacles, "allowed": allowed, "disabled": disabled, "frame": frame}
+        source = None if source is None else Path(source)
+        for name, value in {**given, "notes": tuple(notes), "source": source}.items():
+            object.__setattr__(self, name, value)
+        self.__post_init__()
+
+    def __post_init__(self) -> None:
+        names = set(self.names)
+        for _, obstacle in self.allowed:
             if obstacle not in names:
-                raise UnknownNameError("obstacle", obstacle, names, "the allowed contacts of the scene")
-        object.__setattr__(self, "obstacles", obstacles)
-        object.__setattr__(self, "allowed", pairs)
-        object.__setattr__(self, "disabled", _pairs("disabled", disabled))
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "notes", tuple(notes))
-        object.__setattr__(self, "source", None if source is None else Path(source))
+                error = UnknownNameError("obstacle", obstacle, names, "the allowed contacts of the scene")
+                error.argument = "allowed"
+                raise error
 
     def __getitem__(self, name: str) -> Obstacle:
         for obstacle in self.obstacles:
@@ -153,10 +172,10 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
-        """Read a scene file (YAML) in the format of pinproof or of MoveIt.
+        """Read a scene file (YAML) in the format of pinproof or of MoveIt (:mod:`pinproof.collision.scenes.moveit`).
 
-        The formats are described in :mod:`pinproof.collision.scenes.scene_file` and
-        :mod:`pinproof.collision.scenes.moveit`.
+        docs/formats/scene.md describes the format. Invalid values are refused, because a scene that is read wrongly can
+        cause a collision.
 
         Raises
         ------
@@ -164,87 +183,94 @@ class Scene:
             If the file cannot be read or its content is invalid; the message names the obstacle and the key.
         """
         from pinproof.collision.scenes.moveit import is_moveit, read_moveit_scene
-        from pinproof.collision.scenes.scene_file import read_scene
-        from pinproof.collision.scenes.scene_keys import SCENE
-        from pinproof.common.yaml_file import read_yaml
 
-        path = Path(path)
-        stated = read_yaml(path, SCENE.names, SceneError)
-        content = (read_moveit_scene if is_moveit(stated) else read_scene)(path, stated)
-        try:
-            return cls(**content._asdict(), source=path)
-        except InputError as error:
-            raise SceneError(path, str(error), "key allowed_contacts or disabled_pairs") from error
+        path, table = Path(path), table_of(cls)
+        content = read_yaml(path, table.names, SceneError)
+        with errors_of(path, SceneError):
+            if is_moveit(content):
+                return cls(**read_moveit_scene(path, content), source=path)
+            values = table.values("the scene", content, path)
+            made = table.made(content, {**values, "notes": _far(values["obstacles"]), "source": path})
+            return cast(Scene, made)
 
     def save(self, path: str | Path) -> None:
         """Write the scene as YAML, atomically.
+
+        Sizes and positions are restored exactly, rotations (written as quaternions) to rounding. Paths of meshes are
+        relative to the folder of the file if the mesh is inside it, otherwise absolute.
 
         Raises
         ------
         SceneError
             If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
         """
-        from pinproof.collision.scenes.scene_file import SceneContent, write_scene
-
-        write_scene(SceneContent(self.obstacles, self.allowed, self.disabled, self.frame), path)
-
-
-def _pairs(what: str, stated: Iterable[Sequence[str]]) -> tuple[tuple[str, str], ...]:
-    pairs = []
-    for pair in stated:
-        if isinstance(pair, str) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
-            raise InputError(f"{what}: {pair!r} is not a pair of names")
-        first, second = pair
-        if first == second:
-            raise InputError(f"{what}: {first!r} is named twice; a pair is two bodies")
-        pairs.append((first, second))
-    return tuple(pairs)
+        content: dict[str, Any] = {"obstacles": _stated_bodies(self.obstacles, path)}
+        more = {"frame": self.frame, "allowed_contacts": self.allowed, "disabled_pairs": self.disabled}
+        write_yaml(path, content | {name: plain(value) for name, value in more.items() if value}, SceneError)
 
 
-@dataclass(frozen=True, eq=False)
+def _far(obstacles: Iterable[Obstacle]) -> list[str]:
+    """Return a note on each obstacle that is implausibly far away, such as for a missing decimal point."""
+    far = [(thing.name, float(np.abs(thing.pose.translation).max())) for thing in obstacles]
+    return [f"obstacle {name!r} is {off:g} m away; lengths are in metres" for name, off in far if off > MOST_REACH]
+
+
+def _stated_bodies(bodies: Iterable[Obstacle], path: str | Path) -> list[dict[str, Any]]:
+    """Return obstacles as mappings for a file."""
+    folder = Path(path).resolve().parent
+    rows = []
+    for body in bodies:
+        kind, shape = stated_shape(body.shape, folder)
+        colour = {} if body.rgba is None else {"rgba": plain(body.rgba)}
+        rows.append({"name": body.name, kind: shape, **_stated_pose(body.pose), **colour})
+    return rows
+
+
+def _stated_pose(placement: pin.SE3) -> dict[str, Any]:
+    """Return the keys and values of a pose for a file."""
+    position = {"xyz": placement.translation.tolist()}
+    if np.array_equal(placement.rotation, np.eye(3)):
+        return position
+    return {**position, "quat_xyzw": pin.Quaternion(placement.rotation).coeffs().tolist()}
+
+
+@struct("attached", eq=False)
 class Attachments:
-    """Bodies that the arm carries at its tcp: a tool, a part, or both.
+    """Bodies that the arm carries at its tcp: a tool, a part, or both, for the option `--attached`."""
 
-    :meth:`load` reads them from a YAML file, whose keys are in :mod:`pinproof.collision.scenes.scene_keys`;
-    docs/formats/attached.md describes them with an example.
-
-    Parameters
-    ----------
-    bodies
-        Bodies that move with the tcp; their pose is ``tcp_from_body``.
-    allowed
-        Pairs of names (links, attached bodies, obstacles) that may touch. Certificates list them as excluded.
-    held
-        Values (rad or m) of joints outside the arm by name, such as those of the robot's own fingers.
-    tip
-        ``tcp_from_tip``: the point of the tool that reaches a target.
-    """
-
-    bodies: tuple[Obstacle, ...] = ()
-    allowed: tuple[tuple[str, str], ...] = ()
-    held: Mapping[str, float] = field(default_factory=dict)
-    tip: SE3 = field(default_factory=SE3.Identity)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "bodies", tuple(self.bodies))
-        object.__setattr__(self, "allowed", tuple((str(a), str(b)) for a, b in self.allowed))
-        object.__setattr__(self, "tip", rigid("tip", self.tip))
-        names = [body.name for body in self.bodies]
-        if doubled := sorted({name for name in names if names.count(name) > 1}):
-            raise InputError(f"names of attached bodies must differ; {', '.join(doubled)} appear more than once")
+    bodies: tuple[Obstacle, ...] = key(
+        "bodies that move with the tcp; poses are tcp_from_body",
+        name="attached",
+        default=(),
+        kind=list_of(table_of(Obstacle), named="attached body"),
+        required=True,
+    )
+    allowed: tuple[tuple[str, str], ...] = key(
+        "pairs of bodies (links, attached bodies, obstacles) that may touch; certificates list them as excluded",
+        name="allowed_contacts",
+        default=(),
+        kind=PAIRS,
+    )
+    held: Mapping[str, float] = key(
+        "values of joints outside the arm by name, such as those of the robot's own fingers",
+        "rad or m",
+        default_factory=dict,
+    )
+    tip: SE3 = key("tcp_from_tip: the point of the tool that reaches a target", default_factory=SE3.Identity)
 
     @classmethod
     def load(cls, path: str | Path) -> Attachments:
-        """Read a YAML file of this format.
+        """Read a YAML file of this format, which docs/formats/attached.md describes.
 
         Raises
         ------
         SceneError
             If the file cannot be read or its content is invalid; the message names file, line and key.
         """
-        from pinproof.collision.scenes.scene_file import read_attached
-
-        return cls(**read_attached(Path(path)))
+        path, table = Path(path), table_of(cls)
+        content = read_yaml(path, table.names, SceneError)
+        with errors_of(path, SceneError):
+            return cast(Attachments, table.read("the file", content, path))
 
     def save(self, path: str | Path) -> None:
         """Write a file that :meth:`load` reads, atomically; mesh paths are as in :meth:`Scene.save`.
@@ -254,6 +280,7 @@ class Attachments:
         SceneError
             If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
         """
-        from pinproof.collision.scenes.scene_file import write_attached
-
-        write_attached(path, self.bodies, self.allowed, self.held, self.tip)
+        content: dict[str, Any] = {"attached": _stated_bodies(self.bodies, path)}
+        tip = {} if self.tip.isIdentity() else _stated_pose(self.tip)
+        more = {"allowed_contacts": self.allowed, "held": self.held, "tip": tip}
+        write_yaml(path, content | {name: plain(value) for name, value in more.items() if value}, SceneError)

@@ -4,24 +4,66 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Obstacle, Scene, Upright
+from pinproof.collision import Mesh, Obstacle, Scene
+from pinproof.collision.certificates.path_constraints import SMALLEST
 from pinproof.common.display import html_block, html_list, html_table, outline
-from pinproof.common.validation import ReadOnlyDict, require_positive, unique_names
+from pinproof.common.structs import (
+    ANGLE,
+    ANY_TEXT,
+    NUMBER,
+    ONE_ORIENTATION,
+    POSE,
+    TEXT,
+    TRANSFORM,
+    Direction,
+    Key,
+    Kind,
+    Rule,
+    Table,
+    any_of,
+    choice,
+    file_of,
+    integer,
+    key,
+    list_of,
+    mapping_to,
+    number,
+    parsed,
+    pose_of,
+    required,
+    simple,
+    struct,
+    table_of,
+    vector,
+    without,
+)
+from pinproof.common.validation import ReadOnlyDict, require_number, unique_names
+from pinproof.description.meshes import COLOURED_SUFFIXES
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, load_robot
 from pinproof.model.dynamics import checked_payloads
 from pinproof.motion import ToolLimits
 from pinproof.picks.input.conveyor import Conveyor
-from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3, Array, finite, frozen, pose, rigid, rotation_about, translated, unit_vector, xyz_rpy
+from pinproof.picks.input.settings import GripLimits, PickBudget
+from pinproof.spatial import SE3, Array, finite, frozen, pose, rigid, rotation_about, translated, xyz_rpy
+from pinproof.units import (
+    ANGLE_UNITS,
+    MOST_MARGIN,
+    MOST_REACH,
+    parse_angle,
+    refuse_degrees,
+    refuse_millimetres,
+    warn_of_millimetres,
+)
 
 STEPS = 24
 """Number of tried rotations of a free spin: one every 15 degrees."""
@@ -71,31 +113,52 @@ class GraspSpin:
         return cls(tuple(sorted(np.linspace(first, last, steps + 1).tolist(), key=abs)), sampled=last > first)
 
 
-@dataclass(frozen=True)
+def _angles(name: str, value: object) -> GraspSpin:
+    """``free``, one angle, several, or the spin itself."""
+    if isinstance(value, GraspSpin):
+        return value
+    if isinstance(value, str):
+        return GraspSpin.free()
+    angles = np.atleast_1d(np.asarray(value, dtype=float)).tolist()
+    refuse_degrees(name, angles)
+    return GraspSpin(tuple(angles))
+
+
+def _between(range: tuple[float, float], steps: int = STEPS) -> GraspSpin:  # noqa: A002  # the key
+    refuse_degrees("range", range)
+    return GraspSpin.between(*range, steps)
+
+
+SPIN_RANGE = Table(
+    "spin_range",
+    "A range of rotations about the approach direction.",
+    required("range", vector(2), "first and last rotation", "rad"),
+    Key("steps", integer(1, MOST_STEPS), "number of steps between them", "", STEPS),
+    make=_between,
+)
+
+SPIN = any_of(choice("free"), NUMBER, list_of(NUMBER, 1), SPIN_RANGE, check=_angles)
+
+
+def _sides(name: str, value: object) -> tuple[float, ...]:
+    sides = finite(name, np.broadcast_to(np.asarray(value, dtype=float), 3), (3,)).tolist()
+    return tuple(require_number(name, side, "m", minimum=0) for side in sides)
+
+
+@struct("tolerance")
 class GraspTolerance:
-    """How far a grasp may be moved along and about the axes of the tip.
+    """How far a grasp may be moved along and about the axes of the tip if the nominal one fails.
 
     Half of the tolerance and all of it are tried, one axis at a time.
-
-    Parameters
-    ----------
-    position
-        (3,) metres in both directions along x, y, z.
-    tilt
-        rad in both directions about x and y.
     """
 
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    tilt: float = 0.0
-
-    def __post_init__(self) -> None:
-        sides = self.position if isinstance(self.position, Iterable) else (self.position,) * 3
-        position = finite("tolerance.position", sides, (3,))
-        tilt = float(finite("tolerance.tilt", [self.tilt], (1,))[0])
-        if (position < 0).any() or tilt < 0:
-            raise InputError(f"tolerance of {position.tolist()} m and {tilt} rad; both must be 0 or more")
-        object.__setattr__(self, "position", tuple(position.tolist()))
-        object.__setattr__(self, "tilt", tilt)
+    position: tuple[float, float, float] = key(
+        "along x, y, z, in both directions; one number for all of them",
+        "m",
+        default=(0.0, 0.0, 0.0),
+        kind=any_of(number(minimum=0), list_of(number(minimum=0), 3, 3), check=_sides),
+    )
+    tilt: float = key("about x and y, in both directions", "rad", default=0.0, minimum=0)
 
     def groups(self) -> Iterator[list[tuple[str, SE3]]]:
         """Groups of displacements with increasing size: each as text and as ``nominal_from_moved``."""
@@ -140,15 +203,28 @@ def _spun(angle: float) -> str:
     return f"spun by {np.degrees(angle):+.0f} deg" if angle else ""
 
 
-@dataclass(frozen=True, eq=False)
+def pose_in_reach(most: float = MOST_REACH) -> Table:
+    """The keys of a pose whose position (m) is not clearly in millimetres: no number is above ``most``."""
+
+    def make(**stated: Any) -> SE3:
+        placed = pose_of(**stated)
+        refuse_millimetres("xyz", placed.translation.tolist(), most=most)
+        return placed
+
+    return Table(POSE.title, POSE.text, *POSE.keys, rules=POSE.rules, make=make)
+
+
+POSE_IN_REACH = pose_in_reach()
+
+
+@struct("frame", eq=False)
 class NamedFrame:
-    """``parent_from_frame``, and the name of the parent: any frame in which a pick can be stated."""
+    """A named frame in which picks can be stated: parent_from_frame."""
 
-    pose: SE3
-    frame: str = ""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", frozen(rigid("pose of a frame", self.pose)))
+    pose: SE3 = key("its pose in the parent", inline=POSE_IN_REACH)
+    frame: str = key(
+        "the parent: another frame, an obstacle, or a link that does not move", default="", kind=ANY_TEXT, shown=""
+    )
 
 
 def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, arm: Arm) -> SE3:
@@ -180,34 +256,45 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
     return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
 
 
-@dataclass(frozen=True, eq=False)
+def bodies(least: int = 0, most: int | None = None) -> Kind:
+    """Bodies with different names; in a file, they are grey if neither they nor their mesh state a colour."""
+    obstacles = list_of(table_of(Obstacle), least, most, named="body")
+
+    def parse(name: str, stated: object, path: Path) -> list[Obstacle]:
+        found: list[Obstacle] = []
+        for body in obstacles.parse(name, stated, path):
+            coloured = isinstance(body.shape, Mesh) and str(body.shape.path).lower().endswith(COLOURED_SUFFIXES)
+            found.append(body if body.rgba or coloured else replace(body, rgba=TOOL_GREY))
+        return found
+
+    return Kind(obstacles.schema, obstacles.check, parse)
+
+
+@struct(
+    "fingers",
+    first=("opening", "grip", "axis"),
+    rules=[
+        Rule(
+            ("grip", "opening"),
+            lambda fingers: (
+                f"open to {fingers.opening} m and grip at {fingers.grip} m; required: 0 <= grip <= opening"
+                if fingers.grip > fingers.opening
+                else ""
+            ),
+        )
+    ],
+    eq=False,
+)
 class GripperFingers:
-    """Two fingers of a parallel gripper.
+    """Two fingers of a parallel gripper that are not part of the robot."""
 
-    Parameters
-    ----------
-    bodies
-        The two bodies, fully closed; their pose is ``tcp_from_body``.
-    opening
-        Metres between their faces before the grasp.
-    grip
-        Metres between their faces on the object.
-    axis
-        (3,) the opening direction of the first finger in the tcp frame; the second moves in the opposite direction.
-    """
-
-    bodies: tuple[Obstacle, Obstacle]
-    opening: float
-    grip: float
-    axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
-
-    def __post_init__(self) -> None:
-        if len(self.bodies) != 2:
-            raise InputError(f"a gripper has 2 finger bodies, not {len(self.bodies)}")
-        opening, grip = finite("opening and grip of the fingers", [self.opening, self.grip], (2,)).tolist()
-        if not 0 <= grip <= opening:
-            raise InputError(f"the fingers open to {opening} m and grip at {grip} m; required: 0 <= grip <= opening")
-        object.__setattr__(self, "axis", unit_vector("axis of the fingers", self.axis))
+    bodies: tuple[Obstacle, Obstacle] = key("the two fingers, fully closed; poses are tcp_from_body", kind=bodies(2, 2))
+    opening: float = key("distance between their faces before the grasp", "m", minimum=0)
+    grip: float = key("distance between their faces on the object, at most `opening`", "m", minimum=0)
+    axis: Direction = key(
+        "opening direction of the first finger, in the tcp frame; the second moves in the opposite direction",
+        default=(0.0, 1.0, 0.0),
+    )
 
     def apart(self) -> tuple[Obstacle, Obstacle]:
         """The open fingers, before the grasp."""
@@ -223,32 +310,22 @@ class GripperFingers:
         return replace(first, pose=aside * first.pose), replace(second, pose=aside.inverse() * second.pose)
 
 
-@dataclass(frozen=True, kw_only=True)
+@struct("cup", kw_only=True)
 class SuctionCup:
-    """The face of a suction cup: a disc centred at the tip, perpendicular to the tip's z axis, along which it faces.
+    """The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip."""
 
-    Parameters
-    ----------
-    radius
-        Metres: the radius of the face.
-    gap
-        Metres: largest distance of any point of its rim from the surface of the part along the axis, in front of the
-        face or behind it. The lip of the cup has to compensate it; 1 mm suits a flat cup, and bellows allow more.
-    tilt
-        rad: largest angle between the face and the surface at its rim.
-    """
+    radius: float = key("radius of the face, above 0", "m", above=0)
+    gap: float = key(
+        "largest distance of any point of the rim from the surface of the object along the axis, in front of the face "
+        "or behind it; the default suits a flat cup, and bellows allow more",
+        "m",
+        default=1e-3,
+        above=0,
+    )
+    tilt: float = key(
+        "largest angle between the face and the surface at its rim", "rad", default=0.1, above=0, below=np.pi / 2
+    )
 
-    radius: float
-    gap: float = 1e-3
-    tilt: float = 0.1
-
-    def __post_init__(self) -> None:
-        require_positive("radius of the cup", self.radius)
-        require_positive("gap of the cup", self.gap)
-        require_positive("tilt of the cup", self.tilt, below=np.pi / 2)
-
-
-Direction = tuple[float, float, float]
 
 TIP, ROOT, OBJECT = "tip", "root", "object"
 """The frame of a direction is the tip or the root link; the pose of a place is that of the tip or the object."""
@@ -257,6 +334,32 @@ MOVES = ("approach", "retreat")
 
 LONGEST_MOVE = 20.0
 """Metres: the largest approach or retreat. Larger values are probably stated in millimetres."""
+
+
+def _line(text: str, default: float = 0.1) -> Any:
+    """The key of the length of a straight line."""
+    text = f"length of the straight line {text}; 0 for none"
+    return key(text, "m", default=default, minimum=0, maximum=LONGEST_MOVE)
+
+
+def _direction(move: str, default: tuple[float, float, float]) -> Any:
+    return key(f"direction of the {move}; it is normalised", default=default)
+
+
+def _frame_of(move: str, default: str) -> Any:
+    text = f"the frame of `{move}_direction`: the tip of the tool or the root link of the robot"
+    return key(text, default=default, kind=choice(TIP, ROOT))
+
+
+LINE_KEYS = tuple(f"{move}{part}" for move in MOVES for part in ("", "_direction", "_frame"))
+
+
+def support_names(stated: str | Sequence[str] | None) -> tuple[str, ...] | None:
+    """The names of the obstacles that support an object; None if they are determined automatically."""
+    return None if stated is None else unique_names("support", stated)
+
+
+SUPPORT = any_of(TEXT, simple({**list_of(TEXT, 1).schema, "uniqueItems": True}), check=unique_names)
 
 
 class StraightLines:
@@ -285,77 +388,103 @@ class StraightLines:
         return direction if self.approach_frame == TIP else np.asarray(tip.rotation.T @ direction)
 
 
-@dataclass(frozen=True, eq=False)
-class PlaceTarget(StraightLines):
-    """Where the grasped object is put down.
+ORIENTATION = (
+    Key(
+        "rpy",
+        vector(item=ANGLE),
+        "orientation of the tip: angles about fixed axes, R = Rz(yaw) Ry(pitch) Rx(roll)",
+        "rad",
+    ),
+    Key("quat_xyzw", vector(4), "the orientation as a quaternion, scalar last, instead of `rpy`"),
+)
 
-    Parameters
-    ----------
-    pose
-        ``frame_from_tip`` at the release. For a family of grasps it is the pose of the nominal grasp, so that the final
-        pose of the object is the same for every member. With ``pose_of="object"`` it is ``frame_from_object``, the
-        final pose of the object itself.
-    frame
-        As for :class:`Pick`.
-    approach, approach_direction, approach_frame
-        Length (m) and direction of the straight line to the release, and the frame of the direction.
-    retreat, retreat_direction, retreat_frame
-        The same for the straight line of the empty tool after the release.
-    support
-        The obstacle or obstacles that the object is put onto; by default those within 1 mm below it. Stored as a tuple
-        of names.
-    pose_of
-        ``"tip"`` or ``"object"``.
+
+def _released(object_pose: SE3 | None = None, **tip: Any) -> dict[str, Any]:
+    if object_pose is not None and tip:
+        given = " and ".join(tip)
+        raise InputError(f"states {given} of the tip, and object_pose; only one or the other is possible")
+    if object_pose is not None:
+        return {"pose": object_pose, "pose_of": OBJECT}
+    if "xyz" not in tip or len(tip) < 2:
+        raise InputError("place does not state its xyz and rpy or quat_xyzw, or its object_pose")
+    return {"pose": POSE_IN_REACH.make(**tip)}
+
+
+RELEASE = Table(
+    "release",
+    "The pose at a release.",
+    Key("xyz", vector(), "position of the tip at the release, in `frame`", "m"),
+    *ORIENTATION,
+    Key(
+        "object_pose",
+        POSE_IN_REACH,
+        "the final pose of the object, in `frame`, instead of the pose of the tip: frame_from_object, with the pose "
+        "that the object has in the scene file, or in `object`, as its own frame",
+    ),
+    rules={
+        "oneOf": [
+            {"required": ["object_pose"], **without("xyz", "rpy", "quat_xyzw")},
+            {"required": ["xyz", "rpy"]},
+            {"required": ["xyz", "quat_xyzw"]},
+        ]
+    },
+    make=_released,
+)
+
+
+@struct("place", eq=False, first=("pose", "frame", *LINE_KEYS))
+class PlaceTarget(StraightLines):
+    """Where the object is put down.
+
+    The pose is that of the tool's tip at the release (``xyz`` with ``rpy`` or ``quat_xyzw``), or that of the object
+    (``object_pose``). For a family of grasps the pose of the tip is that of the nominal grasp; the object has the same
+    final pose for every grasp of the family.
     """
 
-    pose: SE3
-    frame: str = ""
-    approach: float = 0.1
-    approach_direction: Direction = (0.0, 0.0, -1.0)
-    approach_frame: str = ROOT
-    retreat: float = 0.1
-    retreat_direction: Direction = (0.0, 0.0, -1.0)
-    retreat_frame: str = TIP
-    support: str | Sequence[str] | None = None
-    pose_of: str = TIP
+    pose: SE3 = key(
+        "``frame_from_tip`` at the release; with ``pose_of='object'`` the final pose of the object", inline=RELEASE
+    )
+    frame: str = key("the frame of the pose, as for a pick; by default the root link of the robot", default="")
+    approach: float = _line("to the release")
+    approach_direction: Direction = _direction("approach", (0.0, 0.0, -1.0))
+    approach_frame: str = _frame_of("approach", ROOT)
+    retreat: float = _line("of the empty tool after the release")
+    retreat_direction: Direction = _direction("retreat", (0.0, 0.0, -1.0))
+    retreat_frame: str = _frame_of("retreat", TIP)
+    support: str | Sequence[str] | None = key(
+        "the obstacle, or a list of obstacles, that the object is put onto; by default those within 1 mm below it. "
+        "Stored as a tuple of names",
+        default=None,
+        kind=SUPPORT,
+    )
+    pose_of: str = key("``'tip'`` or ``'object'``", default=TIP, kind=choice(TIP, OBJECT), hidden=True)
 
-    def __post_init__(self) -> None:
-        if self.pose_of not in (TIP, OBJECT):
-            raise UnknownNameError("pose_of", self.pose_of, (TIP, OBJECT), "place")
-        object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
-        object.__setattr__(self, "support", support_names(self.support, "place"))
-        for move in MOVES:
-            _check_move(self, move, "place")
 
-
-PARTS = ("transit", "approach", "retreat", "transfer", "place", "leave")
-"""The parts of the motion of a pick, in order: ``place`` is the line to the release, ``leave`` the one after it."""
+_PARTS = {
+    "transit": "from home to the start of the approach",
+    "approach": "the straight line before the grasp",
+    "retreat": "the straight line after the grasp",
+    "transfer": "with the object to the start of the line to its place",
+    "place": "the straight line to the release",
+    "leave": "the straight line of the empty tool after the release",
+}
+PARTS = tuple(_PARTS)
+"""The parts of the motion of a pick, in order."""
 
 SPEED_READ_ONLY = "the speeds of a pick are read-only; make another pick with dataclasses.replace(pick, speed=...)"
 
 
-@dataclass(frozen=True, kw_only=True)
+@struct("tool_speed", kw_only=True, rules=[{"minProperties": 1}])
 class ToolSpeed:
-    """Limits of the tcp on a part of a pick; None for no limit. See :class:`pinproof.motion.ToolLimits`.
+    """Limits of the tcp, relative to the base. At least one is stated. See :class:`pinproof.motion.ToolLimits`."""
 
-    Parameters
-    ----------
-    linear_speed, angular_speed
-        In m/s and rad/s.
-    linear_acceleration, angular_acceleration
-        In m/s^2 and rad/s^2.
-    """
-
-    linear_speed: float | None = None
-    angular_speed: float | None = None
-    linear_acceleration: float | None = None
-    angular_acceleration: float | None = None
+    linear_speed: float | None = key("largest speed of the tcp, above 0", "m/s", default=None, above=0)
+    angular_speed: float | None = key("largest angular speed, above 0", "rad/s", default=None, above=0)
+    linear_acceleration: float | None = key("largest acceleration of the tcp, above 0", "m/s²", default=None, above=0)
+    angular_acceleration: float | None = key("largest angular acceleration, above 0", "rad/s²", default=None, above=0)
 
     def __post_init__(self) -> None:
-        stated = {name: value for name, value in vars(self).items() if value is not None}
-        for name, value in stated.items():
-            require_positive(name, value)
-        if not stated:
+        if all(value is None for value in vars(self).values()):
             raise InputError(f"a speed states none of {', '.join(vars(self))}")
 
     def limits(self, arm: Arm) -> ToolLimits:
@@ -363,102 +492,174 @@ class ToolSpeed:
         return ToolLimits(arm, **vars(self))
 
 
-@dataclass(frozen=True, eq=False)
+def _part_speeds(name: str, value: Any) -> Mapping[str, ToolSpeed]:
+    """The limits by part; a number is the linear speed of all."""
+    if not isinstance(value, Mapping):
+        value = dict.fromkeys(PARTS, ToolSpeed(linear_speed=value))
+    for part in value:
+        if part not in PARTS:
+            raise UnknownNameError("part", part, PARTS, name)
+    return ReadOnlyDict(value, SPEED_READ_ONLY)
+
+
+def _part_speed(_: str, value: Any) -> ToolSpeed:
+    return value if isinstance(value, ToolSpeed) else ToolSpeed(linear_speed=value)
+
+
+STAGE_SPEEDS = Table(
+    "stage_speeds",
+    "Limits of the tcp on parts of the motion of a pick. A number is a linear speed in m/s.",
+    *(
+        Key(part, any_of(number(above=0), table_of(ToolSpeed), check=_part_speed), text)
+        for part, text in _PARTS.items()
+    ),
+)
+
+
+def _angle(name: str, value: Any) -> float:
+    return require_number(name, value, "rad", minimum=SMALLEST, below=np.pi / 2)
+
+
+def _angle_in(stated: Any) -> Any:
+    """An angle of a file: ``5 deg``, ``0.1 rad``, or a number in radians."""
+    if not isinstance(stated, str) or not stated.strip().endswith(tuple(ANGLE_UNITS)):
+        return parsed(stated)
+    try:
+        return parse_angle(stated)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
+UPRIGHT = simple(
+    any_of(
+        number(minimum=SMALLEST, below=np.pi / 2),
+        simple({"type": "string", "pattern": r"^[-+0-9.eE]+ *(deg|rad)$"}),
+    ).schema,
+    _angle,
+    _angle_in,
+)
+
+_OBSTACLE = table_of(Obstacle)
+BODY = Table(
+    "object",
+    "The grasped object as a shape. Its pose is tip_from_object.",
+    Key("name", TEXT, "its name in reports", "", "object"),
+    *(key for key in _OBSTACLE.keys if key.name != "name"),
+    make=partial(Obstacle, name="object"),
+)
+
+_PAYLOAD = table_of(Payload)
+OBJECT_PAYLOAD = Table(
+    "object_payload",
+    "The mass of a grasped object, in the frame of the object.",
+    *(key for key in _PAYLOAD.keys if key.name != "frame"),
+    make=Payload,
+)
+
+
+def _carried(name: str, value: Any) -> Any:
+    if not isinstance(value, Obstacle) and not (isinstance(value, str) and value):
+        raise InputError(f"{name} is {value!r}; it must be the name of an obstacle, or an obstacle")
+    return value
+
+
+def _grasp(xyz: Any = None, **turned: Any) -> SE3:
+    if xyz is None:
+        raise InputError("does not state its xyz")
+    if not turned:
+        raise InputError("states no orientation; add rpy or quat_xyzw to the pick or to the defaults")
+    return POSE_IN_REACH.make(xyz=xyz, **turned)
+
+
+GRASP = Table(
+    "grasp",
+    "The pose of a grasp.",
+    Key("xyz", vector(), "position of the tool's tip at the grasp, in `frame`", "m"),
+    *ORIENTATION,
+    rules=ONE_ORIENTATION,
+    make=_grasp,
+)
+
+
+@struct("pick", eq=False, repr=False, first=("name", "pose", "frame", *LINE_KEYS))
 class Pick(StraightLines):
-    """One grasp, or a family of them, with its straight approach and retreat.
+    """One grasp, or a family of them, with its straight approach and retreat."""
 
-    Parameters
-    ----------
-    name
-        Unique in its list.
-    pose
-        ``frame_from_tip``: the target pose of the tool's tip at the grasp.
-    approach
-        Metres of the straight line along ``approach_direction`` before the grasp; 0 for none.
-    retreat
-        Metres of the straight line along ``retreat_direction`` after the grasp; 0 for none.
-    retreat_direction
-        (3,) by default +z of the root frame; it is normalised.
-    approach_direction
-        (3,) by default the z axis of the tip; it is normalised.
-    approach_frame, retreat_frame
-        The frames of the directions: ``"tip"`` or ``"root"``.
-    frame
-        The frame of the pose: ``""`` for the robot's root link, one of :attr:`Picks.frames`, an obstacle, or a link
-        that does not move.
-    spin
-        Equivalent rotations about the approach direction.
-    tolerance
-        How far the grasp may be moved if the nominal one fails.
-    carried
-        The grasped object: the name of an obstacle of the scene, or an obstacle whose pose is ``tip_from_object``. It
-        moves with the tool after the grasp. If None, the motion after the grasp is judged with the empty tool, and the
-        scene does not change.
-    support
-        The obstacle or obstacles that support the object, which it may touch until it separates from them; by default
-        those within 1 mm below it. Stored as a tuple of names.
-    place
-        Where the object is put down; None to end with the retreat.
-    upright
-        rad: while the object is carried, the axis of the tip that is vertical at the grasp stays within this angle of
-        the vertical; None for any orientation. The transfer is planned under this constraint.
-    upright_axis
-        (3,) another axis for ``upright``, in the tip frame; it must point up within the angle.
-    payload
-        The mass of the object, in its own frame (that of its obstacle, or of the shape). The torque limits of the
-        joints then apply.
-    speed
-        Limits of the tcp by part of the motion, the keys of :data:`PARTS`.
-    arm
-        In a cell of several arms, the arm that executes the pick; by default :func:`pinproof.cell.allocate` chooses it.
-    """
-
-    name: str
-    pose: SE3
-    approach: float = 0.1
-    retreat: float = 0.1
-    retreat_direction: Direction = (0.0, 0.0, 1.0)
-    approach_direction: Direction = (0.0, 0.0, 1.0)
-    approach_frame: str = TIP
-    retreat_frame: str = ROOT
-    frame: str = ""
-    spin: GraspSpin = field(default_factory=GraspSpin)
-    tolerance: GraspTolerance = field(default_factory=GraspTolerance)
-    carried: Obstacle | str | None = None
-    support: str | Sequence[str] | None = None
-    place: PlaceTarget | None = None
-    upright: float | None = None
-    upright_axis: Direction | None = None
-    payload: Payload | None = None
-    speed: Mapping[str, ToolSpeed] = field(default_factory=dict)
-    arm: str | None = None
+    name: str = key("its name, unique in the file")
+    pose: SE3 = key("``frame_from_tip``: the target pose of the tool's tip at the grasp", inline=GRASP)
+    approach: float = _line("before the grasp")
+    retreat: float = _line("after the grasp")
+    retreat_direction: Direction = _direction("retreat", (0.0, 0.0, 1.0))
+    approach_direction: Direction = _direction("approach", (0.0, 0.0, 1.0))
+    approach_frame: str = _frame_of("approach", TIP)
+    retreat_frame: str = _frame_of("retreat", ROOT)
+    frame: str = key(
+        "the frame of the pose: one of `frames`, an obstacle, or a link that does not move; by default the root link "
+        "of the robot",
+        default="",
+    )
+    spin: GraspSpin = key(
+        f"equivalent rotations about the approach direction: one, a list, a range, or `free` for any ({STEPS} are "
+        "tried)",
+        "rad",
+        default_factory=GraspSpin,
+        kind=SPIN,
+        shown=0,
+    )
+    tolerance: GraspTolerance = key(
+        "how far the grasp may be moved if the nominal one fails", default_factory=GraspTolerance, shown=None
+    )
+    carried: Obstacle | str | None = key(
+        "the grasped object: the name of an obstacle of the scene, or a shape, whose pose is tip_from_object. It moves "
+        "with the tool after the grasp; without it, the motion after the grasp is judged with the empty tool. In a "
+        "pattern, `{i}`, `{j}` and `{k}` are replaced by the indices",
+        default=None,
+        name="object",
+        kind=any_of(TEXT, BODY, check=_carried),
+    )
+    support: str | Sequence[str] | None = key(
+        "the obstacle, or a list of obstacles, that the object may touch until it is lifted; by default those within 1 "
+        "mm below it. Stored as a tuple of names",
+        default=None,
+        kind=SUPPORT,
+    )
+    place: PlaceTarget | None = key(
+        "where the object is put down; by default the pick ends with the retreat", default=None
+    )
+    upright: float | None = key(
+        "while the object is carried, the axis of the tip that is vertical at the grasp stays within this angle of the "
+        "vertical, such as `5 deg`; by default any orientation is allowed. The transfer is planned under this "
+        "constraint",
+        "rad",
+        default=None,
+        kind=UPRIGHT,
+    )
+    upright_axis: Direction | None = key(
+        "another axis for `upright`, in the frame of the tip; it must point up within the angle", default=None
+    )
+    payload: Payload | None = key(
+        "the mass of the object, in its own frame; the torque limits of the joints then apply",
+        default=None,
+        kind=OBJECT_PAYLOAD,
+    )
+    speed: Mapping[str, ToolSpeed] = key(
+        "limits of the tcp by part of the motion; a number is the largest linear speed (m/s) of all parts",
+        default_factory=dict,
+        kind=any_of(number(above=0), STAGE_SPEEDS, check=_part_speeds),
+        shown=None,
+    )
+    arm: str | None = key("in a file with `robots`, the one that executes the pick; by default any may", default=None)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise InputError(f"a pick needs a name, not {self.name!r}")
-        if self.arm is not None and (not isinstance(self.arm, str) or not self.arm):
-            raise InputError(f"arm of pick {self.name!r} is {self.arm!r}; it must be the name of an arm")
-        object.__setattr__(self, "pose", frozen(rigid(f"pose of pick {self.name!r}", self.pose)))
-        object.__setattr__(self, "support", support_names(self.support, f"pick {self.name!r}"))
-        for move in MOVES:
-            _check_move(self, move, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
-        if self.upright is not None:
-            if self.carried is None:
-                raise InputError(f"pick {self.name!r} states upright but no object, whose orientation it limits")
-            checked = Upright(tolerance=self.upright, axis_in_tcp=self.upright_axis or (0.0, 0.0, 1.0))
-            object.__setattr__(self, "upright", checked.tolerance)
-            object.__setattr__(self, "upright_axis", None if self.upright_axis is None else checked.axis_in_tcp)
-        elif self.upright_axis is not None:
+        if self.upright is not None and self.carried is None:
+            raise InputError(f"pick {self.name!r} states upright but no object, whose orientation it limits")
+        if self.upright is None and self.upright_axis is not None:
             raise InputError(f"pick {self.name!r} states upright_axis but not upright, the allowed angle")
         if self.payload is not None and (self.carried is None or self.payload.frame is not None):
             reason = "no object" if self.carried is None else "a frame; the payload moves with the object"
             raise InputError(f"pick {self.name!r} states a payload and {reason}")
-        for part in self.speed:
-            if part not in PARTS:
-                raise UnknownNameError("part", part, PARTS, f"the speed of pick {self.name!r}")
-        object.__setattr__(self, "speed", ReadOnlyDict(self.speed, SPEED_READ_ONLY))
 
     def transformed(self, root_from_pick: SE3) -> Pick:
         """Return the pick transformed as by :meth:`Picks.transformed`."""
@@ -509,31 +710,6 @@ def _transformed(target: _Target, placement: SE3) -> _Target:
     return replace(target, pose=pose, **directions)  # type: ignore[arg-type]  # three numbers each
 
 
-def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
-    """The names of the obstacles that support an object; None if they are determined automatically.
-
-    Raises
-    ------
-    InputError
-        If the value is not a name or a list of names, or if a name is repeated.
-    """
-    return None if stated is None else unique_names(f"support of {of}" if of else "support", stated)
-
-
-def _check_move(thing: Pick | PlaceTarget, move: str, of: str) -> None:
-    """Validate an approach or retreat, and normalise its direction."""
-    value = float(finite(f"{move} of {of}", [getattr(thing, move)], (1,))[0])
-    if not 0 <= value <= LONGEST_MOVE:
-        raise InputError(
-            f"{move} of {of} is {value:g} m; it must be from 0 to {LONGEST_MOVE:g} (lengths are in metres)"
-        )
-    direction = unit_vector(f"{move}_direction of {of}", getattr(thing, f"{move}_direction"))
-    if getattr(thing, f"{move}_frame") not in (TIP, ROOT):
-        raise UnknownNameError(f"{move}_frame", getattr(thing, f"{move}_frame"), (TIP, ROOT), of)
-    object.__setattr__(thing, move, value)
-    object.__setattr__(thing, f"{move}_direction", direction)
-
-
 @dataclass(frozen=True)
 class PickProblem:
     """A row of a picks file that could not be read; the other rows are judged."""
@@ -562,93 +738,195 @@ class CellRobot:
         object.__setattr__(self, "world_from_base", frozen(rigid("world_from_base", self.world_from_base)))
 
 
-@dataclass(frozen=True, eq=False)
+MOST_TOOL = 5.0
+"""Metres. A longer tool is stated in millimetres."""
+
+TOOL_GREY = (0.30, 0.32, 0.36, 1.0)
+"""The colour of tools and fingers without ``rgba``, so that they differ from obstacles in pictures."""
+
+HELD = Table(
+    "open_and_grip",
+    "Two values of a finger joint of the robot.",
+    required("open", NUMBER, "before the grasp and after the release", "rad or m"),
+    required("grip", NUMBER, "from the grasp to the release", "rad or m"),
+)
+
+
+def _joint_values(when: str) -> Kind:
+    """Values of joints by name; of those with two values, the one of the open or of the gripping hand."""
+    stated = mapping_to(any_of(NUMBER, HELD), "joint names to values, or to open and grip")
+
+    def parse(name: str, values: object, path: Path) -> dict[str, float]:
+        return {
+            joint: value[when] if isinstance(value, dict) else value
+            for joint, value in stated.parse(name, values, path).items()
+            if when == "open" or isinstance(value, dict)
+        }
+
+    return Kind(stated.schema, mapping_to(NUMBER).check, parse)
+
+
+def _robot(_: str, stated: object, path: Path) -> str:
+    """A catalogue name, or a path relative to the picks file."""
+    name: str = TEXT.check("robot", stated)
+    return str(path.parent / name) if Path(name).suffix or "/" in name else name
+
+
+def _scene(name: str, stated: object, path: Path) -> Path:
+    return path.parent / TEXT.check(name, stated)
+
+
+def _margin(name: str, value: object) -> float:
+    margin = require_number(name, value, "m", minimum=0)
+    warn_of_millimetres(name, [margin], most=MOST_MARGIN)
+    return margin
+
+
+def _argument(name: str, value: Any) -> str:
+    if isinstance(value, (dict, list)) or value is None:
+        raise InputError(f"argument {name!r} is {value!r}; it must be a number or a text")
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+FOLDER = file_of("folder")
+
+
+def _folders(_: str, value: Any) -> tuple[Path, ...]:
+    return (value,) if isinstance(value, Path) else tuple(value)
+
+
+@struct(
+    eq=False,
+    repr=False,
+    rules=[
+        Rule(
+            ("cup",),
+            lambda picks: (
+                "state a cup and fingers; a part is held by one of them"
+                if picks.cup is not None and (picks.fingers is not None or picks.grip)
+                else ""
+            ),
+        )
+    ],
+    first=(
+        "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "home", "tip",
+        "tool", "fingers", "cup", "gripper", "payload", "torque_limits", "conveyor", "grip_limits", "optimise",
+        "straight", "robots", "frames",
+    ),
+)  # fmt: skip
 class Picks:
-    """A list of picks and their shared settings.
+    """A list of picks and their shared settings."""
 
-    Parameters
-    ----------
-    picks
-        The picks in order; their names are unique.
-    problems
-        Rows of the file that could not be read.
-    tip
-        ``tcp_from_tip``: the pose of the tool's tip in the tcp frame.
-    tool
-        Bodies that move with the tcp; their pose is ``tcp_from_body``.
-    fingers
-        The two fingers of a parallel gripper, which are open before the grasp and closed on the object after it.
-    cup
-        The suction cup at the tip, instead of fingers. Its body is one of ``tool``.
-    conveyor
-        The belt that moves objects of picks.
-    gripper
-        Links of the robot that may touch the object during and after the approach, as ``tool`` and ``fingers`` may.
-    held
-        Values (rad or m) of joints outside the arm by name, for :meth:`pinproof.Robot.arm`; for finger joints of the
-        robot, the open values.
-    grip
-        The values of those joints that differ while an object is held, from the grasp to the release. The links that
-        they move may touch the object, as ``gripper`` may.
-    grip_limits
-        The criteria for holding a part.
-    optimise
-        :attr:`PickBudget.motion`, unless a caller states a budget; None for its default.
-    straight
-        The share of each approach and retreat, next to the part, that must be a straight line: above 0, at most 1. The
-        arm leaves the rest of the line out where a certified motion without a stop is shorter. Where a speed of the
-        stage is stated, all of the line is straight.
-    frames
-        Named frames in which picks can be stated.
-    margin
-        Smallest allowed distance (m) between any two checked bodies.
-    payload
-        The masses of the tool, in the tcp frame or that of a link. The torque limits of the joints then apply.
-    torque_limits
-        Whether the torque limits of the joints apply to picks without any payload too.
-    robot, tcp, scene, home
-        What the file states, if anything: a robot (name or path), its tcp frame, a scene file, and a home configuration
-        by joint name (rad or m).
-    srdf, package_dirs, xacro_args, limits
-        More that the file may state of the robot: an SRDF file, folders of ROS packages, values for the arguments of a
-        xacro file, and a file of joint limits.
-    source
-        The file they were read from.
-    places
-        Positions in that file of the keys that name something of the robot, such as ``"tcp"`` and ``"held.finger"``,
-        for messages.
-    robots
-        The robots of a cell by name, if the file is for several. Poses are then stated in the frame ``world``.
-    """
-
-    picks: tuple[Pick, ...]
-    problems: tuple[PickProblem, ...] = ()
-    tip: SE3 = field(default_factory=SE3.Identity)
-    tool: tuple[Obstacle, ...] = ()
-    fingers: GripperFingers | None = None
-    cup: SuctionCup | None = None
-    conveyor: Conveyor | None = None
-    gripper: tuple[str, ...] = ()
-    held: Mapping[str, float] = field(default_factory=dict)
-    grip: Mapping[str, float] = field(default_factory=dict)
-    grip_limits: GripLimits = field(default_factory=GripLimits)
-    optimise: int | None = None
-    straight: float = 0.5
-    frames: Mapping[str, NamedFrame] = field(default_factory=dict)
-    margin: float = 0.0
-    payload: tuple[Payload, ...] = ()
-    torque_limits: bool = False
-    robot: str | None = None
-    tcp: str | None = None
-    scene: Path | None = None
-    home: Mapping[str, float] = field(default_factory=dict)
-    srdf: Path | None = None
-    package_dirs: tuple[Path, ...] = ()
-    xacro_args: Mapping[str, str] = field(default_factory=dict)
-    limits: Path | None = None
-    source: Path | None = None
-    places: Mapping[str, str] = field(default_factory=dict)
-    robots: Mapping[str, CellRobot] = field(default_factory=dict)
+    picks: tuple[Pick, ...] = key("the picks in order; their names are unique", hidden=True)
+    problems: tuple[PickProblem, ...] = key("rows of the file that could not be read", default=(), hidden=True)
+    tip: SE3 = key(
+        "tcp_from_tip: the frame that is moved to the poses of picks",
+        default_factory=SE3.Identity,
+        kind=Kind(POSE, TRANSFORM.check, pose_in_reach(MOST_TOOL).parse),
+    )
+    tool: tuple[Obstacle, ...] = key(
+        "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body", default=(), kind=bodies()
+    )
+    fingers: GripperFingers | None = key(
+        "two moving fingers that are not part of the robot, open before the grasp and closed on the object after it",
+        default=None,
+    )
+    cup: SuctionCup | None = key(
+        "a suction cup at the tip, instead of fingers; its body is one of `tool`", default=None
+    )
+    conveyor: Conveyor | None = key("a belt that moves objects of picks", default=None)
+    gripper: tuple[str, ...] = key(
+        "more links of the robot that may touch the object during and after the approach, as `tool` and `fingers` may",
+        default=(),
+        kind=list_of(ANY_TEXT),
+    )
+    held: Mapping[str, float] = key(
+        "values of joints outside the arm, by name; two values for finger joints of the robot, whose links may touch "
+        "the object",
+        "rad or m",
+        default_factory=dict,
+        kind=_joint_values("open"),
+    )
+    grip: Mapping[str, float] = key(
+        "the values of those joints that differ while an object is held, from the grasp to the release",
+        "rad or m",
+        default_factory=dict,
+        name="held",
+        kind=_joint_values("grip"),
+    )
+    grip_limits: GripLimits = key("the criteria for holding an object", default_factory=GripLimits)
+    optimise: int | None = key(
+        "number of evaluations to shorten each transit and each transfer; 0 to follow the planned paths. A budget that "
+        "a caller states overrides it",
+        default=None,
+        minimum=0,
+        shown=PickBudget().motion,
+    )
+    straight: float = key(
+        "share of each approach and retreat, next to the part, that is a straight line; the arm may leave out the rest "
+        "to pass without a stop, where a certified motion does. All of it is straight where `speed` limits the stage",
+        default=0.5,
+        above=0,
+        maximum=1,
+    )
+    frames: Mapping[str, NamedFrame] = key("named frames for the poses of picks and places", default_factory=dict)
+    margin: float = key(
+        "smallest allowed distance between any two bodies",
+        "m",
+        default=0.0,
+        kind=simple(number(minimum=0).schema, _margin, parsed),
+    )
+    payload: tuple[Payload, ...] = key(
+        "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
+        default=(),
+        kind=any_of(table_of(Payload), list_of(table_of(Payload)), check=lambda _, value: checked_payloads(value)),
+        shown=None,
+    )
+    torque_limits: bool = key(
+        "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",
+        default=False,
+    )
+    robot: str | None = key(
+        "a name of the catalogue, or a robot file (URDF, xacro, MJCF, DH table)",
+        default=None,
+        kind=Kind(TEXT.schema, TEXT.check, _robot),
+    )
+    tcp: str | None = key("the tcp frame of the arm; by default that of the robot", default=None)
+    scene: Path | None = key(
+        "a [scene file](scene.md); by default an empty scene",
+        default=None,
+        kind=Kind(TEXT.schema, lambda _, value: Path(value), _scene),
+    )
+    home: Mapping[str, float] = key(
+        "joint values, by name, where motions start; by default the robot's own",
+        "rad or m",
+        default_factory=dict,
+        kind=mapping_to(NUMBER, "joint names to values"),
+        shown=None,
+    )
+    srdf: Path | None = key("an SRDF file of the robot", default=None, kind=file_of())
+    package_dirs: tuple[Path, ...] = key(
+        "a folder, or a list of folders, that contain ROS packages",
+        default=(),
+        kind=any_of(FOLDER, list_of(FOLDER), check=_folders),
+    )
+    xacro_args: Mapping[str, str] = key(
+        "values of the arguments of a xacro file",
+        default_factory=dict,
+        kind=mapping_to(simple({"type": ["string", "number", "boolean"]}, _argument), "argument names to values"),
+    )
+    limits: Path | None = key("a file of [joint limits](limits.md)", default=None, kind=file_of())
+    source: Path | None = key("the file they were read from", default=None, hidden=True)
+    places: Mapping[str, str] = key(
+        "positions in that file of the keys that name something of the robot, for messages",
+        default_factory=dict,
+        hidden=True,
+    )
+    robots: Mapping[str, CellRobot] = key(
+        "the robots of a cell by name, if the file is for several; poses are then in the frame ``world``",
+        default_factory=dict,
+        hidden=True,
+    )
 
     def __repr__(self) -> str:
         return outline(f"Picks({self._headline})", map(repr, self.picks), total=len(self.picks))
@@ -667,19 +945,12 @@ class Picks:
         return f"{count} pick{'' if count == 1 else 's'}{unreadable}{source}"
 
     def __post_init__(self) -> None:
-        for key in ("picks", "problems", "tool", "gripper", "package_dirs"):
-            object.__setattr__(self, key, tuple(getattr(self, key)))
+        for name in ("picks", "problems"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         names = Counter(pick.name for pick in self.picks)
         doubled = sorted(name for name, count in names.items() if count > 1)
         if doubled:
             raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
-        object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
-        object.__setattr__(self, "payload", checked_payloads(self.payload))
-        require_positive("straight", self.straight)
-        if self.straight > 1.0:
-            raise InputError(f"straight = {self.straight}; it is a share of each line, at most 1")
-        if self.cup is not None and (self.fingers is not None or self.grip):
-            raise InputError("picks state a cup and fingers; a part is held by one of them")
 
     def __len__(self) -> int:
         return len(self.picks)

@@ -8,7 +8,7 @@ A table is a CSV file of any length. It is indexed once, and its rows are read o
 
 Each line is a pick. An empty cell or a missing column counts as not stated. Empty lines and lines that start with ``#``
 are skipped. A pick without a name is named after its row. The columns are in
-:data:`pinproof.picks.input.picks_keys.COLUMNS`.
+:data:`COLUMNS`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
+from itertools import product
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -29,12 +30,129 @@ import numpy as np
 
 from pinproof.common.content_hash import digest, digest_many
 from pinproof.common.files import os_errors, refuse_unreadable
+from pinproof.common.structs import (
+    ONE_ORIENTATION,
+    Key,
+    Table,
+    integer,
+    list_of,
+    required,
+    table_of,
+    vector,
+)
+from pinproof.common.yaml_file import LinedMapping
 from pinproof.description.dh import other_separator
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.input.pick import Pick, PickProblem, Picks
-from pinproof.picks.input.pick_row import picks_of_row
-from pinproof.picks.input.picks_keys import COLUMNS
 from pinproof.spatial import SE3, finite, frozen, rigid, translated
+
+# -- rows -------------------------------------------------------------------------------------------------------------
+
+LARGEST_PATTERN = 100_000
+"""Largest number of picks of one row; :class:`pinproof.picks.PickGrid` generates more on demand."""
+
+GRID = Table(
+    "grid",
+    "The grid of a pattern, along the axes of the pick's frame.",
+    required("counts", list_of(integer(1), 3, 3), "number of picks along x, y, z"),
+    required("step", vector(), "distance of neighbours along x, y, z", "m"),
+)
+
+PATTERN = Table(
+    "pattern",
+    "Copies of a pick; they are named `part[0,0]`, `part[0,1]`, ..., or with three indices if there are layers.",
+    required("grid", GRID, "a regular grid"),
+)
+
+_PICK = table_of(Pick)
+
+DEFAULTS = Table(
+    "defaults",
+    "Keys of a pick that apply where a pick does not state them.",
+    *(key for key in _PICK.keys if key.name != "name"),
+    rules=ONE_ORIENTATION,
+)
+
+PICK = Table(
+    "pick",
+    "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
+    "`defaults`; an `object` is required for `support`, `place` and `upright`.",
+    *_PICK.keys,
+    Key("pattern", PATTERN, "copies of this pick on a grid"),
+    rules=ONE_ORIENTATION,
+    make=Pick,
+)
+
+COLUMNS = {
+    "name": ("name",),
+    "xyz": ("x", "y", "z"),
+    "rpy": ("roll", "pitch", "yaw"),
+    "quat_xyzw": ("qx", "qy", "qz", "qw"),
+    "frame": ("frame",),
+    "approach": ("approach",),
+    "approach_direction": ("approach_x", "approach_y", "approach_z"),
+    "approach_frame": ("approach_frame",),
+    "retreat": ("retreat",),
+    "retreat_direction": ("retreat_x", "retreat_y", "retreat_z"),
+    "retreat_frame": ("retreat_frame",),
+    "spin": ("spin",),
+    "object": ("object",),
+    "support": ("support",),
+    "place.xyz": ("place_x", "place_y", "place_z"),
+    "place.rpy": ("place_roll", "place_pitch", "place_yaw"),
+    "place.object_pose.xyz": ("place_object_x", "place_object_y", "place_object_z"),
+    "place.object_pose.rpy": ("place_object_roll", "place_object_pitch", "place_object_yaw"),
+    "place.frame": ("place_frame",),
+    "place.approach": ("place_approach",),
+    "place.retreat": ("place_retreat",),
+    "place.support": ("place_support",),
+    "upright": ("upright",),
+    "payload.mass": ("mass",),
+    "payload.center_of_mass": ("center_x", "center_y", "center_z"),
+    "speed": ("speed",),
+    "arm": ("arm",),
+}
+"""The keys that a row of a table can state, and their columns."""
+
+
+def completed(defaults: Mapping[str, Any], row: Mapping[str, Any]) -> LinedMapping:
+    """A row with the defaults that it does not state; its orientation, in either notation, replaces theirs."""
+    turned = {"rpy", "quat_xyzw"}
+    given = {key: value for key, value in defaults.items() if not (key in turned and turned & row.keys())}
+    whole = LinedMapping({**given, **row})
+    whole.line, whole.column = getattr(row, "line", 0), getattr(row, "column", 0)
+    whole.positions = {**getattr(defaults, "positions", {}), **getattr(row, "positions", {})}
+    return whole
+
+
+def picks_of_row(row: Any, defaults: Mapping[str, Any], path: Path) -> list[Pick]:
+    """The pick of a row of a file at a path, or the picks of its pattern; InputError if it is invalid."""
+    if not isinstance(row, dict):
+        raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK.names)}")
+    if "name" not in row:
+        raise InputError("states no name; a pick needs a name")
+    whole = completed(defaults, row)
+    values = PICK.values("the pick", whole, path)
+    pattern = values.pop("pattern", None)
+    first: Pick = PICK.made(whole, values)
+    if pattern is None:
+        return [first]
+    counts, step = pattern["grid"]["counts"], pattern["grid"]["step"]
+    if prod(counts) > LARGEST_PATTERN:
+        raise InputError(f"pattern.grid has {prod(counts)} picks; at most {LARGEST_PATTERN} are allowed")
+    made = []
+    for index in product(*map(range, counts)):
+        own = index if counts[2] > 1 else index[:2]
+        carried = first.carried
+        if isinstance(carried, str):
+            for letter, place in zip("ijk", own, strict=False):
+                carried = carried.replace(f"{{{letter}}}", str(place))
+        placed = translated(first.pose, [k * d for k, d in zip(index, step, strict=True)])
+        made.append(replace(first, name=f"{first.name}[{','.join(map(str, own))}]", pose=placed, carried=carried))
+    return made
+
+
+# -- sources ----------------------------------------------------------------------------------------------------------
 
 
 class PickSource(ABC):
@@ -326,7 +444,8 @@ class _TablePart:
                     raise InputError("is not a valid line of a UTF-8 CSV file")
                 if place in self.repeated:
                     raise InputError(f"a second pick is named {name!r}")
-                yield from picks_of_row(name, _stated(where, len(self.columns), cells), self.defaults, self.path)
+                row = {**_stated(where, len(self.columns), cells), "name": name}
+                yield from picks_of_row(row, self.defaults, self.path)
             except InputError as error:
                 yield PickProblem(place + 1, name, str(error))
 

@@ -831,7 +831,8 @@ def _documented(cls: Any) -> tuple[str, str]:
     lines = [about.rstrip(), "", "Parameters", "----------"]
     for each in fields(cls):
         if own := each.metadata.get("declared"):
-            text = re.sub(r"\[([^\]]+)\]\([^)]*\)", r"\1", own.text).replace("`", "``")
+            text = re.sub(r"\[([^\]]+)\]\([^)]*\)", r"\1", own.text)  # links of the manual
+            text = re.sub(r"(?<![:`])`([^`]+)`(?!`)", r"``\1``", text)
             text = f"{own.unit}: {text}" if own.unit else text[:1].upper() + text[1:]
             lines += [each.name, f"    {text}{'' if text.endswith('.') else '.'}"]
     return about, "\n".join([*lines, *(["", f"Raises\n---{rest}"] if rest else [])])

@@ -6,6 +6,7 @@ import ast
 import importlib
 import inspect
 import pkgutil
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -87,6 +88,13 @@ def test_type_checkers_see_what_is_exported() -> None:
 @pytest.mark.parametrize("name", pp._PACKAGES)
 def test_further_names_are_reached_through_the_package(name: str) -> None:
     assert getattr(pp, name) is importlib.import_module(f"pinproof.{name}")
+
+
+def test_every_package_of_the_reference_is_imported_at_first_use() -> None:
+    pages = (Path(__file__).parents[1] / "docs" / "api").glob("*.md")
+    shown = {name for page in pages for name in re.findall(r"{package} pinproof\.(\w+)", page.read_text("utf-8"))}
+    assert len(shown) > 10
+    assert shown <= set(pp._PACKAGES)
 
 
 @pytest.mark.parametrize("name", PACKAGES)

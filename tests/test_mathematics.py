@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from pinproof import _core
@@ -54,6 +55,31 @@ def test_no_turned_point_moves_farther_or_bends_more(names: dict[str, Any], delt
     moved = np.stack([np.cos(angles) - 1, np.sin(angles)])
     assert np.linalg.norm(moved, axis=0).max() <= names["chord"](delta) + 1e-12
     assert np.linalg.norm(moved - [np.zeros(2001), angles], axis=0).max() <= names["bend"](delta) + 1e-12
+
+
+@pytest.mark.slow
+def test_the_printed_remainder_bounds_chains_of_both_kinds_of_joints_for_large_motions(names: dict[str, Any]) -> None:
+    """Against placements: joints about random axes, angles beyond pi, and long prismatic joints."""
+    rng, largest = np.random.default_rng(0), 0.0
+    for _ in range(300):
+        count = int(rng.integers(1, 5))
+        revolute = rng.random(count) < 0.6
+        axes = rng.normal(size=(count, 3))
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        points, y = rng.normal(size=(count, 3)), rng.normal(size=3)
+        delta = np.where(revolute, rng.uniform(0, 7, count), rng.uniform(0, 20, count))
+        rates = np.where(revolute[:, None], np.cross(axes, y - points), axes)
+        bound = names["remainder"](np.linalg.norm(rates, axis=1), delta, revolute)
+        for _ in range(20):
+            theta = delta * rng.choice([-1.0, 1.0, rng.uniform(-1, 1)], count)
+            moved = y
+            for k in reversed(range(count)):  # the joint closest to the body first, each about its axis at the start
+                turned = points[k] + pin.exp3(axes[k] * theta[k]) @ (moved - points[k])
+                moved = turned if revolute[k] else moved + axes[k] * theta[k]
+            off = float(np.linalg.norm(moved - y - theta @ rates))
+            assert off <= bound + 1e-9
+            largest = max(largest, off / bound if bound else 0.0)
+    assert largest > 0.5  # not a bound that says nothing
 
 
 def test_numbers_in_the_text_are_those_of_the_code() -> None:

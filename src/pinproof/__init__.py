@@ -35,6 +35,8 @@ __all__ = sorted([*_MODULE_OF, "__version__"])
 _PACKAGES = (
     "cell",
     "collision",
+    "conversion",
+    "description",
     "errors",
     "execution",
     "formats",
@@ -43,6 +45,7 @@ _PACKAGES = (
     "motion",
     "picks",
     "planning",
+    "spatial",
     "verifier",
     "viewer",
 )

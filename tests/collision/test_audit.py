@@ -46,6 +46,41 @@ def test_a_free_swing_is_clean_and_dense(arm):
     assert f"{seen.distance * 1e3:.1f} mm" in seen.message
 
 
+def test_meshes_are_their_triangles_whatever_the_checker_uses(arm):
+    """The hulls of the links, and the convex pieces of an angle bracket, are not what is audited."""
+    import trimesh
+
+    plates = [trimesh.creation.box((0.4, 0.4, 0.02)), trimesh.creation.box((0.4, 0.02, 0.4))]
+    bracket = trimesh.boolean.union([plates[0], plates[1].apply_translation((0, 0.19, 0.19))], engine="manifold")
+    shape = pp.Mesh.from_arrays(np.asarray(bracket.vertices), np.asarray(bracket.faces))
+    scene = pp.Scene(
+        [
+            pp.Obstacle("bracket", shape, pp.pose((0.2, -0.8, 0.2))),
+            pp.Obstacle("post", pp.Box(0.1, 0.1, 1), pp.pose((-0.6, 0, 0.5))),
+        ]
+    )
+    checker = pp.CollisionChecker(arm, scene)
+    assert sum(body.owner == "bracket" for body in checker.bodies) > 1
+    exact = checker.exact()
+    assert all(body.is_exact or body.owner in ("ee_link", "post") for body in exact.bodies)
+
+    def owners(judge):
+        return {frozenset((judge.bodies[i].owner, judge.bodies[j].owner)) for i, j in judge.pairs}
+
+    assert owners(exact) == owners(checker)
+    assert {pair.owners for pair in exact.excluded} == {pair.owners for pair in checker.excluded}
+    assert audit(swing(arm), checker, step=0.2).geometry.startswith("8 triangle meshes, 2 simple shapes (")
+    # A ball in the hollow of a link, which its hull fills.
+    near, rng = arm.frame_placement(HOME, "upper_arm_link").translation, np.random.default_rng(0)
+    for point in near + rng.uniform(-0.12, 0.12, (500, 3)):
+        judge = checker.with_scene(pp.Scene([pp.Obstacle("ball", pp.Sphere(0.002), pp.pose(point))]))
+        if not judge.is_free(HOME) and judge.exact().clearance(HOME) > 0.002:
+            break
+    still = pp.JointPath([HOME], arm.joint_names)
+    assert audit(still, judge).clean
+    assert not audit(still, judge, exact=False).clean
+
+
 def test_a_start_inside_a_closed_box_mesh_is_detected(arm):
     import trimesh
 

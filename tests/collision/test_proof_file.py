@@ -259,6 +259,42 @@ def test_another_robot_or_scene_does_not_match_the_proof(known, other, place):
     assert place in str(verdict)
 
 
+@pytest.fixture(scope="module")
+def with_fingers(tmp_path_factory):
+    """The proof of an arm with meshes, whose fingers are held."""
+    panda = load_robot("panda").arm(held={"panda_finger_joint1": 0.03})
+    checker, curve = CollisionChecker(panda), line_through(panda, PANDA_HOME, [0.1, 0.1, 0, 0.1, 0.1, 0, 0.1])
+    _, file = saved(tmp_path_factory.mktemp("fingers"), curve, checker)
+    assert verify_proof(file, checker, curve).ok
+    return load(file), checker, curve
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        (lambda d: d["joints"][2].update(name="panda_joint9"), "joints[2].name"),
+        (lambda d: d["robot"]["held"].update(panda_finger_joint1=0.01), "robot.held"),
+        (lambda d: d["robot"]["held"].clear(), "robot.held"),
+        (lambda d: d["robot"]["held"].update(more=0.0), "robot.held"),
+        (lambda d: d["robot"].update(held={"panda_finger_joint1": "wide"}), "robot.held"),
+        (lambda d: d["robot"].update(held=[0.03]), "robot.held"),
+        (lambda d: d.update(robot=None), "robot.held"),
+        (lambda d: d.pop("robot"), "robot.held"),
+        (lambda d: d["bodies"][0].update(mesh_sha256="0" * 64), "bodies[0].mesh_sha256"),
+        (lambda d: d["bodies"][0].pop("mesh_sha256"), "bodies[0].mesh_sha256"),
+    ],
+)
+def test_names_held_joints_and_mesh_files_of_the_proof_are_compared(tmp_path, with_fingers, change, place):
+    """They are for readers, who would be misled: no bound depends on them."""
+    document, checker, curve = with_fingers
+    forged = json.loads(json.dumps(document))
+    change(forged)
+    (tmp_path / "forged.json").write_text(json.dumps(forged))
+    assert verify(forged).ok
+    reasons = verify_proof(tmp_path / "forged.json", checker, curve).reasons
+    assert any(reason.startswith(place) for reason in reasons), reasons
+
+
 def test_pairs_disabled_by_the_srdf_are_listed(tmp_path, known):
     _, checker, curve = known
     allowed = checker.allowing(("link_6", "egg"))

@@ -60,21 +60,12 @@ class AuditOptions:
     )
     audit_step: float = option("Largest joint motion between two samples of --audit (rad or m).", 0.002, min=1e-6)
 
-    def audit(
-        self, trajectory: pp.Trajectory, proven: pp.CollisionChecker, tool: ToolOptions
-    ) -> pp.collision.AuditResult | None:
-        """Check the motion with the exact meshes of the links, if requested."""
+    def audit(self, trajectory: pp.Trajectory, checker: pp.CollisionChecker) -> pp.collision.AuditResult | None:
+        """Check the motion with exact meshes, if requested."""
         if not self.with_audit:
             return None
-        exact = pp.CollisionChecker(
-            proven.arm,
-            proven.scene,
-            link_meshes="mesh",
-            attached=proven.attached,
-            allowed=tool.attachments.allowed,
-        )
         with progress_status("sampling"):
-            return pp.audit(trajectory, exact, step=self.audit_step)
+            return pp.audit(trajectory, checker, step=self.audit_step)
 
 
 def certify_motion(
@@ -136,7 +127,7 @@ def certify_motion(
             record=proof.save_proof is not None,
             **vars(tolerances),
         )
-    audit = audit_options.audit(trajectory, checker, tool)
+    audit = audit_options.audit(trajectory, checker)
     if html is not None:
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
     if proof.save_proof is not None and certificate.free:

@@ -173,7 +173,8 @@ def _differences(document: dict[str, Any], proof: Proof, checker: CollisionCheck
     if proof.curve.names != names:
         return [f"curve.joint_names: those of your arm are {', '.join(names)}"]
     held = {name: float(value) for name, value in checker.group.held.items()}
-    stated_held = document.get("robot", {}).get("held", {})
+    robot = document.get("robot")
+    stated_held = robot.get("held", {}) if isinstance(robot, dict) else None
     if (
         not isinstance(stated_held, dict)
         or stated_held.keys() != held.keys()

@@ -1,7 +1,7 @@
 """Audits a motion by means that are independent of the proof: dense samples, exact meshes, coal alone.
 
-An audit proves nothing; its purpose is to detect a wrong proof. It uses the bodies and pairs of a checker. Placements
-and contacts are computed by Pinocchio and coal.
+An audit proves nothing; its purpose is to detect a wrong proof. It uses the pairs of a checker, with the triangles of
+their meshes instead of hulls. Placements and contacts are computed by Pinocchio and coal.
 """
 
 from __future__ import annotations
@@ -73,6 +73,7 @@ def audit(
     step: float = STEP,
     measure: bool = True,
     movers: Sequence[Mover | Trajectory] = (),
+    exact: bool = True,
 ) -> AuditResult:
     """Search for contacts at samples so dense that no joint moves more than ``step`` between them.
 
@@ -81,14 +82,16 @@ def audit(
     curve
         Any curve of the arm's joints.
     checker
-        Defines the bodies and pairs; with ``link_meshes="mesh"`` the audit is more exact than the proof. Its margin is
-        ignored: a contact is a distance of 0.
+        Defines the pairs and the joints. Its margin is ignored: a contact is a distance of 0.
     step
         Largest motion of a joint (rad or m) between samples.
     measure
         Whether distances are measured, which takes most of the time.
     movers
         As for :func:`pinproof.certify`; no mover moves more than ``step`` between samples either.
+    exact
+        Whether meshes are their triangles, see :meth:`pinproof.CollisionChecker.exact`; otherwise the bodies are those
+        of the checker.
 
     Raises
     ------
@@ -100,6 +103,7 @@ def audit(
         raise InputError(f"step = {step}; it must be positive (rad or m)")
     if movers:
         curve, checker, _ = with_movers(curve, checker, movers)
+    checker = checker.exact() if exact else checker
     arm, model, geometry = checker.group, checker.group.model, checker.coal_geometry()
     data, bodies = model.createData(), geometry.createData()
     # Pinocchio's broad phase is five times as fast, but does not report which pairs touch. It is not used with a

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, Lin
 from pinproof.collision.checking.overlaps import Overlaps
 from pinproof.collision.checking.pairs import PairRules, Pairs, overlap_levels, unexplained_pairs
 from pinproof.collision.checking.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
-from pinproof.collision.geometry.bodies import Body
+from pinproof.collision.geometry.bodies import Body, with_triangles
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.collision.scenes.scene import Scene
 from pinproof.common.display import html_block, html_table, outline
@@ -409,6 +409,22 @@ class CollisionChecker(CheckedBodies):
         pairs = [pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))]
         levels = {pair: max(EXACT, self._levels.get(pair, 0)) for pair in pairs}
         return self._on({**self._levels, **levels}) if pairs else self
+
+    def exact(self) -> CollisionChecker:
+        """Return a checker of the same pairs in which all meshes are their triangles, for checks at configurations.
+
+        Links are surfaces where their mesh is not watertight. Meshes of obstacles and attached objects that are covered
+        by convex pieces, or replaced by their hull because they are not watertight, are their triangles too; those with
+        ``Mesh(hull=True)`` remain hulls.
+        """
+
+        def refine(other: CollisionChecker) -> None:
+            urdf = self.group.robot.urdf
+            other._link_bodies, other._levels = LinkBodies(urdf.collisions, meshes_of(urdf.links, "surface")), {}
+            scene = replace(self.scene, obstacles=tuple(map(with_triangles, self.scene.obstacles)))
+            other._assemble(scene, tuple(map(with_triangles, self.attached)), self._allowed)
+
+        return self._changed(refine, "exact")
 
     def _on(self, levels: Levels) -> CollisionChecker:
         """Return the checker with other levels of detail."""

@@ -34,6 +34,7 @@ from pinproof.collision.geometry.shapes import (
     HalfSpace,
     HeightMap,
     Mesh,
+    Obstacle,
     PointCloud,
     Shape,
     Sphere,
@@ -271,6 +272,17 @@ def _cell_bodies(
         )
         for i, (half, place, box, points) in enumerate(zip(halves, places, boxes_around, corners, strict=True))
     ]
+
+
+def with_triangles(obstacle: Obstacle) -> Obstacle:
+    """Return an obstacle with the triangles of its mesh, solid if watertight, unless its shape is the hull of it."""
+    shape = obstacle.shape
+    if not isinstance(shape, Mesh) or shape.hull is not None:
+        return obstacle
+    mesh = triangles_of(shape)
+    return replace(
+        obstacle, shape=replace(shape, hull=False, hollow=not Solid(mesh.vertices, mesh.triangles).watertight)
+    )
 
 
 def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:

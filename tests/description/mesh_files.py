@@ -240,6 +240,8 @@ def write_polygons(path: Path, points: np.ndarray, faces: list[list[int]]) -> No
         polygons = f'<polylist count="{len(faces)}"><input semantic="VERTEX" source="#v0" offset="0"/>'
         polygons += f"<vcount>{words([len(face) for face in faces])}</vcount><p>{words(indices)}</p></polylist>"
         text = dae(nodes='<node><instance_geometry url="#g0"/></node>')
+        second = text.index('<geometry id="g1">')
+        text = text[:second] + text[text.index("</library_geometries>") :]
         start, end = text.index("<triangles"), text.index("</triangles>") + len("</triangles>")
         text = text[:start] + polygons + text[end:]
         text = text.replace('count="24"', f'count="{points.size}"', 1).replace('count="8"', f'count="{len(points)}"', 1)
@@ -353,8 +355,9 @@ def _with_slashes(text: str, end: str) -> str:
 
 def _ply_cases() -> Iterator[Change]:
     for kind in ("ascii", "binary_little_endian", "binary_big_endian"):
-        for length, index, coordinate, extra in product(
-            ("uchar", "int", "ushort"), ("int", "uint", "uchar", "short"), ("float", "double"), (0, 1)
+        for length, index, coordinate, extra in (
+            *product(("uchar", "ushort"), ("int", "uchar"), ("float", "double"), (0,)),
+            *[("uchar", "uint", "float", 1), ("int", "short", "double", 1), ("uint", "ushort", "float", 1)],
         ):
             data = ply(kind, length, index, coordinate, extra)
             yield f"{kind}, {length}, {index}, {coordinate}, {extra}", "ply", data, BOTH
@@ -442,6 +445,10 @@ def _dae_cases() -> Iterator[Change]:
     both = "".join(f'<instance_geometry url="#g{i}"/>' for i in range(2))
     yield "millimetres", "dae", dae(unit=milli, size=0.001), BOTH
     yield "inches", "dae", dae(unit='<unit meter="0.0254" name="inch"/>', size=0.0254), BOTH
+    yield "a misspelt unit", "dae", dae(unit='<units meter="0.001"/>', size=0.001), REFUSED
+    yield "a misspelt meter", "dae", dae(unit='<unit metre="0.001"/>', size=0.001), REFUSED
+    yield "a misspelt asset", "dae", dae(unit=milli, size=0.001).replace("asset>", "assets>"), REFUSED
+    yield "a geometry that is not placed", "dae", dae(nodes='<node><instance_geometry url="#g0"/></node>'), REFUSED
     yield "no unit", "dae", dae(unit=""), BOTH
     yield "a comment with another unit", "dae", dae(head=f"<!-- {milli} -->"), BOTH
     yield "a comment with the old unit", "dae", dae(unit=milli, size=0.001, head='<!-- <unit meter="1"/> -->'), BOTH

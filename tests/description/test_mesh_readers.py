@@ -11,6 +11,7 @@ import pytest
 import pinproof as pp
 from pinproof.description.mesh_formats import reading
 from pinproof.description.meshes import READERS, TriangleMesh, read_mesh
+from pinproof.viewer.surfaces import obstacle_surfaces
 
 from .mesh_files import BOTH, BOXES, CASES, EITHER, REFUSED, area, dae, gltf, with_data_uri, write_polygons
 
@@ -48,6 +49,17 @@ def test_two_boxes_are_read_or_refused(tmp_path, suffix, files, expected):
         assert Path(error.path).parent == tmp_path  # noqa: PT017  # some cases are read, others refused
         boxes = REFUSED
     assert boxes in {BOTH: [[0, 1]], "one box": [[1]], REFUSED: [REFUSED], EITHER: [[0, 1], REFUSED]}[expected]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "files"), [pytest.param(*case[1:3], id=f"{case[1]} {case[0]}") for case in CASES if case[3] == BOTH]
+)
+def test_what_is_drawn_is_what_is_read(tmp_path, suffix, files):
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    surfaces = obstacle_surfaces(pp.Obstacle("boxes", pp.Mesh(tmp_path / f"mesh.{suffix}", hull=False)))
+    corners = np.concatenate([surface.vertices[surface.triangles] for surface in surfaces])
+    assert boxes_of(TriangleMesh(corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3))) == [0, 1]
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae", "glb"])

@@ -494,7 +494,11 @@ def _coloured(
     """Surfaces in the colours that trimesh reads; in one colour if it does not read the triangles that are checked."""
     import trimesh
 
-    scene = trimesh.load(path, force="scene", process=False)
+    plain = [shade(checked.vertices, checked.triangles, stated or default)]
+    try:
+        scene = trimesh.load(path, force="scene", process=False)
+    except Exception:  # noqa: BLE001  # trimesh raises whatever its many readers raise
+        return plain
     factor = np.asarray(scale) * metres_per_unit(path)
     order = -1 if np.prod(scale) < 0 else 1  # a mirrored mesh needs its triangles reversed
     surfaces, drawn = [], []
@@ -515,7 +519,7 @@ def _coloured(
     if sum(map(len, drawn)) != len(corners) or any(
         np.abs(limit(np.concatenate(drawn), axis=0) - limit(corners, axis=0)).max() > near for limit in (np.min, np.max)
     ):
-        return [shade(checked.vertices, checked.triangles, stated or default)]
+        return plain
     return merge_by_colour(surfaces)
 
 

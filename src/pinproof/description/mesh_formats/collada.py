@@ -26,8 +26,14 @@ PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 NO_SURFACE = ("lines", "linestrips")
 """Primitives that are read over."""
 
+INSTANCES = ("instance_geometry", "instance_controller", "instance_node")
+
 TRANSFORMS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
 """The transforms of a node that are supported, with how many numbers they have."""
+
+ASSET = {"contributor", "coverage", "created", "extra", "keywords", "modified", "revision", "subject", "title"}
+ASSET |= {"unit", "up_axis"}
+"""The elements of an asset."""
 
 Mesh = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
 
@@ -54,6 +60,13 @@ class _Collada:
         return refused(self.path, reason, place(element))
 
     def read(self) -> Reading:
+        # An element with a misspelt name must not be read over: the unit would be lost.
+        for element in self.root:
+            if element.tag not in ("asset", "scene", "extra") and not element.tag.startswith("library_"):
+                raise self.refused(element, f"<{element.tag}> is not supported")
+        for element in self.root.iterfind("asset/*"):
+            if element.tag not in ASSET:
+                raise self.refused(element, f"<{element.tag}> is not supported")
         unit = 1.0
         for element in self.root.iter("unit"):
             if element.getparent().tag != "asset":
@@ -64,11 +77,21 @@ class _Collada:
                 meter = np.nan
             if not 0 < meter < np.inf:
                 raise self.refused(element, "it has a unit that is not a positive number of metres")
+            if set(element.attrib) - {"name", "meter"}:
+                raise self.refused(
+                    element, f"<unit> has the attributes {', '.join(element.attrib)}; valid: name, meter"
+                )
             if element.getparent().getparent() is self.root:
                 unit = meter
             elif meter != unit:
                 raise self.refused(element, f"a part has the unit {meter:g} m, the file {unit:g} m")
         instances, triangles, vertices = self.instances(), 0, 0
+        placed_geometries = {geometry for _, geometry in instances}
+        for element in self.root.iterfind("library_geometries/geometry"):
+            if element not in placed_geometries:
+                raise self.refused(
+                    element, f"the geometry {element.get('id')!r} is not part of the scene that is shown"
+                )
         for _, geometry in instances:
             points, corners = self.mesh(geometry)
             triangles, vertices = triangles + len(corners), vertices + len(points)
@@ -81,7 +104,7 @@ class _Collada:
         if len(shown) != 1:
             raise refused(self.path, f"it shows {len(shown)} scenes (<instance_visual_scene>); valid: one")
         for scene in self.root.iter("visual_scene"):
-            if scene is not shown[0] and next(scene.iter("instance_geometry", "instance_controller"), None) is not None:
+            if scene is not shown[0] and next(scene.iter(*INSTANCES), None) is not None:
                 raise self.refused(scene, f"the scene {scene.get('id')!r} has geometry, but is not shown")
         instances = []
         nodes = 0
@@ -132,6 +155,8 @@ class _Collada:
             matrix[:3, 3] = values
         elif element.tag == "scale":
             matrix[range(3), range(3)] = values
+        elif values[3] != 0 and not values[:3].any():
+            raise self.refused(element, "the axis of a <rotate> is not 0 0 0")
         elif values[3] != 0:
             x, y, z = axis = values[:3] / np.linalg.norm(values[:3])
             turn, across = np.radians(values[3]), np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

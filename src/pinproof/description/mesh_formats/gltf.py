@@ -38,6 +38,17 @@ APPEARANCE = (
 )
 """The beginnings of the names of extensions that do not change where a surface is. Others are refused."""
 
+OBJECTS = {
+    "nodes": ("camera", "children", "matrix", "mesh", "rotation", "scale", "skin", "translation", "weights"),
+    "meshes": ("primitives", "weights"),
+    "primitives": ("attributes", "indices", "material", "mode", "targets"),
+    "accessors": ("bufferView", "byteOffset", "componentType", "count", "max", "min", "normalized", "sparse", "type"),
+    "bufferViews": ("buffer", "byteLength", "byteOffset", "byteStride", "target"),
+    "buffers": ("byteLength", "uri"),
+    "scenes": ("nodes",),
+}
+"""The keys of the objects that have geometry (5), besides ``name``, ``extensions``, ``extras``; others are refused."""
+
 INDEX_TYPES = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 
 TRIANGLES = 4
@@ -89,7 +100,7 @@ def with_second_root(data: bytes) -> bytes:
     document, _ = _document(data)
     document["nodes"].append({})
     for scene in document["scenes"]:
-        scene["nodes"].append(len(document["nodes"]) - 1)
+        scene.setdefault("nodes", []).append(len(document["nodes"]) - 1)
     text = json.dumps(document).encode()
     if data[:4] != b"glTF":
         return text
@@ -145,15 +156,28 @@ class _Gltf:
                 raise ValueError(f"it requires the extension {name}, which is not supported")
         if self.document["asset"].get("minVersion", "2.0") != "2.0":
             raise ValueError(f"it requires glTF {self.document['asset']['minVersion']}")
-        # Where each primitive is: the product of the transforms of its node and the nodes above (3.5.3).
+        parts = []
+        for matrix, primitive, place in self.instances(path):
+            points = self.accessor(primitive["attributes"]["POSITION"], "VEC3", {5126: "<f4"})
+            corners = np.arange(len(points))
+            if "indices" in primitive:
+                corners = self.accessor(primitive["indices"], "SCALAR", INDEX_TYPES)[:, 0].astype(np.int64)
+            if corners.max() >= len(points):
+                raise ValueError(f"{place} has vertex indices outside the {len(points)} vertices")
+            parts.append((matrix, points, MODES[primitive.get("mode", TRIANGLES)](corners)))
+        return Reading(*placed(parts))
+
+    def instances(self, path: Path) -> list[tuple[npt.NDArray[np.float64], dict[str, Any], str]]:
+        """The primitives with a surface, each with its transform (3.5.3) and its name for messages."""
         instances: list[tuple[npt.NDArray[np.float64], dict[str, Any], str]] = []
         triangles = vertices = 0
-        nodes, roots = self.document.get("nodes", []), self.roots()
+        nodes, roots = [self.item("nodes", index) for index in range(len(self.document.get("nodes", [])))], self.roots()
         # Every node has one parent, or is a root of the scene: then none is reached twice.
         parents = Counter([*roots, *(child for node in nodes for child in node.get("children", []))])
         if shared := [index for index, count in parents.items() if count > 1]:
             raise ValueError(f"nodes[{shared[0]}] has several parents, or is also a root of the scene")
         seen: set[int] = set()
+        placed_meshes: set[int] = set()
         stack = [(index, np.eye(4), 1) for index in roots]
         while stack:
             index, above, depth = stack.pop()
@@ -170,10 +194,13 @@ class _Gltf:
             mesh = self.item("meshes", node["mesh"])
             if any(node.get("weights", mesh.get("weights", []))):
                 raise ValueError(f"nodes[{index}] is deformed by morph weights, which are not supported")
+            placed_meshes.add(node["mesh"])
+            if not mesh["primitives"]:
+                raise ValueError(f"meshes[{node['mesh']}] has no primitives")
             for number, primitive in enumerate(mesh["primitives"]):
                 place = f"meshes[{node['mesh']}].primitives[{number}]"
-                _refuse_extensions(primitive, place)
-                mode = primitive.get("mode", TRIANGLES)
+                _known(primitive, "primitives", place)
+                mode = _whole(primitive, "mode", TRIANGLES)
                 if mode in NO_SURFACE:
                     continue
                 if mode not in MODES:
@@ -192,16 +219,10 @@ class _Gltf:
         hidden = [index for index, node in enumerate(nodes) if "mesh" in node and index not in seen]
         if hidden:
             raise ValueError(f"nodes[{hidden[0]}] has a mesh, but is not part of the scene that is shown")
-        parts = []
-        for matrix, primitive, place in instances:
-            points = self.accessor(primitive["attributes"]["POSITION"], "VEC3", {5126: "<f4"})
-            corners = np.arange(len(points))
-            if "indices" in primitive:
-                corners = self.accessor(primitive["indices"], "SCALAR", INDEX_TYPES)[:, 0].astype(np.int64)
-            if corners.max() >= len(points):
-                raise ValueError(f"{place} has vertex indices outside the {len(points)} vertices")
-            parts.append((matrix, points, MODES[primitive.get("mode", TRIANGLES)](corners)))
-        return Reading(*placed(parts))
+        unplaced = set(range(len(self.document.get("meshes", [])))) - placed_meshes
+        if unplaced:
+            raise ValueError(f"meshes[{min(unplaced)}] is not placed by any node")
+        return instances
 
     def roots(self) -> list[int]:
         """The roots of the scene that is shown: the stated or the only one."""
@@ -215,7 +236,7 @@ class _Gltf:
         objects = self.document.get(kind, [])
         if type(index) is not int or not 0 <= index < len(objects):
             raise ValueError(f"{kind}[{index}] does not exist")
-        _refuse_extensions(objects[index], f"{kind}[{index}]")
+        _known(objects[index], kind, f"{kind}[{index}]")
         value: dict[str, Any] = objects[index]
         return value
 
@@ -242,6 +263,9 @@ class _Gltf:
             if rows.max(initial=0) >= count:
                 raise ValueError(f"{place} substitutes elements that do not exist")
             values[rows] = self.view(sparse["values"], dtype, number, width)
+        for key, limit in ("min", np.min), ("max", np.max):
+            if key in accessor and not np.allclose(limit(values, axis=0), accessor[key], rtol=1e-5, atol=1e-6):
+                raise ValueError(f"{place} states another {key} than its elements have")
         self.arrays[index, shape] = values
         return values
 
@@ -293,7 +317,11 @@ def _whole(value: dict[str, Any], key: str, default: int | None = None) -> int:
     return number
 
 
-def _refuse_extensions(value: dict[str, Any], place: str) -> None:
+def _known(value: dict[str, Any], kind: str, place: str) -> None:
+    """Raise ValueError for a key or an extension that is not known."""
+    for name in value:
+        if name not in (*OBJECTS[kind], "name", "extensions", "extras"):
+            raise ValueError(f"{place} has the unknown key {name!r}")
     for name in value.get("extensions", {}):
         if not name.startswith(APPEARANCE):
             raise ValueError(f"{place} uses the extension {name}, which is not supported")

@@ -43,6 +43,9 @@ def compare_with_assimp(path: Path, kind: str, data: bytes, files: Mapping[str, 
     """
     import coal
 
+    corners = reading.vertices[reading.triangles]
+    if (corners == np.roll(corners, 1, axis=1)).all(axis=2).any(axis=1).all():
+        raise MeshError(path, "is flat: every triangle has two equal corners")
     with TemporaryDirectory(prefix="pinproof-") as folder:
         copy = Path(folder) / f"mesh.{kind}"
         copy.write_bytes(with_second_root(data) if kind in ("glb", "gltf") else data)
@@ -64,7 +67,6 @@ def compare_with_assimp(path: Path, kind: str, data: bytes, files: Mapping[str, 
         return MeshError(path, f"two readers disagree: {what}; {REMEDY}")
 
     points: npt.NDArray[np.float64] = np.array(model.vertices()).reshape(-1, 3)
-    corners = reading.vertices[reading.triangles]
     used = np.zeros(len(reading.vertices), dtype=bool)
     used[reading.triangles] = True
     own = reading.vertices[used]

@@ -18,7 +18,7 @@ FORMATS = {
     "scene": ("pinproof.collision.scenes.scene", "Scene"),
     "picks": ("pinproof.picks.input.picks_file", "PICKS"),
     "attached": ("pinproof.collision.scenes.scene", "Attachments"),
-    "dh": ("pinproof.description.dh_keys", "TABLE"),
+    "dh": ("pinproof.description.dh", "DhTable"),
     "limits": ("pinproof.model.limits", "FILE"),
     "motion": ("pinproof.motion.motion_keys", "MOTION"),
     "library": ("pinproof.execution.library_file", "LIBRARY"),

@@ -85,7 +85,7 @@ def said_of(path: Path) -> str:
         ("scene.yaml", SCENE.format("mesh: {path: part.stl}"), "there is no file .*relative to this file"),
         ("picks.yaml", PICK.format("xyz: [0.4, 0, 0]"), "line 2, column 5: states no orientation.*rpy or quat_xyzw"),
         ("picks.yaml", PICK.replace("a,", "1,").format("xyz: [0, 0, 0]"), "put it in quotes"),
-        ("dh.csv", DH.replace("standard", "craig") + "a,0,0,0,0,,\n", "unknown DH convention 'craig'; valid: modified"),
+        ("dh.csv", DH.replace("standard", "craig") + "a,0,0,0,0,,\n", "unknown convention 'craig'.*; valid: modified"),
         ("dh.csv", "name,theta,d,a,alpha\na,0,0,0,0\n", "add 'convention: standard' or 'convention: modified'"),
         ("dh.yaml", "rows: [{name: a, theta: 010, d: 0, a: 0, alpha: 0}]\n", "line 1.*'010' is ambiguous in YAML"),
         # robots

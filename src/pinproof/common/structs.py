@@ -96,16 +96,17 @@ def step(name: str | int, where: str, read: Callable[..., Any], *arguments: Any)
     except Misread as error:
         raise Misread(error.reason, (name, *error.steps), error.position or where) from error
     except InputError as error:
-        raise Misread(str(error), (name,), where) from error
+        own = str(name).rpartition(".")[2]
+        raise Misread(str(error).removeprefix(f"{own}: "), (name,), where) from error
 
 
 @contextmanager
-def errors_of(path: Path, error: type[FileError]) -> Iterator[None]:
-    """Turn errors about values into ``error`` with the file and the place of the value."""
+def errors_of(path: Path, error: type[FileError], *, keys: bool = True) -> Iterator[None]:
+    """Turn errors about values into ``error`` with the file and the place of the value, or its position only."""
     try:
         yield
     except Misread as caught:
-        raise error(path, caught.reason, caught.place) from caught
+        raise error(path, caught.reason, caught.place if keys else caught.position) from caught
     except InputError as caught:
         raise error(path, str(caught)) from caught
 
@@ -770,7 +771,7 @@ class _Struct:
                 continue
             made = each.default_factory() if each.default_factory is not MISSING else each.default
             needed = made is MISSING or own.required or self._written
-            shown = None if needed or made is None or made == "" else _shown(made)
+            shown = None if needed or (isinstance(made, str) and not made) else _shown(made)
             key = Key(
                 own.name or each.name, own.inline or self.kinds[each.name], own.text, own.unit,
                 shown if own.shown is MISSING else own.shown, needed, each.name, own.inline is not None,

@@ -30,8 +30,7 @@ from itertools import pairwise
 import numpy as np
 
 from pinproof.common.validation import require_type
-from pinproof.description.dh import DhRow, DhTable
-from pinproof.description.dh_keys import CONVENTIONS
+from pinproof.description.dh import CONVENTIONS, DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.model.chain import link_path

@@ -11,8 +11,8 @@ dh_(i-1) to frame dh_i:
 
       A = Rx(alpha) Tx(a) Rz(theta) Tz(d)
 
-The keys of YAML files and the columns of CSV files are in :mod:`pinproof.description.dh_keys`, and docs/formats/dh.md
-describes them with examples. A number may be written as ``[-][k*]pi[/m]``, because a rounded 1.5708 is not pi/2.
+docs/formats/dh.md describes the keys of YAML files and the columns of CSV files with examples. A number may be written
+as ``[-][k*]pi[/m]``, because a rounded 1.5708 is not pi/2.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -32,12 +31,39 @@ import yaml
 
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import csv_text, read_text, unknown_suffix, write_text_whole
-from pinproof.common.validation import require_type
-from pinproof.common.yaml_file import LinedMapping, parse_number, read_yaml, refuse_unknown
-from pinproof.description.dh_keys import CONVENTIONS, DEFAULT_EFFORT, JOINT_TYPES, LARGEST, ROW, TABLE, TRANSFORM
-from pinproof.errors import DhTableError, InputError, UnknownNameError
-from pinproof.spatial import Array, finite, matrix, pose, rigid
+from pinproof.common.structs import (
+    ANGLE,
+    NUMBER,
+    ONE_ORIENTATION,
+    POSE,
+    Key,
+    Kind,
+    Table,
+    choice,
+    errors_of,
+    key,
+    list_of,
+    number,
+    optional,
+    parsed,
+    pose_of,
+    position,
+    simple,
+    step,
+    struct,
+    table_of,
+    vector,
+)
+from pinproof.common.yaml_file import read_yaml, refuse_unknown
+from pinproof.errors import DhTableError, InputError
+from pinproof.spatial import Array, finite, matrix, rigid
 from pinproof.units import refuse_degree_limit, refuse_degrees, refuse_millimetres
+
+CONVENTIONS = ("standard", "modified")
+JOINT_TYPES = ("revolute", "prismatic", "continuous")
+
+LARGEST = 1e6
+"""Metres, radians, m/s, rad/s. Larger numbers are typing errors; sines would lose digits and products overflow."""
 
 DEFAULT_REVOLUTE_LIMIT = math.pi
 """Rad. Default limits of a revolute row are -pi and pi: one full rotation."""
@@ -45,28 +71,53 @@ DEFAULT_REVOLUTE_VELOCITY = math.pi
 """Rad/s. Default velocity limit of a revolute or continuous row, a common value for small arms."""
 DEFAULT_PRISMATIC_VELOCITY = 1.0
 """M/s. Default velocity limit of a prismatic row, a common value for linear axes."""
+DEFAULT_EFFORT = 100.0
+"""N m or N. Default effort limit, because a URDF must state one; a typical value for small arms."""
+
+VALUE = number(minimum=-LARGEST, maximum=LARGEST)
+ABOVE_ZERO = number(above=0, maximum=LARGEST)
 
 
-@dataclass(frozen=True)
+def _printable(pattern: str, more: str = "") -> Kind:
+    """A name that matches a pattern."""
+
+    def check(name: str, value: object) -> str:
+        if not isinstance(value, str) or not re.search(pattern, value) or not value.isprintable():
+            raise InputError(f"{name} = {value!r} is not a valid name; use printable text{more}")
+        return value
+
+    return simple({"type": "string", "minLength": 1, "pattern": pattern}, check)
+
+
+def _limit(name: str, value: Any) -> float | None:
+    """A limit of q; a continuous row reads back its own missing limits as infinities (dataclasses.replace)."""
+    if value is None or (isinstance(value, float) and math.isinf(value)):
+        return value
+    return cast(float, VALUE.check(name, value))
+
+
+@struct(
+    "row",
+    rules=[
+        {
+            "allOf": [
+                {
+                    "if": {"required": ["type"], "properties": {"type": {"const": "prismatic"}}},
+                    "then": {"required": ["lower", "upper"], "properties": {"lower": NUMBER, "upper": NUMBER}},
+                },
+                {
+                    "if": {"required": ["type"], "properties": {"type": {"const": "continuous"}}},
+                    "then": {"properties": {"lower": {"type": "null"}, "upper": {"type": "null"}}},
+                },
+            ]
+        }
+    ],
+    first=("name", "type"),
+)
 class DhRow:
-    """One row of a DH table: one joint and the link it moves.
+    """One joint and the link that it moves.
 
-    Parameters
-    ----------
-    name
-        Name of the joint.
-    theta, d, a, alpha
-        Angles in radians, lengths in metres. ``theta`` of a revolute or continuous row and ``d`` of a prismatic row are
-        offsets that are added to the joint variable q.
-    joint_type
-        ``"revolute"``, ``"prismatic"`` or ``"continuous"`` (revolute without limits).
-    lower, upper
-        Limits of q in radians or metres. The default is [-pi, pi] for revolute rows and [-inf, inf] for continuous
-        rows; prismatic rows must state both.
-    velocity
-        Velocity limit in rad/s or m/s; by default pi rad/s and 1 m/s.
-    effort
-        Largest torque or force in N m or N; by default 100. No result depends on it.
+    The joint variable q is added to ``theta`` (revolute, continuous) or to ``d`` (prismatic).
 
     Raises
     ------
@@ -74,90 +125,77 @@ class DhRow:
         If a value is invalid; the message states the row and the column.
     """
 
-    name: str
-    theta: float
-    d: float
-    a: float
-    alpha: float
-    joint_type: str = "revolute"
+    name: str = key(
+        "name of the joint, unique in the table",
+        kind=_printable(r"^\S(.*\S)?$", " without leading or trailing spaces"),
+    )
+    theta: float = key(
+        "angle about z; for a revolute or continuous joint the offset added to q",
+        "rad",
+        kind=simple(ANGLE, VALUE.check, parsed),
+    )
+    d: float = key("distance along z; for a prismatic joint the offset added to q", "m", kind=VALUE)
+    a: float = key("distance along x", "m", kind=VALUE)
+    alpha: float = key("angle about x", "rad", kind=simple(ANGLE, VALUE.check, parsed))
+    joint_type: str = key(
+        "type of the joint; `continuous` is revolute without limits",
+        default="revolute",
+        name="type",
+        kind=choice(*JOINT_TYPES),
+    )
     # None means "not stated" and is replaced by the default in __post_init__.
-    lower: float = cast(float, None)
-    upper: float = cast(float, None)
-    velocity: float = cast(float, None)
-    effort: float = cast(float, None)
+    lower: float = key(
+        "lower limit of q; by default -pi for a revolute joint. A prismatic joint must state it, a continuous joint "
+        "must not",
+        "rad or m",
+        default=None,
+        kind=Kind(optional(VALUE).schema, _limit, optional(VALUE).parse),
+    )
+    upper: float = key(
+        "upper limit of q; by default pi for a revolute joint, otherwise as `lower`",
+        "rad or m",
+        default=None,
+        kind=Kind(optional(VALUE).schema, _limit, optional(VALUE).parse),
+    )
+    velocity: float = key(
+        "velocity limit; by default pi rad/s or 1 m/s", "rad/s or m/s", default=None, kind=optional(ABOVE_ZERO)
+    )
+    effort: float = key(
+        "largest torque or force, used where torques are limited; the default is not that of a real robot",
+        "N m or N",
+        default=None,
+        kind=optional(ABOVE_ZERO),
+        shown=DEFAULT_EFFORT,
+    )
 
     def __post_init__(self) -> None:
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        problem = row_problem(values)
-        if problem is not None:
-            column, reason = problem
-            raise InputError(f"DH row {self.name!r}, {column}: {reason}")
-        for column, value in {**_defaults(self.joint_type), **_stated(values)}.items():
-            object.__setattr__(self, column, value)
+        for column in ("lower", "upper"):
+            value: float | None = getattr(self, column)
+            free = -math.inf if column == "lower" else math.inf
+            if self.is_prismatic and value is None:
+                raise self._wrong(column, "is not stated; a prismatic row must state its limits in metres")
+            if self.joint_type == "continuous" and value not in (None, free):
+                raise self._wrong(column, f"is {value}; a continuous row has no limits: omit it, or change the type")
+            if self.joint_type != "continuous" and value is not None and math.isinf(value):
+                raise self._wrong(column, f"is {value}, which is not a finite number")
+        limit = math.inf if self.joint_type == "continuous" else DEFAULT_REVOLUTE_LIMIT
+        velocity = DEFAULT_PRISMATIC_VELOCITY if self.is_prismatic else DEFAULT_REVOLUTE_VELOCITY
+        defaults = {"lower": -limit, "upper": limit, "velocity": velocity, "effort": DEFAULT_EFFORT}
+        for column, default in defaults.items():
+            if getattr(self, column) is None:
+                object.__setattr__(self, column, default)
+        if self.lower > self.upper:
+            raise self._wrong("lower", f"is {self.lower:.17g}, above the upper limit {self.upper:.17g}")
+
+    def _wrong(self, column: str, reason: str) -> InputError:
+        error = InputError(f"{column} of row {self.name!r} {reason}")
+        error.argument = column
+        return error
 
     @property
     def is_prismatic(self) -> bool:
         """Whether q is a displacement along z."""
         return self.joint_type == "prismatic"
-
-
-def row_problem(values: dict[str, Any]) -> tuple[str, str] | None:
-    """Return the column and the reason of the first invalid field of a row, or None if all are valid.
-
-    ``values`` contains every field of :class:`DhRow`, with None for a limit or a velocity that is not stated.
-    """
-    name = values["name"]
-    if not isinstance(name, str) or not name or name != name.strip() or not name.isprintable():
-        return "name", f"{name!r} is not a valid name; use printable text without leading or trailing spaces"
-    joint_type = values["joint_type"]
-    if joint_type not in JOINT_TYPES:
-        return "joint_type", f"unknown joint type {joint_type!r}; valid: {', '.join(JOINT_TYPES)}"
-    for column in ("theta", "d", "a", "alpha", "lower", "upper", "velocity", "effort"):
-        value = values[column]
-        optional = column in ("lower", "upper", "velocity", "effort")
-        if value is None and optional:
-            continue
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-            return column, f"{value!r} is not a number"
-        # A continuous row reads back its own missing limits as infinities (dataclasses.replace).
-        unlimited = joint_type == "continuous" and value == {"lower": -math.inf, "upper": math.inf}.get(column)
-        if not math.isfinite(value) and not unlimited:
-            return column, f"{value} is not a finite number"
-        if abs(float(value)) > LARGEST and not unlimited:
-            return column, f"{value} is larger than {LARGEST:g} m, rad, m/s or rad/s"
-    if values["effort"] is not None and values["effort"] <= 0:
-        return "effort", f"must be greater than 0, not {values['effort']:.17g}"
-    return _limit_problem(joint_type, values["lower"], values["upper"], values["velocity"])
-
-
-def _limit_problem(
-    joint_type: str, lower: float | None, upper: float | None, velocity: float | None
-) -> tuple[str, str] | None:
-    for column, value in (("lower", lower), ("upper", upper)):
-        if joint_type == "prismatic" and value is None:
-            return column, "a prismatic row must state its lower and upper limit in metres"
-        if joint_type == "continuous" and value is not None and math.isfinite(value):
-            return column, f"a continuous row has no limits; omit {value}, or change the type to revolute"
-    if joint_type != "continuous":
-        low = -DEFAULT_REVOLUTE_LIMIT if lower is None else lower
-        high = DEFAULT_REVOLUTE_LIMIT if upper is None else upper
-        if low > high:
-            return "lower", f"the lower limit {low:.17g} is above the upper limit {high:.17g}"
-    if velocity is not None and velocity <= 0:
-        return "velocity", f"must be greater than 0, not {velocity:.17g}"
-    return None
-
-
-def _defaults(joint_type: str) -> dict[str, float]:
-    if joint_type == "prismatic":
-        return {"velocity": DEFAULT_PRISMATIC_VELOCITY, "effort": DEFAULT_EFFORT}
-    limit = math.inf if joint_type == "continuous" else DEFAULT_REVOLUTE_LIMIT
-    return {"lower": -limit, "upper": limit, "velocity": DEFAULT_REVOLUTE_VELOCITY, "effort": DEFAULT_EFFORT}
-
-
-def _stated(values: dict[str, Any]) -> dict[str, float]:
-    """Return the stated numbers as floats (they may be integers or NumPy scalars)."""
-    return {k: float(v) for k, v in values.items() if v is not None and k not in ("name", "joint_type")}
 
 
 def row_transform(row: DhRow, convention: str, q: float) -> Array:
@@ -193,60 +231,67 @@ def _table_file(path: str | Path) -> Path:
     return path
 
 
-def _table_from_yaml(path: Path) -> DhTable:
-    content = read_yaml(path, TABLE.names, DhTableError)
-    refuse_unknown(DhTableError, path, "key", content, TABLE.names, "")
-    rows = content.get("rows")
-    if not isinstance(rows, list) or not rows:
-        raise DhTableError(path, "must be a list with at least one row", "key rows")
-    places = []
-    for number, row in enumerate(rows, start=1):
-        if not isinstance(row, LinedMapping):
-            reason = f"{row!r} is not a mapping; valid keys: {', '.join(ROW.names)}"
-            raise DhTableError(path, reason, f"row {number}")
-        places.append(f"line {row.line}, row {number}")
-    return _table(
-        path,
-        [_row(path, place, row) for place, row in zip(places, rows, strict=True)],
-        places,
-        convention=content.get("convention"),
-        name=content.get("name", path.stem),
-        base=_transform(path, "base", content.get("base")),
-        tool=_transform(path, "tool", content.get("tool")),
-    )
+class _CsvRow(dict[str, str]):
+    """The cells of a line by column, without empty ones."""
+
+    line = number = 0
+
+    def at(self, column: str | None = None) -> str:
+        """The position of a cell, or of the line."""
+        return f"line {self.line}, row {self.number}" + (f", column {column}" if column else "")
 
 
-def _table_from_csv(path: Path) -> DhTable:
+def _csv_content(path: Path) -> dict[str, Any]:
+    """The content of a CSV file as that of a YAML file."""
     lines = read_text(path, DhTableError).splitlines()
     first = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), len(lines))
     # Spreadsheets append commas to every line, this one included.
     conventions = re.findall(r"^\s*#\s*convention\s*:\s*([^\s,]+)[\s,]*$", "\n".join(lines[:first]), re.MULTILINE)
     if len(set(conventions)) > 1:
         raise DhTableError(path, f"states more than one convention: {', '.join(conventions)}")
-    convention = conventions[0] if conventions else None
+    names = table_of(DhRow).names
     try:
         reader = csv.reader(lines[first:])
         content = [(first + reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise DhTableError(path, f"is not valid CSV: {error}") from error
     if not content:
-        raise DhTableError(path, f"has no header; valid columns: {', '.join(ROW.names)}")
+        raise DhTableError(path, f"has no header; valid columns: {', '.join(names)}")
     header = [cell.strip() for cell in content[0][1]]
     if other := other_separator(header):
         raise DhTableError(path, other, "header")
-    refuse_unknown(DhTableError, path, "column", header, ROW.names, "header")
+    refuse_unknown(DhTableError, path, "column", header, names, "header")
     twice = sorted({column for column in header if header.count(column) > 1})
     if twice:
         raise DhTableError(path, f"duplicate column {twice[0]}", "header")
-    rows, places = [], []
-    for number, (line, cells) in enumerate(content[1:], start=1):
-        places.append(f"line {line}, row {number}")
+    rows = []
+    for count, (line, cells) in enumerate(content[1:], start=1):
+        row = _CsvRow({column: cell.strip() for column, cell in zip(header, cells, strict=False) if cell.strip()})
+        row.line, row.number = line, count
         if len(cells) != len(header):
             more = "; use decimal points, not commas" if len(cells) > len(header) else ""
-            raise DhTableError(path, f"has {len(cells)} cells; the header has {len(header)}{more}", places[-1])
-        stated = {column: cell.strip() for column, cell in zip(header, cells, strict=True) if cell.strip()}
-        rows.append(_row(path, places[-1], stated))
-    return _table(path, rows, places, convention=convention, name=path.stem)
+            raise DhTableError(path, f"has {len(cells)} cells; the header has {len(header)}{more}", row.at())
+        rows.append(row)
+    return {"rows": rows, **({"convention": conventions[0]} if conventions else {})}
+
+
+def _refuse_other_units(rows: Sequence[DhRow], stated: Sequence[Any]) -> None:
+    """Refuse rows of a file that are probably in degrees or millimetres."""
+
+    def in_row(row: DhRow, column: str) -> None:
+        value = getattr(row, column)
+        if column in ("theta", "alpha"):
+            refuse_degrees(column, [value])
+        elif row.joint_type == "revolute":
+            refuse_degree_limit(column, value)
+        elif row.is_prismatic and column == "upper":
+            refuse_millimetres(column, [row.lower, value])
+
+    for row, mapping in zip(rows, stated, strict=True):
+        for column in ("theta", "alpha", "lower", "upper"):
+            if column in mapping:
+                step(f".rows[{row.name!r}].{column}", position(mapping, column), in_row, row, column)
+    refuse_millimetres("a and d", [length for row in rows for length in (row.a, row.d)])
 
 
 def other_separator(header: Sequence[str]) -> str:
@@ -257,89 +302,6 @@ def other_separator(header: Sequence[str]) -> str:
     return ""
 
 
-def _row(path: Path, place: str, stated: Mapping[Any, Any]) -> DhRow:
-    """Parse one row column by column, so that errors state the column."""
-    refuse_unknown(DhTableError, path, "column", stated, ROW.names, place)
-    values: dict[str, Any] = {"name": stated.get("name"), "joint_type": stated.get("type", "revolute")}
-    for column in ROW.names:
-        if stated.get(column) is None and column in ROW.required:
-            raise DhTableError(path, "is missing", f"{place}, column {column}")
-        if column in ("name", "type"):
-            continue
-        try:
-            values[column] = None if stated.get(column) is None else parse_number(stated[column])
-        except ValueError as error:
-            raise DhTableError(path, str(error), f"{place}, column {column}") from error
-    problem = row_problem(values) or _unit_problem(values)
-    if problem is not None:
-        column = "type" if problem[0] == "joint_type" else problem[0]
-        raise DhTableError(path, problem[1], f"{place}, column {column}")
-    return DhRow(**values)
-
-
-def _unit_problem(values: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return the first column that is probably in degrees or millimetres, and the reason."""
-    try:
-        for column in ("theta", "alpha"):
-            refuse_degrees(column, [values[column]])
-        for column in ("lower", "upper") if values["joint_type"] == "revolute" else ():
-            refuse_degree_limit(column, values[column])
-        if values["joint_type"] == "prismatic":
-            refuse_millimetres("upper", [values["lower"], values["upper"]])
-    except InputError as error:
-        column, _, reason = str(error).partition(": ")
-        return column, reason
-    return None
-
-
-def _table(path: Path, rows: Sequence[DhRow], places: Sequence[str], *, convention: object, **rest: Any) -> DhTable:
-    if convention is None:
-        raise DhTableError(path, "states no convention; add 'convention: standard' or 'convention: modified'")
-    names = [row.name for row in rows]
-    for number, name in enumerate(names, start=1):
-        if name in names[: number - 1]:
-            reason = f"row {names.index(name) + 1} is already named {name!r}"
-            raise DhTableError(path, reason, f"{places[number - 1]}, column name")
-    try:
-        refuse_millimetres("a and d", [length for row in rows for length in (row.a, row.d)])
-        return DhTable(tuple(rows), convention=convention, **rest)  # type: ignore[arg-type]
-    except InputError as error:
-        raise DhTableError(path, str(error)) from error
-
-
-def _transform(path: Path, key: str, stated: object) -> Any:
-    """Parse the base or the tool of a table."""
-    if stated is None:
-        return np.eye(4)
-    if not isinstance(stated, dict):
-        reason = f"{stated!r} is not a transform; valid keys: {', '.join(TRANSFORM.names)}"
-        raise DhTableError(path, reason, f"key {key}")
-    refuse_unknown(DhTableError, path, "key", stated, TRANSFORM.names, f"key {key}")
-    if "matrix" in stated and len(stated) > 1:
-        raise DhTableError(path, "use either matrix, or xyz with rpy or quat_xyzw", f"key {key}")
-    numbers: dict[str, Any] = {}
-    for part, value in stated.items():
-        try:
-            parsed = _parsed(value)
-            numbers[part] = finite(part, parsed, (4, 4) if part == "matrix" else (4,) if part == "quat_xyzw" else (3,))
-        except ValueError as error:  # an InputError is one
-            raise DhTableError(path, str(error), f"key {key}.{part}") from error
-    if "matrix" in numbers:
-        return numbers["matrix"]
-    try:
-        refuse_degrees("rpy", numbers.get("rpy", ()))
-        return pose(**numbers)
-    except InputError as error:
-        raise DhTableError(path, str(error), f"key {key}") from error
-
-
-def _parsed(value: object, depth: int = 2) -> Any:
-    """Parse numbers in nested lists up to ``depth`` (with YAML anchors a list can contain itself)."""
-    if isinstance(value, list) and depth > 0:
-        return [_parsed(part, depth - 1) for part in value]
-    return parse_number(value)
-
-
 def _csv_text(table: DhTable) -> str:
     for which in ("base", "tool"):
         if not np.array_equal(getattr(table, which), np.eye(4)):
@@ -347,7 +309,7 @@ def _csv_text(table: DhTable) -> str:
                 f"the {which} of the table is not the identity, which a CSV cannot store; save a .yaml file"
             )
     rows = [_stated_columns(row) for row in table.rows]
-    columns = [name for name in ROW.names if name != "effort" or any("effort" in row for row in rows)]
+    columns = [name for name in table_of(DhRow).names if name != "effort" or any("effort" in row for row in rows)]
     cells = ([stated.get(column, "") for column in columns] for stated in rows)
     return csv_text(columns, cells, comment=f"# convention: {table.convention}")
 
@@ -365,7 +327,7 @@ def _yaml_text(table: DhTable) -> str:
 def _stated_columns(row: DhRow) -> dict[str, Any]:
     """Return the columns of a row for a file, without infinite limits and without the default effort."""
     values: dict[str, Any] = {"name": row.name, "type": row.joint_type}
-    values |= {column: getattr(row, column) for column in ROW.names[2:]}
+    values |= {column: getattr(row, column) for column in table_of(DhRow).names[2:]}
     if row.effort == DEFAULT_EFFORT:
         del values["effort"]
     return {column: value for column, value in values.items() if isinstance(value, str) or math.isfinite(value)}
@@ -385,51 +347,60 @@ def _is_flat(values: Iterable[object]) -> bool:
     return not any(isinstance(value, (dict, list)) for value in values)
 
 
-@dataclass(frozen=True, eq=False)
+def _placed(name: str, value: Any) -> Array:
+    placed = matrix(rigid(name, value))
+    placed.setflags(write=False)
+    return placed
+
+
+def _transform(matrix: Any = None, **stated: Any) -> Any:
+    if matrix is not None and stated:
+        raise InputError("use either matrix, or xyz with rpy or quat_xyzw")
+    return pose_of(**stated) if matrix is None else matrix
+
+
+TRANSFORM = Table(
+    "transform",
+    "A rigid transform: a position and an orientation, or a matrix.",
+    *POSE.keys,
+    Key("matrix", list_of(vector(4), 4, 4), "four rows of four numbers, instead of the other keys"),
+    rules={**ONE_ORIENTATION, "if": {"required": ["matrix"]}, "then": {"maxProperties": 1}},
+    make=_transform,
+)
+
+
+@struct("dh", first=("name", "convention", "base", "tool"), eq=False, repr=False)
 class DhTable:
-    """A serial arm as a Denavit-Hartenberg table.
+    """A serial arm as a Denavit-Hartenberg table: frame dh_(i-1) is transformed to frame dh_i by row i."""
 
-    ``base`` is the pose of frame dh_0 in the base frame, row i transforms dh_(i-1) to dh_i, and ``tool`` is the pose of
-    the tool in dh_n.
-
-    Parameters
-    ----------
-    rows
-        One :class:`DhRow` for each joint, base first, with distinct names.
-    convention
-        ``"standard"`` or ``"modified"``.
-    name
-        Name of the robot.
-    base
-        base_from_dh_0, a ``pin.SE3`` or a (4, 4) matrix in metres; stored as a read-only (4, 4) array.
-    tool
-        dh_n_from_tool, as ``base``.
-
-    Raises
-    ------
-    InputError
-        If there are no rows, names are not distinct, the convention is unknown
-        (:class:`~pinproof.errors.UnknownNameError`), or the base or tool is not a rigid transform.
-    """
-
-    rows: tuple[DhRow, ...]
-    convention: str = field(kw_only=True)
-    name: str = field(default="dh_arm", kw_only=True)
-    base: Array = field(default_factory=lambda: np.eye(4), kw_only=True)
-    tool: Array = field(default_factory=lambda: np.eye(4), kw_only=True)
-
-    def __post_init__(self) -> None:
-        rows = _checked_rows(self.rows)
-        if self.convention not in CONVENTIONS:
-            raise UnknownNameError("DH convention", self.convention, CONVENTIONS)
-        name: object = self.name
-        if not isinstance(name, str) or not name.strip() or not name.isprintable():
-            raise InputError(f"{self.name!r} is not a valid robot name; use printable text")
-        object.__setattr__(self, "rows", rows)
-        for which in ("base", "tool"):
-            transform = matrix(rigid(which, getattr(self, which)))
-            transform.setflags(write=False)
-            object.__setattr__(self, which, transform)
+    rows: tuple[DhRow, ...] = key("the joints, base first", kind=list_of(table_of(DhRow), 1, named="row"))
+    convention: str = key(
+        "`standard`: Rz(theta) Tz(d) Tx(a) Rx(alpha); `modified` (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d), where row i "
+        "holds a and alpha of link i - 1",
+        kw_only=True,
+        kind=choice(*CONVENTIONS),
+    )
+    name: str = key(
+        "name of the robot; by default the name of the file",
+        default="dh_arm",
+        kw_only=True,
+        kind=_printable(r"\S"),
+        shown=None,
+    )
+    base: Array = key(
+        "base_from_dh_0: the pose of frame dh_0 in the base frame; a read-only (4, 4) array",
+        default_factory=lambda: np.eye(4),
+        kw_only=True,
+        kind=Kind(TRANSFORM, _placed, TRANSFORM.parse),
+        shown={},
+    )
+    tool: Array = key(
+        "dh_n_from_tool: the pose of the tool in the last frame; a read-only (4, 4) array",
+        default_factory=lambda: np.eye(4),
+        kw_only=True,
+        kind=Kind(TRANSFORM, _placed, TRANSFORM.parse),
+        shown={},
+    )
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The constructor makes the arrays read-only again; pickle does not preserve this flag.
@@ -461,8 +432,17 @@ class DhTable:
         DhTableError
             If the file is invalid; the message states the file and, where possible, the row and column.
         """
-        path = _table_file(path)
-        return _table_from_csv(path) if path.suffix.lower() == ".csv" else _table_from_yaml(path)
+        path, table = _table_file(path), table_of(cls)
+        in_csv = path.suffix.lower() == ".csv"
+        content = _csv_content(path) if in_csv else read_yaml(path, table.names, DhTableError)
+        with errors_of(path, DhTableError, keys=not in_csv):
+            table.refuse_unknown(content)
+            if "convention" not in content:
+                raise InputError("states no convention; add 'convention: standard' or 'convention: modified'")
+            values = {"name": path.stem, **table.values("the table", content, path)}
+            made: DhTable = table.made(content, values)
+            _refuse_other_units(made.rows, content["rows"])
+        return made
 
     def save(self, path: str | Path) -> None:
         """Write the table atomically to a ``.yaml``, ``.yml`` or ``.csv`` file, without rounding.
@@ -550,18 +530,3 @@ class DhTable:
 
         same = names(self) == names(other)
         return same and np.allclose(numbers(self), numbers(other), rtol=0.0, atol=tolerance)
-
-
-def _checked_rows(rows: Iterable[DhRow]) -> tuple[DhRow, ...]:
-    require_type("rows", rows, Iterable)
-    rows = tuple(rows)
-    if not rows:
-        raise InputError("a DH table needs at least one row")
-    seen: dict[str, int] = {}
-    for number, row in enumerate(rows, start=1):
-        if not isinstance(row, DhRow):
-            raise InputError(f"row {number} of a DH table must be a DhRow, not {type(row).__name__}")
-        if row.name in seen:
-            raise InputError(f"rows {seen[row.name]} and {number} of the DH table are both named {row.name!r}")
-        seen[row.name] = number
-    return rows

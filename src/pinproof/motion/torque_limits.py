@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from pinproof._core import DynamicTree
 from pinproof.common.display import outline
-from pinproof.description.dh_keys import DEFAULT_EFFORT
+from pinproof.description.dh import DEFAULT_EFFORT
 from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
 from pinproof.model import JointGroup, Payload

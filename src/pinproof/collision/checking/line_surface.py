@@ -80,10 +80,11 @@ class LineSurface:
         shape = thing.shape
         if isinstance(shape, Mesh):
             mesh = triangles_of(shape)
+            watertight = shape.hull is False or Solid(mesh.vertices, mesh.triangles).watertight
             if shape.hull is None:  # the rule of collision checks, but one body in place of convex pieces
-                shape = replace(shape, hull=not Solid(mesh.vertices, mesh.triangles).watertight)
+                shape = replace(shape, hull=not watertight)
             body = shape_body(thing.name, thing.name, None, shape, thing.pose)
-            bare = replace(shape, hull=False, hollow=True)
+            bare = replace(shape, hull=False, hollow=not watertight)
             surface = shape_body(thing.name, thing.name, None, bare, thing.pose) if shape.hull else None
             return cls(body, np.asarray(mesh.vertices[mesh.triangles]), surface)
         body = shape_body(thing.name, thing.name, None, shape, thing.pose)
@@ -167,6 +168,20 @@ def point_distance(surface: LineSurface, point: Array) -> float:
     if surface.triangles is not None:
         return min(float(surface.enter(point[None], each, 0.0).depth[0]) for each in directions)
     return min(abs(float(surface.enter(point[None], each).depth[0])) for each in directions)
+
+
+def depth_along(surface: LineSurface, point: Array, direction: Array, length: float) -> float:
+    """Return how far (m) a point (3,) is behind the first surface on a line of a ``length`` (m) that ends at the point.
+
+    The unit ``direction`` (3,) is that of the line, in the frame of the body. 0 if the line meets no surface. If it
+    starts inside the body, the depth is that below the surface at which a longer line would enter.
+    """
+    entered = float(surface.enter(point[None], direction, -length).depth[0])
+    solid = (surface.surface or surface.body).solid
+    if surface.triangles is not None and solid is not None and solid.contains((point - length * direction)[None]):
+        back = surface.enter((point - length * direction)[None], -direction, 0.0).depth[0]
+        entered = -length - float(back)
+    return max(-entered, 0.0)
 
 
 def outer_points(surface: LineSurface) -> Array:

@@ -325,6 +325,17 @@ class SuctionCup:
     tilt: float = key(
         "largest angle between the face and the surface at its rim", "rad", default=0.1, above=0, below=np.pi / 2
     )
+    rise: float | None = key(
+        "how far the object may protrude into the cup, inside the rim and beyond the face; by default `gap`",
+        "m",
+        default=None,
+        above=0,
+    )
+
+    @property
+    def highest(self) -> float:
+        """Metres: how far the object may protrude into the cup."""
+        return self.gap if self.rise is None else self.rise
 
 
 TIP, ROOT, OBJECT = "tip", "root", "object"

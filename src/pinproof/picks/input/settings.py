@@ -106,7 +106,11 @@ class GripLimits:
         minimum=0,
     )
     depth: float = key(
-        "largest penetration of a closed finger into the object, for the same reason", "m", default=1e-3, minimum=0
+        "largest depth of any body of the hand in the object, at the grasp and on the lines, for the same reason: the "
+        "length of the shortest displacement after which the body is outside of the object",
+        "m",
+        default=1e-3,
+        minimum=0,
     )
     compliance: float = key(
         "compliance of pads and object, above 0: surfaces within this distance at first contact belong to the contact "
@@ -116,7 +120,8 @@ class GripLimits:
         above=0,
     )
     tip: float = key(
-        "largest distance of the tip of a tool without fingers from the surface of the object",
+        "largest distance of the tip of a tool without fingers from the surface of the object; behind the surface that "
+        "it meets first on the approach, the distance from there",
         "m",
         default=5e-3,
         minimum=0,

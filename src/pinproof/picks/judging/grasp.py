@@ -298,7 +298,9 @@ def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
     if not gripped.kept.any():
         stages = (own, StageResult(Stage.GRASP, True, count, {"free": float(free.sum())}), gripped.result)
         if not any(grip_holds(task, member) for member in members):
-            return Screened((), stages, tuple(not_held_words(task, member) for member in members), True)
+            proven = all(task.grip(member).proven for member in members)
+            refuted = tuple(not_held_words(task, member) for member in members) if proven else ()
+            return Screened((), stages, refuted, True)
         touching = _contacts_of_each([checker.check(each) for each in reached.q[~free]], members, reached.member[~free])
         return Screened((), stages, (*gripped.refuted, *touching))
     kept = np.flatnonzero(gripped.kept)

@@ -17,6 +17,7 @@ J.-P. Merlet (1997), "On computing four-finger equilibrium and force-closure gra
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -26,9 +27,11 @@ import numpy as np
 
 from pinproof.collision import ConvexHull, Obstacle
 from pinproof.collision.checking.line_surface import (
+    TOUCH,
     LineSurface,
     SurfacePoints,
     body_distance,
+    depth_along,
     outer_points,
     point_distance,
     travel_to_touch,
@@ -330,9 +333,15 @@ class GripResult:
     contacts
         The contacts of the fingers that touch the part, the largest first; if it is not held, those of all fingers.
     tip_distance
-        Metres from the tip to the surface of the part, for a tool without fingers and without a cup.
+        Metres from the tip to the surface of the part, for a tool without fingers and without a cup. Behind the surface
+        that the tip meets first on the approach, it is the distance from there along the approach.
     cup
         The contact of the suction cup, if the tool has one.
+    depth
+        Metres: how deep the deepest body of the hand is in the part, an upper bound; NaN if another criterion is not
+        met, because it is measured last.
+    proven
+        Whether it is proven that a part is not held. The depth of a body in a mesh is only an upper bound.
     """
 
     held: bool
@@ -340,18 +349,22 @@ class GripResult:
     contacts: tuple[FingerContact, ...] = ()
     tip_distance: float | None = None
     cup: CupContact | None = None
+    depth: float = math.nan
+    proven: bool = True
 
     @property
     def figures(self) -> dict[str, float]:
-        """Smallest area and overlap, largest gap, and closing direction, in m, m^2 and rad."""
+        """Depth of the hand, smallest area and overlap, largest gap, and closing direction, in m, m^2 and rad."""
+        depth = {} if math.isnan(self.depth) else {"depth": self.depth}
         if self.cup is not None:
-            return {"contact_area": self.cup.contact_area, "gap": self.cup.gap, "tilt": self.cup.tilt}
+            return {"contact_area": self.cup.contact_area, "gap": self.cup.gap, "tilt": self.cup.tilt, **depth}
         if self.tip_distance is not None:
-            return {"tip_distance": self.tip_distance}
+            return {"tip_distance": self.tip_distance, **depth}
         if not self.contacts:
-            return {}
+            return depth
         x, y, z = self.contacts[0].closing_direction
         return {
+            **depth,
             "contact_area": min(each.contact_area for each in self.contacts),
             "overlap": min(each.overlap for each in self.contacts),
             "gap": max(each.gap for each in self.contacts),
@@ -384,10 +397,19 @@ class _Patch(NamedTuple):
     normal: Array
 
 
-def grip_by_tip(tip: SE3, part: HeldPart, limits: GripLimits) -> GripResult:
-    """Whether the tip of a tool without fingers and without a cup, such as a magnet, is close to the part."""
-    distance = point_distance(part.surface, part.pose.actInv(tip.translation))
+def grip_by_tip(tip: SE3, part: HeldPart, along: Array, approach: float, limits: GripLimits) -> GripResult:
+    """Whether the tip of a tool without fingers and without a cup, such as a magnet, is close to the part.
+
+    ``along`` (3,) is the direction of the approach in the tcp frame, and ``approach`` its length (m). A tip behind the
+    surface that it meets first on the approach is as far from it as it has moved since, however near another surface
+    is, such as the far side of the part.
+    """
+    point, direction = part.pose.actInv(tip.translation), part.pose.rotation.T @ along
+    distance = point_distance(part.surface, point)
     words = f"the tip is {_mm(distance)} from the surface of {part.name}"
+    if (behind := depth_along(part.surface, point, direction, approach)) > TOUCH:
+        distance = behind
+        words = f"the tip is {_mm(behind)} behind the surface of {part.name} that it meets first on the approach"
     if distance <= limits.tip:
         return GripResult(True, words, tip_distance=distance)
     return GripResult(False, f"{words}; at most {_mm(limits.tip)} is allowed", tip_distance=distance)
@@ -399,8 +421,8 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     stops = tuple(each.contact for each in paths)
     for each in stops:
         if each.open_distance <= 0.0:
-            depth = _mm(-each.open_distance)
-            return GripResult(False, f"the open {each.finger} overlaps {part.name} by {depth}", stops)
+            depth = f"overlaps {part.name} by {_mm(-each.open_distance)}" if each.open_distance else ""
+            return GripResult(False, f"the open {each.finger} {depth or f'touches {part.name}'}", stops)
     deep = min(stops, key=lambda each: each.gap)
     if -deep.gap > limits.depth:
         reason = f"the closed {deep.finger} would penetrate {part.name} by {_mm(-deep.gap)}"

@@ -7,7 +7,7 @@ The motion is then made on the clock of the conveyor, and certified among the mo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,8 @@ from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.following import Following, follow_belt
 from pinproof.picks.judging.grasp import Candidate, reach, screen
-from pinproof.picks.judging.lines import Attempt, Pairs, along, passing_at
+from pinproof.picks.judging.hand import OpenHand
+from pinproof.picks.judging.lines import Attempt, Pairs, along
 from pinproof.picks.judging.place import Placer, Scores
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.picks.judging.timing import MotionPart, part_of, timed_curve
@@ -148,10 +149,10 @@ class _Timeline:
         self.motions: list[PickMotion] = []
         self.taken = ""
 
-    def movers(self, checker: CollisionChecker) -> tuple[Mover, ...]:
-        """The parts on the belt that are in the scene of a checker, as seen from now."""
+    def movers(self, obstacles: Sequence[str]) -> tuple[Mover, ...]:
+        """The parts on the belt that are among the obstacles of a scene, as seen from now."""
         there = [name for part in self.belt.parts if part != self.taken for name in (part, _lowered(part))]
-        names = tuple(name for name in there if name in checker.scene.names)
+        names = tuple(name for name in there if name in obstacles)
         return (replace(self.belt, parts=names).mover(names).after(self.now),) if names else ()
 
     def add(self, name: str, motion: Trajectory, around: CollisionChecker, certificate: Certificate) -> None:
@@ -160,7 +161,7 @@ class _Timeline:
         The certificate is one of the joints and the movers together, possibly with a lowered support or with the
         volumes of closing fingers; it is marked as that of the motion of the arm among the movers.
         """
-        held, movers = around.arm.held, self.movers(around)
+        held, movers = around.arm.held, self.movers(around.scene.names)
         setup = setup_hash(around.arm, around.scene, around.attached, movers)
         among = f"proven among the moving {', '.join(each.name for each in movers)}"
         certificate = replace(
@@ -179,12 +180,13 @@ class _Timeline:
         _BeltEnds
             If parts are on the belt, and it is not known where they are until the end of the motion.
         """
-        if self.now + motion.duration > self.belt.duration and self.movers(checker):
+        movers = self.movers(checker.scene.names)
+        if self.now + motion.duration > self.belt.duration and movers:
             end = self.now + motion.duration
             raise _BeltEnds(
                 f"the pick lasts until {end:.4g} s at least, and the belt runs until {self.belt.duration:g} s"
             )
-        return certify(motion, checker, movers=self.movers(checker), constraints=constraints)
+        return certify(motion, checker, movers=movers, constraints=constraints)
 
 
 class _Moment:
@@ -300,21 +302,32 @@ class _Moment:
         task = self.task
 
         def prove(
-            stage: Stage, name: str, motion: Trajectory, around: CollisionChecker, checkers: list[CollisionChecker]
+            stage: Stage, motion: Trajectory, around: CollisionChecker, judge: CollisionChecker, hand: OpenHand | None
         ) -> None:
-            proofs = [timeline.prove(motion, checker) for checker in checkers]
-            wrong = next((proof for proof in proofs if not proof.free), None)
-            if wrong is not None:
-                raise self._refused(stage, f"{name} on the moving belt: {wrong.message}")
-            timeline.add(name, motion, around, proofs[0])
+            name = "tracking" if stage is Stage.GRIP else stage.value
+            proof = timeline.prove(motion, judge)
+            why = "" if proof.free else proof.message
+            if hand is not None and not why:
+                there, start, pose = timeline.movers([hand.part.name]), timeline.now, hand.part.pose
+                failure = hand.prove(
+                    motion,
+                    None,
+                    movers=there,
+                    part_at=lambda time: translated(pose, self.belt.travel(start + time)),
+                    closing=stage is Stage.GRIP,
+                )
+                why = "" if failure is None else failure.reason
+            if why:
+                raise self._refused(stage, f"{name} on the moving belt: {why}")
+            timeline.add(name, motion, around, proof)
 
-        fingers = [] if task.passing is None else [task.passing]
-        prove(Stage.APPROACH, "approach", followed.approach, task.at_grasp, [task.at_grasp, *fingers])
+        hand = task.passing(self.member)
+        prove(Stage.APPROACH, followed.approach, task.at_grasp, task.at_grasp, hand)
         if followed.tracking is not None:
             closing = task.closing if task.cell.fingers else task.at_grasp
-            prove(Stage.GRIP, "tracking", followed.tracking, task.at_grasp, [closing])
+            prove(Stage.GRIP, followed.tracking, task.at_grasp, closing, hand)
         carrying, timeline.taken = task.carrying(self.member), str(task.name)
-        prove(Stage.RETREAT, "retreat", followed.retreat, carrying, [_with_lowered(carrying, attempt.parting)])
+        prove(Stage.RETREAT, followed.retreat, carrying, _with_lowered(carrying, attempt.parting), None)
 
     def _place(self, timeline: _Timeline, attempt: Attempt, followed: Following) -> tuple[float | None, StageResult]:
         """The transfer, the lowering and the retreat with the empty hand; the time of the release."""
@@ -348,18 +361,15 @@ class _Moment:
         except TimingError as error:
             raise self._refused(Stage.PLACE, f"{part.name}: {error}") from error
         judge = _with_lowered(part.checker, part.parting)
-        proof, movers = timeline.prove(motion, judge, part.constraints), timeline.movers(judge)
+        proof, movers = timeline.prove(motion, judge, part.constraints), timeline.movers(judge.scene.names)
         if not proof.free and part.name == "transfer" and movers and not part.constraints:
             plan = plan_among_movers(judge, motion.start, motion.end, movers, samples=SAMPLES, rng=self.seeds[1])
             if plan.trajectory is not None and plan.certificate is not None:
                 motion, proof = plan.trajectory, plan.certificate
         if not proof.free:
             raise self._refused(Stage.PLACE, f"{part.name}: {proof.message}")
-        if part.passing is not None:
-            passed = timeline.prove(motion, passing_at(part.passing, motion.start))
-            if not passed.free:
-                why = f"the open fingers collide with the object: {passed.message}"
-                raise self._refused(Stage.PLACE, f"{part.name}: {why}")
+        if part.passing is not None and (failure := part.passing.prove(motion, motion.start)) is not None:
+            raise self._refused(Stage.PLACE, f"{part.name}: {failure.reason}")
         timeline.add(part.name, motion, part.checker, proof)
 
 

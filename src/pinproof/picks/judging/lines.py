@@ -14,6 +14,7 @@ from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import CubicPath, Curve, JointPath, TorqueLimits
 from pinproof.picks.judging.grasp import Candidate
+from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.motion_limits import torque_limits
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
@@ -121,23 +122,15 @@ def line_in(task: Task, candidate: Candidate) -> Line:
     """The approach, planned from the grasp outwards, so that both lines share exactly the same configuration."""
     end, q = task.pick.before(task.grasp(candidate.member)), candidate.q
     into = line(Stage.APPROACH, task, task.at_grasp, q, end, task.pick.approach)
-    return passing(into, task.passing, q)
+    return passing(into, task.passing(candidate.member), q)
 
 
-def passing(found: Line, checker: CollisionChecker | None, q: Array) -> Line:
-    """The line that starts at q (n,), failed if the open fingers collide with the object; ``checker`` may be None."""
-    if checker is None or found.path is None:
+def passing(found: Line, hand: OpenHand | None, q: Array) -> Line:
+    """The line that starts at q (n,), failed if the open ``hand`` enters the object by more than is allowed."""
+    if hand is None or found.path is None or (failure := hand.prove(found.path, q)) is None:
         return found
-    proof = certify(found.path, passing_at(checker, q))
-    if proof.free:
-        return found
-    message = f"the open fingers collide with the object: {proof.message}"
-    return Line(StageResult(found.result.stage, False, message, dict(found.result.figures)), fraction=0.0)
-
-
-def passing_at(checker: CollisionChecker, q: Array) -> CollisionChecker:
-    """The checker, with finer bodies if only convex hulls of finger and object are in contact at q (n,)."""
-    return checker if checker.is_free(q) else checker.finer_at(q)
+    depth = {} if np.isnan(failure.depth) else {"depth": failure.depth}
+    return Line(StageResult(found.result.stage, False, failure.reason, {**found.result.figures, **depth}), fraction=0.0)
 
 
 def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:

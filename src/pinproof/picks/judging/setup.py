@@ -134,7 +134,8 @@ class PickSetup:
             The pick of the program.
         deviation
             rad or m: the proofs also cover configurations that differ by no more than this in each joint, except on
-            motions on which a part is lifted off a support, or put onto it.
+            motions on which a part is lifted off a support, or put onto it. The depth of bodies of the hand in the
+            part is limited without it.
 
         Returns
         -------
@@ -158,7 +159,7 @@ class PickSetup:
 
         Every motion is certified until one is not FREE. No point of the part is farther than ``by`` from where the pick
         states it, in the scene and in the hand, and it still rests on its support; without an object every obstacle may
-        be displaced. Whether the hand holds the displaced part is not checked.
+        be displaced. Whether the hand holds the displaced part, and how deep its palm is in it, is not checked.
 
         Raises
         ------

@@ -3,7 +3,8 @@
 The face is a disc at the tip, perpendicular to the tip's z axis. Lines along that axis from points of its rim must meet
 the part within the stated gap, in front of the face or behind it, and the plane fitted to the points where they meet it
 must be nearly parallel to the face. Inside the rim, every line must meet the part: through a hole the cup would leak.
-Openings that are narrower than the distance of the lines (1/256 of the rim, 1/32 of the diameter) are not detected.
+Openings that are narrower than the distance of the lines (1/256 of the rim, 1/32 of the diameter) are not detected. How
+far the part protrudes into the cup is measured with the depths of the hand (:mod:`pinproof.picks.judging.hand`).
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ from pinproof.picks.input.pick import (
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip
+from pinproof.picks.judging.hand import BodyDepth, HandBody, OpenHand, depths_at_grasp, hand_bodies
 from pinproof.picks.judging.suction import grip_by_cup
 from pinproof.picks.judging.verdict import Stage
 from pinproof.planning import make_planner
@@ -77,6 +78,11 @@ class Cell:
         return {}
 
     @cached_property
+    def depths(self) -> dict[Hashable, tuple[BodyDepth, ...]]:
+        """The depths of the bodies of the hand of the first :data:`GRIPS_KEPT` different grips."""
+        return {}
+
+    @cached_property
     def closed_hand(self) -> CollisionChecker:
         """The checker with the fingers on the object."""
         closed, fingers = self.checker.with_held(self.shared.grip), self.shared.fingers
@@ -99,6 +105,11 @@ class Cell:
         """The names of the bodies and links of the hand that do not move while it closes."""
         moving = {finger.name for finger in self.fingers}
         return tuple(name for name in self.hand if name not in moving)
+
+    @cached_property
+    def palm_bodies(self) -> tuple[HandBody, ...]:
+        """The bodies of the palm that are rigidly connected to the tcp, and the face of a suction cup."""
+        return hand_bodies(self.arm, self.shared, self.palm)
 
     @cached_property
     def closing_hand(self) -> CollisionChecker:
@@ -250,18 +261,20 @@ class Task:
 
     @cached_property
     def at_grasp(self) -> CollisionChecker:
-        """The checker at the grasp, where the hand may touch the object; :meth:`grip` judges the fingers."""
+        """The checker at the grasp, where the hand may touch the object; :meth:`grip` judges how it does."""
         return self._allowing_hand(self.outside) if self.from_scene else self.outside
 
-    @cached_property
-    def passing(self) -> CollisionChecker | None:
-        """The checker of the open fingers against the object alone; None without fingers or object.
+    @once_per_grasp
+    def passing(self, member: Member) -> OpenHand | None:
+        """The open hand against the object alone, which it may touch on the approach; None without an object.
 
-        :attr:`at_grasp` allows contact of the hand with the object on the approach; the open fingers must not touch it.
+        :attr:`at_grasp` allows any contact of the hand with the object.
         """
-        if not self.from_scene or not self.cell.fingers:
+        if isinstance(self.pick.carried, str):
+            return self._passing(member, self.scene[self.pick.carried])
+        if self.pick.carried is None:
             return None
-        return self._passing(self.scene[str(self.name)])
+        return self._passing(member, replace(self.pick.carried, pose=self.grasp(member) * self.pick.carried.pose))
 
     @cached_property
     def closing(self) -> CollisionChecker:
@@ -274,22 +287,53 @@ class Task:
     @once_per_grasp
     def grip(self, member: Member) -> GripResult:
         """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
-        along, held, known = self.pick.axis_in(self.grasp(member)), self.holding(member), self.cell.grips
-        # picks of equal parts often have the same grasp of the part
-        key = held.name, held.shape, matrix(held.pose).tobytes(), along.tobytes()
-        grip = known.get(key) or self._judge_grip(held, along)
+        key, known = self._grip_key(member), self.cell.grips
+        grip = known.get(key) or self._judge_grip(member)
         if len(known) < GRIPS_KEPT:
             known[key] = grip
         return grip
 
-    def _judge_grip(self, held: Obstacle, along: Array) -> GripResult:
-        """Whether the closed hand holds the object, with the direction of the approach (3,) in the tip's axes."""
-        part, limits, tip = HeldPart(self._surface, held.pose), self.cell.shared.grip_limits, self.cell.shared.tip
-        if self.cell.fingers:
-            return grip_by_fingers(self.cell.fingers, part, tip.rotation @ along, limits)
-        if self.cell.shared.cup is not None:
-            return grip_by_cup(self.cell.shared.cup, tip, part)
-        return grip_by_tip(tip, part, limits)
+    def _grip_key(self, member: Member) -> Hashable:
+        """What a grip depends on, besides the hand; picks of equal parts often have the same grasp of the part."""
+        held, along = self.holding(member), self._along(member)
+        return held.name, held.shape, matrix(held.pose).tobytes(), along.tobytes(), self.pick.approach
+
+    def _along(self, member: Member) -> Array:
+        """(3,) the direction of the approach in the frame of the tcp."""
+        return np.asarray(self.cell.shared.tip.rotation @ self.pick.axis_in(self.grasp(member)))
+
+    def _judge_grip(self, member: Member) -> GripResult:
+        """Whether the closed hand holds the object, and is in it by no more than is allowed."""
+        cell, shared, along = self.cell, self.cell.shared, self._along(member)
+        part, limits = HeldPart(self._surface, self.holding(member).pose), shared.grip_limits
+        if cell.fingers:
+            grip = grip_by_fingers(cell.fingers, part, along, limits)
+        elif shared.cup is not None:
+            grip = grip_by_cup(shared.cup, shared.tip, part)
+        else:
+            grip = grip_by_tip(shared.tip, part, along, self.pick.approach, limits)
+        if not grip.held:
+            return grip
+        depths = self.depths(member)
+        depth = max((each.depth for each in depths), default=0.0)
+        outside = [each for each in depths if not each.within]
+        if not outside:
+            return replace(grip, depth=depth)
+        worst, proven = max(outside, key=lambda each: each.depth), any(each.least > each.limit for each in outside)
+        return replace(grip, held=False, message=worst.words(part.name), depth=depth, proven=proven)
+
+    @once_per_grasp
+    def depths(self, member: Member) -> tuple[BodyDepth, ...]:
+        """How deep the bodies of the palm, and after them those of the closed fingers, are in the object."""
+        key, known = self._grip_key(member), self.cell.depths
+        if key in known:
+            return known[key]
+        cell, part = self.cell, HeldPart(self._surface, self.holding(member).pose)
+        limit = cell.shared.grip_limits.depth
+        found = depths_at_grasp(cell.palm_bodies, cell.fingers, part, -self._along(member), limit)
+        if len(known) < GRIPS_KEPT:
+            known[key] = found
+        return found
 
     def frame_hint(self) -> str:
         """A hint on the frame of the pick, if its grasp is implausibly far from an object of the scene; else empty."""
@@ -355,9 +399,9 @@ class Task:
         return self._allowing_hand(self.outside.with_scene(others.add(placed)))
 
     @once_per_grasp
-    def passing_off(self, member: Member) -> CollisionChecker | None:
-        """The checker of :attr:`passing` for the object at its place."""
-        return self._passing(self.letting_go(member).scene[str(self.name)]) if self.cell.fingers else None
+    def passing_off(self, member: Member) -> OpenHand | None:
+        """The same as :meth:`passing` for the object at its place."""
+        return self._passing(member, self.letting_go(member).scene[str(self.name)])
 
     @once_per_grasp
     def opening(self, member: Member) -> CollisionChecker:
@@ -398,11 +442,12 @@ class Task:
         there = checker.obstacles_and_links
         return checker.allowing(*((each, str(self.name)) for each in (*self.cell.hand, *swept) if each in there))
 
-    def _passing(self, part: Obstacle) -> CollisionChecker:
-        checker = self.outside.with_scene(replace(self.scene, obstacles=(part,), allowed=(), disabled=()))
-        there = checker.obstacles_and_links
-        palm = ((name, part.name) for name in self.cell.palm if name in there)
-        return checker.with_margin(0.0).allowing(*palm)
+    def _passing(self, member: Member, part: Obstacle) -> OpenHand | None:
+        """The open hand against the object alone; None without any body of the hand."""
+        palm, hand = self.cell.palm_bodies, self.cell.hand
+        if not palm and not hand:
+            return None
+        return OpenHand(self.outside, part, self._surface, palm, self.depths(member), hand)
 
     def _place_of_tip(self, place: PlaceTarget) -> PlaceTarget:
         """The place with the pose of the tip in the root frame, at the nominal grasp."""

@@ -23,8 +23,9 @@ from pinproof.motion.limits import Bounds
 from pinproof.motion.trajectory_files import seconds, whole_nanoseconds
 from pinproof.picks.input.pick import PARTS, Member
 from pinproof.picks.judging.grasp import judge_grip
+from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.joining import Chosen, JoinedMotion, LineEnd, backwards
-from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
+from pinproof.picks.judging.lines import Attempt, Pairs
 from pinproof.picks.judging.motion_limits import peaks_of, rate_limits
 from pinproof.picks.judging.place import Placing
 from pinproof.picks.judging.task import Task
@@ -62,7 +63,7 @@ class MotionPart:
     checker: CollisionChecker
     parting: Pairs = ()
     backwards: bool = False
-    passing: CollisionChecker | None = None
+    passing: OpenHand | None = None
     constraints: tuple[Upright, ...] = ()
     lines: tuple[str, ...] = ()
 
@@ -250,7 +251,8 @@ def timed_curve(
 def recertify(task: Task, program: MotionProgram, deviation: float = 0.0) -> tuple[Certificate, ...]:
     """Certify the motions of a program again in the present cell, each as :func:`time_motion` certifies it.
 
-    Motions on which a part is lifted off a support, or put onto it, are certified without the deviation (rad or m). The
+    Motions on which a part is lifted off a support, or put onto it, and depths of the hand in the part, are certified
+    without the deviation (rad or m). The
     motion that ends at an event is VIOLATED if the tip is not where the pick grasps or puts down, if the hand does not
     hold the part there, or if the events are not those of the pick.
 
@@ -304,7 +306,8 @@ def certify_displaced(task: Task, member: Member, motion: PickMotion, by: float)
     """Certify a motion of a pick again, for a part that is displaced by up to ``by`` metres from its stated pose.
 
     No point of the part is farther than ``by`` from where it is stated: in the scene before the grasp, and in the hand
-    after it. It is assumed to still rest on its support, whose margin is not changed where the two separate. A pick
+    after it. It is assumed to still rest on its support, whose margin is not changed where the two separate. The depth
+    of the palm is limited in the part as it is stated. A pick
     without an object does not state which obstacle is its part; then every obstacle may be displaced.
     """
     part = _part_again(task, member, motion.name, motion.trajectory)
@@ -330,7 +333,7 @@ def part_of(task: Task, member: Member, name: str, curves: Curves = (), parting:
     if task.name is None or name == "transit":
         return MotionPart(name, curves, task.outside)
     if name == "approach":
-        return MotionPart(name, curves, task.at_grasp, passing=task.passing)
+        return MotionPart(name, curves, task.at_grasp, passing=task.passing(member))
     if name == "leave":
         return MotionPart(name, curves, task.letting_go(member), passing=task.passing_off(member))
     carrying, kept = task.carrying(member), task.constraints(member)
@@ -399,7 +402,6 @@ def prove_part(part: MotionPart, trajectory: Trajectory, joint_tolerance: float 
         proof = replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
     if proof.free and part.passing is not None:
         q = trajectory.end if part.name == "approach" else trajectory.start
-        passed = certify(trajectory, passing_at(part.passing, q), joint_tolerance=joint_tolerance)
-        if not passed.free:
-            return replace(passed, message=f"the open fingers collide with the object: {passed.message}")
+        if (failure := part.passing.prove(trajectory, q, deviation=joint_tolerance)) is not None:
+            return replace(failure.proof, message=failure.reason)
     return proof

@@ -95,9 +95,13 @@ class LineSurface:
 
     def reach(self, direction: Array) -> float:
         """Return the largest ``direction . x`` over the body."""
+        return float(self.reaches(direction[None])[0])
+
+    def reaches(self, directions: Array) -> Array:
+        """Return (K,) :meth:`reach` for each of the directions (K, 3)."""
         if self.triangles is not None:
-            return float((self.triangles.reshape(-1, 3) @ direction).max())
-        return float(_support(self.body).reach(direction))
+            return np.asarray((self.triangles.reshape(-1, 3) @ directions.T).max(axis=0))
+        return np.asarray(_support(self.body).reach(directions))
 
     def enter(self, origins: Array, direction: Array, after: Array | float = -np.inf) -> SurfacePoints:
         """Return where lines from origins (G, 3) along a unit direction (3,) first meet the surface.

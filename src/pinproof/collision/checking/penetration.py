@@ -84,12 +84,14 @@ def penetration(
         if here.attained >= most:
             return Penetration(0.0, 0.0, np.zeros(3), here.attained)
     elif convex and a is not None and b is not None:
-        several = np.concatenate([tried, AXES @ at.rotation.T, AXES @ other_at.rotation.T])
+        several = np.concatenate([np.reshape(tried, (-1, 3)), AXES @ at.rotation.T, AXES @ other_at.rotation.T])
         needed = _difference(a, at, b, other_at, several)[0]
         depth = float(needed.min())
         tried.append(several[needed.argmin()])
         if depth > most:
             least, depth, normal = _bracket(a, at, b, other_at, several)
+            if depth > most:
+                return Penetration(depth, max(least, 0.0), most * normal, most - depth)
             tried.append(normal)
     elif not only:
         tried += _ways_out(one, at, other, other_at, most)
@@ -161,9 +163,11 @@ def _shortest_exit(
     """
 
     def way(direction: Array) -> tuple[float, Array]:
-        far = other.reach(other_at.rotation.T @ direction) + direction @ other_at.translation + BEYOND
-        far += one.reach(-at.rotation.T @ direction) - direction @ at.translation
+        far = other.reach(other_at.rotation.T @ direction) + one.reach(-at.rotation.T @ direction) + BEYOND
+        far += float(direction @ (other_at.translation - at.translation))
         length = far * (1.0 - _share(one, translated(at, far * direction), other, other_at, -far * direction))
+        if length == 0.0:  # without contact, it came through the opening of a surface that is not watertight
+            length = far
         return float(length), direction
 
     length, best = min(map(way, directions), key=lambda found: found[0])
@@ -211,7 +215,7 @@ def _ways_out(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, most
         for sign in (1.0, -1.0):
             away = sign * normals if number else -sign * normals  # the direction in which the first body moves
             back = -away if number else away
-            reach = [opposite.reach(placement.rotation.T @ d) + d @ placement.translation for d in back]
+            reach = opposite.reaches(back @ placement.rotation) + back @ placement.translation
             planes.append(np.column_stack([away, np.einsum("ij,ij->i", -back, corners) + reach]))
     axes = [*(AXES @ at.rotation.T), *(AXES @ other_at.rotation.T)]
     shallow = np.unique(np.round(np.concatenate([np.empty((0, 4)), *planes]), 9), axis=0)

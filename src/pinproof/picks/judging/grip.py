@@ -424,7 +424,7 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
             depth = f"overlaps {part.name} by {_mm(-each.open_distance)}" if each.open_distance else ""
             return GripResult(False, f"the open {each.finger} {depth or f'touches {part.name}'}", stops)
     deep = min(stops, key=lambda each: each.gap)
-    if -deep.gap > limits.depth:
+    if -deep.gap > limits.depth + TOUCH:
         reason = f"the closed {deep.finger} would penetrate {part.name} by {_mm(-deep.gap)}"
         return GripResult(False, f"{reason}; at most {_mm(limits.depth)} is allowed", stops)
     if sum(each.gap <= limits.gap for each in stops) < 2:
@@ -457,7 +457,7 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
 def _missed(each: FingerContact, part: HeldPart) -> str:
     if np.isfinite(each.gap):
         return f"the closed {each.finger} is {_mm(each.gap)} from {part.name}"
-    return f"the closed {each.finger} misses {part.name} by {_mm(each.closed_distance)}"
+    return f"the closed {each.finger} misses {part.name} by {_mm(max(each.closed_distance, 0.0))}"
 
 
 def _mm(metres: float) -> str:

@@ -147,8 +147,8 @@ def _is_lip(surface: LineSurface, at: SE3, face: HandBody, cup: SuctionCup) -> b
         return False
     turns = np.arange(AROUND) * 2 * np.pi / AROUND
     across = np.stack([np.cos(turns), np.sin(turns), np.zeros(AROUND)], axis=1) @ face.tcp_from_body.rotation.T
-    offset = at.translation - face.tcp_from_body.translation
-    return all(surface.reach(at.rotation.T @ d) + d @ offset <= cup.radius + TOUCH for d in across)
+    reaches = surface.reaches(across @ at.rotation) + across @ (at.translation - face.tcp_from_body.translation)
+    return bool(reaches.max() <= cup.radius + TOUCH)
 
 
 def depth_of(body: HandBody, part: HeldPart, directions: Array) -> BodyDepth:

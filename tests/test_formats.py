@@ -233,7 +233,7 @@ OTHER_PICKS = {
     "limits": "joint_limits.yaml",
     "held": {"finger": 0.04},
     "payload": [{"mass": 1}, {"mass": 2, "inertia": [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]]}],
-    "cup": {"radius": 0.015, "gap": 0.001, "tilt": 0.1},
+    "cup": {"radius": 0.015, "gap": 0.001, "tilt": 0.1, "rise": 0.002},
     "conveyor": {
         "speed": 0.2,
         "parts": ["bolt"],
@@ -432,6 +432,7 @@ BEYOND_A_SCHEMA = re.compile(
         ("grip_limits", {"compliance": 0}),
         ("grip_limits", {"angle": 2}),
         ("cup", {"radius": 0.01, "tilt": 2}),
+        ("cup", {"radius": 0.01, "rise": 0}),
         ("fingers", {**EVERYTHING["picks"]["fingers"], "axis": [0, 0, 0]}),
         ("conveyor", {**OTHER_PICKS["conveyor"], "direction": [0, 0.0, "0"]}),
         ("defaults", {"rpy": [0, 0, 0], "upright": 5}),

@@ -67,6 +67,9 @@ SEVERITY = [
 UNLIMITED = 1e12
 """rad/s and rad/s^2: in place of limits that are not known."""
 
+ROUNDING = 2e-5
+"""rad: by how much the travel of a joint on a move may differ from what was timed; FANUC rounds to 1e-3 deg."""
+
 SMALLEST_RADIUS = 0.0005
 """m: a blend with a smaller radius hardly differs from a stop."""
 
@@ -525,7 +528,7 @@ def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineT
                 stops = 0 if duration is None else (not moving) + (step.blend is None)
             if duration is None and step.speed is not None:
                 duration = distance / step.speed
-            needed = shortest_durations(travel, limits, stops)
+            needed = shortest_durations(np.maximum(travel - ROUNDING, 0.0), limits, stops)
             for joint in () if duration is None else np.flatnonzero(needed > duration * (1.0 + LIMIT_TOLERANCE)):
                 yield (
                     f"line {step.line}: {names[joint]} moves by {travel[joint]:.4g} rad in {duration:g} s, but needs "

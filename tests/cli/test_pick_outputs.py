@@ -211,3 +211,10 @@ def test_robot_programs_of_picks_are_certified_with_their_picks(run: Run, tmp_pa
     code, out, _ = run("pick", str(raised), "--program", str(program))
     assert (code, "VIOLATED" in out) == (1, True)
     assert run("pick", str(raised), "--program", "out/pin_0.program.json")[0] == 1
+
+
+@pytest.mark.slow
+def test_a_good_pick_whose_program_is_not_proven_is_no_success(run: Run, tmp_path: Path) -> None:
+    code, _, err = run("pick", write_picks(tmp_path, 1), "-o", "out", "--export", "rapid", "--export-deviation", "0.5")
+    assert (code, [*Path("out").glob("*.mod")]) == (1, [])
+    assert "pin_0 is not written" in err

@@ -395,7 +395,7 @@ def run_krl(text: str) -> Executed:
                 if output == 0:
                     raise Ambiguous(line)
                 done.append(("output", str(output), words.next("true", "false").lower() == "true"))
-            elif variable == "apo" and words.takes(".", "cptp", "="):
+            elif variable == "apo" and words.takes(".", "cptp", "=") and not any(row[0] == "joint" for row in done):
                 state["share"] = words.number() / 200
                 if not 0 < state["share"] <= 0.5:
                     raise Ambiguous(line)

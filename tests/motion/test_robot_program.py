@@ -346,6 +346,7 @@ def test_a_second_routine_and_code_behind_the_end_are_refused(dialect: str, plac
         ("krl", "  BAS(#VEL_CP,0.1)\n", ""), ("krl", "#VEL_CP,0.1", "#VEL_CP,100"), ("krl", "#VEL_CP,0.1", "#VEL_CP,0"),
         ("krl", "#VEL_PTP,30", "#VEL_PTP,300"), ("krl", "CPTP=50", "CPTP=0"), ("krl", "CPTP=50", "CPTP=500"),
         ("krl", "  $APO.CPTP=50\n", "  $APO.CPTP=50\n  BAS(#INITMOV,0)\n"),
+        ("krl", "  WAIT SEC", "  $APO.CPTP=5\n  WAIT SEC"),
         ("fanuc", "WAIT 0.25(sec)", "WAIT -0.25(sec)"), ("fanuc", " 5%", " 0%"), ("fanuc", " 5%", " 101%"),
         ("fanuc", "CNT50", "CNT101"), ("fanuc", "1500msec", f"{'9' * 400}msec"), ("fanuc", "J P[2]", "J P[02]"),
         ("fanuc", "P[2]{", "P[02]{"), ("fanuc", "P[2]{", "P[1]{"), ("fanuc", "UFRAME_NUM=0 ;", "UTOOL_NUM=1 ;"),

@@ -166,14 +166,20 @@ class OutputOptions:
         elif not path.parent.is_dir():
             raise InputError(f"{path}: the folder {path.parent} does not exist")
 
-    def write(self, report: pp.picks.PickReport) -> str:
-        """Write the report and, to a folder, the motions of the good picks; return what was written; without -o ''."""
+    def write(self, report: pp.picks.PickReport) -> tuple[str, bool]:
+        """Write the report and, to a folder, the motions of the good picks.
+
+        Returns
+        -------
+        tuple[str, bool]
+            What was written, empty without -o, and whether it includes each robot program of ``--export``.
+        """
         output = self.output
         if output is None:
-            return ""
+            return "", True
         if not self.is_folder:
             report.save(output)
-            return str(output)
+            return str(output), True
         for kind in pp.picks.REPORT_SUFFIXES:
             report.save(output / f"report{kind}")
         report.save_programs(output, grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
@@ -182,18 +188,18 @@ class OutputOptions:
             found.save_motion(output / f"{stem}.json")
             if self.pages and report.setup is not None:
                 write_pages(found, report.setup.checker.arm, output / f"{stem}.html")
-        programs = self._export(report, stems)
+        programs, complete = self._export(report, stems)
         names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
         if not stems:
-            return names
+            return names, complete
         more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if self.pages else "")
         picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
-        return f"{names}; for {picks} its motion and program, such as {more}{programs}"
+        return f"{names}; for {picks} its motion and program, such as {more}{programs}", complete
 
-    def _export(self, report: pp.picks.PickReport, stems: Sequence[str]) -> str:
-        """Write a robot program of each good pick; those that are not proven are noted. Return what was written."""
+    def _export(self, report: pp.picks.PickReport, stems: Sequence[str]) -> tuple[str, bool]:
+        """Write a robot program of each good pick; return what was written, and whether every program is proven."""
         if self.export is None or self.output is None or report.setup is None:
-            return ""
+            return "", True
         dialect = _dialect(self.export)
         dwell = {"grip_dwell": self.grip_dwell, "release_dwell": self.release_dwell}
         made = zip(report.good, report.programs(**dwell), stems, strict=True)
@@ -215,7 +221,7 @@ class OutputOptions:
             else:
                 failed = next(each for each in found.certificates[0] if not each.free)
                 print_note(f"note: the {self.export} program of {stem} is not written: {failed.message}")
-        return f"; {count} programs in {self.export}"
+        return f"; {count} programs in {self.export}", count == len(stems)
 
 
 def _dialect(name: str) -> Dialect:
@@ -296,7 +302,7 @@ def pick(
 ) -> None:
     """Check every pick of a file: reach, limits, grasp, grip, approach, retreat, transit, motion.
 
-    Exit code 0 if all picks are good, 1 otherwise.
+    Exit code 0 if all picks are good, and each program of --export is proven; 1 otherwise.
 
     Example: pinproof pick robots/ur5/picks.yaml -o report.json
     """
@@ -353,7 +359,7 @@ def _judge(
         print_json(report.to_dict())
     else:
         print_report(report)
-    files = out.write(report)
+    files, complete = out.write(report)
     if files and not as_json:
         print_line(f"wrote {files}")
     if report.not_judged:
@@ -361,7 +367,7 @@ def _judge(
         kept = "" if out.output is None else f"; {out.output} has these {count:,}"
         remedy = "the same command checks all picks again; add --campaign FOLDER for a run that can be resumed"
         raise Interrupted(f"interrupted after {count:,} of {total:,} picks{kept}; {remedy}", result_printed=True)
-    if not report.ok:
+    if not report.ok or not complete:
         raise typer.Exit(1)
 
 

@@ -60,10 +60,12 @@ class Krl(Dialect):
 
     def move_rules(self, joints: int) -> list[Rule]:
         """See :meth:`Dialect.move_rules`."""
-        share, speed = Blend().share, 0.0
+        share, speed, moved = Blend().share, 0.0, False
 
         def approximation(found: re.Match[str], _: int) -> None:
             nonlocal share
+            if moved:  # whether it holds for a blend that is not executed yet depends on the advance run
+                raise ValueError("it must be before the first move")
             share = positive(found[1], largest=100.0) / 200
 
         def line_speed(found: re.Match[str], _: int) -> None:
@@ -71,6 +73,8 @@ class Krl(Dialect):
             speed = positive(found[1], largest=FASTEST_LINE)
 
         def move(found: re.Match[str], line: int) -> Step:
+            nonlocal moved
+            moved = True
             axes = [re.fullmatch(rf"A{i} +({NUMBER})", part.strip()) for i, part in enumerate(found[1].split(","), 1)]
             if len(axes) != joints or None in axes:
                 raise ValueError(f"needed are A1 to A{joints} in order, each with one number, separated by commas")

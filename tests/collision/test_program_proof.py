@@ -408,6 +408,23 @@ class TestSpeeds:
             program = make_program([JointMove(arm.home), JointMove(q, duration)], arm.joint_names, dialect=dialect)
             assert certify_program(program, pp.CollisionChecker(limits)).free is free
 
+    def test_an_arm_that_does_not_stop_needs_one_ramp_less(self) -> None:
+        """0.5 rad from or to rest at 2 rad/s^2 take 0.71 s, from rest to rest 1 s; a speed is stated without ramps."""
+        arm = pp.load_robot("ur5").arm()
+        arm = arm.with_limits(replace(arm.limits, acceleration=np.full(6, 2.0), acceleration_source="measured"))
+        q = arm.home + np.array([0.0, 0.5, 1.0])[:, None] * np.eye(6)[3]
+        blend = Blend(share=0.5)
+        for durations, blends, violations in (
+            ((0.75, 0.75), (blend, None), 0), ((0.75, 0.75), (None, None), 2), ((0.7, 0.75), (blend, None), 1),
+            ((0.75, 0.7), (blend, None), 1), ((1.01, 1.01), (None, None), 0),
+        ):  # fmt: skip
+            moves = [JointMove(at, *step) for at, step in zip(q[1:], zip(durations, blends, strict=True), strict=True)]
+            program = make_program([JointMove(q[0]), *moves], arm.joint_names, dialect="rapid")
+            assert len(certify_program(program, pp.CollisionChecker(arm)).outside_limits) == violations
+        steps = [JointMove(q[0]), JointMove(q[1], speed=3.0)]
+        program = make_program(steps, arm.joint_names, dialect="urscript")
+        assert certify_program(program, pp.CollisionChecker(arm)).free
+
     def test_the_shortest_duration_is_that_of_a_simulated_profile(self) -> None:
         """The largest velocity profile from or to rest, integrated, covers the distance in the shortest duration."""
         rng = np.random.default_rng(4)

@@ -148,7 +148,18 @@ def faults(checker: pp.CollisionChecker, swing: pp.Trajectory) -> Iterator[tuple
                 yield f"clock of the node only jumps by {by} s ({words})", jumped(rows, by, stamps=False)
         for by in (-0.005, -0.015):
             yield f"clock jumps by {by} s ({words})", jumped(rows, by - TICK, stamps=True)
+        slower = [(t + max(t - 10 - FAULT, 0.0) * (kind == "state"), kind, m) for t, kind, m in rows]
         if stamped:
+            yield f"later and later ({words})", sorted(slower, key=lambda row: row[0])
+            for by in (0.15, 30.0, -0.15):  # only one stamp is wrong
+                wrong = next(k for k, (t, kind, _) in enumerate(rows) if kind == "state" and t >= 10 + FAULT)
+                yield (
+                    f"a stamp off by {by} s ({words})",
+                    [
+                        (t, kind, course.state(t - 10 + by) | {"position": m["position"]} if k == wrong else m)
+                        for k, (t, kind, m) in enumerate(rows)
+                    ],
+                )
             yield f"one 0.05 s late ({words})", delayed(rows, 0.05, 1)
             yield f"one twice ({words})", repeated(rows, 1, 0.002)
             yield f"one again later ({words})", repeated(rows, 1, 0.055)

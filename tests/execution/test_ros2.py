@@ -429,6 +429,13 @@ def test_silence_is_answered_by_a_stop(checker, swing) -> None:
     assert execution.on_clock(0.4) == ros2.Reply()
 
 
+def test_a_stop_from_an_unknown_state_is_proven_from_the_whole_tube(checker, swing, monkeypatch) -> None:
+    asked = []
+    monkeypatch.setattr(pp.Monitor, "proves_stop", lambda _, q, dq, error=0.0: asked.append(error))
+    assert "is not proven" in running(checker, swing).on_state({}, 0.21).text
+    assert asked == [0.02]
+
+
 def test_a_stop_from_an_unknown_state_says_whether_it_is_proven(checker, swing) -> None:
     """Without a measurement it begins at the state of the motion, and the robot may be anywhere in the tube."""
     for time in (0.3, 0.6, 1.0, 1.9):
@@ -443,6 +450,7 @@ def test_a_stop_from_an_unknown_state_says_whether_it_is_proven(checker, swing) 
         proven = pp.collision.is_proven_free(path, checker, joint_tolerance=tolerance + 0.02)
         assert proven == ("is proven" in reply.text)
         assert monitor.proves_stop(q, dq, 0.02) == proven
+        assert not monitor.proves_stop(q, dq, 0.3)
 
 
 def test_silence_after_the_motion_is_no_fault(checker, swing) -> None:

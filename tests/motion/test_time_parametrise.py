@@ -221,3 +221,17 @@ def test_any_curve_is_timed_and_stops_where_its_tangent_jumps(jerk):
     assert_on_path(trajectory, Bare(), IMAGE_TOLERANCE)
     still = [point.tolist() for point, v in zip(trajectory.q, trajectory.velocities, strict=True) if not v.any()]
     assert still == [[0, 0], [1, 0], [1, 1]]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_path_that_reverses_on_a_line_turns_where_it_says(seed):
+    """The waypoints on one line are passed in their order; those between two turning points are no stops."""
+    rng = np.random.default_rng(seed)
+    direction, s = rng.normal(size=3), rng.uniform(-1, 1, 6)
+    if seed < 6:  # after a reversal, the point is still in front of the first one
+        s = np.concatenate([[0.0, 1.0, 0.5], 1.0 + np.sort(rng.uniform(0, 1, 3))])
+    path = JointPath(np.outer(s, direction) + 1.0, names(3))
+    trajectory = time_parametrise(path, limits_of([1, 1, 1], [2, 2, 2]))
+    turns = [s[0], *(b for a, b, c in zip(s[:-2], s[1:-1], s[2:], strict=True) if (b - a) * (c - b) < 0), s[-1]]
+    rests = trajectory.q[~trajectory.velocities.any(axis=1)]
+    np.testing.assert_allclose((rests - 1.0) @ direction / (direction @ direction), turns, atol=1e-9)

@@ -175,6 +175,7 @@ def test_start_in_the_path_of_a_mover_is_invalid_at_that_time_only() -> None:
         ({"samples": -1}, "samples"),
         ({"movers": []}, "mover"),
         ({"movers": [3]}, "not int"),
+        ({"movers": rest([0.0], 60.0, ["other"])}, "list"),
         ({"window": 3.0}, "window"),
         ({"samples": "few"}, "samples"),
     ],
@@ -204,8 +205,15 @@ def test_window_that_is_shorter_than_the_joints_need_is_reported() -> None:
     assert "window" in result.message
 
 
-@pytest.mark.parametrize(("gap", "ok"), [(1e-4, True), (1e-7, False)])
-def test_a_motion_that_is_not_proven_is_not_returned(gantry, gap, ok) -> None:
+@pytest.mark.parametrize(
+    ("gap", "status"),
+    [
+        (1e-4, pp.CertificateStatus.FREE),
+        (1e-7, pp.CertificateStatus.UNDECIDED),
+        (-1e-4, pp.CertificateStatus.COLLIDING),
+    ],
+)
+def test_a_motion_that_is_not_proven_is_not_returned(gantry, gap, status) -> None:
     """The straight motion passes a small ball between two samples; whether it touches it is not decided at 0.1 um."""
     start, goal = np.array([-0.4, 0.0]), np.array([0.4, 0.0])
     checker = pp.CollisionChecker(
@@ -213,12 +221,42 @@ def test_a_motion_that_is_not_proven_is_not_returned(gantry, gap, ok) -> None:
     )
     resting = pp.Mover("rest", ("post",), pp.Trajectory.at_rest([0.0], ["rest"], 30.0))
     direct = pp.time_parametrise(pp.JointPath([start, goal], gantry.joint_names), gantry.limits)
-    status = pp.CertificateStatus.FREE if ok else pp.CertificateStatus.UNDECIDED
     assert pp.certify(direct, checker, movers=[resting]).status is status
     result = plan_among_movers(checker, start, goal, [resting], window=(0.0, 1.4), samples=40)
-    assert result.ok == ok
-    if ok:
+    assert result.ok == (status is pp.CertificateStatus.FREE)
+    if result.ok:
         checked(result, checker, [resting])
     else:
         assert result.status is PlanStatus.OUT_OF_BUDGET
         assert (result.trajectory, result.certificate, result.goal) == (None, None, None)
+
+
+@pytest.mark.parametrize("slotted_door", [1, 2])
+def test_a_ball_waits_before_a_slot_until_its_doors_are_open(gantry, slotted, slotted_door) -> None:
+    """As early as the doors and the roadmap allow, with either order of the movers, and never through a door."""
+    doors = [pp.Obstacle(f"door {k}", pp.Box(0.02, 0.3, 0.9), pp.pose((0.0, 0.6, 0.0))) for k in (1, 2)]
+    checker = pp.CollisionChecker(gantry, slotted.add(*doors))
+    start, goal = np.array([-0.5, 0.5]), np.array([0.5, 0.5])
+    times = {f"door {k}": 6.0 if k == slotted_door else 3.0 for k in (1, 2)}
+    movers = [opening(f"drive {name}", name, begins, travel=1.2) for name, begins in times.items()]
+    result = plan_among_movers(checker, start, goal, movers, window=(0.0, 20.0), samples=80)
+    motion = checked(result, checker, movers)
+    # The door has to rise by the half of its height and the radius of the ball, which takes most of its second.
+    crossing = float(
+        np.interp(-0.06, motion(np.linspace(0, motion.duration, 4000))[:, 0], np.linspace(0, motion.duration, 4000))
+    )
+    assert 6.4 < crossing < 7.5
+    assert 6.4 < motion.duration < 9.0
+    assert result.goal == 0
+    assert result.waiting == pytest.approx(resting_time(motion), abs=0.02)
+    goals = [[0.0, 0.6], goal]  # the first one is in a door until it opens
+    assert plan_among_movers(checker, start, goals, movers, window=(0.0, 5.0), samples=40).trajectory is None
+    later = plan_among_movers(checker, start, goals, movers, start_time=4.0, window=(9.0, 20.0), samples=80)
+    assert checked(later, checker, movers, 4.0).duration == pytest.approx(5.0, abs=0.01)
+    assert later.goal in (0, 1)
+
+
+def resting_time(motion: pp.Trajectory) -> float:
+    """The time (s) at which a motion rests, from samples."""
+    times = np.linspace(0.0, motion.duration, 20_001)
+    return float((np.abs(motion.velocity(times)).max(axis=1) < 1e-6).mean() * motion.duration)

@@ -110,3 +110,21 @@ def test_arguments_that_make_no_sense() -> None:
         pp.blend(pp.JointPath([(0.0, 0.0)], ("a", "b")), checker)
     with pytest.raises(pp.InputError, match="deviation"):
         pp.blend(path, checker, deviation=0.0)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_random_corners_are_missed_by_no_more_and_share_their_segments(seed: int) -> None:
+    """Segments of very different lengths, without obstacles: no corner is a stop, and none deviates too far."""
+    rng, arm = np.random.default_rng(seed), ball_arm(("x", "y"), (-9.0, 9.0))
+    angles, lengths = np.cumsum(rng.uniform(-2.5, 2.5, 6)), 10.0 ** rng.uniform(-2, 0, 6)
+    steps = lengths[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    path = pp.JointPath(np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)]), arm.joint_names)
+    deviation = 10.0 ** rng.uniform(-3, 0)
+    smooth = pp.blend(path, pp.CollisionChecker(arm), deviation=deviation)
+    assert smooth.corners == ()
+    points = smooth(np.linspace(*smooth.domain, 8001))
+    for k, waypoint in enumerate(path.q[1:-1]):
+        distance = np.linalg.norm(points - waypoint, axis=1).min()
+        assert distance <= deviation + 1e-3
+        assert distance <= min(lengths[k], lengths[k + 1]) + 1e-3
+    assert smooth.length <= path.length * (1 + 1e-9)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof._core import Manifold
 from pinproof.planning.constrained import manifold_of
+from pinproof.planning.edges import Edges
 
 START, GOAL = np.array([-1.0, -1.2, 1.6, -1.97, -1.57, 0.0]), np.array([1.0, -1.2, 1.6, -1.97, -1.57, 0.5])
 TILT = np.array([0, 0, 0, 0.3, 0, 0])
@@ -133,3 +135,61 @@ def test_the_smooth_curve_stays_inside_the_joint_limits(ur5: pp.Arm) -> None:
     assert (q.min(axis=0) >= low - 1e-9).all()
     assert (q.max(axis=0) <= high + 1e-9).all()
     assert pp.time_parametrise(simple.path, narrow.limits).duration > 0
+
+
+@pytest.mark.parametrize("name", ["upright", "line", "both"])
+def test_projections_and_proven_edges_keep_the_constraints_at_dense_samples(ur5: pp.Arm, name: str) -> None:
+    """Also where a joint is at its limit: what cannot be projected is refused, and edges that leave are not proven."""
+    upright = pp.Upright.keeping(ur5, START, tolerance=0.05)
+    here = ur5.forward_kinematics(START).translation
+    line = pp.Within.line(tuple(here), (0, 1, 0), tolerance=0.02)
+    constraints = {"upright": [upright], "line": [line], "both": [upright, line]}[name]
+    limits, rng = ur5.limits, np.random.default_rng(0)
+    tilted = START + np.array([0, 0, 0, 0.5, 0, 0])
+    boxes = [(limits.lower, limits.upper), (START - 0.4, START + 0.4), (tilted - 0.1, tilted + 0.1)]
+    points, outcomes = [], []
+    for low, high in boxes:
+        arm = ur5.with_limits(replace(limits, lower=low, upper=high))
+        manifold = manifold_of(arm, constraints)
+        for _ in range(30):
+            q = START + rng.uniform(-1.5, 1.5, 6)
+            found = manifold.project(q, 0.5)
+            outcomes.append(found is None)
+            if found is not None:
+                assert arm.limits.contains(found)
+                errors = [each.error(arm, found) for each in constraints]
+                np.testing.assert_allclose(manifold.errors(found), errors, atol=1e-9)
+                assert all(
+                    error <= 0.5 * each.tolerance + 1e-9 for each, error in zip(constraints, errors, strict=True)
+                )
+                points.append(found)
+    assert set(outcomes) == {False, True}
+    proven = []
+    for a in points[:40]:
+        b = a + rng.uniform(-1, 1, 6) * 10.0 ** rng.uniform(-3, 0)
+        edge = a + np.linspace(0.0, 1.0, 200)[:, None] * (b - a)
+        inside = all(each.error(ur5, q) <= each.tolerance for each in constraints for q in edge)
+        assert not manifold.edge_proven(a, b) or inside
+        proven.append(bool(manifold.edge_proven(a, b)))
+    assert set(proven) == {False, True}
+
+
+def test_steps_along_the_constraints_are_proven_and_end_at_the_target(ur5: pp.Arm) -> None:
+    upright = pp.Upright.keeping(ur5, START, tolerance=0.01)
+    manifold, edges = manifold_of(ur5, [upright]), Edges(pp.CollisionChecker(ur5), 0.05, np.array([START, GOAL]))
+    rng, reached = np.random.default_rng(1), 0
+    for _ in range(20):
+        a, b = (manifold.project(START + rng.uniform(-0.8, 0.8, 6), 0.9) for _ in range(2))
+        if a is None or b is None:
+            continue
+        path = manifold.connect(edges.core, a, b, 0.3, 20.0)
+        if path is None:
+            continue
+        reached += 1
+        np.testing.assert_array_equal(path[[0, -1]], [a, b])
+        steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        assert manifold.connect(edges.core, a, b, 0.3, 0.99 * steps.sum()) is None
+        for first, last in pairwise(path):
+            dense = first + np.linspace(0.0, 1.0, 40)[:, None] * (last - first)
+            assert max(upright.error(ur5, q) for q in dense) <= upright.tolerance
+    assert reached > 5

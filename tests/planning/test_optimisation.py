@@ -120,6 +120,21 @@ def test_the_nearest_of_several_goals_is_chosen(around_the_wall: tuple[pp.Collis
     result = optimise(path, checker, goals=goals, budget=100)
     assert result.goal == 2
     assert np.array_equal(result.trajectory.end, goals[2])
+    free = optimise(path, checker, goals=goals[[0, 2]], budget=0)
+    assert result.lower_bound == free.lower_bound == optimise(path, checker, goals=goals[2], budget=0).lower_bound
+    end = optimise(path, checker, goals=goals[0], budget=0).lower_bound
+    assert result.lower_bound < end
+    assert optimise(path, checker, goals=goals[:2], budget=0).lower_bound == end
+
+
+def test_the_end_of_the_path_is_a_goal_beside_others(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
+    checker, path = around_the_wall
+    far = [[0.9, -0.9], [0.95, -0.9]]
+    result = optimise(path, checker, goals=far, budget=200)
+    assert result.goal is None
+    assert np.array_equal(result.trajectory.end, path.end)
+    assert result.duration < 0.9 * result.duration_before
+    assert result.lower_bound == optimise(path, checker, budget=0).lower_bound
 
 
 def test_goals_outside_the_limits_of_position_are_ignored(gantry: pp.Arm) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.planning import Planner, make_planner
+from pinproof.planning.planners import planner_of
 
 START, GOAL = [-1.0, -1.2, 1.2, -1.57, -1.57, 0.0], [1.0, -1.2, 1.2, -1.57, -1.57, 0.0]
 POST = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.0), pp.pose(xyz=(0.55, 0.0, 0.5)))
@@ -75,3 +76,21 @@ def test_a_class_that_cannot_be_imported_is_refused_by_its_name(name: str) -> No
 def test_a_class_without_the_methods_of_a_planner_is_refused_with_what_is_missing() -> None:
     with pytest.raises(pp.InputError, match="plan"):
         make_planner("pinproof:Clik")
+
+
+class OnlyLimited:
+    def limited_to(self, seconds: float):
+        return self
+
+
+class OnlyPlans:
+    def plan(self, *_args, **_settings):
+        raise AssertionError
+
+
+@pytest.mark.parametrize(
+    ("planner", "missing"), [(OnlyLimited(), "lacks plan"), (OnlyPlans(), "lacks limited_to"), (3, "lacks plan")]
+)
+def test_a_planner_without_a_method_is_refused(planner, missing) -> None:
+    with pytest.raises(pp.InputError, match=missing):
+        planner_of(planner)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -72,7 +75,7 @@ def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], round
         if route.length == 0.0:
             continue
         bounds = route.derivatives(route.borders)
-        for low, high, (pull, spin, _) in zip(route.borders[:-1], route.borders[1:], bounds, strict=True):
+        for low, high, (pull, spin, gain) in zip(route.borders[:-1], route.borders[1:], bounds, strict=True):
             h = (high - low) / 400
             at = route.poses(np.linspace(low, high, 401))
             second = np.linalg.norm(np.diff(at[:, :3, 3], 2, axis=0), axis=1) / h**2
@@ -80,6 +83,10 @@ def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], round
             turned = np.einsum("nij,nik->njk", at[:-1, :3, :3], at[1:, :3, :3])
             angle = np.arccos(np.clip((np.trace(turned, axis1=1, axis2=2) - 1) / 2, -1, 1))
             assert angle.max() / h <= spin * (1 + 1e-3) + 1e-7 / h
+            coarse = at[::10, :3, :3]  # differences of neighbours would be rounding
+            rates = np.array([pin.log3(b @ a.T) for a, b in pairwise(coarse)]) / (10 * h)
+            largest = np.linalg.norm(np.diff(rates, axis=0), axis=1).max() / (10 * h)
+            assert largest <= gain * (1 + 1e-3) + 1e-12 / h**2
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "stanford", "scara"])

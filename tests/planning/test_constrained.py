@@ -145,7 +145,7 @@ def test_projections_and_proven_edges_keep_the_constraints_at_dense_samples(ur5:
     line = pp.Within.line(tuple(here), (0, 1, 0), tolerance=0.02)
     constraints = {"upright": [upright], "line": [line], "both": [upright, line]}[name]
     limits, rng = ur5.limits, np.random.default_rng(0)
-    tilted = START + np.array([0, 0, 0, 0.5, 0, 0])
+    tilted = START + np.array([0, 0.5, 0.5, 0.5, 0, 0])
     boxes = [(limits.lower, limits.upper), (START - 0.4, START + 0.4), (tilted - 0.1, tilted + 0.1)]
     points, outcomes = [], []
     for low, high in boxes:

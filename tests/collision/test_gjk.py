@@ -99,6 +99,36 @@ def test_support_gap_and_witness_points_equal_the_bounds(data):
         assert np.linalg.norm(nearest) == pytest.approx(upper, abs=1e-9)
 
 
+@pytest.mark.parametrize("count", [4, 8, 9, 30, 100])
+def test_hulls_of_random_points_are_measured_from_any_start(count):
+    """The lower bound is the gap of the supports, the upper one is attained at points of both hulls, and they meet."""
+    rng, apart = np.random.default_rng(count), 0
+    for _ in range(60):
+        own = [rng.normal(size=(count, 3)) * rng.uniform(0.05, 0.5, 3) for _ in range(2)]
+        balls = rng.uniform(0, 0.2, 2) * rng.integers(0, 2, 2)
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        at = rng.normal(size=3) * rng.choice([0.6, 2.0])
+        shapes = [(points, 0.0, ball, 0.0) for points, ball in zip(own, balls, strict=True)]
+        there = own[1] @ turn.T + at
+        lower, upper, u, weights, nearest = bounds(shapes, placed(at, turn), rng.normal(size=3) * rng.integers(0, 2))
+        gap = (there @ u).min() - (own[0] @ u).max() - balls.sum()
+        assert lower == pytest.approx(gap, abs=1e-12)
+        assert sum(weights) == pytest.approx(1.0, abs=1e-9)
+        if upper > 1e-9:
+            apart += 1
+            assert upper - lower <= 1e-8
+            assert np.linalg.norm(nearest) - balls.sum() == pytest.approx(upper, abs=1e-9)
+        else:  # no direction separates them by more than rounding
+            assert lower <= 1e-9
+            some = rng.normal(size=(2000, 3))
+            some /= np.linalg.norm(some, axis=1, keepdims=True)
+            assert ((there @ some.T).min(axis=0) - (own[0] @ some.T).max(axis=0) - balls.sum()).max() <= 1e-9
+        again = bounds(shapes, placed(at, turn), u)
+        assert again[0] == pytest.approx(lower, abs=1e-8) or upper == 0.0
+    assert apart >= 15
+
+
 @pytest.mark.parametrize("thin", [0.0, 1e-300, 1e-160, 1e-12, 1e-9])
 @pytest.mark.parametrize("apart", [0.0, 1e-9, 1e-3, 1.0])
 def test_bounds_hold_for_flat_and_tiny_bodies(thin, apart):

@@ -122,6 +122,26 @@ class TestReadBack:
         assert approach.status is pp.CertificateStatus.VIOLATED
         assert "from the grasp of the pick" in approach.message
 
+    @pytest.mark.parametrize("axis", [0, 1, 2])
+    def test_a_program_that_grasps_at_another_angle_is_not_free(self, report, text, axis) -> None:
+        (verdict,) = report.good
+        turned = replace(verdict.pick, pose=verdict.pick.pose * pp.pose((0, 0, 0), tuple(0.001 * np.eye(3)[axis])))
+        ((_, approach, *_),) = certify_picks_program(report.setup, [turned], text)[0]
+        assert approach.status is pp.CertificateStatus.VIOLATED
+        assert "from the grasp of the pick" in approach.message
+
+    def test_the_parts_of_earlier_picks_are_not_covered(self, report, text) -> None:
+        """Where the part was put down is no obstacle for the second pick, which a note states."""
+        (verdict,), (pick,) = report.good, text.picks
+        (first, count), *rest = pick.motions
+        again = replace(pick, motions=((first, count + 1), *rest))
+        both = replace(text, steps=(*text.steps, *text.steps), picks=(pick, again))
+        certificates, notes = certify_picks_program(report.setup, [verdict.pick], both)
+        single = certify_picks_program(report.setup, [verdict.pick], text)[1]
+        assert [len(row) for row in certificates] == [len(pick.motions)] * 2
+        assert len(notes) == 2 * len(single) + 1
+        assert "where they were picked" in notes[-1]
+
     def test_an_unknown_pick_is_named(self, report, text) -> None:
         with pytest.raises(pp.errors.UnknownNameError, match="over_the_wall"):
             certify_picks_program(report.setup, [], text)

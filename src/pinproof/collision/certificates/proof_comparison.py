@@ -178,6 +178,7 @@ def _differences(document: dict[str, Any], proof: Proof, checker: CollisionCheck
     if (
         not isinstance(stated_held, dict)
         or stated_held.keys() != held.keys()
+        or not all(isinstance(stated_held[name], float | int) for name in held)
         or not all(_equal(stated_held[name], value) for name, value in held.items())
     ):
         return [f"robot.held: your robot holds {', '.join(f'{k} = {v:g}' for k, v in held.items()) or 'no joint'}"]

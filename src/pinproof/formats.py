@@ -9,7 +9,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from pinproof.common.structs import Table, json_schema, table_of
 from pinproof.errors import UnknownNameError
 
 __all__ = ["FORMATS", "file_schema"]
@@ -44,6 +43,8 @@ def file_schema(name: str) -> dict[str, Any]:
     """
     if name not in FORMATS:
         raise UnknownNameError("file format", name, FORMATS)
+    from pinproof.common.structs import Table, json_schema, table_of  # loads the kinematics, which no help needs
+
     module, table = FORMATS[name]
     found = getattr(import_module(module), table)
     return json_schema(found if isinstance(found, Table) else table_of(found))

@@ -26,7 +26,7 @@ NEGATIVE = {"pick": 1, "cell place": 1, "cell tolerance": 1}
 """Exit codes of examples with a negative result: some of the bolts cannot be picked."""
 
 FEWER = {
-    "cell place": ("--grid", "20", "--runs", "0", "--certified", "1", "--no-proofs"),
+    "cell place": ("--grid", "20", "--runs", "0", "--certified", "1"),
     "cell tolerance": ("--samples", "0"),
 }
 """Options that make the second run of an example shorter."""

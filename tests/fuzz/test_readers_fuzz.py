@@ -92,7 +92,14 @@ def test_tables(folder, name, data):
     look(folder, name, data.draw(bytes_of(text)))
 
 
-@pytest.mark.parametrize(("name", "text"), [("robot.urdf", URDF), ("robot.srdf", SRDF), ("robot.xml", MJCF)])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("robot.urdf", URDF),
+        ("robot.srdf", SRDF),
+        pytest.param("robot.xml", MJCF, marks=pytest.mark.slow),  # the import of mujoco starts processes
+    ],
+)
 @fuzzed
 @given(data=st.data())
 def test_xml(folder, name, text, data):

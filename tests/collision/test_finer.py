@@ -98,7 +98,7 @@ def test_whatever_is_derived_keeps_it(ring):
     for other in (
         fine.with_margin(0.001),
         fine.padded(0.001),
-        fine.moved_obstacles(0.001),
+        fine.with_obstacle_tolerance(0.001),
         fine.with_scene(Scene([rod(0.06)])),
         fine.with_scene(Scene([BALL])).with_scene(coarse.scene),
         fine.with_attached(tool),

@@ -12,7 +12,6 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision import audit, with_movers
-from pinproof.collision.certificates.identity import setup_hash
 from pinproof.motion import separate
 
 SLACK = 1e-5
@@ -179,9 +178,9 @@ def test_setups_with_other_movers_differ() -> None:
     }  # fmt: skip
     assert set(changes) == {each.name for each in fields(mover)}
     movers = [(), (mover,), (mover, MOVERS["lift"]), *((replace(mover, **{key: changes[key]}),) for key in changes)]
-    hashes = [setup_hash(base.arm, base.scene, (), each) for each in movers]
+    hashes = [base.spec.setup_hash(each) for each in movers]
     assert len(set(hashes)) == len(hashes)
-    assert setup_hash(base.arm, base.scene, (), (replace(mover),)) == hashes[1]
+    assert base.spec.setup_hash((replace(mover),)) == hashes[1]
 
 
 def test_part_that_arrives_on_a_conveyor_is_hit_and_a_resting_part_is_not() -> None:

@@ -86,7 +86,7 @@ def test_every_motion_in_the_largest_tube_is_free(ur5, path):
         for s in np.linspace(0, 1, 60):
             assert checker.is_free(q[0] + s * (q[1] - q[0]) + rng.choice([-1, 1], 6) * off)
         # Obstacles moved by the largest tube: the same as that much more margin to them.
-        more = checker.moved_obstacles(certificate.tube.largest_obstacles * (1 - 1e-9))
+        more = checker.with_obstacle_tolerance(certificate.tube.largest_obstacles * (1 - 1e-9))
         assert all(more.is_free(q[0] + s * (q[1] - q[0])) for s in np.linspace(0, 1, 60))
     assert proven >= 3
 

@@ -31,6 +31,7 @@ from pinproof.collision.checking.movers import Mover, TimedScene, with_movers
 from pinproof.collision.checking.overlaps import LinkOverlap, OverlapReport, sample_overlaps
 from pinproof.collision.checking.pairs import ExcludedPair
 from pinproof.collision.checking.sensor_removal import remove_body, remove_robot
+from pinproof.collision.checking.spec import CheckerSpec
 from pinproof.collision.geometry.depth_image import DepthView, Intrinsics
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.sensor_files import read_points
@@ -59,6 +60,7 @@ __all__ = [
     "Certificate",
     "CertificateStatus",
     "CheckResult",
+    "CheckerSpec",
     "CollisionChecker",
     "Cone",
     "ConstraintProof",

@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, Scene, certify
 from pinproof.collision.certificates.reuse import SetupChange, StoredProof
-from pinproof.collision.checking.assembly import checked_margin, only_arm
+from pinproof.collision.checking.assembly import only_arm
+from pinproof.collision.checking.spec import checked_margin
 from pinproof.common.display import html_block, html_of, html_table, outline
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError

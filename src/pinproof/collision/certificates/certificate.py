@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pinproof.collision.certificates.identity import body_digest, curve_hash, setup_hash
+from pinproof.collision.certificates.identity import body_digest, curve_hash
 from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     ConstraintViolation,
@@ -20,6 +20,7 @@ from pinproof.collision.certificates.path_constraints import (
     exact_text,
 )
 from pinproof.collision.checking.pairs import ExcludedPair
+from pinproof.collision.checking.spec import CheckerSpec
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.collision.scenes.scene import Scene
 from pinproof.common.display import html_block, html_list, outline
@@ -272,7 +273,8 @@ class Certificate:
         own = {exact_text(proof.constraint) for proof in self.constraints}
         if not own.issuperset(map(exact_text, constraints)):
             return False
-        return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached, movers)
+        setup = CheckerSpec(arm, scene, attached=tuple(attached)).setup_hash(movers)
+        return self.curve == curve_hash(curve) and self.setup == setup
 
     def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
         """Return the record of this certificate for the file of its motion, from time ``start`` to ``end`` (s)."""

@@ -260,7 +260,7 @@ class _Proof:
         self._curve, self._checker, self._constraints, self._known = curve, checker, constraints, known
         self._limits, self._identity = limits, identity
         judge = checker if known is None else known.rest
-        self._judge = judge.moved_obstacles(limits.obstacles) if limits.obstacles > 0 else judge
+        self._judge = judge.with_obstacle_tolerance(limits.obstacles) if limits.obstacles > 0 else judge
         self._largest_margin = float(self._judge.margins.max(initial=0.0))
         self._knots, self._control = (np.ascontiguousarray(part) for part in curve.bezier())
         self._settings = ProofSettings(

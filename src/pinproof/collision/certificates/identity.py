@@ -1,43 +1,32 @@
 """What a certificate is for: hashes of its curve and setup, the notes about the setup, and changes since a motion file.
 
-The setup is the arm, its attached objects, the scene and the movers. Mesh files are hashed by their present content.
+The setup is the arm, its attached objects, the scene and the movers, see :class:`pinproof.collision.CheckerSpec`.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
-from functools import lru_cache
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from pinproof.collision.certificates.path_constraints import PathConstraint, exact_text
+from pinproof.collision.checking.spec import EXAMINED, present_stamp
 from pinproof.collision.geometry.bodies import FileStamp
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import Mesh, Obstacle
-from pinproof.collision.scenes.scene import Scene
 from pinproof.common.files import os_errors
 from pinproof.description.dh_urdf import GENERATED_BODIES
-from pinproof.model import JointGroup
 from pinproof.motion import Curve, MotionRecord
 from pinproof.spatial import matrix
 from pinproof.verifier import curve_digest
 
 if TYPE_CHECKING:
     from pinproof.collision.checking.checker import CollisionChecker
-    from pinproof.collision.checking.movers import Mover
-
-FILES_KEPT = 1024
-"""Number of cached hashes of mesh files; an entry is valid while time and size of the file are unchanged."""
-
-ARMS_KEPT = 8
-"""Number of cached hashes of arms: a task has one for each position of the fingers."""
 
 DIGITS = 9
 """Decimals of a pose (metres for positions) that a digest distinguishes: files round rotations."""
@@ -54,62 +43,6 @@ def curve_hash(curve: Curve) -> str:
     return curve_digest(tuple(curve.joint_names), *curve.bezier())
 
 
-def setup_hash(arm: JointGroup, scene: Scene, attached: Sequence[Obstacle] = (), movers: Sequence[Mover] = ()) -> str:
-    """Return a hash of an arm (kinematics, held joints, collision geometry), its attached objects, a scene, and movers.
-
-    The pairs that the SRDF and the scene allow or disable are included.
-    Meshes are hashed by name and by the present content of their files.
-    """
-    meshes = [None if geometry.mesh is None else geometry.mesh.path for geometry in arm.robot.urdf.collisions]
-    digest = _hash_of(arm, tuple(map(content_hash, meshes))).copy()
-    digest.update(repr((scene.allowed, scene.disabled, arm.robot.srdf.disabled)).encode())
-    for obstacle in (*attached, None, *scene.obstacles):
-        if obstacle is None:  # separates the attached objects from the scene
-            digest.update(b"scene")
-            continue
-        digest.update(repr((obstacle.name, obstacle.shape, obstacle.arm)).encode() + matrix(obstacle.pose).tobytes())
-        if isinstance(obstacle.shape, Mesh):
-            digest.update(content_hash(obstacle.shape.path).encode())
-    for mover in movers:
-        digest.update(mover.identity().encode())
-    return digest.hexdigest()
-
-
-class _Examined(NamedTuple):
-    """What was examined in the context of :func:`files_examined_once`: files, and checkers with the hash and notes."""
-
-    stamps: dict[str, FileStamp | None]
-    setups: dict[CollisionChecker, tuple[str, tuple[str, ...]]]
-
-
-_examined: ContextVar[_Examined | None] = ContextVar("examined", default=None)
-
-
-@contextmanager
-def files_examined_once() -> Iterator[None]:
-    """In this context, each mesh file is examined at most once, for a search that makes many certificates.
-
-    A certificate states the files at the moment of their first examination in the context; of the outer one, if it is
-    nested.
-    """
-    token = _examined.set(_examined.get() or _Examined({}, {}))
-    try:
-        yield
-    finally:
-        _examined.reset(token)
-
-
-def _stamp(path: str | Path) -> FileStamp | None:
-    """Return the present stamp of a file; None if there is no file."""
-    examined = _examined.get()
-    if examined is None:
-        return FileStamp.of(path)
-    path = os.fspath(path)
-    if path not in examined.stamps:
-        examined.stamps[path] = FileStamp.of(path)
-    return examined.stamps[path]
-
-
 class Identity(NamedTuple):
     """The hashes of a curve and of the setup of its checker, and the notes about the setup."""
 
@@ -120,7 +53,7 @@ class Identity(NamedTuple):
 
 def identity_of(curve: Curve, checker: CollisionChecker) -> Identity:
     """Return what a certificate of a curve states about the curve and the setup."""
-    examined = _examined.get()
+    examined = EXAMINED.get()
     known = None if examined is None else examined.setups.get(checker)
     if known is None:
         files = mesh_files(checker)
@@ -156,42 +89,21 @@ def mesh_files(checker: CollisionChecker) -> MeshFiles:
         read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
         known = _meshes[checker] = [None if path is None else os.fspath(path) for path in paths], list(read)
     named, read_files = known
-    now = {path: _stamp(path) for path in {*named, *(file.path for file in read_files)} if path is not None}
+    now = {path: present_stamp(path) for path in {*named, *(file.path for file in read_files)} if path is not None}
     stamps = tuple(None if path is None else now[path] for path in named)
     return MeshFiles(stamps, tuple(file for file in read_files if now[file.path] != file))
 
 
 def checked_hash(checker: CollisionChecker, files: MeshFiles) -> str:
-    """Return :func:`setup_hash` of the setup of a checker, whose present files are given.
+    """Return the hash of the setup of a checker, whose present files are given.
 
     If a mesh file was changed after the checker read it, the hash matches no setup.
     """
     known = _setups.get(checker)
     if known is None or known[0] != files.stamps:
-        known = _setups[checker] = files.stamps, setup_hash(checker.group, checker.scene, checker.attached)
+        known = _setups[checker] = files.stamps, checker.spec.setup_hash()
     digest, changed = known[1], files.changed
     return hashlib.sha256(repr((digest, changed)).encode()).hexdigest() if changed else digest
-
-
-@lru_cache(maxsize=ARMS_KEPT)
-def _hash_of(arm: JointGroup, meshes: tuple[str, ...]) -> Any:
-    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, dict(arm.ends), arm.joint_names, dict(arm.held))).encode())
-    for geometry, content in zip(arm.robot.urdf.collisions, meshes, strict=True):
-        mesh = None if geometry.mesh is None else geometry.mesh.uri
-        digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh, content)).encode())
-        digest.update(np.ascontiguousarray(geometry.origin).tobytes())
-    return digest
-
-
-def content_hash(path: str | Path | None) -> str:
-    """Return a hash of the present content of a file; empty if there is no file."""
-    stamp = None if path is None else _stamp(path)
-    return "" if stamp is None else _hash_of_file(stamp)
-
-
-@lru_cache(maxsize=FILES_KEPT)
-def _hash_of_file(stamp: FileStamp) -> str:
-    return hashlib.sha256(Path(stamp.path).read_bytes()).hexdigest()
 
 
 def notes_of(checker: CollisionChecker, files: MeshFiles | None = None) -> tuple[str, ...]:

@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.certificates.identity import content_hash
 from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     LookAt,
@@ -27,6 +26,7 @@ from pinproof.collision.certificates.path_constraints import (
 )
 from pinproof.collision.checking.assembly import on_joint
 from pinproof.collision.checking.checker import CollisionChecker
+from pinproof.collision.checking.spec import content_hash
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.shapes import Mesh
 from pinproof.common.files import write_bytes_whole

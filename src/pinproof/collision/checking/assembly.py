@@ -1,9 +1,8 @@
-"""The parts of a checker: its bodies, checked pairs and margins."""
+"""The parts of a checker: its bodies and checked pairs."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -14,17 +13,15 @@ import pinocchio as pin
 from pinproof._core import Geometry, JointTree, World
 from pinproof.collision.checking.links import DECOMPOSED, EXACT
 from pinproof.collision.checking.pairs import ALLOWED_BY_CALLER, ExcludedPair, FinerPair, PairRules, Pairs, choose_pairs
+from pinproof.collision.checking.spec import CheckerSpec, Levels, Pair
 from pinproof.collision.geometry.bodies import Body, shape_bodies
 from pinproof.collision.geometry.shapes import Mesh, Obstacle
-from pinproof.collision.scenes.scene import Scene
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.errors import InputError
 from pinproof.model import Arm, JointGroup
 from pinproof.spatial import Array
 from pinproof.units import FAR, MOST_REACH, warn_of_millimetres
 
 Indices = npt.NDArray[np.int64]
-Pair = frozenset[str]
-Levels = Mapping[Pair, int]
 
 ROUNDING = 1e-9
 """Allowance (m) for floating-point error in placements and supports, for each metre of extent of the scene (observed:
@@ -44,61 +41,6 @@ LARGEST_MESH = 30.0
 
 LARGEST_SMALL_PART = 3.0
 """Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
-
-
-class Margins(NamedTuple):
-    """Margins of pairs of owners of bodies (links, attached objects, obstacles)."""
-
-    common: float
-    """Margin (m) of all pairs without an individual one."""
-    single: Mapping[frozenset[str], float]
-    """Margins (m) of single pairs of owners."""
-
-    @classmethod
-    def checked(cls, common: float, single: Mapping[tuple[str, str], float]) -> Margins:
-        """Return margins that a caller states; a key of ``single`` is two names in either order.
-
-        InputError if a margin is negative or not finite, or a key is not two names.
-        """
-        pairs = {}
-        for pair, margin in single.items():
-            names = frozenset(pair) if isinstance(pair, tuple) else frozenset()
-            if len(names) != 2 or len(pair) != 2:
-                raise InputError(f"margins has the key {pair!r}; it must be two names")
-            pairs[names] = checked_margin(f"margins[{pair!r}]", margin)
-        return cls(checked_margin("margin", common), pairs)
-
-    def of(self, owners: Iterable[tuple[str, str]], count: int, names: Sequence[str]) -> Array:
-        """Return (P,) the margins of ``count`` pairs; ``owners`` is read only if there are margins of single pairs.
-
-        UnknownNameError if a single margin is for a name that is not among ``names``.
-        """
-        for pair in self.single:
-            for name in sorted(pair):
-                if name not in names:
-                    raise UnknownNameError("body", name, names, "margins")
-        if not self.single:
-            return np.full(count, self.common)
-        return np.array([self.single.get(frozenset(pair), self.common) for pair in owners], dtype=float)
-
-    def padded(self, by: float) -> Margins:
-        """Return all margins increased by this (m)."""
-        return Margins(self.common + by, {pair: margin + by for pair, margin in self.single.items()})
-
-    def without(self, names: set[str]) -> Margins:
-        """Return the margins without those of pairs with one of these names."""
-        return self._replace(single={pair: margin for pair, margin in self.single.items() if not names & pair})
-
-
-def checked_margin(name: str, margin: float) -> float:
-    """Return a margin as a number; InputError if it is negative, not finite, or not a number."""
-    try:
-        value = float(margin)
-    except (TypeError, ValueError):
-        value = math.nan
-    if not math.isfinite(value) or value < 0:
-        raise InputError(f"{name} = {margin}; it must be a distance in metres, 0 or more")
-    return value
 
 
 def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> Geometry:
@@ -189,7 +131,7 @@ def only_arm(group: JointGroup) -> Arm:
 class CheckedBodies:
     """The bodies, pairs and margins of a checker: the part of it that the workspaces of its threads read."""
 
-    _group: JointGroup
+    _spec: CheckerSpec
     _geometry_model: Any = None
     bodies: tuple[Body, ...]
     """Links, attached objects and obstacles."""
@@ -213,12 +155,12 @@ class CheckedBodies:
     @property
     def group(self) -> JointGroup:
         """The joints of q: an arm, or several; :meth:`with_held` returns a checker with other values of the others."""
-        return self._group
+        return self._spec.arm
 
     @property
     def arm(self) -> Arm:
         """The arm; InputError if the checker is for a joint group with several arms, which is :attr:`group`."""
-        return only_arm(self._group)
+        return only_arm(self._spec.arm)
 
     @property
     def geometry_model(self) -> Any:
@@ -269,23 +211,14 @@ class Assembly(NamedTuple):
     """The cached bodies of the obstacles, for derived checkers."""
 
 
-def assemble(
-    arm: JointGroup,
-    links: Sequence[Body],
-    scene: Scene,
-    attached: Sequence[Obstacle],
-    rules: PairRules,
-    *,
-    levels: Mapping[frozenset[str], int],
-    allowed: Sequence[tuple[str, str]],
-    known: Known,
-) -> Assembly:
+def assemble(spec: CheckerSpec, links: Sequence[Body], rules: PairRules, levels: Levels, known: Known) -> Assembly:
     """Assemble links, attached objects and a scene; errors are those of :class:`pinproof.CollisionChecker`."""
+    arm, scene = spec.arm, spec.scene
     if named := [obstacle.name for obstacle in scene.obstacles if obstacle.arm is not None]:
         raise InputError(f"the obstacles {', '.join(named)} of the scene name an arm; only attached objects have one")
     made: Known = {}
     added: list[Body] = []
-    for link, obstacle in (*((arm.tcp_of(o.arm), o) for o in attached), *((None, o) for o in scene.obstacles)):
+    for link, obstacle in (*((arm.tcp_of(o.arm), o) for o in spec.attached), *((None, o) for o in scene.obstacles)):
         before = known.get((id(obstacle), link))
         if before is None or before[0] is not obstacle:
             before = obstacle, tuple(shape_bodies(obstacle.name, link, obstacle.shape, obstacle.pose))
@@ -293,17 +226,17 @@ def assemble(
         added.extend(before[1])
     bodies = (*links, *added)
     _check_names(bodies, arm.robot.urdf.links)
-    pairs = choose_pairs(bodies, arm, scene, rules, levels=levels, allowed=allowed)
+    pairs = choose_pairs(bodies, arm, scene, rules, levels=levels, allowed=spec.allowed)
     rounding = ROUNDING * max((1.0, *(body.extent for body in bodies)))
     geometry = pack_geometry(arm, bodies, rounding)
     return Assembly(bodies, pairs, rounding, geometry, pack_world(geometry, pairs.checked), made)
 
 
-def warn_of_units(arm: JointGroup, bodies: Sequence[Body], scene: Scene) -> None:
+def warn_of_units(spec: CheckerSpec, bodies: Sequence[Body]) -> None:
     """Warn of links, attached objects and obstacles that are implausibly large, as meshes in millimetres are."""
-    shapes = {obstacle.name: obstacle.shape for obstacle in scene.obstacles}
+    shapes = {obstacle.name: obstacle.shape for obstacle in spec.scene.obstacles}
     warned: set[str] = set()
-    far = FAR * arm.robot.size
+    far = FAR * spec.arm.robot.size
     for body in bodies:
         sides = (body.box[1] - body.box[0]).tolist()
         if body.owner in warned or max(sides) <= min(LARGEST_MESH, far):
@@ -315,7 +248,7 @@ def warn_of_units(arm: JointGroup, bodies: Sequence[Body], scene: Scene) -> None
             name = f"size of {body.owner!r} (a mesh in millimetres needs the scale 0.001)"
             sides, most = [max(sides)], max(far, LARGEST_SMALL_PART)
         warned.add(body.owner)
-        warn_of_millimetres(name, sides, most=most, stacklevel=3)
+        warn_of_millimetres(name, sides, most=most, stacklevel=4)
 
 
 def leave_out(assembly: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:

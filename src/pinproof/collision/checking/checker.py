@@ -19,11 +19,8 @@ from pinproof.collision.checking.assembly import (
     Assembly,
     CheckedBodies,
     Known,
-    Levels,
-    Margins,
     add_obstacle_bodies,
     assemble,
-    checked_margin,
     finer_levels,
     keep_pairs,
     leave_out,
@@ -36,6 +33,7 @@ from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, Lin
 from pinproof.collision.checking.overlaps import Overlaps
 from pinproof.collision.checking.pairs import PairRules, Pairs, overlap_levels, unexplained_pairs
 from pinproof.collision.checking.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
+from pinproof.collision.checking.spec import CheckerSpec, Levels
 from pinproof.collision.geometry.bodies import Body, with_triangles
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.collision.scenes.scene import Scene
@@ -184,23 +182,41 @@ class CollisionChecker(CheckedBodies):
         trust_disabled: bool = False,
         housing: float | None = None,
     ) -> None:
-        require_type("arm", arm, JointGroup)
-        urdf = arm.robot.urdf
-        self._group = arm
-        self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
-        unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
-        length = None if housing is None else checked_margin("housing", housing)
-        self._rules = PairRules(Overlaps(arm.robot, self._link_bodies), length, trust_disabled)
+        self._build(
+            CheckerSpec(
+                arm,
+                Scene() if scene is None else scene,
+                margin=margin,
+                margins=margins or {},
+                link_meshes=link_meshes,
+                attached=tuple(attached),
+                allowed=tuple((a, b) for a, b in allowed),
+                trust_disabled=trust_disabled,
+                housing=housing,
+            )
+        )
+
+    @classmethod
+    def of(cls, spec: CheckerSpec) -> CollisionChecker:
+        """Return the checker of a specification."""
+        checker = object.__new__(cls)
+        checker._build(spec)
+        return checker
+
+    def _build(self, spec: CheckerSpec) -> None:
+        arm, urdf = spec.arm, spec.arm.robot.urdf
+        self._spec = spec
+        self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, spec.link_meshes))
+        self._rules = PairRules(Overlaps(arm.robot, self._link_bodies), spec.housing, spec.trust_disabled)
+        unexplained = () if spec.trust_disabled else unexplained_pairs(arm.robot)
         self._levels: Levels = {
             **dict.fromkeys(unexplained, DECOMPOSED),
             **overlap_levels(self._link_bodies.of({}), arm, self._rules),
+            **spec.finer,
         }
-        self._margins, self._moved = Margins.checked(margin, margins or {}), 0.0
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
-        scene = Scene() if scene is None else scene
-        require_type("scene", scene, Scene)
-        self._assemble(scene, tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
-        warn_of_units(arm, self.bodies, self.scene)
+        self._assemble()
+        warn_of_units(spec, self.bodies)
         self._refuse_overlapping_robots()
 
     def __repr__(self) -> str:
@@ -283,51 +299,34 @@ class CollisionChecker(CheckedBodies):
         self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
     ) -> CollisionChecker:
         """Return a checker of the same bodies and pairs with other margins (m)."""
-        common = self.margin if margin is None else checked_margin("margin", margin)
-        if margins is None:
-            replaced = self._margins._replace(common=common)
-            return self._changed(lambda other: other._set_margins(replaced), ("margin", common))
-        stated = Margins.checked(common, margins)
-        return self._changed(lambda other: other._set_margins(stated))
+        spec = self.spec.with_margin(margin, margins)
+        return self._derived(spec, ("margin", spec.margin) if margins is None else None)
 
     def padded(self, by: float) -> CollisionChecker:
         """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
-        by = checked_margin("by", by)
-        return self._changed(lambda other: other._set_margins(self._margins.padded(by)), ("padded", by))
+        return self._derived(self.spec.padded(by), ("padded", by))
 
-    def moved_obstacles(self, by: float) -> CollisionChecker:
+    def with_obstacle_tolerance(self, by: float) -> CollisionChecker:
         """Return a checker that allows obstacles to be displaced by up to ``by`` metres, by larger margins."""
-        other = copy(self)
-        other._moved = self._moved + checked_margin("by", by)
-        other._set_margins(self._margins)
-        return other
+        return self._derived(self.spec.with_obstacle_tolerance(by))
 
     def with_scene(self, scene: Scene) -> CollisionChecker:
         """Return a checker of the same arm and attached objects in another scene.
 
         Margins of single pairs are dropped if their obstacle is removed.
         """
-        require_type("scene", scene, Scene)
-        return self._derived(scene, self.attached, self._allowed)
+        return self._derived(self.spec.with_scene(scene))
 
     def with_attached(self, *objects: Obstacle) -> CollisionChecker:
         """Return a checker with more objects that move with the tcp; an object replaces an attached one of its name.
 
         When an object is grasped, also remove its obstacle from the scene.
         """
-        new = {thing.name for thing in objects}
-        kept = (thing for thing in self.attached if thing.name not in new)
-        return self._derived(self.scene, (*kept, *objects), self._allowed)
+        return self._derived(self.spec.with_attached(*objects))
 
     def with_held(self, held: Mapping[str, float]) -> CollisionChecker:
         """Return a checker with other values (rad or m) of joints outside the arm, such as the robot's fingers."""
-        group = self.group.with_held(held)
-        if group is self.group:
-            return self
-        other = copy(self)
-        other._group = group
-        other._assemble(self.scene, self.attached, self._allowed)
-        return other
+        return self._derived(self.spec.with_held(held))
 
     def on_group(
         self,
@@ -340,13 +339,8 @@ class CollisionChecker(CheckedBodies):
 
         For groups of the same robot, or of the robot with movers (:func:`pinproof.collision.with_movers`).
         """
-        other = copy(self)
-        other._group = group
-        # Joints that move in addition may need finer bodies of their links.
-        more = overlap_levels(self._link_bodies.of({}), group, self._rules)
-        other._levels = {**more, **self._levels}
-        other._assemble(scene, tuple(attached), (*self._allowed, *allowed))
-        return other
+        allowed = (*self.spec.allowed, *allowed)
+        return self._derived(replace(self.spec, arm=group, scene=scene, attached=tuple(attached), allowed=allowed))
 
     def allowing(self, *pairs: Sequence[str]) -> CollisionChecker:
         """Return a checker that allows more pairs of names to touch: a gripper and its object, a part and its support.
@@ -354,13 +348,7 @@ class CollisionChecker(CheckedBodies):
         Certificates list these pairs as excluded, so allow a contact only for the stage that needs it. For a part that
         is lifted off its support, ``certify(..., parting=)`` is stricter: it proves that the two separate.
         """
-        more = tuple((str(a), str(b)) for a, b in pairs)
-        made = leave_out(self._assembly, more)
-        if made is None:
-            return self._derived(self.scene, self.attached, (*self._allowed, *more))
-        other = copy(self)
-        other._take(made, self.scene, self.attached, (*self._allowed, *more))
-        return other
+        return self._derived(self.spec.allowing(*pairs))
 
     def without_pairs(self, pairs: Iterable[int]) -> CollisionChecker:
         """Return a checker without the pairs of bodies that have these indices in :attr:`pairs`.
@@ -369,22 +357,17 @@ class CollisionChecker(CheckedBodies):
         are derived from this one by a new scene, attached object or allowed contact check them again.
         """
         dropped = frozenset(pairs)
-
-        def drop(other: CollisionChecker) -> None:
+        if dropped not in self._kept:
             kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
-            other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
-
-        return self._changed(drop, dropped)
+            self._keep(dropped, self._with_assembly(keep_pairs(self._assembly, kept)))
+        return self._kept[dropped]
 
     def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
         """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
 
         The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
         """
-        other = copy(self)
-        made = add_obstacle_bodies(self.group, self._assembly, bodies, list(pairs))
-        other._take(made, self.scene, self.attached, self._allowed)
-        return other
+        return self._with_assembly(add_obstacle_bodies(self.group, self._assembly, bodies, list(pairs)))
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
         """Return a checker with finer geometry for pairs whose bodies touch at q (n,) although their meshes do not.
@@ -396,19 +379,19 @@ class CollisionChecker(CheckedBodies):
         at = self.group.configuration(q)
 
         def touching(levels: Levels) -> set[frozenset[str]]:
-            judge = self if levels == self._levels else self._on(levels)
+            judge = self if levels == self._levels else self._finer(levels)
             owners = (frozenset(judge._owners(k)) for k in judge._in_contact(at))
             return {pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))}
 
         levels = finer_levels(touching, self._levels)
-        return self if levels == self._levels else self._on(levels)
+        return self if levels == self._levels else self._finer(levels)
 
     def exact_at(self, q: npt.ArrayLike) -> CollisionChecker:
         """Return a checker in which links that touch at q (n,) are represented by their exact meshes."""
         owners = (frozenset(self._owners(k)) for k in self._in_contact(self.group.configuration(q)))
         pairs = [pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))]
         levels = {pair: max(EXACT, self._levels.get(pair, 0)) for pair in pairs}
-        return self._on({**self._levels, **levels}) if pairs else self
+        return self._finer({**self._levels, **levels}) if pairs else self
 
     def exact(self) -> CollisionChecker:
         """Return a checker of the same pairs in which all meshes are their triangles, for checks at configurations.
@@ -417,61 +400,82 @@ class CollisionChecker(CheckedBodies):
         by convex pieces, or replaced by their hull because they are not watertight, are their triangles too; those with
         ``Mesh(hull=True)`` remain hulls.
         """
+        spec = replace(
+            self.spec,
+            link_meshes="surface",
+            scene=replace(self.scene, obstacles=tuple(map(with_triangles, self.scene.obstacles))),
+            attached=tuple(map(with_triangles, self.attached)),
+        )
+        return self._derived(spec, "exact")
 
-        def refine(other: CollisionChecker) -> None:
-            urdf = self.group.robot.urdf
-            other._link_bodies, other._levels = LinkBodies(urdf.collisions, meshes_of(urdf.links, "surface")), {}
-            scene = replace(self.scene, obstacles=tuple(map(with_triangles, self.scene.obstacles)))
-            other._assemble(scene, tuple(map(with_triangles, self.attached)), self._allowed)
+    def _finer(self, levels: Levels) -> CollisionChecker:
+        """Return the checker in which pairs of owners have at least these levels of detail."""
+        return self._derived(replace(self.spec, finer=levels), ("levels", frozenset(levels.items())))
 
-        return self._changed(refine, "exact")
+    def _derived(self, spec: CheckerSpec, key: Hashable = None) -> CollisionChecker:
+        """Return the checker of a specification that was derived from this one's; with a key, it is kept.
 
-    def _on(self, levels: Levels) -> CollisionChecker:
-        """Return the checker with other levels of detail."""
-
-        def refine(other: CollisionChecker) -> None:
-            other._levels = levels
-            other._assemble(self.scene, self.attached, self._allowed)
-
-        return self._changed(refine, ("levels", frozenset(levels.items())))
-
-    def _changed(self, change: Callable[[CollisionChecker], None], key: Hashable = None) -> CollisionChecker:
-        """Return a copy to which ``change`` was applied; with a key, it is made at its first use and kept."""
-        other = self._kept.get(key)
-        if other is None:
-            other = copy(self)
-            change(other)
-            if key is not None:
-                kept = list(self._kept.items())[1 - CHECKERS_KEPT :]  # replaced as a whole: threads share this checker
-                self._kept = {**dict(kept), key: other}
+        The two share what the change leaves as it is: the bodies of links and obstacles, and the pairs.
+        """
+        if spec is self.spec:
+            return self
+        if key is not None and key in self._kept:
+            return self._kept[key]
+        before, other = self.spec, copy(self)
+        other._spec = spec
+        if spec.link_meshes is not before.link_meshes:
+            urdf = spec.arm.robot.urdf
+            other._link_bodies, other._levels = LinkBodies(urdf.collisions, meshes_of(urdf.links, spec.link_meshes)), {}
+        elif spec.arm.joint_names != before.arm.joint_names:
+            # Joints that move in addition may need finer bodies of their links.
+            other._levels = {**overlap_levels(self._link_bodies.of({}), spec.arm, self._rules), **self._levels}
+        elif spec.finer is not before.finer:
+            other._levels = {**self._levels, **spec.finer}
+        bodies = ("arm", "scene", "attached", "link_meshes", "finer")
+        if any(getattr(spec, name) is not getattr(before, name) for name in bodies):
+            other._assemble()
+        elif spec.allowed is before.allowed:
+            other._set_margins()
+        elif made := leave_out(self._assembly, spec.allowed[len(before.allowed) :]):
+            other._take(made)
+        else:
+            other._assemble()
+        if key is not None:
+            self._keep(key, other)
         return other
 
-    def _derived(
-        self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
-    ) -> CollisionChecker:
+    def _keep(self, key: Hashable, other: CollisionChecker) -> None:
+        """Keep a derived checker for later requests."""
+        latest = list(self._kept.items())[1 - CHECKERS_KEPT :]
+        self._kept = {**dict(latest), key: other}  # replaced as a whole, because threads share this checker
+
+    def _with_assembly(self, made: Assembly) -> CollisionChecker:
+        """Return a copy with other bodies or pairs, which the specification does not contain."""
         other = copy(self)
-        gone = {*self.scene.names, *(o.name for o in self.attached)} - {*scene.names, *(o.name for o in attached)}
-        allowed = tuple(pair for pair in allowed if not gone & set(pair))
-        other._margins = self._margins.without(gone)
-        other._assemble(scene, attached, allowed)
+        other._take(made)
         return other
 
     # -- properties ------------------------------------------------------------------------------------------
 
     @property
+    def spec(self) -> CheckerSpec:
+        """The specification from which the checker was built, and its hash."""
+        return self._spec
+
+    @property
     def scene(self) -> Scene:
         """The scene that is checked; :meth:`with_scene` makes a checker of another one."""
-        return self._scene
+        return self._spec.scene
 
     @property
     def attached(self) -> tuple[Obstacle, ...]:
         """The objects that move with the tcp; :meth:`with_attached` makes a checker with more of them."""
-        return self._attached
+        return self._spec.attached
 
     @property
     def margin(self) -> float:
         """The common margin (m); :meth:`with_margin` makes a checker with another one."""
-        return self._margins.common
+        return self._spec.margin
 
     @property
     def obstacles_and_links(self) -> tuple[str, ...]:
@@ -569,18 +573,12 @@ class CollisionChecker(CheckedBodies):
 
     # -- assembly -----------------------------------------------------------------------------------------------
 
-    def _assemble(self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]) -> None:
-        """Assemble bodies and pairs from links, scene, attached objects, allowed contacts and margins."""
-        made = assemble(
-            self.group, self._link_bodies.of(self._levels), scene, attached, self._rules,
-            levels=self._levels, allowed=allowed, known=self._known,
-        )  # fmt: skip
-        self._take(made, scene, attached, allowed)
+    def _assemble(self) -> None:
+        """Assemble bodies and pairs of the specification."""
+        links = self._link_bodies.of(self._levels)
+        self._take(assemble(self._spec, links, self._rules, self._levels, self._known))
 
-    def _take(
-        self, made: Assembly, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
-    ) -> None:
-        self._scene, self._attached, self._allowed = scene, attached, allowed
+    def _take(self, made: Assembly) -> None:
         still, convex = made.world.still, made.world.convex
         for array in (still, convex):
             array.setflags(write=False)
@@ -597,22 +595,21 @@ class CollisionChecker(CheckedBodies):
         self._geometry = made.geometry
         self._known, self._geometry_model = made.known, None
         self._exact = tuple(body for body in made.bodies if body.is_exact)
-        self._set_margins(self._margins)
+        self._set_margins()
 
     @property
     def _assembly(self) -> Assembly:
         pairs = Pairs(list(self.pairs), list(self.excluded), list(self.finer))
         return Assembly(self.bodies, pairs, self.rounding, self._geometry, self.world, self._known)
 
-    def _set_margins(self, margins: Margins) -> None:
-        """Set the margins of all pairs, increased where obstacles may be displaced."""
-        self._margins = margins
+    def _set_margins(self) -> None:
+        """Set the margins of all pairs."""
         owners = map(self._owners, range(len(self.pairs)))
-        each = margins.of(owners, len(self.pairs), self.obstacles_and_links if margins.single else ())
-        if self._moved:
-            each += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
-        each.setflags(write=False)
-        self.__dict__.update(margins=each, world=self.world.with_margins(each))
+        margins = self._spec.margins_of(owners, len(self.pairs), self.obstacles_and_links)
+        if self._spec.obstacle_tolerance:
+            margins += self._spec.obstacle_tolerance * np.array([self.bodies[j].link is None for _, j in self.pairs])
+        margins.setflags(write=False)
+        self.__dict__.update(margins=margins, world=self.world.with_margins(margins))
         self._forget()
 
     def _forget(self) -> None:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Mover, Upright, certify
-from pinproof.collision.certificates.identity import curve_hash, setup_hash
+from pinproof.collision.certificates.identity import curve_hash
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import Trajectory
 from pinproof.picks.input.conveyor import Conveyor
@@ -162,7 +162,7 @@ class _Timeline:
         volumes of closing fingers; it is marked as that of the motion of the arm among the movers.
         """
         held, movers = around.arm.held, self.movers(around.scene.names)
-        setup = setup_hash(around.arm, around.scene, around.attached, movers)
+        setup = around.spec.setup_hash(movers)
         among = f"proven among the moving {', '.join(each.name for each in movers)}"
         certificate = replace(
             certificate, curve=curve_hash(motion), setup=setup, notes=(*certificate.notes, *([among] if movers else []))

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, OccupancyGrid, Scene
-from pinproof.collision.certificates.identity import files_examined_once
 from pinproof.collision.checking.checker import overlap_hint
+from pinproof.collision.checking.spec import files_examined_once
 from pinproof.common.content_hash import digest
 from pinproof.common.display import outline
 from pinproof.common.validation import Rng, require_positive, seed_sequence

@@ -19,7 +19,7 @@ import numpy as np
 
 from pinproof.collision import Obstacle, Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
-from pinproof.collision.certificates.identity import setup_hash
+from pinproof.collision.checking.spec import CheckerSpec
 from pinproof.common import theme
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, MeshError, ViewerError
@@ -138,7 +138,7 @@ def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
 
 def _without(scene: Scene, names: set[str], arm: Arm) -> str:
     """The hash of the arm and the scene without the named obstacles."""
-    return setup_hash(arm, scene.remove(*names.intersection(scene.names)))
+    return CheckerSpec(arm, scene.remove(*names.intersection(scene.names))).setup_hash()
 
 
 FRAMED = 1.3

@@ -1,0 +1,251 @@
+"""What a collision checker checks, as a value: the arm, its surroundings, margins and geometry, and their hash.
+
+Mesh files are hashed by their present content, which is examined again for each hash; a search that needs many hashes
+examines each file once in the context of :func:`files_examined_once`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from copy import copy
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from pinproof.collision.checking.links import LinkMeshes
+from pinproof.collision.geometry.bodies import FileStamp
+from pinproof.collision.geometry.shapes import Mesh, Obstacle
+from pinproof.collision.scenes.scene import Scene
+from pinproof.common.validation import require_type
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import JointGroup
+from pinproof.spatial import Array, matrix
+
+Pair = frozenset[str]
+"""Two owners of bodies: links, attached objects, obstacles."""
+
+Levels = Mapping[Pair, int]
+"""The levels of detail of pairs of owners (:mod:`pinproof.collision.checking.links`), where not 0."""
+
+FILES_KEPT = 1024
+"""Number of cached hashes of mesh files; an entry is valid while time and size of the file are unchanged."""
+
+ARMS_KEPT = 8
+"""Number of cached hashes of arms: a task has one for each position of the fingers."""
+
+
+class HasIdentity(Protocol):
+    """An object that moves obstacles: a :class:`pinproof.Mover`."""
+
+    def identity(self) -> str:
+        """Return a text that differs for movers that move differently."""
+
+
+@dataclass(frozen=True, eq=False)
+class CheckerSpec:
+    """What a :class:`pinproof.CollisionChecker` checks, as a value; ``CollisionChecker.of(spec)`` builds the checker.
+
+    The parameters are those of the checker, which has methods of the same names; the checkers that these return share
+    with it what the change leaves as it is. ``obstacle_tolerance`` (m) increases the margins of pairs with an obstacle,
+    which may then be displaced by as much. ``finer`` adds levels of detail of pairs of owners to those that the checker
+    chooses. InputError if a margin is negative or not finite, or is for a pair that is not two names.
+    """
+
+    arm: JointGroup
+    scene: Scene = field(default_factory=Scene)
+    margin: float = 0.0
+    margins: Mapping[Any, float] = field(default_factory=dict)
+    link_meshes: LinkMeshes | Mapping[str, LinkMeshes] = "hull"
+    attached: tuple[Obstacle, ...] = ()
+    allowed: tuple[tuple[str, str], ...] = ()
+    trust_disabled: bool = False
+    housing: float | None = None
+    obstacle_tolerance: float = 0.0
+    finer: Levels = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        require_type("arm", self.arm, JointGroup)
+        require_type("scene", self.scene, Scene)
+        checked = {
+            "margin": checked_margin("margin", self.margin),
+            "margins": _checked_pairs(self.margins),
+            "attached": tuple(self.attached),
+            "allowed": tuple((str(a), str(b)) for a, b in self.allowed),
+            "housing": None if self.housing is None else checked_margin("housing", self.housing),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    def _with(self, **changes: object) -> CheckerSpec:
+        """Return a copy with other values, which are valid; all others are the same objects."""
+        other = copy(self)
+        other.__dict__.update(changes)
+        return other
+
+    def with_margin(
+        self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
+    ) -> CheckerSpec:
+        """Return the specification with other margins (m); None keeps the present ones."""
+        common = self.margin if margin is None else checked_margin("margin", margin)
+        return self._with(margin=common, margins=self.margins if margins is None else _checked_pairs(margins))
+
+    def padded(self, by: float) -> CheckerSpec:
+        """Return the specification with all margins increased by ``by`` metres, those of single pairs included."""
+        by = checked_margin("by", by)
+        return self._with(margin=self.margin + by, margins={pair: own + by for pair, own in self.margins.items()})
+
+    def with_obstacle_tolerance(self, by: float) -> CheckerSpec:
+        """Return the specification that allows obstacles to be displaced by ``by`` metres more."""
+        return self._with(obstacle_tolerance=self.obstacle_tolerance + checked_margin("by", by))
+
+    def with_scene(self, scene: Scene) -> CheckerSpec:
+        """Return the specification in another scene, without margins and allowed contacts of removed obstacles."""
+        require_type("scene", scene, Scene)
+        return self._surrounded(scene, self.attached)
+
+    def with_attached(self, *objects: Obstacle) -> CheckerSpec:
+        """Return the specification with more objects that move with the tcp; they replace those of their names."""
+        new = {thing.name for thing in objects}
+        return self._surrounded(self.scene, (*(thing for thing in self.attached if thing.name not in new), *objects))
+
+    def _surrounded(self, scene: Scene, attached: tuple[Obstacle, ...]) -> CheckerSpec:
+        before = {*self.scene.names, *(thing.name for thing in self.attached)}
+        gone = before.difference(scene.names, (thing.name for thing in attached))
+        return self._with(
+            scene=scene,
+            attached=attached,
+            allowed=tuple(pair for pair in self.allowed if not gone & set(pair)),
+            margins={pair: own for pair, own in self.margins.items() if not gone & pair},
+        )
+
+    def with_held(self, held: Mapping[str, float]) -> CheckerSpec:
+        """Return the specification with other values (rad or m) of joints outside the arm."""
+        arm = self.arm.with_held(held)
+        return self if arm is self.arm else self._with(arm=arm)
+
+    def allowing(self, *pairs: Sequence[str]) -> CheckerSpec:
+        """Return the specification that allows more pairs of names to touch."""
+        return self._with(allowed=(*self.allowed, *((str(a), str(b)) for a, b in pairs)))
+
+    def margins_of(self, owners: Iterable[tuple[str, str]], count: int, names: Sequence[str]) -> Array:
+        """Return (P,) the margins (m) of ``count`` pairs of owners, without the tolerance of obstacles.
+
+        UnknownNameError if a margin of a single pair is for a name that is not among ``names``.
+        """
+        unknown = {name for pair in self.margins for name in pair}.difference(names) if self.margins else ()
+        for name in sorted(unknown):
+            raise UnknownNameError("body", name, names, "margins")
+        if not self.margins:
+            return np.full(count, self.margin)
+        return np.array([self.margins.get(frozenset(pair), self.margin) for pair in owners], dtype=float)
+
+    def setup_hash(self, movers: Sequence[HasIdentity] = ()) -> str:
+        """Return a hash of the arm (kinematics, held joints, collision geometry), attached objects, scene, and movers.
+
+        The pairs that the SRDF and the scene allow or disable are included; margins and the representation of meshes
+        are not. Meshes are hashed by name and by the present content of their files.
+        """
+        robot = self.arm.robot
+        meshes = [None if geometry.mesh is None else geometry.mesh.path for geometry in robot.urdf.collisions]
+        digest = _hash_of(self.arm, tuple(map(content_hash, meshes))).copy()
+        digest.update(repr((self.scene.allowed, self.scene.disabled, robot.srdf.disabled)).encode())
+        for obstacle in (*self.attached, None, *self.scene.obstacles):
+            if obstacle is None:  # separates the attached objects from the scene
+                digest.update(b"scene")
+                continue
+            description = repr((obstacle.name, obstacle.shape, obstacle.arm)).encode()
+            digest.update(description + matrix(obstacle.pose).tobytes())
+            if isinstance(obstacle.shape, Mesh):
+                digest.update(content_hash(obstacle.shape.path).encode())
+        for mover in movers:
+            digest.update(mover.identity().encode())
+        return digest.hexdigest()
+
+
+def checked_margin(name: str, margin: float) -> float:
+    """Return a margin as a number; InputError if it is negative, not finite, or not a number."""
+    try:
+        value = float(margin)
+    except (TypeError, ValueError):
+        value = math.nan
+    if not math.isfinite(value) or value < 0:
+        raise InputError(f"{name} = {margin}; it must be a distance in metres, 0 or more")
+    return value
+
+
+def _checked_pairs(margins: Mapping[Any, float]) -> Mapping[Pair, float]:
+    """Return margins of single pairs; a key is two names in either order."""
+    pairs = {}
+    for pair, margin in margins.items():
+        names = frozenset(pair) if isinstance(pair, (tuple, frozenset)) else frozenset()
+        if len(names) != 2 or len(pair) != 2:
+            raise InputError(f"margins has the key {pair!r}; it must be two names")
+        pairs[names] = checked_margin(f"margins[{pair!r}]", margin)
+    return pairs
+
+
+# Hashes of files and arms.
+
+
+class Examined(NamedTuple):
+    """What was examined in the context of :func:`files_examined_once`: files, and checkers with the hash and notes."""
+
+    stamps: dict[str, FileStamp | None]
+    setups: dict[object, tuple[str, tuple[str, ...]]]
+
+
+EXAMINED: ContextVar[Examined | None] = ContextVar("examined", default=None)
+
+
+@contextmanager
+def files_examined_once() -> Iterator[None]:
+    """In this context, each mesh file is examined at most once, for a search that makes many certificates.
+
+    A certificate states the files at the moment of their first examination in the context; of the outer one, if it is
+    nested.
+    """
+    token = EXAMINED.set(EXAMINED.get() or Examined({}, {}))
+    try:
+        yield
+    finally:
+        EXAMINED.reset(token)
+
+
+def present_stamp(path: str | Path) -> FileStamp | None:
+    """Return the present stamp of a file; None if there is no file."""
+    examined = EXAMINED.get()
+    if examined is None:
+        return FileStamp.of(path)
+    path = os.fspath(path)
+    if path not in examined.stamps:
+        examined.stamps[path] = FileStamp.of(path)
+    return examined.stamps[path]
+
+
+def content_hash(path: str | Path | None) -> str:
+    """Return a hash of the present content of a file; empty if there is no file."""
+    stamp = None if path is None else present_stamp(path)
+    return "" if stamp is None else _hash_of_file(stamp)
+
+
+@lru_cache(maxsize=FILES_KEPT)
+def _hash_of_file(stamp: FileStamp) -> str:
+    return hashlib.sha256(Path(stamp.path).read_bytes()).hexdigest()
+
+
+@lru_cache(maxsize=ARMS_KEPT)
+def _hash_of(arm: JointGroup, meshes: tuple[str, ...]) -> Any:
+    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, dict(arm.ends), arm.joint_names, dict(arm.held))).encode())
+    for geometry, content in zip(arm.robot.urdf.collisions, meshes, strict=True):
+        mesh = None if geometry.mesh is None else geometry.mesh.uri
+        digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh, content)).encode())
+        digest.update(np.ascontiguousarray(geometry.origin).tobytes())
+    return digest

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import tracemalloc
 from pathlib import Path
 
@@ -13,7 +15,22 @@ from pinproof.description.mesh_formats import reading
 from pinproof.description.meshes import READERS, TriangleMesh, read_mesh
 from pinproof.viewer.surfaces import obstacle_surfaces
 
-from .mesh_files import BOTH, BOXES, CASES, EITHER, REFUSED, area, dae, gltf, with_data_uri, write_polygons
+from .mesh_files import (
+    BOTH,
+    BOXES,
+    CASES,
+    EITHER,
+    REFUSED,
+    area,
+    dae,
+    glb,
+    gltf,
+    ply,
+    stl_binary,
+    stl_text,
+    with_data_uri,
+    write_polygons,
+)
 
 
 def boxes_of(mesh: TriangleMesh) -> list[int]:
@@ -60,6 +77,55 @@ def test_what_is_drawn_is_what_is_read(tmp_path, suffix, files):
     surfaces = obstacle_surfaces(pp.Obstacle("boxes", pp.Mesh(tmp_path / f"mesh.{suffix}", hull=False)))
     corners = np.concatenate([surface.vertices[surface.triangles] for surface in surfaces])
     assert boxes_of(TriangleMesh(corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3))) == [0, 1]
+
+
+def read_or_refused(path: Path, content: bytes) -> object:
+    path.write_bytes(content)
+    try:
+        return boxes_of(read_mesh(path))
+    except pp.errors.MeshError:
+        return REFUSED
+
+
+COUNTED = {
+    "stl": [stl_binary(), stl_text().encode()],
+    "ply": [ply(kind) for kind in ("ascii", "binary_little_endian", "binary_big_endian")],
+    "dae": [dae().encode(), dae("polylist").encode()],
+    "glb": [glb(*gltf())],
+    "gltf": [with_data_uri(*gltf())],
+}
+"""Files of the formats that state how much they hold."""
+
+counted = pytest.mark.parametrize(
+    ("suffix", "content"), [(suffix, content) for suffix, files in COUNTED.items() for content in files]
+)
+
+
+@counted
+def test_a_file_cut_off_anywhere_is_refused(tmp_path, suffix, content):
+    path = tmp_path / f"mesh.{suffix}"
+    assert read_or_refused(path, content) == [0, 1]
+    whole = len(content) - len(b"\n") if content.endswith(b"\n") else len(content)
+    if content.startswith(b"solid box"):
+        whole -= len(b" box 1")  # a name that nobody needs
+    for end in [*range(0, whole, 17), *range(whole - 40, whole)]:
+        assert read_or_refused(path, content[:end]) == REFUSED, end
+
+
+@counted
+def test_a_number_or_bytes_lost_or_added_anywhere_are_refused(tmp_path, suffix, content):
+    path = tmp_path / f"mesh.{suffix}"
+    if suffix in ("glb", "gltf") or b"\0" in content:
+        for start in range(0, len(content), 29):
+            for changed in (content[:start] + content[start + 3 :], content[:start] + b"\7" + content[start:]):
+                assert read_or_refused(path, changed) in (REFUSED, [0, 1]), start
+        return
+    spans = [match.span() for match in re.finditer(rb"(?<=[\s>])-?[0-9][-+.e0-9]*(?=[\s<])", content)]
+    start = content.rindex(b"end_header") if suffix == "ply" else 0
+    for first, last in [span for span in spans if span[0] > start][::5]:
+        for changed in (b"", content[first:last] + b" " + content[first:last], b"x"):
+            text = content[:first] + changed + content[last:]
+            assert read_or_refused(path, text) in (REFUSED, [0, 1]), content[first - 20 : last + 20]
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae", "glb"])
@@ -191,3 +257,16 @@ def test_vertices_without_triangles_do_not_belong_to_the_mesh(tmp_path):
     mesh = read_mesh(path)
     assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     assert mesh.vertices[mesh.triangles[0]].tolist() == [[0, 0, 0], [0, 1, 0], [1, 0, 0]]
+
+
+def test_a_changed_buffer_beside_a_gltf_file_is_read_again(tmp_path):
+    document, blob = gltf()
+    document["buffers"][0]["uri"] = "data.bin"
+    for accessor in document["accessors"]:
+        accessor.pop("min", None), accessor.pop("max", None)
+    (tmp_path / "mesh.gltf").write_bytes(json.dumps(document).encode())
+    (tmp_path / "data.bin").write_bytes(blob)
+    assert boxes_of(read_mesh(tmp_path / "mesh.gltf")) == [0, 1]
+    points = np.frombuffer(blob, dtype="<f4", count=24) * np.float32(2)
+    (tmp_path / "data.bin").write_bytes(points.tobytes() + blob[96:])
+    assert read_mesh(tmp_path / "mesh.gltf").vertices.max() == pytest.approx(2 * BOXES[0].max())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.files import refuse_unreadable, unknown_suffix
+from pinproof.description.mesh_formats.ply import positions, read_elements
 from pinproof.errors import FileError, InputError
 
 LARGEST_FILE = 2**30
@@ -93,13 +93,7 @@ def _read_exr(path: Path) -> Numbers:
 
 
 def _read_ply(path: Path) -> Numbers:
-    import trimesh
-
-    loaded: Any = trimesh.load(path, file_type="ply", process=False)
-    points, stated = np.asarray(loaded.vertices), re.search(rb"^element vertex (\d+)", path.read_bytes(), re.MULTILINE)
-    if stated is not None and len(points) != int(stated[1]):
-        raise ValueError(f"it holds {len(points)} points, but its header states {int(stated[1])}")
-    return points
+    return positions(read_elements(path.read_bytes()).get("vertex", {}))
 
 
 def _read_pcd(path: Path) -> Numbers:

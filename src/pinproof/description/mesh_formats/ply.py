@@ -57,33 +57,41 @@ Columns = Mapping[str, tuple[npt.NDArray[np.generic], npt.NDArray[np.int64]]]
 
 def read_ply(data: bytes, path: Path) -> Reading:
     """Read a PLY file; polygons become triangles."""
-    elements = read_elements(data, path)
-    vertex, face = elements.get("vertex", {}), elements.get("face", {})
-    lists = [name for name in CORNERS if name in face]
-    if not {"x", "y", "z"} <= set(vertex) or len(lists) != 1:
-        raise refused(path, f"it needs vertices with x, y and z, and faces with one list {' or '.join(CORNERS)}")
-    points = np.stack([vertex[axis][0] for axis in "xyz"], axis=1).astype(float)
-    corners, counts = face[lists[0]]
-    if len(counts) and counts.min() < 3:
-        raise refused(path, f"it has {counts.min()} corners; a face has at least three", f"face {counts.argmin() + 1}")
-    refuse_many(path, int((counts - 2).sum()))
-    indices = corners.astype(np.int64)
-    if (indices != corners).any() or (len(indices) and not 0 <= indices.min() <= indices.max() < len(points)):
-        raise refused(path, f"its faces have vertex indices outside the {len(points)} vertices")
     try:
+        elements = read_elements(data)
+        vertex, face = elements.get("vertex", {}), elements.get("face", {})
+        for name, columns in elements.items():
+            if name not in ("vertex", "face", *NO_SURFACE) and any(len(counts) for _, counts in columns.values()):
+                known = ", ".join(("vertex", "face", *NO_SURFACE))
+                raise ValueError(f"the elements {name!r} are not supported; supported: {known}")
+        lists = [name for name in CORNERS if name in face]
+        if len(lists) != 1:
+            raise ValueError(f"it needs faces with one list {' or '.join(CORNERS)}")
+        points, (corners, counts) = positions(vertex), face[lists[0]]
+        if len(counts) and counts.min() < 3:
+            raise ValueError(f"face {counts.argmin() + 1} has {counts.min()} corners; a face has at least three")
+        refuse_many(path, int((counts - 2).sum()))
+        indices = corners.astype(np.int64)
+        if (indices != corners).any() or (len(indices) and not 0 <= indices.min() <= indices.max() < len(points)):
+            raise ValueError(f"its faces have vertex indices outside the {len(points)} vertices")
         return Reading(points, triangulate(points, indices, counts))
     except ValueError as error:
         raise refused(path, str(error)) from error
 
 
-def read_elements(data: bytes, path: Path) -> dict[str, Columns]:
-    """The elements of a PLY file, exactly as many as its header states."""
-    elements, order, body = _read_header(data, path)
+def positions(vertex: Columns) -> npt.NDArray[np.float64]:
+    """The points (N, 3) of the element ``vertex``."""
+    if not {"x", "y", "z"} <= set(vertex):
+        raise ValueError("it needs vertices with x, y and z")
+    return np.stack([vertex[axis][0] for axis in "xyz"], axis=1).astype(float)
+
+
+def read_elements(data: bytes) -> dict[str, Columns]:
+    """The elements of a PLY file, exactly as many as its header states; ValueError if that is not possible."""
+    elements, order, content = _read_header(data)
+    body: bytes | memoryview = content
     if order == "=":  # text: as if every number were a double
-        try:
-            body = numbers(body, np.float64).tobytes()
-        except ValueError as error:
-            raise refused(path, f"after the header: {error}") from error
+        body = numbers(content, np.float64).view(np.uint8).data
         for element in elements:
             element.properties = [(name, "d", length and "d") for name, _, length in element.properties]
     read: dict[str, Columns] = {}
@@ -92,13 +100,14 @@ def read_elements(data: bytes, path: Path) -> dict[str, Columns]:
         try:
             read[element.name], position = _read_columns(element, body, position, order)
         except (struct.error, ValueError) as error:
-            raise refused(path, f"the file ends within its {element.count:,} elements {element.name!r}") from error
+            what = f"its header states {element.count:,} elements {element.name!r}, but the file ends within them"
+            raise ValueError(what) from error
     if position != len(body):
-        raise refused(path, "the file holds more than its header states, or lists of other lengths")
+        raise ValueError("the file holds more than its header states, or lists of other lengths")
     return read
 
 
-def _read_header(data: bytes, path: Path) -> tuple[list[Element], str, bytes]:
+def _read_header(data: bytes) -> tuple[list[Element], str, bytes]:
     """The elements, the byte order, and the content after the header."""
     elements: list[Element] = []
     order, position, number = "", 0, 0
@@ -114,13 +123,8 @@ def _read_header(data: bytes, path: Path) -> tuple[list[Element], str, bytes]:
             case ["comment" | "obj_info", *_] if number > 1:
                 pass
             case ["element", name, count] if order and count.isdecimal() and len(count) < 12:
-                if name not in ("vertex", "face", *NO_SURFACE) and int(count):
-                    known = ", ".join(("vertex", "face", *NO_SURFACE))
-                    raise refused(
-                        path, f"the elements {name!r} are not supported; supported: {known}", f"line {number}"
-                    )
                 if name in {element.name for element in elements}:
-                    raise refused(path, f"a second element {name!r}", f"line {number}")
+                    raise ValueError(f"line {number}: a second element {name!r}")
                 elements.append(Element(name, int(count)))
             case ["property", code, name] if elements and code in CODES:
                 elements[-1].properties.append((name, CODES[code], ""))
@@ -132,17 +136,17 @@ def _read_header(data: bytes, path: Path) -> tuple[list[Element], str, bytes]:
                 what = (
                     f"{line[:80]!r} is not a valid line of a PLY header here" if end >= 0 else "the header has no end"
                 )
-                raise refused(path, what, f"line {number}")
+                raise ValueError(f"line {number}: {what}")
         if end < 0:
-            raise refused(path, "the file is truncated: its header has no end_header")
+            raise ValueError("the file is truncated: its header has no end_header")
     for element in elements:
         names = [name for name, _, _ in element.properties]
         if len(names) != len(set(names)) or (element.count and not names):
-            raise refused(path, f"the properties of the element {element.name!r} are missing or repeated")
+            raise ValueError(f"the properties of the element {element.name!r} are missing or repeated")
     return elements, order, data[position:]
 
 
-def _read_columns(element: Element, body: bytes, start: int, order: str) -> tuple[Columns, int]:
+def _read_columns(element: Element, body: bytes | memoryview, start: int, order: str) -> tuple[Columns, int]:
     """The columns of an element and the position after it; ``struct.error`` or ValueError if the content is too short.
 
     Usually all rows have lists of the same lengths as the first row. Then the element is a table.
@@ -178,7 +182,7 @@ def _read_columns(element: Element, body: bytes, start: int, order: str) -> tupl
     return {n: (np.array(values[n], dtype=float), np.array(counts[n], dtype=np.int64)) for n in values}, position
 
 
-def _list_size(body: bytes, position: int, code: str) -> tuple[int, int]:
+def _list_size(body: bytes | memoryview, position: int, code: str) -> tuple[int, int]:
     """The length of the list that begins at a position, and the position of its first value."""
     (size,) = struct.unpack_from(code, body, position)
     if size != int(size) or not 0 <= size <= len(body):

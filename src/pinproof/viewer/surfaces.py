@@ -475,7 +475,7 @@ def _stored(kind: str, key: str, make: Callable[[], list[Surface]]) -> list[Surf
         kind,
         key,
         arrays,
-        code=[__file__, meshes.__file__, triangles_module.__file__],
+        code=[__file__, *meshes.MESH_CODE, triangles_module.__file__],
         libraries=["trimesh", "pycollada", "pillow"],
     )
     surfaces = []

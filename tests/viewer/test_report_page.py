@@ -222,6 +222,30 @@ def test_content_stays_within_a_narrow_window(
     opened.close()
 
 
+def test_the_chosen_row_is_brought_into_view_in_the_table_but_the_page_is_never_scrolled(
+    browser: Browser, pages: Callable[[str], Path], report: PickReport
+) -> None:
+    path = pages("scrolled")
+    report.save(path, arm=ARM, scene=SCENE, picks=SHARED)
+    wide, narrow = browser.open(path.as_uri(), 1200, 560), browser.open(path.as_uri(), 390, 800)
+    for chosen in (4, 0):
+        wide.evaluate(f"pinproof.choose({chosen})")
+        row, table = (
+            wide.evaluate(
+                f"(({{top, bottom}}) => [top, bottom])(document.querySelector('{part}').getBoundingClientRect())"
+            )
+            for part in ("#rows tr[aria-selected=true]", "#scroller")
+        )
+        assert table[0] <= row[0] + 1
+        assert row[1] <= table[1] + 1
+    assert wide.evaluate("document.querySelector('#scroller').scrollHeight") > table[1] - table[0]
+    narrow.evaluate("pinproof.choose(4)")
+    assert narrow.evaluate("window.scrollY") == 0
+    assert narrow.evaluate("document.querySelector('#rows').getBoundingClientRect().bottom") > 800
+    wide.close()
+    narrow.close()
+
+
 def test_an_empty_report_is_a_page_too(browser: Browser, pages: Callable[[str], Path]) -> None:
     path = pages("empty")
     make_report().save(path, arm=ARM, scene=SCENE, picks=SHARED)

@@ -90,3 +90,9 @@ def test_page_shows_two_arms_on_the_common_clock(browser: Browser, pages: Callab
     assert page.canvas().std() > 10
     assert page.complaints == []
     page.close()
+    narrow = browser.open(path.as_uri(), 390, 500)
+    narrow.evaluate(f"pinproof.seek({part.gripped - 0.1})")
+    narrow.wait_for("document.querySelectorAll('#rows tr[aria-selected=true]').length === 2")
+    assert narrow.evaluate("window.scrollY") == 0
+    assert narrow.evaluate("document.querySelector('#rows').getBoundingClientRect().top") > 500  # below the window
+    narrow.close()

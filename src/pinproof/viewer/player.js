@@ -55,6 +55,13 @@ function offer(seconds, start = null, varied = null) {
   else if (!calm) animator.play();
 }
 
+// Scroll a list to a row. scrollIntoView would also scroll the page, on a narrow screen away from the picture.
+function reveal(row, list) {
+  const inner = row.getBoundingClientRect(), outer = list.getBoundingClientRect();
+  const head = list.querySelector("thead")?.offsetHeight ?? 0;  // it covers the first row
+  list.scrollTop += Math.min(inner.top - outer.top - head, 0) || Math.max(inner.bottom - outer.bottom, 0);
+}
+
 function toggle() {
   if (animator.playing) animator.pause();
   else animator.play();

@@ -109,7 +109,7 @@ function follow() {
     selected.forEach((index) => list.children[index].removeAttribute("aria-selected"));
     selected = active;
     active.forEach((index) => list.children[index].setAttribute("aria-selected", "true"));
-    list.children[active[0]].scrollIntoView({ block: "nearest" });
+    reveal(list.children[active[0]], byId("scroller"));
   }
   const now = bars.filter(([, start, seconds]) => t >= start && t < start + seconds);
   now.sort((a, b) => lanes.indexOf(laneOf(a)) - lanes.indexOf(laneOf(b)));

@@ -107,7 +107,7 @@ function choose(k, { scroll = true } = {}) {
   const entry = entries[k], motion = motions[k];
   rows[k].setAttribute("aria-selected", "true");
   giveTabStop();
-  if (scroll && rows[k].isConnected) rows[k].scrollIntoView({ block: "nearest" });
+  if (scroll && rows[k].isConnected) reveal(rows[k], byId("scroller"));
   byId("chosen").value = String(k);
   caption(entry);
   pose(motion);

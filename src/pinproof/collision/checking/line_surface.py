@@ -160,14 +160,17 @@ def travel_to_touch(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3
 def point_distance(surface: LineSurface, point: Array) -> float:
     """Return the distance (m) of a point (3,) in the frame of a body from its surface, from outside or from inside.
 
-    From inside it is the smallest along 26 directions, among them the axes of the body: exact for boxes and cylinders,
-    otherwise an upper bound. (Coal's depth of a point in a cylinder is always that to its side.)
+    From inside it is the smallest along 26 directions, among them the axes of the body, and those from its middle and
+    from its z axis: exact for boxes, spheres and cylinders, otherwise an upper bound. (Coal's depth of a point in a
+    cylinder is always that to its side.)
     """
     ball = LineSurface.of_obstacle(Obstacle("point", Sphere(radius=POINT_RADIUS)))
     apart = body_distance(ball, SE3(np.eye(3), point), surface, SE3.Identity()) + POINT_RADIUS
     if apart > POINT_RADIUS:
         return apart
-    many = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, 27).T
+    many = np.array([*np.ndindex(3, 3, 3)]) - 1.0
+    across = point * [1.0, 1.0, 0.0]
+    many = np.concatenate([many, [point, -point, across, -across]])
     directions = _unit(many[many.any(axis=1)])
     if surface.triangles is not None:
         return min(float(surface.enter(point[None], each, 0.0).depth[0]) for each in directions)
@@ -287,7 +290,8 @@ def _cylinder(ends: Array, radius: float, origins: Array, direction: Array) -> t
     levels = np.array([-ends[:, 2].min(), ends[:, 2].max()])
     cap_in, cap_out, cap_normals = _planes(caps, levels, origins, direction)
     depth, out = np.maximum(side_in, cap_in), np.minimum(side_out, cap_out)
-    depth = np.where(depth <= out, depth, np.inf)
+    missed = depth > out
+    depth, out = np.where(missed, np.inf, depth), np.where(missed, -np.inf, out)
     with np.errstate(invalid="ignore"):
         radial = np.concatenate([o + side_in[:, None] * d, np.zeros((len(o), 1))], axis=1)
     normals = np.where((cap_in > side_in)[:, None], cap_normals, _unit(radial))

@@ -82,23 +82,17 @@ def inner_shapes(body: Body) -> InnerShapes:
 
 
 def _inner_shapes(body: Body, none: InnerShapes) -> InnerShapes:
-    # The pieces of a mesh may extend beyond it.
-    less = ROUNDING + (MOST_EXCESS if body.file is not None and body.support is not None else 0.0)
-    if isinstance(body.geometry, coal.Box) and body.support is not None:
-        low, high = body.box
-        return none._replace(
-            balls=_spread(*_in_polytope(_Planes.of(body.support), body.box), less),
-            corners=body.support.points if body.file is None else none.corners,
-            box_centre=(low + high) / 2,
-            box_half=np.maximum((high - low) / 2 - less, 0.0),
-        )
     if body.support is not None:
-        balls = _spread(*_in_polytope(_Planes.of(body.support), body.box), less)
-        return none._replace(
-            balls=balls, corners=_far_apart(extremes(body.support) if body.file is None else none.corners)
-        )
+        # The pieces of a mesh may extend beyond it.
+        less = ROUNDING + (MOST_EXCESS if body.file is not None else 0.0)
+        shapes = none._replace(balls=_spread(*_in_polytope(_Planes.of(body.support), body.box), less))
+        if body.file is None:
+            shapes = shapes._replace(corners=_far_apart(extremes(body.support)))
+        if isinstance(body.geometry, coal.Box):
+            shapes = shapes._replace(box_half=body.box[1] - less)
+        return shapes
     if isinstance(body.solid, Solid) and body.solid.watertight:
-        balls = _spread(*_in_mesh(body.solid.corners, body.box), less)
+        balls = _spread(*_in_mesh(body.solid.corners, body.box), ROUNDING)
         return none._replace(balls=balls, corners=_far_apart(np.unique(body.solid.corners.reshape(-1, 3), axis=0)))
     return none
 
@@ -119,9 +113,7 @@ class _Planes(NamedTuple):
         """The polytope of the extreme points of a convex body."""
         from scipy.spatial import ConvexHull, QhullError
 
-        points = support.points
-        if support.disc_radii.any() or support.semi_axes.any():
-            points = extremes(support)
+        points = extremes(support)
         empty = np.empty((0, 3)), np.empty(0)
         if len(points) <= 2:
             return cls(*empty, support.radius, points)
@@ -141,11 +133,8 @@ def spiral_directions(count: int) -> Array:
 
 
 def extremes(support: Support, *, with_ball: bool = False) -> Array:
-    """Return (m, 3) extreme points of a convex body, with or without its ball, in some directions.
-
-    With the ball, a body without a curved surface has all of its points.
-    """
-    if with_ball and not (support.radius or support.disc_radii.any() or support.semi_axes.any()):
+    """Return (m, 3) extreme points of a convex body, with or without its ball: all, or in some directions if curved."""
+    if not (support.disc_radii.any() or support.semi_axes.any() or (with_ball and support.radius)):
         return support.points
     directions = spiral_directions(DIRECTIONS)
     flat = np.hypot(directions[:, 0], directions[:, 1])[:, None]

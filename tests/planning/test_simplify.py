@@ -72,7 +72,7 @@ def test_a_curve_that_fails_its_last_proof_is_given_up_for_the_one_before(
 ) -> None:
     home = importlib.import_module("pinproof.planning.simplification")
     through_the_wall = pp.motion.BlendedPath.join(pp.JointPath(detour.q[[0, -1]], detour.joint_names))
-    monkeypatch.setattr(home, "round_corners", lambda *args, **settings: through_the_wall)
+    monkeypatch.setattr(home, "blend", lambda *args, **settings: through_the_wall)
     found = pp.simplify(detour, checker).or_raise()
     assert isinstance(found.path, pp.JointPath)
     assert "rejected" in found.message

@@ -1,7 +1,6 @@
 """Planning: RRT-Connect, simplification of paths, and Cartesian moves; every path has a certificate."""
 
 from pinproof.planning.among_movers import TimedPlanResult, plan_among_movers
-from pinproof.planning.blending import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.coordination import CoordinationResult, coordinate, plan_arms
 from pinproof.planning.optimisation import OptimiseResult, optimise
@@ -15,7 +14,7 @@ from pinproof.planning.result import (
     PosesPlanResult,
 )
 from pinproof.planning.rrt_connect import RrtConnect
-from pinproof.planning.simplification import SimplifyResult, shortcut, simplify
+from pinproof.planning.simplification import SimplifyResult, blend, shortcut, simplify
 
 __all__ = [
     "DEFAULT_PLANNER",

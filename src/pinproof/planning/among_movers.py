@@ -154,12 +154,24 @@ def plan_among_movers(
     """
     require_integer("samples", samples, 0)
     require_positive("start_time", start_time, zero=True)
-    shifted = _seen_from(start_time, movers)
+    if isinstance(movers, Mover | Trajectory) or not movers:
+        raise InputError("movers must be a list of at least one mover; without a mover, plan with RrtConnect")
+    if wrong := [type(mover).__name__ for mover in movers if not isinstance(mover, Mover | Trajectory)]:
+        raise InputError(f"a mover is a Mover or a Trajectory of other joints, not {wrong[0]}")
+    shifted = tuple(mover.after(start_time) for mover in movers)  # on the clock that begins at the start
     first, last = _window(shifted, start_time, window)
     group = checker.group
     resting = Trajectory.at_rest(group.configuration(start, "start"), group.joint_names, last)
     whole = with_movers(resting, checker, shifted)
-    still = _without_movers(checker, shifted)
+    # The checker without the obstacles that move, and without the links of other joints that move.
+    gone = {name for mover in shifted if isinstance(mover, Mover) for name in mover.obstacles}
+    others = {name for mover in shifted if isinstance(mover, Trajectory) for name in mover.joint_names}
+    still = checker.with_scene(checker.scene.remove(*gone)) if gone else checker
+    if others:
+        urdf = group.robot.urdf
+        moving = {link for link in urdf.links if moved_by(urdf, link, others)}
+        own = [any(still.bodies[i].link in moving for i in pair) for pair in still.pairs]
+        still = still.without_pairs(k for k, moves in enumerate(own) if moves)
     ends = read_ends(still, start, goals, turns=False)
 
     def failed(status: PlanStatus, message: str, tried: int = 0) -> TimedPlanResult:
@@ -203,15 +215,6 @@ def plan_among_movers(
             search.refuse(certificate, steps)
 
 
-def _seen_from(start_time: float, movers: Sequence[Mover | Trajectory]) -> tuple[Mover | Trajectory, ...]:
-    """The movers on the clock that begins at ``start_time`` (s); InputError if there is none or one is another type."""
-    if isinstance(movers, Mover | Trajectory) or not movers:
-        raise InputError("movers must be a list of at least one mover; without a mover, plan with RrtConnect")
-    if wrong := [type(each).__name__ for each in movers if not isinstance(each, Mover | Trajectory)]:
-        raise InputError(f"a mover is a Mover or a Trajectory of other joints, not {wrong[0]}")
-    return tuple(each.after(start_time) for each in movers)
-
-
 def _window(
     movers: Sequence[Mover | Trajectory], start_time: float, window: tuple[float, float] | None
 ) -> tuple[float, float]:
@@ -233,19 +236,6 @@ def _window(
 
 def _covered(mover: Mover | Trajectory) -> float:
     return mover.trajectory.duration if isinstance(mover, Mover) else mover.duration
-
-
-def _without_movers(checker: CollisionChecker, movers: Sequence[Mover | Trajectory]) -> CollisionChecker:
-    """The checker without the obstacles that move and without the links of other joints that move."""
-    gone = {name for mover in movers if isinstance(mover, Mover) for name in mover.obstacles}
-    others = {name for each in movers if isinstance(each, Trajectory) for name in each.joint_names}
-    still = checker.with_scene(checker.scene.remove(*gone)) if gone else checker
-    if not others:
-        return still
-    urdf = checker.group.robot.urdf
-    moving = {link for link in urdf.links if moved_by(urdf, link, others)}
-    pairs = [k for k, pair in enumerate(still.pairs) if any(still.bodies[i].link in moving for i in pair)]
-    return still.without_pairs(pairs)
 
 
 class _Times:
@@ -379,15 +369,6 @@ class _Roadmap:
         goals = np.array([self.q[goal] for goal in self._goals])
         return float(self._least(goals, self.q[self._start]).min())
 
-    def _edge(self, a: int, b: int) -> _Edge | None:
-        """The motion from a to b; None if its samples are in contact without the movers."""
-        if (a, b) not in self._edges:
-            path = JointPath(np.array([self.q[a], self.q[b]]), self._group.joint_names)
-            edge = _Edge(time_parametrise(path, self._limits, jerk=self._jerk))
-            inner = edge.samples[1:-1]
-            self._edges[a, b] = edge if self._steering.is_free_batch(inner).all() else None
-        return self._edges[a, b]
-
     # -- the search ---------------------------------------------------------------------------------------------------
 
     def _intervals(self, place: int) -> list[tuple[int, int]]:
@@ -429,42 +410,9 @@ class _Roadmap:
                     if key not in done and arrival < best.get(key, math.inf):
                         best[key], came[key] = arrival, ((place, interval), departure)
                         heapq.heappush(heap, (max(arrival, times.first) + bound[other], arrival, other, k))
-        return None if ending is None else self._route(ending, came, best)
-
-    def _arrivals(self, a: int, b: int, now: float, until: int) -> list[tuple[int, float, float]]:
-        """The intervals of b that can be reached from a after ``now``: with the earliest arrival and its departure."""
-        edge = self._edge(a, b)
-        if edge is None:
-            return []
-        grid, found = self._times.grid, []
-        first = math.ceil(round(now / STEP, 6))
-        for k, (low, high) in enumerate(self._intervals(b)):
-            # The arm leaves a while it is safe there, and rests at b within the interval.
-            begin = max(first, math.ceil(round((grid[low] - edge.duration) / STEP, 6)))
-            end = min(until, math.floor(round((grid[high] - edge.duration) / STEP, 6)))
-            departure = self._departure(a, b, edge, begin, end)
-            if departure is not None:
-                found.append((k, departure * STEP + edge.duration, departure * STEP))
-        return found
-
-    def _departure(self, a: int, b: int, edge: _Edge, begin: int, end: int) -> int | None:
-        """The first grid time from ``begin`` to ``end`` at which the edge is free; tried in growing groups."""
-        size = 1
-        while begin <= end:
-            tried = np.arange(begin, min(begin + size, end + 1))
-            free = self._times.crossings(edge.samples, edge.offsets, STEP * tried.astype(float))
-            for k in tried[free].tolist():
-                if (a, b, k) not in self._refused:
-                    return int(k)
-            begin, size = begin + size, 4 * size
-        return None
-
-    def _route(
-        self,
-        ending: tuple[float, tuple[int, int]],
-        came: dict[tuple[int, int], tuple[tuple[int, int], float]],
-        best: dict[tuple[int, int], float],
-    ) -> _Route:
+        if ending is None:
+            return None
+        # Back from the goal to the start.
         end, key = ending
         goal, places, arrivals, departures = self._goals.index(key[0]), [key[0]], [best[key]], list[float]()
         while key in came:
@@ -473,6 +421,33 @@ class _Roadmap:
             arrivals.append(best[key])
             departures.append(departure)
         return _Route(goal, places[::-1], arrivals[::-1], departures[::-1], end)
+
+    def _arrivals(self, a: int, b: int, now: float, until: int) -> list[tuple[int, float, float]]:
+        """The intervals of b that can be reached from a after ``now``: with the earliest arrival and its departure."""
+        if (a, b) not in self._edges:  # the motion; None if its samples are in contact without the movers
+            path = JointPath(np.array([self.q[a], self.q[b]]), self._group.joint_names)
+            motion = _Edge(time_parametrise(path, self._limits, jerk=self._jerk))
+            self._edges[a, b] = motion if self._steering.is_free_batch(motion.samples[1:-1]).all() else None
+        edge = self._edges[a, b]
+        if edge is None:
+            return []
+        grid, found = self._times.grid, []
+        first = math.ceil(round(now / STEP, 6))
+        for k, (low, high) in enumerate(self._intervals(b)):
+            # The arm leaves a while it is safe there, and rests at b within the interval.
+            begin = max(first, math.ceil(round((grid[low] - edge.duration) / STEP, 6)))
+            end = min(until, math.floor(round((grid[high] - edge.duration) / STEP, 6)))
+            # The first departure at which the edge is free, tried in growing groups.
+            size = 1
+            while begin <= end:
+                tried = np.arange(begin, min(begin + size, end + 1))
+                free = self._times.crossings(edge.samples, edge.offsets, STEP * tried.astype(float))
+                departures = [i for i in tried[free].tolist() if (a, b, i) not in self._refused]
+                if departures:
+                    found.append((k, departures[0] * STEP + edge.duration, departures[0] * STEP))
+                    break
+                begin, size = begin + size, 4 * size
+        return found
 
     # -- the motion ---------------------------------------------------------------------------------------------------
 

@@ -48,9 +48,18 @@ class Barrier:
 
 def find_barriers(checker: CollisionChecker, start: Array, goals: Array) -> tuple[Barrier, ...]:
     """Return barriers between the start (n,) and the goals (g, n) if every goal is behind a barrier, otherwise ()."""
+    # The pairs of bodies that a single joint moves relative to each other, by the index of the joint.
+    space = Workspace(checker.world)
+    joints_of = [frozenset(space.joints_of_body(i)) for i in range(len(checker.bodies))]
+    pairs_of: dict[int, set[int]] = {}
+    for pair, (i, j) in enumerate(checker.pairs):
+        between = {space.joint(k).index for k in joints_of[i] ^ joints_of[j]}
+        if len(between) == 1:
+            pairs_of.setdefault(between.pop(), set()).add(pair)
+
     reachable = np.ones(len(goals), dtype=bool)
-    found = []
-    for joint, pairs in sorted(_pairs_of_single_joints(checker).items()):
+    barriers = []
+    for joint, pairs in sorted(pairs_of.items()):
         judge = checker.without_pairs(set(range(len(checker.pairs))) - pairs)
         owners = {frozenset(checker.bodies[i].owner for i in checker.pairs[pair]) for pair in pairs}
         for side in (-1.0, 1.0):
@@ -58,40 +67,22 @@ def find_barriers(checker: CollisionChecker, start: Array, goals: Array) -> tupl
             behind = reachable & (steps > 0)
             if not behind.any():
                 continue
-            barrier = _barrier(judge, owners, start, joint, side * float(steps[behind].min()))
-            if barrier is not None:
-                found.append(barrier)
+            # Values of the joint between the start and the nearest goal on this side at which a pair is in contact.
+            q = np.tile(start, (VALUES, 1))
+            q[:, joint] += side * float(steps[behind].min()) * np.arange(1, VALUES + 1) / (VALUES + 1)
+            blocked = [k for k in range(VALUES) if not judge.is_free_unchecked(q[k])]
+            chosen = np.linspace(0, len(blocked) - 1, min(CONFIRMED, len(blocked)))
+            # Contacts of hulls are no proof; the deepest contact of finer bodies is the barrier.
+            confirmed = [
+                Barrier(judge.group.joint_names[joint], float(q[k, joint]), contact)
+                for k in (blocked[round(row)] for row in chosen.tolist())
+                for contact in judge.finer_at(q[k]).check(q[k]).contacts
+                if frozenset(contact.bodies) in owners  # checkers with finer bodies check all pairs again
+            ]
+            if confirmed:
+                barriers.append(min(confirmed, key=lambda barrier: barrier.contact.distance))
                 reachable &= ~behind
-    return () if reachable.any() else tuple(found)
-
-
-def _pairs_of_single_joints(checker: CollisionChecker) -> dict[int, set[int]]:
-    """The pairs of bodies that one joint moves relative to each other, by the index of the joint."""
-    space = Workspace(checker.world)
-    joints = [frozenset(space.joints_of_body(i)) for i in range(len(checker.bodies))]
-    found: dict[int, set[int]] = {}
-    for pair, (i, j) in enumerate(checker.pairs):
-        between = {space.joint(k).index for k in joints[i] ^ joints[j]}
-        if len(between) == 1:
-            found.setdefault(between.pop(), set()).add(pair)
-    return found
-
-
-def _barrier(
-    judge: CollisionChecker, owners: set[frozenset[str]], start: Array, joint: int, step: float
-) -> Barrier | None:
-    """The deepest contact of owners where a joint is between its value at the start and ``step`` (rad or m) farther."""
-    q = np.tile(start, (VALUES, 1))
-    q[:, joint] += step * np.arange(1, VALUES + 1) / (VALUES + 1)
-    blocked = [k for k in range(VALUES) if not judge.is_free_unchecked(q[k])]
-    chosen = np.linspace(0, len(blocked) - 1, min(CONFIRMED, len(blocked)))
-    found = [
-        Barrier(judge.group.joint_names[joint], float(q[k, joint]), contact)
-        for k in (blocked[round(row)] for row in chosen.tolist())
-        for contact in judge.finer_at(q[k]).check(q[k]).contacts
-        if frozenset(contact.bodies) in owners  # checkers with finer bodies check all pairs again
-    ]
-    return min(found, key=lambda barrier: barrier.contact.distance, default=None)
+    return () if reachable.any() else tuple(barriers)
 
 
 def no_path_message(barriers: Sequence[Barrier]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -93,7 +94,19 @@ def plan_linear(
         return LinearPlanResult(LinearStatus.LIMIT, None, None, 0.0, message, joints=names)
     here = arm.forward_kinematics(first)
     route = Route.straight(here, nearest_target(here, last, follower.task))
-    return _linear_result(follower.follow(route, first), checker, parting)
+    followed = follower.follow(route, first)
+    # A contact on the curve comes before the point at which the route cannot be followed farther.
+    certificate = certify(followed.path, checker, parting=parting)
+    if not certificate.free:
+        status, fraction = _stop(certificate)
+        message = f"stops at {_percent(fraction)} of the line: {certificate.message}"
+        return LinearPlanResult(status, None, certificate, fraction, message)
+    if followed.status is not LinearStatus.COMPLETE:
+        message = f"stops at {_percent(followed.fraction)} of the line: {followed.reason}"
+        return LinearPlanResult(followed.status, None, None, followed.fraction, message, joints=followed.joints)
+    message = f"reached the target on a straight line; {certificate.message}"
+    deviations = followed.deviation, followed.rotation_deviation
+    return LinearPlanResult(LinearStatus.COMPLETE, followed.path, certificate, 1.0, message, *deviations)
 
 
 def plan_poses(
@@ -166,17 +179,23 @@ def plan_poses(
         if message := _outside_limits(arm, first):
             return PosesPlanResult(LinearStatus.LIMIT, None, None, 0.0, -1, message)
         return _poses_result(_follow_poses(follower, first, targets, rounding, rotation_rounding), checker, -1)
-    starts = _configurations_at(checker, targets[0], follower.task, rng)
-    free = starts[checker.is_free_batch(starts)] if len(starts) else starts
+    # All IK branches at the first pose if there is a closed form, otherwise different solutions.
+    starts = None
+    if follower.task == IkTask() and arm.dof <= 6:
+        with contextlib.suppress(NoClosedForm):
+            starts = AnalyticIk().solve_all(arm, targets[0]).q[:MAX_STARTS]
+    if starts is None:
+        starts = Clik().solve_many(arm, targets[0], rng=rng, count=SAMPLED_STARTS, task=follower.task).q
+    if not len(starts):
+        message = "the first pose has no IK solution inside the joint limits; Clik().solve reports the reason"
+        return PosesPlanResult(LinearStatus.UNREACHABLE, None, None, 0.0, -1, message)
+    free = starts[checker.is_free_batch(starts)]
     if not len(free):
-        return _no_free_start(checker, starts)
-    return _best_result(
-        [_follow_poses(follower, first, targets[1:], rounding, rotation_rounding) for first in free], checker
-    )
-
-
-def _best_result(candidates: list[_FollowedPoses], checker: CollisionChecker) -> PosesPlanResult:
-    """The result that gets farthest; if several reach the end, the result of least cost."""
+        message = f"all {len(starts)} configurations at the first pose are in contact: {checker.check(starts[0])}"
+        certificate = certify(_point_path(arm, starts[0]), checker)
+        return PosesPlanResult(LinearStatus.CONTACT, None, certificate, 0.0, -1, message)
+    # The result that gets farthest; if several reach the end, the one of least cost.
+    candidates = [_follow_poses(follower, first, targets[1:], rounding, rotation_rounding) for first in free]
     candidates.sort(key=lambda candidate: candidate.cost)
     best = _poses_result(candidates[0], checker, 0)
     for candidate in candidates[1:]:
@@ -193,29 +212,6 @@ def _outside_limits(arm: Arm, start: Array) -> str:
     return f"the start is invalid: {outside[0]}" if outside else ""
 
 
-def _linear_result(
-    followed: FollowedRoute, checker: CollisionChecker, parting: Sequence[tuple[str, str]]
-) -> LinearPlanResult:
-    """Certify the curve and report where the move stops; a contact on the curve comes first."""
-    certificate = certify(followed.path, checker, parting=parting)
-    if not certificate.free:
-        status, fraction = _stop(certificate)
-        message = f"stops at {_percent(fraction)} of the line: {certificate.message}"
-        return LinearPlanResult(status, None, certificate, fraction, message)
-    if followed.status is not LinearStatus.COMPLETE:
-        message = f"stops at {_percent(followed.fraction)} of the line: {followed.reason}"
-        return LinearPlanResult(followed.status, None, None, followed.fraction, message, joints=followed.joints)
-    return LinearPlanResult(
-        LinearStatus.COMPLETE,
-        followed.path,
-        certificate,
-        1.0,
-        f"reached the target on a straight line; {certificate.message}",
-        followed.deviation,
-        followed.rotation_deviation,
-    )
-
-
 def _stop(certificate: Certificate) -> tuple[LinearStatus, float]:
     """The status of a curve whose certificate is not FREE, and the parameter up to which it is proven free."""
     if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
@@ -226,26 +222,6 @@ def _stop(certificate: Certificate) -> tuple[LinearStatus, float]:
 def _percent(fraction: float) -> str:
     """The fraction in percent, rounded down, so that 100 % is the complete line."""
     return f"{int(fraction * 100)} %"
-
-
-def _configurations_at(checker: CollisionChecker, pose: SE3, task: IkTask, rng: int | np.random.Generator) -> Array:
-    """(k, n) configurations at a pose: all branches if there is a closed form, else different IK solutions."""
-    if task == IkTask() and checker.arm.dof <= 6:
-        try:
-            return AnalyticIk().solve_all(checker.arm, pose).q[:MAX_STARTS]
-        except NoClosedForm:
-            pass
-    return Clik().solve_many(checker.arm, pose, rng=rng, count=SAMPLED_STARTS, task=task).q
-
-
-def _no_free_start(checker: CollisionChecker, starts: Array) -> PosesPlanResult:
-    """The result if no configuration (k, n) at the first pose is free."""
-    if not len(starts):
-        message = "the first pose has no IK solution inside the joint limits; Clik().solve reports the reason"
-        return PosesPlanResult(LinearStatus.UNREACHABLE, None, None, 0.0, -1, message)
-    message = f"all {len(starts)} configurations at the first pose are in contact: {checker.check(starts[0])}"
-    certificate = certify(_point_path(checker.arm, starts[0]), checker)
-    return PosesPlanResult(LinearStatus.CONTACT, None, certificate, 0.0, -1, message)
 
 
 def _point_path(arm: Arm, q: Array) -> CubicPath:
@@ -327,7 +303,8 @@ def _follow_poses(
             continue
         last = follower.follow(route, here)
         if last.fraction > 0.0:
-            parts.append(_rescaled(last.path, begin, route.length))
+            path, length = last.path, route.length  # with the parameter begin + length s instead of s
+            parts.append(CubicPath(path.q, path.tangents / length, begin + length * path.knots, path.joint_names))
             here = last.path.end
         deviation = max(deviation, last.deviation)
         rotation_deviation = max(rotation_deviation, last.rotation_deviation)
@@ -335,13 +312,8 @@ def _follow_poses(
         begin += route.length
         if last.status is not LinearStatus.COMPLETE:
             break
-    length = sum(route.length for route in routes)
-    return _FollowedPoses(follower.arm, first, parts, last, passed, length, deviation, rotation_deviation)
-
-
-def _rescaled(path: CubicPath, begin: float, length: float) -> CubicPath:
-    """The curve with the parameter ``begin + length s`` instead of s."""
-    return CubicPath(path.q, path.tangents / length, begin + length * path.knots, path.joint_names)
+    total = sum(route.length for route in routes)
+    return _FollowedPoses(follower.arm, first, parts, last, passed, total, deviation, rotation_deviation)
 
 
 def _poses_result(followed: _FollowedPoses, checker: CollisionChecker, offset: int) -> PosesPlanResult:

@@ -105,7 +105,9 @@ def smooth_curves(q: Array, edges: Edges, manifold: Manifold, joint_names: Seque
         return
     for spacing in SPACINGS:
         count = int(np.clip(np.ceil(length / spacing), FEWEST, MOST))
-        points = _relaxed(_resampled(q, count), edges, manifold)
+        along = _lengths(q)
+        sampled = np.array([_point(q, along, length) for length in np.linspace(0.0, along[-1], count + 1)])
+        points = _relaxed(sampled, edges, manifold)
         yield BlendedPath.join(CubicPath.through(points, joint_names))
 
 
@@ -145,9 +147,3 @@ def _point(q: Array, at: Array, length: float) -> Array:
         return np.array(q[0] if length <= 0.0 else q[-1])
     i = int(np.searchsorted(at, length, side="right")) - 1
     return np.asarray(q[i] + (q[i + 1] - q[i]) * (length - at[i]) / (at[i + 1] - at[i]))
-
-
-def _resampled(q: Array, count: int) -> Array:
-    """(count + 1, n) points at equal distances along a path."""
-    at = _lengths(q)
-    return np.array([_point(q, at, length) for length in np.linspace(0.0, at[-1], count + 1)])

@@ -34,6 +34,9 @@ STEP = 0.05
 SLOWDOWNS = (1.0, 1.25, 1.5, 2.0, 3.0)
 """Factors of the duration of a motion that are tried: an arm that follows another must move as slowly as it does."""
 
+MOST_ORDERED = 3
+"""Largest number of arms of which every order is tried."""
+
 
 @dataclass(frozen=True, eq=False)
 class CoordinationResult:
@@ -97,7 +100,9 @@ def coordinate(
     require_positive("step (s)", step)
     for name, each in trajectories.items():
         require_type(f"the motion of {name!r}", each, Trajectory)
-        _require_rest(name, each)
+        ends = [each.velocities[[0, -1]], *([] if each.accelerations is None else [each.accelerations[[0, -1]]])]
+        if any(values.any() for values in ends):
+            raise InputError(f"the motion of arm {name!r} does not rest at its ends, so that the arm cannot wait there")
     group, placed = checker.group, dict[str, Trajectory]()
     delays, slowdowns = dict.fromkeys(trajectories, 0.0), dict.fromkeys(trajectories, 1.0)
     whole = certificate = None
@@ -110,8 +115,15 @@ def coordinate(
         if waiting and not placed:
             placed[name] = each  # it starts at once in any case; the certificates with the other arms cover it
             continue
+        # Delays and slowdowns, the earliest end first. At a delay of `busy`, all other arms have arrived.
         busy = max((motion.duration for motion in placed.values()), default=0.0)
-        for delay, factor in _retimings(each.duration, busy, step):
+        retimings = [
+            (delay, factor)
+            for delay in (*np.arange(0.0, busy, step).tolist(), busy)
+            for factor in SLOWDOWNS
+            if delay + (factor - 1.0) * each.duration <= busy
+        ]
+        for delay, factor in sorted(retimings, key=lambda timing: (timing[0] + timing[1] * each.duration, timing[1])):
             slower = each if factor == 1.0 else each.slowed(factor)
             rest = Trajectory.at_rest(each.start, each.joint_names, delay, quintic=each.accelerations is not None)
             motion = Trajectory.join(rest, slower) if delay and slower.duration else slower
@@ -133,18 +145,6 @@ def coordinate(
         f"{len(delays)} arms in {whole.duration:.3g} s; {', '.join(changes) or 'none waits'}; {certificate.message}"
     )
     return CoordinationResult(whole, certificate, delays, slowdowns, message)
-
-
-def _retimings(duration: float, busy: float, step: float) -> list[tuple[float, float]]:
-    """Delays and slowdowns of a motion, the earliest end first, while other arms move for ``busy`` seconds.
-
-    At a delay of ``busy`` all other arms have arrived; a later end changes nothing.
-    """
-    if busy == 0.0:
-        return [(0.0, 1.0)]
-    delays = [*np.arange(0.0, busy, step).tolist(), busy]
-    tried = [(delay, factor) for delay in delays for factor in SLOWDOWNS if delay + (factor - 1.0) * duration <= busy]
-    return sorted(tried, key=lambda each: (each[0] + each[1] * duration, each[1]))
 
 
 def plan_arms(
@@ -244,15 +244,3 @@ def _one_after_the_other(
         motions[name] = time_parametrise(JointPath(path.q[:, own], names), group.limits.select(own))
         now = then
     return motions, ""
-
-
-MOST_ORDERED = 3
-"""Largest number of arms of which every order is tried."""
-
-
-def _require_rest(name: str, trajectory: Trajectory) -> None:
-    ends = [trajectory.velocities[[0, -1]]]
-    if trajectory.accelerations is not None:
-        ends.append(trajectory.accelerations[[0, -1]])
-    if any(values.any() for values in ends):
-        raise InputError(f"the motion of arm {name!r} does not rest at its ends, so that the arm cannot wait there")

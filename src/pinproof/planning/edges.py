@@ -68,7 +68,12 @@ class Edges:
         if torque_limits is not None:
             share = float(np.clip(torque_limits.standstill_share(ends) * (1.0 + AT_ENDS), STANDSTILL_SHARE, 1.0))
             self.core.set_torque_limits(torque_limits.tree, torque_limits.limits * share)
-        self._steer(pad if _keep(checker, ends, 2 * pad) else min(pad, max(_spare(checker, ends), 0.0) / 2))
+        # The ends must keep twice the pad beyond the margin; where they do not, the pad is half of what they keep.
+        common = len(checker.margins) == 0 or float(checker.margins.min()) >= checker.margin
+        if not (common and bool(checker.padded(2 * pad).is_free_batch(ends).all())):
+            spare = float(checker.clearance_batch(ends).min(initial=np.inf)) - checker.margin
+            pad = min(pad, max(spare, 0.0) / 2)
+        self._steer(pad)
 
     def _steer(self, pad: float) -> None:
         self._pad, self.steering = pad, self._checker.padded(pad)
@@ -96,14 +101,3 @@ class Edges:
     def reduce_pad(self) -> None:
         """Reduce the pad to a quarter, so that narrower passages are found."""
         self._steer(self._pad / 4)
-
-
-def _keep(checker: CollisionChecker, q: Array, distance: float) -> bool:
-    """Whether every q (e, n) is proven to keep a distance (m) beyond the margin; False if margins of pairs are less."""
-    less = len(checker.margins) > 0 and float(checker.margins.min()) < checker.margin
-    return not less and bool(checker.padded(distance).is_free_batch(q).all())
-
-
-def _spare(checker: CollisionChecker, q: Array) -> float:
-    """The smallest clearance (m) beyond the margin at q (e, n)."""
-    return float(checker.clearance_batch(q).min(initial=np.inf)) - checker.margin

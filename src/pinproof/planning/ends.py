@@ -58,17 +58,6 @@ class Ends:
     torque_limits: TorqueLimits | None = None
 
 
-def _read_goals(arm: JointGroup, goals: npt.ArrayLike) -> Array:
-    """One goal (n,) or several (g, n) as (g, n)."""
-    try:
-        dimensions, size = np.ndim(goals), np.size(goals)
-    except ValueError as error:  # rows of different lengths
-        raise InputError(f"goals must have the shape ({arm.dof},) or (g, {arm.dof}): {error}") from error
-    if size == 0:
-        raise InputError("goals is empty; give at least one configuration")
-    return arm.configuration(goals, "goals")[None] if dimensions == 1 else finite("goals", goals, (None, arm.dof))
-
-
 def with_turns(arm: JointGroup, start: Array, goals: Array) -> tuple[Array, list[int]]:
     """The goals, and the goals with periodic joints shifted by multiples of 2 pi inside the limits.
 
@@ -90,7 +79,14 @@ def with_turns(arm: JointGroup, start: Array, goals: Array) -> tuple[Array, list
     """
     limits, shifted, index_of = arm.limits, [goals[:0]], list[int]()
     for index, goal in enumerate(goals):
-        turns = [_turns(arm, joint, start[joint], goal[joint]) for joint in range(arm.dof)]
+        # The multiples of 2 pi by which each joint may be shifted, including 0.
+        turns = [[0] for _ in range(arm.dof)]
+        for joint in np.flatnonzero(arm.periodic).tolist():
+            below = math.floor((start[joint] - goal[joint]) / TURN)
+            low, high = float(limits.lower[joint]), float(limits.upper[joint])
+            fewest = below if math.isinf(low) else math.ceil((low - AT_LIMIT - goal[joint]) / TURN)
+            most = below + 1 if math.isinf(high) else math.floor((high + AT_LIMIT - goal[joint]) / TURN)
+            turns[joint] = sorted({0, *range(fewest, most + 1)})
         shift = TURN * np.array(list(product(*turns)), dtype=float)
         shift = shift[shift.any(axis=1)]
         # Clipping removes rounding only: a shift may end one bit beyond a limit that is a multiple of 2 pi.
@@ -99,17 +95,6 @@ def with_turns(arm: JointGroup, start: Array, goals: Array) -> tuple[Array, list
     every = np.concatenate(shifted)
     order = np.argsort(np.abs(every - start).max(axis=1), kind="stable")[: max(MAX_GOALS - len(goals), 0)]
     return np.vstack([goals, every[order]]), [*range(len(goals)), *(index_of[k] for k in order.tolist())]
-
-
-def _turns(arm: JointGroup, joint: int, start: float, goal: float) -> list[int]:
-    """The multiples of 2 pi by which a joint may be shifted, including 0."""
-    if not arm.periodic[joint]:
-        return [0]
-    below = math.floor((start - goal) / TURN)
-    low, high = float(arm.limits.lower[joint]), float(arm.limits.upper[joint])
-    fewest = below if math.isinf(low) else math.ceil((low - AT_LIMIT - goal) / TURN)
-    most = below + 1 if math.isinf(high) else math.floor((high + AT_LIMIT - goal) / TURN)
-    return sorted({0, *range(fewest, most + 1)})
 
 
 def read_ends(
@@ -133,7 +118,14 @@ def read_ends(
     require_type("checker", checker, CollisionChecker)
     group = checker.group
     first = group.limits.snap(group.configuration(start, "start"))
-    given = group.limits.snap(_read_goals(group, goals))
+    try:
+        dimensions, size = np.ndim(goals), np.size(goals)
+    except ValueError as error:  # rows of different lengths
+        raise InputError(f"goals must have the shape ({group.dof},) or (g, {group.dof}): {error}") from error
+    if size == 0:
+        raise InputError("goals is empty; give at least one configuration")
+    many = group.configuration(goals, "goals")[None] if dimensions == 1 else finite("goals", goals, (None, group.dof))
+    given = group.limits.snap(many)
     many, index_of = with_turns(group, first, given) if turns else (given, list(range(len(given))))
     outside = np.maximum(group.limits.lower - many, many - group.limits.upper).max(axis=1)
     inside = [excess <= 0.0 for excess in outside.tolist()]
@@ -162,7 +154,13 @@ def read_ends(
             checker = checker.finer_at(goal)
         rows = valid()
     if not rows:
-        return _invalid_goals(checker, given, constraints, torque_limits)
+        reasons = "; ".join(
+            f"goal {i}: {'; '.join(_violations(checker, q, constraints, torque_limits) or [str(checker.check(q))])}"
+            for i, q in enumerate(given[:MAX_REPORTED])
+        )
+        more = f"; and {len(given) - MAX_REPORTED} more" if len(given) > MAX_REPORTED else ""
+        contacts = tuple(contact for goal in given for contact in checker.check(goal).contacts)
+        return _failed(PlanStatus.GOAL_INVALID, f"no goal is valid: {reasons}{more}", checker, contacts)
     return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns, torque_limits)
 
 
@@ -184,18 +182,3 @@ def _violations(
 
 def _failed(status: PlanStatus, message: str, checker: CollisionChecker, contacts: tuple[Contact, ...]) -> PlanResult:
     return PlanResult(status, None, None, None, message, contacts=contacts, checker=checker)
-
-
-def _invalid_goals(
-    checker: CollisionChecker,
-    goals: Array,
-    constraints: Sequence[PathConstraint],
-    torque_limits: TorqueLimits | None,
-) -> PlanResult:
-    reasons = "; ".join(
-        f"goal {i}: {'; '.join(_violations(checker, goal, constraints, torque_limits) or [str(checker.check(goal))])}"
-        for i, goal in enumerate(goals[:MAX_REPORTED])
-    )
-    more = f"; and {len(goals) - MAX_REPORTED} more" if len(goals) > MAX_REPORTED else ""
-    contacts = tuple(contact for goal in goals for contact in checker.check(goal).contacts)
-    return _failed(PlanStatus.GOAL_INVALID, f"no goal is valid: {reasons}{more}", checker, contacts)

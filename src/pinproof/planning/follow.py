@@ -13,11 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import JointCurve
 from pinproof._core import RouteFollower as CompiledFollower
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
-from pinproof.ik import IkTask, TrackResult, track
+from pinproof.ik import IkTask, track
 from pinproof.ik.result import AT_LIMIT
 from pinproof.ik.task import TaskName, make_task
 from pinproof.model import Arm
@@ -80,14 +79,11 @@ def nearest_target(here: SE3, target: SE3, task: IkTask) -> SE3:
     here_axis, target_axis = here.rotation[:, axis], target.rotation[:, axis]
     if np.linalg.norm(here_axis + target_axis) < OPPOSITE:
         return SE3(target.rotation, position)
-    return SE3(_smallest_rotation(here_axis, target_axis) @ here.rotation, position)
-
-
-def _smallest_rotation(a: Array, b: Array) -> Array:
-    """The rotation (3, 3) by the smallest angle that maps the unit vector a to b, where b is not -a."""
-    v, cosine = np.cross(a, b), float(a @ b)
+    # The smallest rotation that maps one axis to the other.
+    v, cosine = np.cross(here_axis, target_axis), float(here_axis @ target_axis)
     cross = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine))
+    smallest = np.eye(3) + cross + cross @ cross / (1.0 + cosine)
+    return SE3(smallest @ here.rotation, position)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,23 +189,17 @@ class RouteFollower:
         if curve.stopped_by_pose:
             at_limit = np.minimum(curve.reached - arm.limits.lower, arm.limits.upper - curve.reached) <= AT_LIMIT
             stop = self._reason(route, curve.at, float(np.diff(knots).max()), curve.before, at_limit)
-        elif curve.stopped_by_deviation:
-            stop = self._deviation_stop(curve)
+        elif curve.stopped_by_deviation:  # on a piece of the minimum length
+            joint = int(curve.outside.argmax())
+            if curve.outside[joint] > ROUNDING:
+                name = self.arm.joint_names[joint]
+                excess = f"{name} may exceed its limits by {curve.outside[joint]:.2g} between the solved poses"
+                stop = LinearStatus.LIMIT, excess, (name,)
+            else:
+                by = f"{curve.deviation_there * 1e3:.2g} mm and {curve.rotation_deviation_there:.2g} rad"
+                stop = LinearStatus.JUMP, f"the tcp may deviate by {by} between the solved poses", ()
         path = CubicPath(curve.q, curve.slopes, curve.knots, self.arm.joint_names)
         return FollowedRoute(path, float(path.knots[-1]), curve.deviation, curve.rotation_deviation, *stop)
-
-    def _track(self, arm: Arm, route: Route, s: Array, first: Array, step: float) -> TrackResult:
-        """Solve the poses at s (N,), each from the previous one, with a maximum joint step between them."""
-        return track(
-            arm,
-            route.poses(s),
-            first,
-            dt=1.0,
-            velocity=step,
-            task=self.task,
-            position_tolerance=POSE_TOLERANCE,
-            orientation_tolerance=POSE_TOLERANCE,
-        )
 
     def _reason(self, route: Route, s: float, spacing: float, here: Array, at_limit: Flags) -> _Stop:
         """Why the route cannot be followed beyond ``here`` (n,), at the parameter s.
@@ -218,7 +208,16 @@ class RouteFollower:
         arbitrary joint steps.
         """
         arm = self.arm
-        ahead = self._track(arm, route, np.array([min(s + spacing, 1.0)]), here, ANY_STEP)
+        ahead = track(
+            arm,
+            route.poses(np.array([min(s + spacing, 1.0)])),
+            here,
+            dt=1.0,
+            velocity=ANY_STEP,
+            task=self.task,
+            position_tolerance=POSE_TOLERANCE,
+            orientation_tolerance=POSE_TOLERANCE,
+        )
         step = np.abs(ahead.q[0] - here)
         short = (
             f"{ahead.position_error[0] * 1e3:.1f} mm and {ahead.orientation_error[0]:.2g} rad short of the next pose"
@@ -233,13 +232,3 @@ class RouteFollower:
             name = arm.joint_names[int(step.argmax())]
             return LinearStatus.JUMP, f"{name} would jump by {step.max():.2f}, {singular}", (name,)
         return LinearStatus.UNREACHABLE, f"{short}, {singular}", ()
-
-    def _deviation_stop(self, curve: JointCurve) -> _Stop:
-        """Why the curve is not accepted on a piece of the minimum length."""
-        joint = int(curve.outside.argmax())
-        if curve.outside[joint] > ROUNDING:
-            name = self.arm.joint_names[joint]
-            reason = f"{name} may exceed its limits by {curve.outside[joint]:.2g} between the solved poses"
-            return LinearStatus.LIMIT, reason, (name,)
-        by = f"{curve.deviation_there * 1e3:.2g} mm and {curve.rotation_deviation_there:.2g} rad"
-        return LinearStatus.JUMP, f"the tcp may deviate by {by} between the solved poses", ()

@@ -146,7 +146,12 @@ class GentleMoves:
             if not excesses:
                 return move
             if rates is None:
-                rates = self._unhurried(move)
+                # Velocities, and accelerations in both directions, with which each joint takes as long as the move. The
+                # distance that a joint moves in a time grows at least with its acceleration, so that a joint that alone
+                # would take half of the time needs about a quarter of the acceleration.
+                alone = np.array(move.source.independent_min_durations)  # type: ignore[attr-defined]
+                share = (alone / move.duration).clip(math.sqrt(SMALLEST), 1.0) ** 2
+                rates = np.stack([self._bounds.velocity, *[share * self._bounds.acceleration] * 2])
             for excess in excesses:
                 self._reduce(rates, excess)
             self.computed += 1
@@ -177,16 +182,6 @@ class GentleMoves:
             if found:
                 return found
         return []
-
-    def _unhurried(self, move: Move) -> Array:
-        """(3, n) velocities, and accelerations in both directions, with which each joint takes as long as the move.
-
-        The distance that a joint moves in a time grows at least with its acceleration, so that a joint that alone would
-        take half of the time needs about a quarter of the acceleration.
-        """
-        alone = np.array(move.source.independent_min_durations)  # type: ignore[attr-defined]
-        share = (alone / move.duration).clip(math.sqrt(SMALLEST), 1.0) ** 2
-        return np.stack([self._bounds.velocity, *[share * self._bounds.acceleration] * 2])
 
     def _reduce(self, rates: Array, excess: _Excess) -> None:
         """Reduce the rates such that a row is satisfied at its sample."""

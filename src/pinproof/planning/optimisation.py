@@ -360,7 +360,13 @@ class _Search:
         budget = self._left
         if self._task.rate_limits:
             self._try_without_rate_limits(int(FREE_SEARCH * budget))
-        self._try_direct_moves()
+        # The fastest move to a goal is the optimum where no obstacle is; the goals in the order of their bounds.
+        for goal in self._promising(GOALS):
+            moves = self._connect([rest(self._start), rest(self._goals[goal])], self._best.duration)
+            if moves is not None:
+                self._best, self._goal = MoveSequence(moves), goal
+                self._prove()
+                break
         if self._best.duration > self._enough and self._task.manifold is None and not self._task.rate_limits:
             self._try_staggered_moves()
         if self._best.duration > self._enough:
@@ -396,15 +402,6 @@ class _Search:
         if math.isfinite(slowdown):
             slower = trajectory.slowed(slowdown) if slowdown > 1.0 else trajectory
             self._found.append((MoveSequence.of(slower, self._bounds), goal))
-
-    def _try_direct_moves(self) -> None:
-        """The fastest move to a goal, without obstacles the optimum; the goals in the order of their bounds."""
-        for goal in self._promising(GOALS):
-            moves = self._connect([rest(self._start), rest(self._goals[goal])], self._best.duration)
-            if moves is not None:
-                self._best, self._goal = MoveSequence(moves), goal
-                self._prove()
-                return
 
     def _try_staggered_moves(self) -> None:
         """Moves whose joints choose when they move: around obstacles as fast as direct moves, or little slower."""
@@ -469,10 +466,15 @@ class _Search:
             return None
         forward, backward = search.branch(0, search.meeting(0))[::-1], search.branch(1, search.meeting(1))
         q = np.concatenate([search.configurations(0, forward), search.configurations(1, backward[1:])])
+        manifold = self._task.manifold
+
+        def edge_free(a: Array, b: Array) -> bool:
+            return (manifold is None or bool(manifold.edge_proven(a, b))) and self._edges.samples_free(a, b)
+
         kept, first = [0], 0
         while first < len(q) - 1:  # connect each kept waypoint to the farthest one that a free edge reaches
             first = next(
-                last for last in range(len(q) - 1, first, -1) if last == first + 1 or self._edge_free(q[first], q[last])
+                last for last in range(len(q) - 1, first, -1) if last == first + 1 or edge_free(q[first], q[last])
             )
             kept.append(first)
         return q[kept], goals[backward[-1]]
@@ -572,11 +574,6 @@ class _Search:
             points += [state[0] for state in move.states(self._step)]
         return self._task.satisfied(points) and bool(self._edges.core.points_free(np.array(points)))
 
-    def _edge_free(self, first: Array, last: Array) -> bool:
-        """Whether a straight edge is free at samples, and proven to satisfy the constraints of the tcp."""
-        manifold = self._task.manifold
-        return (manifold is None or bool(manifold.edge_proven(first, last))) and self._edges.samples_free(first, last)
-
     @staticmethod
     def _limit(duration: float) -> float:
         """The duration that a replacement must not reach."""
@@ -595,34 +592,35 @@ class _Search:
 
     def _prove(self) -> None:
         """Prove the best motion, or return to an earlier one that is proven, and take samples closer to each other."""
+        constraints = self._task.constraints
+
+        def is_proven(trajectory: Trajectory) -> bool:
+            if not constraints:
+                return is_proven_free(trajectory, self._checker)
+            return certify(trajectory, self._checker, constraints=constraints).free
+
+        def free_at_samples(motion: MoveSequence) -> bool:
+            count = max(math.ceil(motion.duration / self._step), 2)
+            points = [motion.state(float(time))[0] for time in np.linspace(0.0, motion.duration, count)]
+            return self._task.satisfied(points) and bool(self._edges.core.points_free(np.array(points)))
+
         found = sorted(self._found, key=lambda each: each[0].duration)
         self._found = []
         tried = (self._best, self._goal)
         for _ in range(BACKTRACKS):
             if self.proven and tried[0].duration >= self.proven[-1][0].duration:
                 break
-            if self._is_proven(self.trajectory(*tried)):
+            if is_proven(self.trajectory(*tried)):
                 self.proven.append(tried)
                 break
             self._step /= 2.0
             self._edges.refine()
             longest = tried[0].duration
-            following = (each for each in found if each[0].duration > longest and self._free_at_samples(each[0]))
+            following = (each for each in found if each[0].duration > longest and free_at_samples(each[0]))
             if (next_tried := next(following, None)) is None:
                 break
             tried = next_tried
         self._best, self._goal = self.proven[-1] if self.proven else self._given()
-
-    def _is_proven(self, trajectory: Trajectory) -> bool:
-        constraints = self._task.constraints
-        if not constraints:
-            return is_proven_free(trajectory, self._checker)
-        return certify(trajectory, self._checker, constraints=constraints).free
-
-    def _free_at_samples(self, motion: MoveSequence) -> bool:
-        count = max(math.ceil(motion.duration / self._step), 2)
-        points = [motion.state(float(time))[0] for time in np.linspace(0.0, motion.duration, count)]
-        return self._task.satisfied(points) and bool(self._edges.core.points_free(np.array(points)))
 
     def _given(self) -> tuple[MoveSequence, int]:
         """The given path with its time-optimal timing, and the index of its end.

@@ -163,8 +163,18 @@ def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) 
     """
     segments = [Segment.between(first, last) for first, last in pairwise(poses)]
     reach = np.zeros(len(poses))
-    for i in range(1, len(segments)):
-        reach[i] = _reach(segments[i - 1], segments[i], rounding, rotation_rounding)
+    tiny = np.finfo(float).tiny
+    for i, (into, out) in enumerate(pairwise(segments), 1):
+        # The distance before and after a pose at which its rounding begins and ends.
+        reversed_there = np.linalg.norm(into.direction + out.direction) < corner.REVERSAL
+        if min(into.length, out.length, rounding, rotation_rounding) <= 0.0 or reversed_there:
+            continue
+        share = (16.0 - 25.0 * float(corner.spacing(into.direction, out.direction))) / 32.0  # of it, in the middle
+        distance = share * float(np.linalg.norm(out.translation - into.translation))
+        angle = share * float(np.linalg.norm(into.rotation) + np.linalg.norm(out.rotation))
+        allowed = rounding / max(distance, tiny), rotation_rounding / max(angle, tiny)
+        longest = min(*allowed, into.length / 2, out.length / 2)
+        reach[i] = longest if longest > MIN_LENGTH else 0.0
     routes: list[Route] = []
     pieces: list[_Piece] = []
     for i, segment in enumerate(segments):
@@ -177,20 +187,6 @@ def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) 
             routes.append(Route(pieces))
             pieces = []
     return routes
-
-
-def _reach(into: Segment, out: Segment, rounding: float, rotation_rounding: float) -> float:
-    """The distance before and after a pose at which its rounding begins and ends; 0 without a rounding."""
-    if min(into.length, out.length, rounding, rotation_rounding) <= 0.0:
-        return 0.0
-    if np.linalg.norm(into.direction + out.direction) < corner.REVERSAL:
-        return 0.0
-    share = (16.0 - 25.0 * float(corner.spacing(into.direction, out.direction))) / 32.0  # of the reach, in the middle
-    distance = share * float(np.linalg.norm(out.translation - into.translation))
-    angle = share * float(np.linalg.norm(into.rotation) + np.linalg.norm(out.rotation))
-    tiny = np.finfo(float).tiny
-    reach = min(rounding / max(distance, tiny), rotation_rounding / max(angle, tiny), into.length / 2, out.length / 2)
-    return reach if reach > MIN_LENGTH else 0.0
 
 
 def _straight_piece(segment: Segment, low: float, high: float) -> _Piece:

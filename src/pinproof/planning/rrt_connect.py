@@ -299,7 +299,18 @@ class Search:
             return self._result(PlanStatus.FOUND, message, 0.0, path, certificate, self._given.indices[row]), -1
         self._cut, self._last_cut = self._cut + 1, certificate.message
         self._edges.refine()
-        return None, _failed_edge(certificate, len(q) - 1)
+        # The parameter of the path is the index of the waypoint.
+        if certificate.first_contact is not None:
+            where = certificate.first_contact.time
+        elif certificate.violation is not None:
+            where = certificate.violation.time
+        elif certificate.undecided_constraint is not None:
+            where = certificate.undecided_constraint.start
+        elif certificate.undecided is not None:
+            where = (certificate.undecided.start + certificate.undecided.end) / 2
+        else:  # pragma: no cover  # a certificate that is not FREE has one of them
+            where = 0.0
+        return None, min(int(where), len(q) - 2)
 
     def _blocked(self) -> PlanResult | None:
         """The result if it is proven that no path exists; None otherwise, and after the first call."""
@@ -331,9 +342,20 @@ class Search:
         failed = f", {self._cut} edges failed the proof, the last one: {self._last_cut}" if self._cut else ""
         trees = (self._core.nodes(0), self._core.nodes(1))
         gap = self._core.distance_of_trees()
-        separation = _describe_gap(
-            self._checker.group, *trees, gap, turns=self._given.turns or not self._has_other_turns()
-        )
+        # The joints whose ranges in the two trees do not overlap, and whether goals shifted by 2 pi may help.
+        arm, separated = self._checker.group, list[str]()
+        periodic = False
+        for joint, (one, other) in enumerate(zip(trees[0].T, trees[1].T, strict=True)):
+            if max(one.min() - other.max(), other.min() - one.max()) < SEPARATION:
+                continue
+            periodic = periodic or bool(arm.periodic[joint])
+            separated.append(
+                f"{arm.joint_names[joint]} stayed in [{one.min():.2f}, {one.max():.2f}] from the start "
+                f"and in [{other.min():.2f}, {other.max():.2f}] from the goal"
+            )
+        hints = [OTHER_TURNS] if periodic and not self._given.turns and self._has_other_turns() else []
+        near = f"the trees came within {gap:.3g} (rad or m) of each other in joint space"
+        separation = "; ".join([near, *separated, *hints])
         if self._given.torque_limits is not None:
             advice = f"{advice}. Configurations at which the torque limits do not permit a standstill were avoided"
         work = f"{self._nodes} nodes, {self._core.samples} samples{failed}"
@@ -369,50 +391,12 @@ class Search:
         )
 
 
-def _failed_edge(certificate: Certificate, edges: int) -> int:
-    """The index of the edge on which the proof failed; the parameter of the path is the index of the waypoint."""
-    if certificate.first_contact is not None:
-        where = certificate.first_contact.time
-    elif certificate.violation is not None:
-        where = certificate.violation.time
-    elif certificate.undecided_constraint is not None:
-        where = certificate.undecided_constraint.start
-    elif certificate.undecided is not None:
-        where = (certificate.undecided.start + certificate.undecided.end) / 2
-    else:  # pragma: no cover  # a certificate that is not FREE has one of the two
-        where = 0.0
-    return min(int(where), edges - 1)
-
-
 def sampling_box(arm: JointGroup, ends: Array) -> Array:
     """(2, n) the joint limits; an unbounded joint gets the range of the ends (e, n), extended by pi on both sides."""
     unbounded = np.isinf(arm.limits.lower) | np.isinf(arm.limits.upper)
     low = np.where(unbounded, np.maximum(ends.min(axis=0) - np.pi, arm.limits.lower), arm.limits.lower)
     high = np.where(unbounded, np.minimum(ends.max(axis=0) + np.pi, arm.limits.upper), arm.limits.upper)
     return np.array([low, high])
-
-
-def _describe_gap(arm: JointGroup, from_start: Array, from_goal: Array, gap: float, *, turns: bool) -> str:
-    """A text with the ``gap`` between two trees (a, n) and (b, n) and the joints whose ranges do not overlap.
-
-    ``turns`` states whether all goals shifted by 2 pi were roots. If not, and the ranges of a periodic joint do not
-    overlap, the text suggests them.
-    """
-    text = f"the trees came within {gap:.3g} (rad or m) of each other in joint space"
-    separated = {joint: each for joint in range(arm.dof) if (each := _separation(arm, joint, from_start, from_goal))}
-    hints = [OTHER_TURNS] if not turns and any(arm.periodic[joint] for joint in separated) else []
-    return "; ".join([text, *separated.values(), *hints])
-
-
-def _separation(arm: JointGroup, joint: int, from_start: Array, from_goal: Array) -> str:
-    """The ranges of one joint in both trees; empty if they overlap or are closer than SEPARATION."""
-    one, other = from_start[:, joint], from_goal[:, joint]
-    if max(one.min() - other.max(), other.min() - one.max()) < SEPARATION:
-        return ""
-    return (
-        f"{arm.joint_names[joint]} stayed in [{one.min():.2f}, {one.max():.2f}] from the start "
-        f"and in [{other.min():.2f}, {other.max():.2f}] from the goal"
-    )
 
 
 def _run_portfolio(

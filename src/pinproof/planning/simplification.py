@@ -16,21 +16,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinproof._core import shortcut as shorten
-from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
+from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify, is_proven_free
 from pinproof.collision.certificates.path_constraints import check_constraints
 from pinproof.collision.checking.checker import require_curve
 from pinproof.common.display import html_block, html_of
 from pinproof.common.validation import require_integer
-from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier
-from pinproof.planning.blending import blend as round_corners
+from pinproof.errors import InputError
+from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier, corner
 from pinproof.planning.constrained import manifold_of, shortened, smooth_curves
 from pinproof.planning.edges import Edges
+from pinproof.spatial import Array
 
 RESOLUTION = 0.05
 """Metres by which bodies move between two samples that are checked before the proof of an edge."""
 
 SMOOTH_PAD = 5e-3
 """Metres that the points of a smooth curve keep in addition to the margin, because the curve leaves its chords."""
+
+MAX_HALVINGS = 5
+"""Maximum number of times that a rounding that is not free is halved. A smaller one saves less time than its proof
+takes."""
+
+MIN_REACH = 1e-6
+"""Smallest reach (rad or m) of a rounding."""
+
+STRAIGHT = 1e-9
+"""There is no corner between two unit directions that differ by less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +158,14 @@ def simplify(
     constraints = check_constraints(constraints)
     short = shortcut(path, checker, rng=rng, attempts=attempts, constraints=constraints, torque_limits=torque_limits)
     before = certificate
-    if before is None or not _is_for(before, path, checker, constraints):
+    # A given certificate counts if it is for this path, set-up, margin, excluded pairs and constraints.
+    setup = checker.group, checker.scene, checker.attached, constraints
+    if (
+        before is None
+        or before.margin != checker.margin
+        or before.excluded != tuple(checker.excluded)
+        or not before.matches(path, *setup)
+    ):
         before = certify(path, checker, constraints=constraints)
     rejected = ""
     for curve in _candidates(short, checker, constraints, torque_limits, blend, deviation):
@@ -164,27 +182,19 @@ def _candidates(
     checker: CollisionChecker,
     constraints: tuple[PathConstraint, ...],
     torque_limits: TorqueLimits | None,
-    blend: bool,
+    rounded: bool,
     deviation: float,
 ) -> Iterator[JointPath | BlendedPath]:
     """The curves that may replace a shortened path, in the order of preference."""
-    if blend and constraints:
+    if rounded and constraints:
         edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD, torque_limits=torque_limits)
         for curve in smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names):
             low, high = bezier.extremes(curve.control)  # a spline may leave the joint limits between its points
             if checker.group.limits.inside(np.array([low.min(axis=0), high.max(axis=0)])).all():
                 yield curve
-    if blend:
-        yield round_corners(short, checker, deviation=deviation)
+    if rounded:
+        yield blend(short, checker, deviation=deviation)
     yield short
-
-
-def _is_for(
-    certificate: Certificate, path: JointPath, checker: CollisionChecker, constraints: Sequence[PathConstraint]
-) -> bool:
-    """Whether a certificate is for this path, this setup, this margin, these excluded pairs and these constraints."""
-    same = certificate.margin == checker.margin and certificate.excluded == tuple(checker.excluded)
-    return same and certificate.matches(path, checker.group, checker.scene, checker.attached, constraints)
 
 
 def _result(
@@ -248,3 +258,67 @@ def shortcut(
         return JointPath(shortened(path.q, edges, manifold, generator, attempts), path.joint_names)
     draws = generator.random((attempts, 2))
     return JointPath(shorten(edges.core, np.ascontiguousarray(path.q), draws), path.joint_names)
+
+
+def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1) -> BlendedPath:
+    """Replace the corners of ``path`` by quintic pieces, so that the path is twice differentiable there.
+
+    Each rounding is inside the triangle of its corner, and therefore inside the joint limits if the path is. A rounding
+    that is not proven free is halved until it is. If no rounding is free, or if the path reverses its direction, the
+    arm stops at the corner; these are the ``corners`` of the result. The rest of the straight segments is not changed.
+
+    Parameters
+    ----------
+    path
+        The path, such as the result of :func:`shortcut`.
+    checker
+        Defines the bodies and margins for the roundings.
+    deviation
+        Maximum distance (rad or m, Euclidean in joint space) between a corner and its rounding. Two roundings on the
+        same segment share its length.
+
+    Raises
+    ------
+    InputError
+        If the path does not move the joints of the arm, or ``deviation`` is not above 0.
+    """
+    if path.joint_names != checker.group.joint_names:
+        raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.group.joint_names}")
+    if not deviation > 0:
+        raise InputError(f"deviation = {deviation}; it must be a distance in joint space above 0")
+    distinct = JointPath(without_repeats(path.q), path.joint_names)
+    q = distinct.q
+
+    # The waypoints that can be rounded, and how far their roundings may reach along the two segments.
+    steps = np.diff(q, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    directions = steps / lengths[:, None]
+    into, out = directions[:-1], directions[1:]
+    turns = np.linalg.norm(out - into, axis=1) > STRAIGHT
+    turns &= np.linalg.norm(out + into, axis=1) > corner.REVERSAL
+    wanted = np.zeros(len(q))
+    inner = np.flatnonzero(turns) + 1
+    wanted[inner] = deviation / corner.distance_to_corner(into[turns], out[turns])
+    # Each end of a segment may use half of its length, and what the other end leaves of its half.
+    allowed = np.minimum(
+        lengths[:-1] - np.minimum(wanted[:-2], lengths[:-1] / 2), lengths[1:] - np.minimum(wanted[2:], lengths[1:] / 2)
+    )
+
+    reach = np.zeros(len(distinct))
+    for i in inner.tolist():
+        tried = float(min(wanted[i], allowed[i - 1]))
+        for _ in range(MAX_HALVINGS + 1):
+            if tried < MIN_REACH:
+                break
+            width, piece = corner.rounding(q[i], into[i - 1], out[i - 1], tried)
+            if is_proven_free(BlendedPath([0.0, width], piece[None], path.joint_names), checker):
+                reach[i] = tried
+                break
+            tried /= 2
+    return BlendedPath.rounded(distinct, reach)
+
+
+def without_repeats(q: Array) -> Array:
+    """The waypoints without those that equal their predecessor: a segment of length 0 has no direction."""
+    moves = (np.diff(q, axis=0) != 0.0).any(axis=1)
+    return np.asarray(q[np.concatenate([[True], moves])])

@@ -68,6 +68,28 @@ def test_torques_of_a_pick_are_limited_and_reported(judge):
         assert motion.torques[1].torque == pytest.approx(largest, rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("stated", "limited"),
+    [
+        ({}, False),
+        ({"shared": "payload: {mass: 1.5}"}, True),
+        ({"shared": "torque_limits: true"}, True),
+        ({"defaults": "payload: {mass: 2}, "}, True),
+        ({"shared": "payload: {mass: 1.5}", "defaults": "speed: 0.4, "}, True),
+    ],
+)
+def test_torques_are_limited_if_a_payload_or_the_limits_are_stated(judge, stated, limited):
+    arm, _, verdict = judge(**stated)
+    assert verdict.ok
+    assert ("torque_share" in verdict.stages[-1].figures) == limited
+    for motion in verdict.motions:
+        assert bool(motion.torques) == limited
+        if limited and stated.get("shared"):
+            tool = [pp.Payload(1.5)] if "payload" in stated["shared"] else []
+            expected = pp.motion.TorqueLimits(arm, tool).peaks(motion.trajectory)
+            assert [peak.torque for peak in motion.torques] == pytest.approx([peak.torque for peak in expected])
+
+
 NEEDS = r"joint '\w+' needs \d+\.?\d* N m to hold the arm at rest at q = \[.*limit is (150|28) N m \(payload {} kg\)"
 
 

@@ -66,6 +66,20 @@ def test_limit_violations_name_the_joint_and_the_excess(arms) -> None:
     assert verdict.stages[-1].figures["outside"] == pytest.approx(0.5, abs=1e-6)
 
 
+@pytest.mark.parametrize("name", ["scara", "stanford"])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_prismatic_joint_beyond_its_limit_is_named_with_the_excess(name, side) -> None:
+    arm = pp.load_robot(name).arm()
+    (j,) = np.flatnonzero(~arm.angular)
+    limit = (arm.limits.upper if side > 0 else arm.limits.lower)[j]
+    q = np.where(np.arange(arm.dof) == j, limit + 0.1 * side, arm.home)
+    pick = pp.Pick("part", arm.root_from_base * arm.forward_kinematics(q), approach=0.01, retreat=0.01)
+    (verdict,) = pp.validate_picks(arm, pp.Scene(), pp.Picks((pick,))).verdicts
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.LIMITS)
+    assert f"{arm.joint_names[j]} by 0.1" in verdict.reason
+    assert verdict.stages[-1].figures["outside"] == pytest.approx(0.1, abs=1e-6)
+
+
 def test_a_colliding_grasp_reports_pair_depth_and_a_free_shift(cell) -> None:
     verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.picks.GraspSpin(), carried=None))
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)

@@ -13,6 +13,10 @@ import pinproof as pp
 from pinproof.collision import audit
 from pinproof.errors import PicksError
 from pinproof.picks import Conveyor, PickSetup, PickStatus, Stage, pick_from_belt
+from pinproof.picks.judging import following, intercept
+from pinproof.picks.judging.configurations import configurations
+from pinproof.picks.judging.following import _Phases
+from pinproof.picks.judging.task import Task
 
 FILE = Path(__file__).parents[2] / "robots" / "ur5" / "conveyor_picks.yaml"
 
@@ -231,3 +235,68 @@ def test_file_with_an_invalid_conveyor_names_the_key(tmp_path, stated, named) ->
     with pytest.raises(PicksError, match=named) as caught:
         pp.read_picks(path)
     assert "conveyor" in str(caught.value)
+
+
+def test_velocity_of_the_tool_is_the_derivative_of_its_place_which_is_that_of_the_belt_and_its_lines() -> None:
+    belt = replace(cell()[2].conveyor, direction=(0.6, 0.8, 0.0), speed=0.3, dwell=0.25)
+    approach, retreat = np.array([0.01, -0.02, 0.1]), np.array([0.03, 0.01, 0.15])
+    phases = _Phases(None, None, belt, approach, retreat, take_up=0.3, into=0.4, out=0.5, give_up=0.7)
+    start, begin, meets, held, lifted, end = phases.times
+    np.testing.assert_allclose(np.diff(phases.times), [0.3, 0.4, 0.25, 0.5, 0.7], atol=1e-12)
+    assert meets == 0.0
+    step = 1e-5
+    for t in np.linspace(start + step, end - step, 301):
+        ahead, behind = (phases.offset(t + by)[0] for by in (step, -step))
+        np.testing.assert_allclose((ahead - behind) / (2 * step), phases.offset(t)[1], atol=1e-7)
+        line = phases.offset(t)[0] - 0.3 * t * np.array(belt.direction)
+        if held >= t >= meets:
+            np.testing.assert_allclose(line, 0.0, atol=1e-12)
+    # At rest at both ends; half of the time in which the speed changes is lost. The lines are complete.
+    for t, moved, line in ((start, begin - 0.15, approach), (end, lifted + 0.35, retreat)):
+        place, velocity = phases.offset(t)
+        np.testing.assert_allclose(place, 0.3 * moved * np.array(belt.direction) + line, atol=1e-12)
+        np.testing.assert_allclose(velocity, 0.0, atol=1e-12)
+    np.testing.assert_allclose(phases.offset(begin)[0] - 0.3 * begin * np.array(belt.direction), approach, atol=1e-12)
+    np.testing.assert_allclose(phases.offset(lifted)[0] - 0.3 * lifted * np.array(belt.direction), retreat, atol=1e-12)
+
+
+@pytest.mark.parametrize("slower", [1.0, 0.25])
+def test_phases_are_as_short_as_the_limits_allow_and_follow_the_exact_motion(monkeypatch, slower: float) -> None:
+    """Every phase has its shortest duration or reaches a limit of a joint; the tool is where the belt takes it."""
+    arm, scene, picks = cell()
+    limits = replace(arm.limits, velocity=slower * arm.limits.velocity, acceleration=slower * arm.limits.acceleration)
+    arm = arm.with_limits(limits)
+    belt = replace(picks.conveyor, speed=0.05, dwell=0.25)
+    task = Task(picks.picks[0], PickSetup.make(arm, scene, picks, home=None, rng=0).cell)
+    there = intercept._at_time(task, replace(belt, speed=0.2), 3.5)
+    member = task.nearest_group[0]
+    many = configurations(arm, task.targets([there.grasp(member)]), task.cell.home, 0)[1]
+    q = many[np.abs(many - task.cell.home).max(axis=1).argmin()]
+    tried, original = [], following._followed
+    monkeypatch.setattr(following, "_followed", lambda phases, q: tried.append(phases) or original(phases, q))
+    found = following.follow_belt(there, member, q, belt)
+    assert not isinstance(found, str)
+    phases = tried[-1]
+    assert [found.approach.duration, found.tracking.duration, found.retreat.duration] == pytest.approx(
+        [phases.take_up + phases.into, belt.dwell, phases.out + phases.give_up], abs=1e-6
+    )
+    assert found.before == pytest.approx(found.approach.duration, abs=1e-9)
+    whole = pp.Trajectory.join(found.approach, found.tracking, found.retreat)
+    assert not whole.velocities[[0, -1]].any()
+    for t in np.linspace(0.0, whole.duration, 300):
+        place = (arm.root_from_base * arm.forward_kinematics(whole(t)) * picks.tip).translation
+        exact = there.grasp(member).translation + phases.offset(phases.times[0] + t)[0]
+        assert np.linalg.norm(place - exact) < 2e-4
+    first = (following.SHORTEST, max(0.1 / following.LINE_SPEED, following.SHORTEST)) * 2
+    durations = (phases.take_up, phases.into, phases.give_up, phases.out)
+    ends = np.cumsum([0.0, phases.take_up, phases.into, belt.dwell, phases.out, phases.give_up])
+    for duration, shortest, k in zip(durations, first, (0, 1, 4, 3), strict=True):
+        times = np.linspace(ends[k], ends[k + 1], 500)[1:-1]
+        share = max(
+            (np.abs(whole.velocity(times)) / limits.velocity).max(),
+            np.sqrt((np.abs(whole.acceleration(times)) / limits.acceleration).max()),
+        )
+        assert share <= 1.0 + 1e-6
+        assert duration == pytest.approx(shortest, abs=1e-6) or share > 0.85
+    if slower < 1.0:
+        assert len(tried) > 1

@@ -17,6 +17,7 @@ from pinproof.picks.judging import following, intercept
 from pinproof.picks.judging.configurations import configurations
 from pinproof.picks.judging.following import _Phases
 from pinproof.picks.judging.task import Task
+from pinproof.spatial import translated
 
 FILE = Path(__file__).parents[2] / "robots" / "ur5" / "conveyor_picks.yaml"
 
@@ -260,14 +261,16 @@ def test_velocity_of_the_tool_is_the_derivative_of_its_place_which_is_that_of_th
     np.testing.assert_allclose(phases.offset(lifted)[0] - 0.3 * lifted * np.array(belt.direction), retreat, atol=1e-12)
 
 
-@pytest.mark.parametrize("slower", [1.0, 0.25])
-def test_phases_are_as_short_as_the_limits_allow_and_follow_the_exact_motion(monkeypatch, slower: float) -> None:
+@pytest.mark.parametrize(("slower", "speed", "line"), [(1.0, 0.05, 0.1), (0.25, 0.05, 0.1), (0.5, 0.2, 0.002)])
+def test_phases_are_as_short_as_the_limits_allow_and_follow_the_exact_motion(monkeypatch, slower, speed, line) -> None:
     """Every phase has its shortest duration or reaches a limit of a joint; the tool is where the belt takes it."""
     arm, scene, picks = cell()
     limits = replace(arm.limits, velocity=slower * arm.limits.velocity, acceleration=slower * arm.limits.acceleration)
     arm = arm.with_limits(limits)
-    belt = replace(picks.conveyor, speed=0.05, dwell=0.25)
-    task = Task(picks.picks[0], PickSetup.make(arm, scene, picks, home=None, rng=0).cell)
+    belt = replace(picks.conveyor, speed=speed, dwell=0.25)
+    task = Task(
+        replace(picks.picks[0], approach=line, retreat=line), PickSetup.make(arm, scene, picks, home=None, rng=0).cell
+    )
     there = intercept._at_time(task, replace(belt, speed=0.2), 3.5)
     member = task.nearest_group[0]
     many = configurations(arm, task.targets([there.grasp(member)]), task.cell.home, 0)[1]
@@ -287,7 +290,7 @@ def test_phases_are_as_short_as_the_limits_allow_and_follow_the_exact_motion(mon
         place = (arm.root_from_base * arm.forward_kinematics(whole(t)) * picks.tip).translation
         exact = there.grasp(member).translation + phases.offset(phases.times[0] + t)[0]
         assert np.linalg.norm(place - exact) < 2e-4
-    first = (following.SHORTEST, max(0.1 / following.LINE_SPEED, following.SHORTEST)) * 2
+    first = (following.SHORTEST, max(line / following.LINE_SPEED, following.SHORTEST)) * 2
     durations = (phases.take_up, phases.into, phases.give_up, phases.out)
     ends = np.cumsum([0.0, phases.take_up, phases.into, belt.dwell, phases.out, phases.give_up])
     for duration, shortest, k in zip(durations, first, (0, 1, 4, 3), strict=True):
@@ -300,3 +303,54 @@ def test_phases_are_as_short_as_the_limits_allow_and_follow_the_exact_motion(mon
         assert duration == pytest.approx(shortest, abs=1e-6) or share > 0.85
     if slower < 1.0:
         assert len(tried) > 1
+
+
+@pytest.mark.parametrize("start", [0.0, 2.37])
+def test_meeting_times_are_those_at_which_the_nearest_reachable_grasp_can_be_reached_in_time(start: float) -> None:
+    arm, _, picks = cell()
+    sideways = replace(picks.picks[0], tolerance=pp.picks.GraspTolerance(position=(0.0, 0.04, 0.0)))
+    for pick, duration in ((picks.picks[0], 20.0), (sideways, 20.0), (picks.picks[2], 6.0)):
+        belt, task = replace(picks.conveyor, duration=duration), Task(pick, setup().cell)
+        offered = list(intercept._meeting_times(task, belt, start, 0))
+        expected: list[tuple[float, str]] = []
+        for group in task.groups():
+            for time in start + intercept.TIME_STEP * np.arange(1, 1000):
+                if time >= belt.duration - belt.dwell - 1e-9:
+                    break
+                for member in group:
+                    target = task.target(translated(task.grasp(member), belt.travel(time)))
+                    branches = pp.AnalyticIk().solve_all(arm, target, task.cell.home).q
+                    far = np.abs((branches - task.cell.home + np.pi) % (2 * np.pi) - np.pi)
+                    if len(far) and (far / arm.limits.velocity).max(axis=1).min() <= time - start:
+                        expected.append((time, member.words))
+            if expected:
+                break
+        assert bool(offered) == bool(expected)
+        assert len(offered) <= intercept.TRIED
+        if offered:
+            assert (offered[0][0], offered[0][1].words) == pytest.approx(expected[0])
+            times = [time for time, _ in offered]
+            assert np.diff(times).min() >= intercept.SPACING - 1e-6
+            known = {(round(time, 6), words) for time, words in expected}
+            assert {(round(time, 6), member.words) for time, member in offered} <= known
+
+
+def test_a_lowered_support_touches_what_the_support_may_touch() -> None:
+    arm, scene, _ = cell()
+    scene = replace(scene, allowed=(*scene.allowed, ("belt", "block_1"), ("block_2", "belt"), ("tray", "block_1")))
+    part = pp.Obstacle("part", pp.Box(0.02, 0.02, 0.02), pp.pose((0, 0, 0.2)))
+    checker = pp.CollisionChecker(arm, scene, margin=0.002, attached=(part,))
+    lowered = intercept._with_lowered(checker, (("part", "belt"), ("part", "tray")))
+    named = {frozenset(pair) for pair in lowered.scene.allowed}
+    assert {frozenset(pair) for pair in scene.allowed} <= named
+    for name in ("belt", "tray"):
+        copy = lowered.scene[f"{name} (lowered)"]
+        np.testing.assert_allclose(
+            scene[name].pose.translation - copy.pose.translation, [0.0, 0.0, 0.002 + intercept.SINK], atol=1e-12
+        )
+        assert not lowered.pairs_of_owners("part", name)
+        assert lowered.pairs_of_owners("part", copy.name)
+        for pair in scene.allowed:
+            if name in pair:
+                assert frozenset(copy.name if each == name else each for each in pair) in named
+    assert intercept._with_lowered(checker, ()) is checker

@@ -117,7 +117,7 @@ def _meeting_times(task: Task, belt: Conveyor, start_time: float, seed: int) -> 
             grasp = task.grasp(member)
             poses = [translated(grasp, belt.travel(t)) for t in times.tolist()]
             row, q = configurations(arm, task.targets(poses), home, seed)
-            in_time = times[row] - start_time >= least_seconds(arm, home[None], q)[0] if len(q) else np.empty(0, bool)
+            in_time = times[row] - start_time >= least_seconds(arm, home[None], q)[0]
             found += [(float(times[k]), number, member) for k in dict.fromkeys(row[in_time].tolist())]
         if found:
             break

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -35,11 +35,11 @@ class Attempt:
     """
 
     candidate: Candidate
+    shift: Array
     stages: tuple[StageResult, ...] = ()
     approach: CubicPath | None = None
     retreat: CubicPath | None = None
     parting: Pairs = ()
-    shift: Array = field(default_factory=lambda: np.zeros(1))
     fraction: float = 0.0
     clearance: float = np.inf
 
@@ -109,13 +109,13 @@ def along(task: Task, candidate: Candidate) -> Attempt:
     # in a trial for a failed retreat, an approach is only needed if the retreat is possible
     first = line_out(task, candidate) if task.cell.trial is Stage.RETREAT else None
     if first is not None and not first[0].result.ok:
-        return Attempt(candidate, (first[0].result,), shift=shift, fraction=first[0].fraction)
+        return Attempt(candidate, shift, (first[0].result,), fraction=first[0].fraction)
     into = line_in(task, candidate)
     if not into.result.ok:
-        return Attempt(candidate, (into.result,), shift=shift, fraction=into.fraction)
+        return Attempt(candidate, shift, (into.result,), fraction=into.fraction)
     out, parting = first or line_out(task, candidate)
     stages, clearance = (into.result, out.result), min(into.clearance, out.clearance)
-    return Attempt(candidate, stages, into.path, out.path, parting, shift, out.fraction, clearance)
+    return Attempt(candidate, shift, stages, into.path, out.path, parting, out.fraction, clearance)
 
 
 def line_in(task: Task, candidate: Candidate) -> Line:

@@ -1,0 +1,80 @@
+"""Attempts of a pick at full rotations of their joints, compared with all rotations within the limits."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.model import JointLimits
+from pinproof.motion import CubicPath
+from pinproof.picks.judging.grasp import Candidate
+from pinproof.picks.judging.lines import Attempt, full_rotations, shifted
+
+TURN = 2 * np.pi
+
+
+def attempt_of(arm: pp.Arm, rng: np.random.Generator) -> Attempt:
+    """A grasp between two curved lines of random extent."""
+    q = rng.uniform(-2.5, 2.5, arm.dof)
+    lines = [
+        CubicPath(np.array([q, q + rng.normal(0, 0.4, arm.dof)]), rng.normal(0, 0.5, (2, arm.dof)), [0.0, 1.0], arm.joint_names)
+        for _ in range(2)
+    ]  # fmt: skip
+    shift = TURN * rng.integers(-1, 2, arm.dof)
+    return Attempt(Candidate(q, None, 0.0, 0.0), approach=lines[0], retreat=lines[1], shift=shift)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_full_rotations_are_all_that_keep_both_lines_within_the_limits(arms, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ur5 = arms["ur5"]
+    wide = JointLimits(
+        -rng.uniform(3.0, 5.5, 6), rng.uniform(3.0, 5.5, 6), ur5.limits.velocity, ur5.limits.acceleration
+    )
+    arm = ur5.with_limits(wide)
+    attempt = attempt_of(arm, rng)
+    shifts = full_rotations(arm, arm.home, attempt)
+    assert not shifts[0].any()
+    dense = np.linspace(0.0, 1.0, 200)
+    points = np.vstack([attempt.candidate.q, attempt.approach(dense), attempt.retreat(dense)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    fits = {
+        turns
+        for turns in product((-2, -1, 0, 1, 2), repeat=6)
+        if (low + TURN * np.array(turns) >= wide.lower).all() and (high + TURN * np.array(turns) <= wide.upper).all()
+    }
+    # The control points bound the lines, so that rotations are left out only where a line nearly reaches a limit.
+    given = {tuple(np.round(shift / TURN).astype(int).tolist()) for shift in shifts}
+    assert given - fits <= {(0,) * 6}
+    bounds = attempt.span()
+    kept = {
+        turns
+        for turns in fits
+        if (bounds[0] + TURN * np.array(turns) >= wide.lower).all()
+        and (bounds[1] + TURN * np.array(turns) <= wide.upper).all()
+    }
+    assert given == kept | {(0,) * 6}
+    assert (bounds[0] <= low + 1e-12).all()
+    assert (bounds[1] >= high - 1e-12).all()
+
+
+def test_an_attempt_at_full_rotations_has_the_same_poses_at_its_ends(arms) -> None:
+    arm, rng = arms["ur5"], np.random.default_rng(5)
+    for _ in range(5):
+        attempt = attempt_of(arm, rng)
+        for line, unshifted, end in (
+            (attempt.line_in(), attempt.approach, attempt.entrance),
+            (attempt.line_out(), attempt.retreat, attempt.exit),
+        ):
+            for share in np.linspace(0.0, 1.0, 11):
+                np.testing.assert_allclose(line(share) - unshifted(share), attempt.shift, atol=1e-12)
+            np.testing.assert_allclose(line.end, end, atol=1e-12)
+            np.testing.assert_allclose(line.start, attempt.q, atol=1e-12)
+    alone = Attempt(attempt.candidate, shift=attempt.shift)
+    assert (alone.line_in(), alone.line_out()) == (None, None)
+    for q in (alone.entrance, alone.exit):
+        np.testing.assert_array_equal(q, alone.candidate.q + alone.shift)
+    assert shifted(None, attempt.shift) is None

@@ -18,11 +18,9 @@ TURN = 2 * np.pi
 
 def attempt_of(arm: pp.Arm, rng: np.random.Generator) -> Attempt:
     """A grasp between two curved lines of random extent."""
-    q = rng.uniform(-2.5, 2.5, arm.dof)
-    lines = [
-        CubicPath(np.array([q, q + rng.normal(0, 0.4, arm.dof)]), rng.normal(0, 0.5, (2, arm.dof)), [0.0, 1.0], arm.joint_names)
-        for _ in range(2)
-    ]  # fmt: skip
+    q, names = rng.uniform(-2.5, 2.5, arm.dof), arm.joint_names
+    ends, tangents = q + rng.normal(0, 0.4, (2, arm.dof)), rng.normal(0, 0.5, (2, 2, arm.dof))
+    lines = [CubicPath(np.array([q, ends[k]]), tangents[k], [0.0, 1.0], names) for k in range(2)]
     shift = TURN * rng.integers(-1, 2, arm.dof)
     return Attempt(Candidate(q, None, 0.0, 0.0), approach=lines[0], retreat=lines[1], shift=shift)
 

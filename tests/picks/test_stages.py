@@ -116,7 +116,11 @@ def test_approach_blocked(arms) -> None:
     verdict = judge_one(arm, pp.Pick("part", target, approach=0.1, retreat=0.02), above)
     assert verdict.failed is Stage.APPROACH
     assert "lamp" in verdict.reason
-    assert "of the line: " in verdict.reason
+    share = int(re.search(r"stops at (\d+) % of the line: ", verdict.reason)[1])
+    figures = verdict.stages[-1].figures
+    assert figures["distance"] == 0.1
+    assert 0.02 < figures["possible"] < 0.1
+    assert int(100 * figures["possible"] / 0.1) == share
 
 
 @pytest.mark.slow

@@ -113,7 +113,7 @@ def turned_inside(arm: Arm, q: Array) -> Array:
     lower, upper, q = arm.limits.lower, arm.limits.upper, arm.limits.snap(q)
     outside = arm.periodic & ((q < lower) | (q > upper)) & np.isfinite(lower)
     turned = arm.limits.snap(q + np.where(outside, np.ceil((lower - AT_LIMIT - q) / TURN), 0.0) * TURN)
-    return np.where(outside & (turned <= upper), turned, q)
+    return np.where(turned <= upper, turned, q)
 
 
 def at_full_speed(arm: Arm, points: Array) -> float:

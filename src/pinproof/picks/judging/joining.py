@@ -113,7 +113,8 @@ class JoinedMotion:
     def find(self) -> tuple[Trajectory, Chosen, Certificate] | None:
         """The motion, the lines that it joins, and the certificate; None if the arm has to stop at both ends."""
         stopping: Trajectory | None = None
-        for numbers in self._choices():
+        # The options of both lines, of which not all exist; -1 is a stop.
+        for numbers in [each for n in range(len(SPEEDS) + 1) for each in ((n, n), (-1, n), (n, -1))]:
             chosen = self._lines(numbers)
             if chosen is None:
                 continue
@@ -142,13 +143,6 @@ class JoinedMotion:
             return None
         certificate = self.prove(motion, chosen)
         return (motion, chosen, certificate) if certificate.free else None
-
-    def _choices(self) -> list[tuple[int, int]]:
-        """The options of both lines in the order in which they are tried; -1 is a stop."""
-        options = range(len(SPEEDS) + 1)
-        if self.before is None or self.after is None:
-            return [(-1, n) if self.before is None else (n, -1) for n in options]
-        return [each for n in options for each in ((n, n), (-1, n), (n, -1))]
 
     def _lines(self, numbers: tuple[int, int]) -> Chosen | None:
         """The chosen options; None if one of them does not exist."""

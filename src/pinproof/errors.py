@@ -5,7 +5,7 @@
     PinproofError
     ├── InputError (also a ValueError)   invalid argument: wrong shape, NaN, matrix that is not a rigid transform
     │   ├── NoClosedForm                 arm that AnalyticIk does not support
-    │   └── UnknownNameError             unknown frame, joint, robot or option; the message lists the valid names
+    │   └── UnknownNameError (a KeyError) unknown frame, joint, robot or option; the message lists the valid names
     ├── FileError                        input file that cannot be used; the message states file and line
     │   ├── UrdfError                    URDF, xacro, MJCF or SRDF file
     │   ├── DhTableError                 Denavit-Hartenberg table
@@ -89,7 +89,7 @@ LISTED = 16
 """Largest number of valid names that a message lists."""
 
 
-class UnknownNameError(InputError):
+class UnknownNameError(InputError, KeyError):
     """A name that does not exist.
 
     Parameters
@@ -112,6 +112,8 @@ class UnknownNameError(InputError):
         choices = ", ".join(self.valid[:LISTED]) + more
         thing, of, whole = kind.partition(" of ")
         super().__init__(f"unknown {thing} {name!r}{of}{whole}{place}; valid: {choices or 'none'}")
+
+    __str__ = Exception.__str__  # that of a KeyError would put the message in quotes
 
     def __reduce__(self) -> tuple[object, ...]:
         return (_rebuild, (type(self), self.args, self.__dict__))

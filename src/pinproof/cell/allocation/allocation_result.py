@@ -261,7 +261,7 @@ class AllocationResult:
             for part, held in carrying.items():
                 thing = next(each for each in held[-1].carries if each.name == part)
                 tcp = own.root_from_frame(held[-1].trajectory.end, own.tcp)
-                before = self.scene[part] if part in self.scene.names else None
+                before = self.scene.get(part)
                 after = Obstacle(part, thing.shape, tcp * SE3(thing.pose), thing.rgba)
                 found[part] = PartState(name, before, after, held[0].start, held[-1].end)
         return found
@@ -284,7 +284,7 @@ class AllocationResult:
         """The scene at a time (s) of the common clock, without the parts that are carried then."""
         scene = self.scene
         for part, state in self.parts.items():
-            if part in scene.names and time >= state.gripped:
+            if part in scene and time >= state.gripped:
                 scene = scene.remove(part)
             if time >= state.released:
                 scene = scene.add(state.after)

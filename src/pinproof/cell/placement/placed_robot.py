@@ -144,7 +144,7 @@ class PlacedRobot:
 
         def judged(pair: tuple[int, int]) -> bool:
             owners = [checker.bodies[k].owner for k in pair]
-            return any(name in scene.names for name in owners) and any(name in self.base_links for name in owners)
+            return any(name in scene for name in owners) and any(name in self.base_links for name in owners)
 
         return checker.without_pairs(k for k, pair in enumerate(checker.pairs) if not judged(pair))
 
@@ -161,7 +161,7 @@ class PlacedRobot:
                 parent = frame
                 for _ in range(len(shared.frames) + 1):
                     parent = shared.frames[parent].frame if parent in shared.frames else parent
-                if parent and parent not in self.scene.names:
+                if parent and parent not in self.scene:
                     raise InputError(
                         f"pick {pick.name!r} is stated in the frame {frame!r}, which moves with the base; state it in "
                         "the frame of the cell or of an obstacle that does not move with the base"
@@ -171,8 +171,8 @@ class PlacedRobot:
 def _without(scene: Scene, names: tuple[str, ...]) -> Scene:
     """The scene without these obstacles; they may still touch what the scene allows them to touch."""
     left = scene.remove(*names)
-    flipped = [(a, b) if b in left.names else (b, a) for a, b in scene.allowed]
-    kept = [(a, b) for a, b in flipped if b in left.names and (a in names or (a, b) in left.allowed)]
+    flipped = [(a, b) if b in left else (b, a) for a, b in scene.allowed]
+    kept = [(a, b) for a, b in flipped if b in left and (a in names or (a, b) in left.allowed)]
     return Scene(left.obstacles, allowed=kept, disabled=left.disabled, notes=left.notes, source=left.source)
 
 

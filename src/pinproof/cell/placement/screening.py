@@ -182,7 +182,7 @@ class PlacementScreening:
     ) -> None:
         self.placed, self.picks, self.home, self.table = placed, picks, home, table
         carried = [each if isinstance(each, str) else each.name for pick in picks if (each := pick.carried) is not None]
-        objects = [name for name in dict.fromkeys(carried) if name in placed.scene.names]
+        objects = [name for name in dict.fromkeys(carried) if name in placed.scene]
         self.checker = placed.checker(picks, hand_may_touch=objects)
         self.zones: CollisionChecker | None = placed.zone_checker(zones, picks)
         self.branches = Branches(placed.original, home)

@@ -112,8 +112,7 @@ def _touched(checker: CollisionChecker, q: Array) -> set[str]:
     """The names of obstacles in contact with the arm and what it carries."""
     if checker.is_free_unchecked(q):
         return set()
-    names = set(checker.scene.names)
-    return {name for contact in checker.check(q).contacts for name in contact.bodies if name in names}
+    return {name for contact in checker.check(q).contacts for name in contact.bodies if name in checker.scene}
 
 
 def _supports(carrying: CollisionChecker, q: Array, stated: object) -> set[str]:
@@ -126,4 +125,4 @@ def _supports(carrying: CollisionChecker, q: Array, stated: object) -> set[str]:
             first = contact.bodies[0] == CARRIED
             if (1 if first else -1) * contact.normal[2] < DOWN:
                 found.add(contact.bodies[1] if first else contact.bodies[0])
-    return found & set(carrying.scene.names)
+    return found & carrying.scene.keys()

@@ -125,7 +125,7 @@ def part_names(picks: tuple[Pick, ...], scene: Scene) -> dict[str, str]:
         name = pick.carried if isinstance(pick.carried, str) else pick.carried.name
         if name in found:
             raise InputError(f"picks {found[name]!r} and {pick.name!r} carry the same object {name!r}; select one")
-        if isinstance(pick.carried, Obstacle) and name in scene.names:
+        if isinstance(pick.carried, Obstacle) and name in scene:
             raise InputError(f"the object {name!r} of pick {pick.name!r} has the name of an obstacle")
         found[name] = pick.name
     return found

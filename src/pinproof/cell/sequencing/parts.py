@@ -23,7 +23,7 @@ def without_parts(arm: Arm, scene: Scene, picks: Picks) -> tuple[Scene, Picks]:
     tuple[Scene, Picks]
         The scene without the parts, and the picks, each with its part attached after the grasp.
     """
-    parts = {pick.carried for pick in picks if isinstance(pick.carried, str) and pick.carried in scene.names}
+    parts = {pick.carried for pick in picks if isinstance(pick.carried, str) and pick.carried in scene}
 
     def of_part(frame: str) -> bool:
         while frame in picks.frames:

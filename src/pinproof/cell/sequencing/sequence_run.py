@@ -141,7 +141,7 @@ class SequenceRun:
         setup = self.setup
         ready = tuple(resolved(pick, setup) for pick in self.picks)
         parts = part_names(ready, setup.checker.scene)
-        fixed = setup.checker.scene.remove(*(name for name in parts if name in setup.checker.scene.names))
+        fixed = setup.checker.scene.remove(*setup.checker.scene.keys() & parts)
         task = _OptionsOf(setup, fixed, frozenset(parts), self.budget.options)
         self._report("options", 0, len(ready))
         jobs = self.runner.run("options", task, ready, CHUNK)

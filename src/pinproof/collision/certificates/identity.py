@@ -192,7 +192,7 @@ def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) 
     for name, value in first.held.items():
         if name in held and abs(held[name] - value) > HELD_TOLERANCE:
             found.append(f"it was certified with {name} held at {value:.9g}, now at {held[name]:.9g}")
-    if first.obstacles and not checker.scene.obstacles:
+    if first.obstacles and not checker.scene:
         found.append(
             f"it was certified among the obstacles {_listed(first.obstacles)}, but the scene has no obstacles now"
         )

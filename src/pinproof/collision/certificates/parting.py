@@ -392,7 +392,7 @@ def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> lis
         for name in (one, other):
             if name not in known:
                 raise UnknownNameError("body", name, known, "parting")
-        if (one in checker.scene.names) == (other in checker.scene.names):
+        if (one in checker.scene) == (other in checker.scene):
             raise InputError(f"parting: {one!r} and {other!r}; one must be an obstacle, the other a link or attached")
         meant = checker.pairs_of_owners(one, other)
         if not meant:

@@ -246,11 +246,11 @@ def _check_movers(
     for mover in carriers:
         if names.count(mover.name) > 1:
             raise InputError(f"two movers have the name {mover.name!r}")
-        if mover.name in (*urdf.links, *urdf.joints, *checker.scene.names, *group.ends):
+        if any(mover.name in taken for taken in (urdf.links, urdf.joints, checker.scene, group.ends)):
             raise InputError(f"mover {mover.name!r} has the name of a link, joint, arm or obstacle; rename it")
         for name in mover.obstacles:
-            if name not in checker.scene.names:
-                raise UnknownNameError("obstacle", name, checker.scene.names, f"mover {mover.name!r}")
+            if name not in checker.scene:
+                raise UnknownNameError("obstacle", name, checker.scene, f"mover {mover.name!r}")
             if isinstance(checker.scene[name].shape, HalfSpace):
                 raise InputError(f"obstacle {name!r} is a half-space, which mover {mover.name!r} cannot move")
             if name in moved:

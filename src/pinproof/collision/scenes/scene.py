@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -41,12 +42,19 @@ def _pair(name: str, value: object) -> tuple[str, str]:
     return names[0], names[1]
 
 
+Default = TypeVar("Default")
+
 PAIRS = list_of(simple(list_of(ANY_TEXT, 2, 2).schema, _pair))
 
 
 @struct("scene", first=("obstacles", "allowed_contacts", "disabled_pairs", "frame"), init=False, repr=False, eq=False)
-class Scene:
-    """Obstacles, which are not checked against each other. Poses are in the frame of the robot's root link."""
+class Scene(Mapping[str, Obstacle]):
+    """Obstacles, which are not checked against each other. Poses are in the frame of the robot's root link.
+
+    A scene is a read-only mapping of names to obstacles, in order: ``scene["table"]``, ``"table" in scene``,
+    ``len(scene)``, ``for name in scene``, ``scene.items()``. Two scenes are equal only if they are the same object, as
+    for obstacles; :meth:`is_close` compares their contents.
+    """
 
     obstacles: tuple[Obstacle, ...] = key(
         "the obstacles; write `obstacles: []` for an empty scene", kind=list_of(table_of(Obstacle), named="obstacle")
@@ -104,37 +112,60 @@ class Scene:
         self.__post_init__()
 
     def __post_init__(self) -> None:
-        names = set(self.names)
         for _, obstacle in self.allowed:
-            if obstacle not in names:
-                error = UnknownNameError("obstacle", obstacle, names, "the allowed contacts of the scene")
+            if obstacle not in self:
+                error = UnknownNameError("obstacle", obstacle, self, "the allowed contacts of the scene")
                 error.argument = "allowed"
                 raise error
 
+    @cached_property
+    def _by_name(self) -> dict[str, Obstacle]:
+        return {obstacle.name: obstacle for obstacle in self.obstacles}
+
     def __getitem__(self, name: str) -> Obstacle:
-        for obstacle in self.obstacles:
-            if obstacle.name == name:
-                return obstacle
-        raise UnknownNameError("obstacle", name, self.names, "the scene")
+        if name not in self:
+            raise UnknownNameError("obstacle", name, self, "the scene")
+        return self._by_name[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._by_name
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self._by_name)
+
+    @overload
+    def get(self, name: str, default: None = None, /) -> Obstacle | None: ...
+    @overload
+    def get(self, name: str, default: Obstacle | Default, /) -> Obstacle | Default: ...
+    def get(self, name: str, default: object = None, /) -> object:
+        """Return the obstacle of this name, or ``default``."""
+        return self._by_name.get(name, default)
+
+    __eq__, __hash__ = object.__eq__, object.__hash__
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the obstacles, in order."""
-        return tuple(obstacle.name for obstacle in self.obstacles)
+        return tuple(self)
 
     def add(self, *obstacles: Obstacle) -> Scene:
         """Return a new scene with these obstacles added."""
-        return self._with((*self.obstacles, *obstacles))
+        return replace(self, obstacles=(*self.obstacles, *obstacles))
 
     def remove(self, *names: str) -> Scene:
         """Return a new scene without these obstacles and without their allowed contacts."""
         removed = {self[name].name for name in names}
-        return self._with(o for o in self.obstacles if o.name not in removed)
+        kept = tuple(o for o in self.obstacles if o.name not in removed)
+        allowed = tuple(pair for pair in self.allowed if not removed.intersection(pair))
+        return replace(self, obstacles=kept, allowed=allowed)
 
     def move(self, name: str, pose: pin.SE3 | npt.ArrayLike) -> Scene:
         """Return a new scene in which the obstacle has this ``pose`` (root_from_obstacle, SE3 or (4, 4))."""
         moved = replace(self[name], pose=pose)
-        return self._with(moved if o.name == name else o for o in self.obstacles)
+        return replace(self, obstacles=tuple(moved if o.name == name else o for o in self.obstacles))
 
     def transformed(self, root_from_scene: pin.SE3 | npt.ArrayLike) -> Scene:
         """Return the scene, stated in the frame of a cell, in the frame of a robot that is placed in it.
@@ -145,14 +176,7 @@ class Scene:
             The pose of the cell in the root frame of the robot, SE3 or (4, 4).
         """
         placement = rigid("root_from_scene", root_from_scene)
-        return self._with(replace(each, pose=placement * each.pose) for each in self.obstacles)
-
-    def _with(self, obstacles: Iterable[Obstacle]) -> Scene:
-        obstacles = tuple(obstacles)
-        removed = set(self.names) - {obstacle.name for obstacle in obstacles}
-        allowed = [pair for pair in self.allowed if not removed & set(pair)]
-        more = {name: getattr(self, name) for name in ("disabled", "frame", "notes", "source")}
-        return Scene(obstacles, allowed=allowed, **more)
+        return replace(self, obstacles=tuple(replace(each, pose=placement * each.pose) for each in self.obstacles))
 
     @property
     def where(self) -> str:

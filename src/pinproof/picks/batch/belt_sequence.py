@@ -102,6 +102,6 @@ def _after(cell: Cell, verdict: PickVerdict) -> Cell:
         raise InputError("a pick without a motion does not change the cell")
     rest = tuple(part for part in belt.parts if part != name)
     shared = replace(cell.shared, conveyor=replace(belt, parts=rest) if rest else None)
-    placed = verdict.release_time is not None and name in last.scene.names
+    placed = verdict.release_time is not None and name in last.scene
     scene = last.scene if placed else cell.checker.scene.remove(name)
     return replace(cell, checker=cell.checker.with_scene(scene), shared=shared, home=verdict.trajectory.end)

@@ -432,7 +432,7 @@ def reach_map(
 def _title(checker: CollisionChecker, tip: SE3 | npt.ArrayLike | None, place: SE3 | npt.ArrayLike | None) -> str:
     """The robot, tool and scene, as text."""
     arm, tool = checker.arm, ", ".join(body.name for body in checker.attached)
-    words = [f"{arm.robot.name}, {arm.base} to {arm.tcp}", f"{len(checker.scene.obstacles)} obstacles"]
+    words = [f"{arm.robot.name}, {arm.base} to {arm.tcp}", f"{len(checker.scene)} obstacles"]
     words += [f"with {tool}"] if tool else []
     if tip is not None and (offset := rigid("tip", tip).translation).any():
         words.append(f"tip {_metres(offset)} m from the tcp")

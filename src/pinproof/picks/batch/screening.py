@@ -141,7 +141,7 @@ class Screening:
         self._why, self._clearance = why, clearance
         self._known = True
         self._proposals = proposals_for(checker.arm, home, attempts=attempts, rng=rng)
-        self._own = checker.with_scene(Scene()) if why and checker.scene.obstacles else checker
+        self._own = checker.with_scene(Scene()) if why and checker.scene else checker
 
     @property
     def complete(self) -> bool:

@@ -247,10 +247,10 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
         placement, name = frames[name].pose * placement, frames[name].frame
     if name in ("", arm.robot.urdf.root):
         return placement
-    if name in scene.names:
+    if name in scene:
         return scene[name].pose * placement
     if name not in arm.robot.urdf.links:
-        raise UnknownNameError("frame", name, [*frames, *scene.names, *arm.robot.urdf.links])
+        raise UnknownNameError("frame", name, [*frames, *scene, *arm.robot.urdf.links])
     if moving := moved_by(arm.robot.urdf, name, (*arm.joint_names, *arm.followers)):
         raise InputError(f"the frame {name!r} is a link that joint {moving} moves; picks need a fixed frame")
     return arm.root_from_base * arm.frame_placement(arm.home, name) * placement

@@ -382,7 +382,7 @@ def _contacts_of_each(found: list[CheckResult], members: list[Member], of: npt.N
 
 
 def _with_obstacle(contact: Contact, checker: CollisionChecker) -> bool:
-    return any(name in checker.scene.names for name in contact.bodies)
+    return any(name in checker.scene for name in contact.bodies)
 
 
 def _other_pairs(found: list[CheckResult], described: CheckResult) -> str:
@@ -537,7 +537,7 @@ def _contacts_at_every_configuration(checker: CollisionChecker, q: Array) -> lis
     rigid = {thing.name for thing in checker.attached}
 
     def exists_everywhere(contact: Contact) -> bool:
-        moving = [name for name in contact.bodies if name not in checker.scene.names]
+        moving = [name for name in contact.bodies if name not in checker.scene]
         if len(moving) != 1 or contact.distance >= -SPREAD:
             return False
         return moving[0] in rigid or moving_joint(checker.arm, moving[0]) == moving_joint(checker.arm, checker.arm.tcp)

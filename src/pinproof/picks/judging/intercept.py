@@ -7,7 +7,7 @@ The motion is then made on the clock of the conveyor, and certified among the mo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -98,7 +98,7 @@ def judge_on_conveyor(pick: Pick, cell: Cell, seeds: list[int], start_time: floa
 def _check(task: Task, belt: Conveyor, start_time: float) -> None:
     if task.name not in belt.parts:
         raise InputError(f"{task.name!r} is not on the conveyor: it was taken before")
-    unknown = [name for name in belt.parts if name not in task.scene.names]
+    unknown = [name for name in belt.parts if name not in task.scene]
     if unknown:
         raise InputError(f"the conveyor moves {', '.join(unknown)}, which the scene does not have")
     if task.pick.speed or task.pick.payload is not None or task.cell.shared.payload or task.cell.shared.torque_limits:
@@ -149,7 +149,7 @@ class _Timeline:
         self.motions: list[PickMotion] = []
         self.taken = ""
 
-    def movers(self, obstacles: Sequence[str]) -> tuple[Mover, ...]:
+    def movers(self, obstacles: Container[str]) -> tuple[Mover, ...]:
         """The parts on the belt that are among the obstacles of a scene, as seen from now."""
         there = [name for part in self.belt.parts if part != self.taken for name in (part, _lowered(part))]
         names = tuple(name for name in there if name in obstacles)
@@ -161,7 +161,7 @@ class _Timeline:
         The certificate is one of the joints and the movers together, possibly with a lowered support or with the
         volumes of closing fingers; it is marked as that of the motion of the arm among the movers.
         """
-        held, movers = around.arm.held, self.movers(around.scene.names)
+        held, movers = around.arm.held, self.movers(around.scene)
         setup = around.spec.setup_hash(movers)
         among = f"proven among the moving {', '.join(each.name for each in movers)}"
         certificate = replace(
@@ -180,7 +180,7 @@ class _Timeline:
         _BeltEnds
             If parts are on the belt, and it is not known where they are until the end of the motion.
         """
-        movers = self.movers(checker.scene.names)
+        movers = self.movers(checker.scene)
         if self.now + motion.duration > self.belt.duration and movers:
             end = self.now + motion.duration
             raise _BeltEnds(
@@ -361,7 +361,7 @@ class _Moment:
         except TimingError as error:
             raise self._refused(Stage.PLACE, f"{part.name}: {error}") from error
         judge = _with_lowered(part.checker, part.parting)
-        proof, movers = timeline.prove(motion, judge, part.constraints), timeline.movers(judge.scene.names)
+        proof, movers = timeline.prove(motion, judge, part.constraints), timeline.movers(judge.scene)
         if not proof.free and part.name == "transfer" and movers and not part.constraints:
             plan = plan_among_movers(judge, motion.start, motion.end, movers, samples=SAMPLES, rng=self.seeds[1])
             if plan.trajectory is not None and plan.certificate is not None:
@@ -377,7 +377,7 @@ def _at_time(task: Task, belt: Conveyor, time: float) -> Task:
     """The pick with all poses as they are at a time (s)."""
     scene, by = task.scene, belt.travel(time)
     for name in belt.parts:
-        if name in scene.names:
+        if name in scene:
             scene = scene.move(name, translated(scene[name].pose, by))
     pick = replace(task.pick, pose=translated(task.pick.pose, by), place=task.place)
     return Task(pick, replace(task.cell, checker=task.cell.checker.with_scene(scene)))

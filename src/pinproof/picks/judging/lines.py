@@ -181,7 +181,7 @@ def _other_supports(stage: Stage, task: Task, checker: CollisionChecker, q: Arra
     touched = []
     for contact in checker.allowing(*supports).check(q).contacts:
         others = [name for name in contact.bodies if name != task.name]
-        if len(others) != 1 or others[0] not in checker.scene.names or contact.distance < -TOUCH_DEPTH:
+        if len(others) != 1 or others[0] not in checker.scene or contact.distance < -TOUCH_DEPTH:
             return ""
         touched += others
     if not touched:

@@ -217,7 +217,7 @@ class PickSetup:
             notes.append(GENERATED_BODIES)
         if urdf.collisions and urdf.visual_only:
             notes.append(f"links with visual geometry but no collision geometry: {', '.join(urdf.visual_only)}")
-        if not checker.scene.obstacles:
+        if not checker.scene:
             notes.append("the scene has no obstacles, so the robot was checked only against itself")
         for thing in checker.scene.obstacles:
             if isinstance(thing.shape, OccupancyGrid):
@@ -236,7 +236,7 @@ class PickSetup:
         return {
             "robot": f"{arm.robot.name} {digest(kinematics)}",
             "limits": digest(arm.limits),
-            "scene": f"{len(self.checker.scene.obstacles)} obstacles {digest(obstacles)}",
+            "scene": f"{len(self.checker.scene)} obstacles {digest(obstacles)}",
             "tool": f"{len(self.checker.attached)} bodies {digest(tool)}",
             "tip": (xyz_rpy(self.shared.tip) + 0.0).tolist(),
             "margin": self.checker.margin,

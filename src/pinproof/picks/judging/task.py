@@ -192,16 +192,16 @@ class Task:
         self.cell, self.arm, self.scene = cell, cell.arm, cell.checker.scene
         self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
         self._stated_pose, self._stated_frame = pick.pose, pick.frame
-        carried, names = pick.carried, self.scene.names
+        carried = pick.carried
         self.from_scene = isinstance(carried, str)
-        if isinstance(carried, str) and carried not in names:
-            raise UnknownNameError("object", carried, names, self.scene.where)
+        if isinstance(carried, str) and carried not in self.scene:
+            raise UnknownNameError("object", carried, self.scene, self.scene.where)
         if not isinstance(carried, str) and carried is not None and carried.name in cell.checker.obstacles_and_links:
             raise InputError(f"the object's name {carried.name!r} is taken; name an obstacle by its name alone")
         for stated in (pick.support, None if pick.place is None else pick.place.support):
             for support in support_names(stated) or ():
-                if support not in names:
-                    raise UnknownNameError("support", support, names, self.scene.where)
+                if support not in self.scene:
+                    raise UnknownNameError("support", support, self.scene, self.scene.where)
         if pick.upright is not None and not getattr(make_planner(cell.budget.planner), "supports_constraints", False):
             raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use rrt_connect")
         self.name = pick.object_name
@@ -423,7 +423,7 @@ class Task:
                 other = contact.bodies[1] if first else contact.bodies[0]
                 # The facet of a bin that is nearest to the object may belong to a wall instead of the floor.
                 below = (1 if first else -1) * contact.normal[2] < DOWN
-                if other in checker.scene.names and (below or self._has_facets_below(checker, q, other)):
+                if other in checker.scene and (below or self._has_facets_below(checker, q, other)):
                     found.append((self.name, other))
         return tuple(dict.fromkeys(found))
 

@@ -138,7 +138,7 @@ def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
 
 def _without(scene: Scene, names: set[str], arm: Arm) -> str:
     """The hash of the arm and the scene without the named obstacles."""
-    return CheckerSpec(arm, scene.remove(*names.intersection(scene.names))).setup_hash()
+    return CheckerSpec(arm, scene.remove(*names.intersection(scene))).setup_hash()
 
 
 FRAMED = 1.3
@@ -307,7 +307,7 @@ class PageMotions:
 
     def _place(self, thing: Obstacle, commands: Commands, drawn: dict[tuple[str, bytes], str]) -> str:
         """The node of a carried body; identical bodies of several picks are drawn once."""
-        if any(thing.name == each.name for each in self.scene.obstacles):
+        if thing.name in self.scene:
             return node_path("scene", thing.name)
         surfaces = surfaces_of(thing)
         key = (thing.name, b"".join(surface.vertices.tobytes() for surface in surfaces))
@@ -398,7 +398,7 @@ def write_page(
     """
     if setup is not None:
         checker = setup.checker
-        arm, scene, picks = arm or checker.arm, scene or checker.scene, picks or setup.shared
+        arm, scene, picks = arm or checker.arm, checker.scene if scene is None else scene, picks or setup.shared
     if arm is None or scene is None or picks is None:
         missing = [name for name, value in {"arm": arm, "scene": scene, "picks": picks}.items() if value is None]
         raise InputError(

@@ -16,8 +16,8 @@ Edit = tuple[int, int, bytes]
 """Start and end in the source in bytes, and the text that replaces what is between them."""
 
 FOR_PEOPLE = re.compile(
-    r"__(repr|str|format|all|doc|slots|rich\w*)__|_repr_\w+|describe_\w+|\w*_(text|words|html|label|phrase|note|notes|message|title)"
-    r"|(text|note|notes|message|title|summary|hint|label|table|rows|plot|show|display|explain\w*|suggest\w*|reasons?)"
+    r"__(repr|str|format|all|doc|slots|rich\w*)__|_repr_\w+|describe_\w+|\w*_(text|words|sentence|html|label|phrase|note|notes|message|title)"
+    r"|(text|words|sentence|note|notes|message|title|summary|hint|label|table|rows|plot|show|display|explain\w*|suggest\w*|reasons?)"
 )
 """Functions, variables and keyword arguments that hold text for people."""
 
@@ -159,7 +159,11 @@ class _Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_IfExp(self, node: ast.IfExp) -> None:
-        if not all(isinstance(value, (ast.Constant, ast.JoinedStr)) for value in (node.body, node.orelse)):
+        values = node.body, node.orelse
+        constant = all(isinstance(value, (ast.Constant, ast.JoinedStr)) for value in values)
+        if constant and any(isinstance(value, ast.JoinedStr) for value in values):
+            return  # texts
+        if not constant:
             self.replace(node.test, b"False", b"True")
         self.generic_visit(node)
 
@@ -198,6 +202,8 @@ class _Finder(ast.NodeVisitor):
 
     def visit_Call(self, node: ast.Call) -> None:
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if name == "join" and isinstance(getattr(getattr(node.func, "value", None), "value", None), str):
+            return  # names for people
         end = self.span(node.func)[1]
         if name in SWAPS:
             self.found.append((end - len(name.encode()), end, SWAPS[name].encode()))

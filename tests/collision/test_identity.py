@@ -51,6 +51,7 @@ CHANGES: dict[str, tuple[dict[str, object], list[str]]] = {
     "held joint": ({"held": HELD | {"panda_joint1": 0.301}}, ["panda_joint1"]),
     "held fingers": ({"held": HELD | {"panda_finger_joint1": 0.011}}, FINGERS),
     "held joint with the other sign": ({"held": HELD | {"panda_joint1": -0.3}}, ["panda_joint1"]),
+    "held joint by little": ({"held": HELD | {"panda_joint1": 0.3 + 1e-8}}, ["panda_joint1"]),
     "rounding of a held joint": ({"held": HELD | {"panda_joint1": 0.3 + 1e-10}}, []),
     "no first body": ({"attached": (ROD,)}, ["ball"]),
     "no body": ({"attached": ()}, ["ball and rod"]),

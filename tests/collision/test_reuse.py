@@ -83,6 +83,35 @@ def test_random_changes_give_the_verdict_of_a_certificate_from_scratch(checker, 
     assert min(found[pp.CertificateStatus.FREE], found[pp.CertificateStatus.COLLIDING]) >= 5
 
 
+def test_the_figures_of_kept_pairs_are_reduced_by_the_rounding_of_a_larger_scene(checker, motion) -> None:
+    proof = StoredProof(pp.certify(motion, checker, obstacle_tolerance=0.002, record=True))
+    far = checker.with_scene(checker.scene.add(pp.Obstacle("far", pp.Box(1, 1, 1), pp.pose((2e3, 0, 0)))))
+    more = far.rounding - checker.rounding
+    assert more > 1e-7
+    obstacles = np.array([checker.bodies[j].link is None for _, j in checker.pairs])
+    lowest = np.nanmin(proof.lowest - 0.002 * obstacles)
+    for after, lost in ((far, more), (checker, 0.0)):
+        known = SetupChange(checker, after).known(proof)
+        assert known.proven == pytest.approx(lowest - lost, abs=1e-12)
+        assert known.joint_tube == pytest.approx(proof.joint_tube - lost, abs=1e-12)
+        assert known.obstacle_tube == pytest.approx(proof.obstacle_tube - lost, abs=1e-12)
+
+
+def test_constraints_and_tolerances_of_the_stored_certificate_hold_in_the_new_scene(checker, motion, proof) -> None:
+    level = pp.Upright.keeping(checker.arm, motion.end, tolerance=1.5)
+    stored = StoredProof(pp.certify(motion, checker, constraints=[level], joint_tolerance=1e-3, record=True))
+    removed = checker.with_scene(checker.scene.remove("post"))
+    # With a wider margin nothing that is stored suffices, so all is proven again.
+    for after in (removed, checker.with_margin(margins={("wrist_3_link", "post"): 0.03})):
+        again = stored.certify(SetupChange(checker, after))
+        assert again.free
+        assert [each.constraint for each in again.constraints] == [level]
+        assert (again.tube.joints == 1e-3).all()
+    damaged = StoredProof(replace(stored.certificate, evidence=stored.leaves[1:]))
+    again = damaged.certify(SetupChange(checker, removed))
+    assert ([each.constraint for each in again.constraints], again.tube.joints.tolist()) == ([level], [1e-3] * 6)
+
+
 def test_removal_of_an_obstacle_proves_no_pair_again(checker, motion, proof) -> None:
     change = SetupChange(checker, checker.with_scene(checker.scene.remove("post")))
     assert change.changed == 0
@@ -108,6 +137,7 @@ def test_combined_evidence_is_a_portable_proof(checker, motion, proof, tmp_path)
     again = StoredProof(certificate).certify(SetupChange(moved, checker))
     assert again.free
     assert again.setup == proof.certificate.setup
+    assert again.evidence is None
 
 
 def test_tolerances_of_the_stored_certificate_apply_to_new_obstacles(checker, motion) -> None:

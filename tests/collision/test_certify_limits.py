@@ -61,6 +61,24 @@ def test_limits_that_are_left_out_are_stated_in_the_notes(ur5, checker) -> None:
     assert any("joint limits were not compared" in note for note in certificate.notes)
 
 
+def test_stated_limits_hold_for_the_arm_among_movers_too(ur5) -> None:
+    scene = pp.Scene([pp.Obstacle("part", pp.Box(0.1, 0.1, 0.1), pp.pose((3, 0, 0)))])
+    checker, motion = pp.CollisionChecker(ur5, scene), swing(ur5, 1.0, 2.0)
+    belt = pp.Mover.constant("belt", ["part"], 0.1, 2.0)
+    slow = with_limits(ur5, velocity=np.full(6, 0.7))  # the motion has 0.75 rad/s
+    for limits, free in (
+        ("arm", True),
+        (slow, False),
+        (with_limits(ur5, velocity=np.full(6, 0.8)), True),
+        (None, True),
+    ):
+        certificate = pp.certify(motion, checker, movers=[belt], limits=limits)
+        assert certificate.free is free
+        assert (certificate.limits is None) is (limits is None)
+    narrow = pp.CollisionChecker(ur5.with_limits(slow), scene)
+    assert not pp.certify(motion, narrow, movers=[belt]).free
+
+
 def test_a_contact_is_reported_before_a_violated_limit(ur5, checker) -> None:
     motion = swing(ur5, 9.0, 0.01)
     at = ur5.forward_kinematics(motion(0.005)).translation

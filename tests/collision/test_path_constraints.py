@@ -181,6 +181,9 @@ def test_a_certificate_matches_with_the_constraints_that_it_proves() -> None:
     certificate = pp.certify(path, pp.CollisionChecker(arm), constraints=[upright, plane])
     assert certificate.free
     assert certificate.matches(path, arm, pp.Scene(), constraints=[again])
+    assert certificate.matches(path, arm, pp.Scene(), constraints=[upright])
+    assert certificate.matches(path, arm, pp.Scene(), constraints=[again, upright])
+    assert not certificate.matches(path, arm, pp.Scene(), constraints=[other, again])
     assert certificate.matches(path, arm, pp.Scene())
     assert not certificate.matches(path, arm, pp.Scene(), constraints=[other])
     assert not pp.certify(path, pp.CollisionChecker(arm)).matches(path, arm, pp.Scene(), constraints=[upright])
@@ -197,6 +200,44 @@ def test_a_motion_file_records_its_constraints(tmp_path) -> None:
     read = pp.Trajectory.load(file)
     assert any("Upright" in note for note in pp.certify(read, checker).notes)
     assert not any("Upright" in note for note in pp.certify(read, checker, constraints=[upright]).notes)
+
+
+def test_a_proof_of_a_constraint_ends_with_its_number_of_intervals() -> None:
+    """The error is at its limit over the whole curve of many pieces, or exceeds it in the middle of one."""
+    arm = ARMS["ur5"]
+    turn, tilt = np.eye(6)[0], np.eye(6)[3]
+    path = pp.JointPath([START + x * turn for x in np.linspace(0, 2, 9)], arm.joint_names)
+    limit = pp.Within.plane(arm.forward_kinematics(START).translation, (0, 0, 1), tolerance=2e-6)
+    bent = pp.JointPath([START, START + tilt, START], arm.joint_names)
+    upright = pp.Upright.keeping(arm, START, tolerance=0.3)
+    checker = pp.CollisionChecker(arm)
+    for curve, constraint, tolerance in ((path, limit, 3e-3), (bent, upright, 0.0)):
+        complete = pp.certify(curve, checker, constraints=[constraint], joint_tolerance=tolerance)
+        needed = complete.constraints[0].intervals
+        assert not complete.free
+        assert needed > 4
+        for most in (1, 2, 4, needed):
+            certificate = pp.certify(
+                curve, checker, constraints=[constraint], joint_tolerance=tolerance, max_intervals=most
+            )
+            assert certificate.constraints[0].intervals <= most
+            assert not certificate.free
+
+
+def test_values_of_constraints_at_the_ends_of_their_ranges() -> None:
+    assert pp.Upright(tolerance=2e-6).tolerance == 2e-6
+    for smaller in (5e-7, 1e-9):
+        with pytest.raises(pp.InputError, match="tolerance"):
+            pp.Upright(tolerance=smaller)
+    assert pp.Upright(tolerance=0.1, axis_in_tcp=(0, 3e200, 4e200)).axis_in_tcp == pytest.approx((0, 0.6, 0.8))
+    at = ARMS["ur5"].forward_kinematics(START)
+    for constraint in (
+        pp.Within.box(at, (0, 0, 0), tolerance=0.1),
+        pp.Within.plane(at.translation, (0, 0, 1), tolerance=0.1),
+        pp.Within.line(at.translation, (0, 0, 1), tolerance=0.1),
+    ):
+        assert tuple(constraint.point_in_tcp) == (0, 0, 0)
+        assert constraint.error(ARMS["ur5"], START) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,20 @@ def test_any_other_value_of_a_robot_a_scene_or_a_motion_is_not_yours(case, tmp_p
         assert np.isnan(verdict.clearance)
 
 
+def test_rounding_of_a_number_is_no_difference_and_more_than_five_differences_are_counted(case, tmp_path) -> None:
+    checker, curve, upright, document = case
+    rounded = copy.deepcopy(document)
+    for row in (*rounded["joints"], *rounded["bodies"]):
+        row["placement"][0][3] += 1e-13
+    assert compared(rehashed(rounded), tmp_path, checker, curve, constraints=[upright]).ok
+    forged = copy.deepcopy(document)
+    for k, row in enumerate(forged["bodies"][:7]):
+        row["placement"][0][3] += 1e-6
+        assert len(compared(rehashed(forged), tmp_path, checker, curve).reasons) == min(k + 1, 6), k
+    missing = checker.with_scene(checker.scene.add(pp.Obstacle("more", pp.Sphere(0.01), pp.pose((9, 9, 9)))))
+    assert len(compared(document, tmp_path, missing, curve).reasons) == 1
+
+
 def test_a_link_that_your_robot_does_not_have_is_reported(case, tmp_path) -> None:
     """It is excluded from all pairs, so that the proof holds."""
     checker, curve, upright, document = case

@@ -146,9 +146,7 @@ def certify(
             raise InputError("movers cannot be combined with parting or obstacle_tolerance; Mover has a tolerance")
         curve, checker, of_movers = with_movers(curve, checker, movers)
         joints = np.concatenate([joints, np.zeros(len(of_movers) - len(joints))]) + of_movers
-        if limits == "arm":
-            own_limits = checker.group.limits
-        elif own_limits is not None:  # those of the movers follow; a moving obstacle has none
+        if own_limits is not None:  # those of the movers follow; a moving obstacle has none
             rest = checker.group.limits.select(range(group.dof, checker.group.dof))
             own_limits = JointLimits.join([own_limits, rest])
     within = None if own_limits is None else check_limits(curve, own_limits)

@@ -31,7 +31,7 @@ from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
 from pinproof.collision.checking.coal_checks import GJK_SLACK
 from pinproof.collision.geometry.bodies import GEOMETRIES, shape_bodies, shape_body
 from pinproof.collision.geometry.hulls import Solid
-from pinproof.collision.geometry.shapes import Shape
+from pinproof.collision.geometry.shapes import Shape, cell_numbers
 from pinproof.collision.geometry.surfaces import Ground, cell_faces, ground_surface
 from pinproof.errors import MeshError
 
@@ -367,6 +367,29 @@ def test_the_ground_contains_the_points_inside_its_closed_surface(x, y, z):
     point = np.array([x, y, z])
     if to_triangles(point, vertices[triangles]) > 1e-9:
         assert Ground(GROUND).contains(point[None]) == surface.contains(point[None])
+
+
+@pytest.mark.parametrize("rows", range(2, 6))
+@pytest.mark.parametrize("columns", range(2, 6))
+def test_grounds_of_any_number_of_rows_are_closed_and_contain_what_is_below_them(rows, columns):
+    rng = np.random.default_rng(10 * rows + columns)
+    shape = HeightMap(rng.uniform(0, 0.3, (rows, columns)), 1.0, 0.8, -0.1)
+    vertices, triangles = ground_surface(shape)
+    surface, ground = Solid(vertices, triangles), Ground(shape)
+    assert surface.watertight
+    assert np.linalg.det(surface.corners).sum() > 0
+    points = rng.uniform([-0.55, -0.45, -0.12], [0.55, 0.45, 0.3], (120, 3))
+    expected = [surface.contains(point[None]) for point in points]
+    assert [ground.contains(point[None]) for point in points] == expected
+    assert 0 < sum(expected) < len(points)
+
+
+def test_numbers_of_cells_are_different_everywhere_in_the_grid():
+    ends = np.array([-(2**20) + 2, -1, 0, 1, 2**20 - 2])
+    cells = np.array(np.meshgrid(ends, ends, ends)).reshape(3, -1).T
+    assert len(np.unique(cell_numbers(cells))) == len(cells)
+    cloud = PointCloud((cells + 0.5) * 0.005, 0.005)
+    assert {tuple(cell) for cell in cloud.cells} == {tuple(cell) for cell in cells}
 
 
 def test_the_ground_covers_both_triangulations_of_its_cells():

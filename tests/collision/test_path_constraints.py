@@ -82,6 +82,21 @@ def test_no_error_on_a_piece_exceeds_its_bound(name: str, seed: int, size: float
         assert constraint.error(arm, on_curve + extra * rng.choice([-1.0, 1.0], size=arm.dof)) <= bound
 
 
+@pytest.mark.parametrize("name", sorted(ARMS))
+def test_the_rounding_of_a_bound_grows_with_reach_travel_and_full_rotations(name: str) -> None:
+    """Without motion the bound of a region is the error and the rounding: 1e-11 for each metre and 1,000 rad."""
+    arm = ARMS[name]
+    region = pp.Within.plane((0, 0, 0.1), (0, 0, 1), tolerance=0.5)
+    multiplied = np.abs(arm.scale).sum(axis=0)
+    for q in (np.zeros(arm.dof), np.full(arm.dof, 0.5), *(x * row for row in np.eye(arm.dof) for x in (300.0, 3e4))):
+        error, bound = constraint_bound(arm.chain, region.compiled(), q, q[None], 0 * q, 0 * q)
+        travel = (np.abs(q) * multiplied)[~arm.angular].sum()
+        turns = max((np.abs(q) * multiplied).sum() / 1e3, 1.0)
+        reach = np.linalg.norm(arm.forward_kinematics(0 * q).translation)
+        assert bound - error >= 1e-11 * (max(reach, 1.0) + 0.99 * travel) * 0.99 * turns - 1e-9 * error
+        assert bound - error <= 1e-11 * (6.0 + 1.01 * travel) * 1.01 * turns + 1e-9 * error
+
+
 def test_the_bound_is_tight_for_small_steps() -> None:
     """The part of first order is exact, so that the excess decreases with the square of the step."""
     arm, rng = ARMS["ur5"], np.random.default_rng(0)

@@ -224,8 +224,7 @@ class PointCloud(ByContent):
 
 def cell_numbers(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return one number for each of the cells (K, 3), unique for less than :data:`GRID_CELLS` cells off the origin."""
-    shifted = cells + GRID_CELLS
-    return np.asarray((shifted[:, 0] * 2 * GRID_CELLS + shifted[:, 1]) * 2 * GRID_CELLS + shifted[:, 2])
+    return np.asarray((cells[:, 0] * 2 * GRID_CELLS + cells[:, 1]) * 2 * GRID_CELLS + cells[:, 2])
 
 
 @named_arguments

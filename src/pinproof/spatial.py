@@ -199,8 +199,10 @@ def twist_size(a: pin.SE3, b: pin.SE3) -> tuple[float, float]:
     return distance, float(np.linalg.norm(pin.log3(a.rotation.T @ b.rotation)))
 
 
-def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
+def rigid(name: str, value: pin.SE3 | npt.ArrayLike, *, batch: str = "") -> pin.SE3:
     """Return a validated copy of a transform given as ``pin.SE3`` or as a (4, 4) matrix.
+
+    ``batch`` is the method for several transforms, for the message.
 
     Rotations with rounding errors up to :data:`RIGID_TOLERANCE` are orthonormalised by SVD. Pinocchio itself accepts
     NaN and sheared matrices without an error.
@@ -216,7 +218,8 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be a pin.SE3 or a (4, 4) matrix, not {type(value).__name__}") from error
     if m.shape != (4, 4):
-        raise InputError(f"{name} must be a pin.SE3 or a (4, 4) matrix; its shape is {m.shape}")
+        many = f"; {batch} takes (N, 4, 4)" if batch and m.shape[1:] == (4, 4) else ""
+        raise InputError(f"{name} must be a pin.SE3 or a (4, 4) matrix; its shape is {m.shape}{many}")
     # Plain numbers are three times as fast here as small arrays.
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = m.tolist()
     if not math.isfinite(a + b + c + d + e + f + g + h + i + x + y + z + sum(last)) and not np.isfinite(m).all():
@@ -237,14 +240,14 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
     return pin.SE3(rotation, m[:3, 3])
 
 
-def rigid_matrix(name: str, value: pin.SE3 | npt.ArrayLike) -> Array:
+def rigid_matrix(name: str, value: pin.SE3 | npt.ArrayLike, *, batch: str = "") -> Array:
     """As :func:`rigid`, but returns the (4, 4) matrix, which is faster."""
     source: Any = value.homogeneous if isinstance(value, pin.SE3) else value
     if type(source) is np.ndarray and source.dtype == np.float64 and source.shape == (4, 4):
         copy = np.array(source, order="C")
         if is_rigid(copy):
             return copy
-    return matrix(rigid(name, value))
+    return matrix(rigid(name, value, batch=batch))
 
 
 def rigid_many(name: str, values: npt.ArrayLike | Sequence[pin.SE3]) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,6 +30,14 @@ def test_each_panel_shows_each_joint_and_its_limits(trajectory: pp.Trajectory) -
     assert np.abs(drawn - trajectory.velocity(times)[:, 0]).max() < 1e-9
     jerk = panels[3].lines[0].get_ydata()
     assert np.abs(jerk).max() == pytest.approx(trajectory.max_jerk()[0])
+
+
+def test_a_notebook_shows_the_picture(trajectory: pp.Trajectory) -> None:
+    from IPython.core.formatters import DisplayFormatter
+
+    shown, _ = DisplayFormatter().format(trajectory.plot(LIMITS))
+    assert shown["image/png"].startswith(b"\x89PNG")
+    assert pickle.loads(pickle.dumps(trajectory.plot())).axes
 
 
 def test_a_constraint_adds_a_panel(trajectory: pp.Trajectory) -> None:

@@ -217,7 +217,11 @@ def check_output_files(
         if is_folder:
             raise FileError(path, "cannot be written: it is a folder")
         if not has_folder:
-            raise FileError(path, f"cannot be written: the folder {path.parent} does not exist")
+            # The command adds that the folder does not exist, as for inputs.
+            raise FileError(
+                path,
+                f"cannot be written: {path.parent} is not a folder" if path.parent.exists() else "cannot be written",
+            )
         used[target] = "another output"
 
 

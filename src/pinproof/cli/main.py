@@ -250,6 +250,8 @@ def _usage_message(error: Exception) -> str | None:
         return None
     message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
     message = message.replace("Value error, ", "").replace("(Possible options: ", "(did you mean ")
+    message = message.replace("Input should be greater than or equal to ", "it must be at least ")
+    message = message.replace("Input should be less than or equal to ", "it must be at most ")
     message = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1)", message)
     if re.search(r"No such option: -[\dp.]$|unexpected extra argument", message):
         message += '; quote several numbers, as in --q "0 -pi/2 0"'

@@ -168,6 +168,14 @@ def csv_text(columns: Sequence[str], rows: Iterable[Iterable[object]], *, commen
     return out.getvalue()
 
 
+def other_separator(header: Sequence[str]) -> str:
+    """Return an error text if the header is separated by semicolons or tabs, as some spreadsheets do, else ''."""
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and separator in header[0]:
+            return f"columns are separated by {name}; save the file with commas between columns and decimal points"
+    return ""
+
+
 def figure(value: float | None) -> str:
     """A number with nine digits in a CSV table; empty for None and NaN."""
     return "" if value is None or math.isnan(value) else f"{value:.9g}"

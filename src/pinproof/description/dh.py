@@ -30,7 +30,7 @@ import numpy.typing as npt
 import yaml
 
 from pinproof.common.display import html_block, html_table, outline
-from pinproof.common.files import csv_text, read_text, unknown_suffix, write_text_whole
+from pinproof.common.files import csv_text, other_separator, read_text, unknown_suffix, write_text_whole
 from pinproof.common.structs import (
     ANGLE,
     NUMBER,
@@ -292,14 +292,6 @@ def _refuse_other_units(rows: Sequence[DhRow], stated: Sequence[Any]) -> None:
             if column in mapping:
                 step(f".rows[{row.name!r}].{column}", position(mapping, column), in_row, row, column)
     refuse_millimetres("a and d", [length for row in rows for length in (row.a, row.d)])
-
-
-def other_separator(header: Sequence[str]) -> str:
-    """Return an error text if the header is separated by semicolons or tabs, as some spreadsheets do, else ''."""
-    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-        if len(header) == 1 and separator in header[0]:
-            return f"columns are separated by {name}; save the file with commas between columns and decimal points"
-    return ""
 
 
 def _csv_text(table: DhTable) -> str:

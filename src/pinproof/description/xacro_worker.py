@@ -45,8 +45,24 @@ def _reason(error: Exception) -> str:
     while cause is not None:  # xacro wraps the errors of the expressions in a file
         if isinstance(cause, _PackageNotFound):
             return str(cause)
+        if isinstance(cause, RecursionError) and (endless := _endless()):
+            return endless
         cause = cause.__cause__ or cause.__context__
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def _endless() -> str:
+    """What includes or calls itself, by the stacks of xacro; empty if nothing is on them twice."""
+    import xacro
+
+    files = [str(file) for file in xacro.filestack or []]
+    names = [macro.body.getAttribute("name") for macro in xacro.macrostack or []]
+    for what, stack in (("the file includes itself", files), ("the macro calls itself", names)):
+        if stack[-1:] and stack.count(stack[-1]) > 1:
+            first = len(stack) - 2 - stack[-2::-1].index(stack[-1])
+            place = f", in {files[-1]}" if stack is names else ""
+            return f"{what} without end: {' -> '.join(stack[first:])}{place}"
+    return ""
 
 
 class _Arguments(dict[str, str]):

@@ -7,7 +7,7 @@ from pinproof.ik.analytic.self_motion import CurveEnd, SelfMotion, SelfMotionCur
 from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
-from pinproof.ik.loop import DescentState, IkStep, StepRule
+from pinproof.ik.loop import DescentState, IkStep, ObservingRule, StepRule
 from pinproof.ik.methods import make_ik
 from pinproof.ik.reach_check import Overlap
 from pinproof.ik.reach_proof import ReachProof, ReachStatus, is_provable, prove_unreachable
@@ -33,6 +33,7 @@ __all__ = [
     "IkStep",
     "IkTask",
     "IterativeIk",
+    "ObservingRule",
     "Overlap",
     "PseudoInverse",
     "ReachProof",

@@ -12,7 +12,7 @@ from pinproof._core import ClikStep, FabrikStep
 from pinproof.errors import InputError
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik
-from pinproof.ik.loop import CompiledRule, DescentState, Stall, StepRule
+from pinproof.ik.loop import CompiledRule, DescentState, ObservingRule, Stall, StepRule
 from pinproof.ik.task import GoalName, IkGoal, Task
 from pinproof.ik.windings import TURN, stops
 from pinproof.model import Arm
@@ -102,7 +102,7 @@ class Fabrik(IterativeIk):
 class _Passes:
     """The step rule of :class:`Fabrik`, equal to the compiled one, with (4, 4) matrices in the axes of the target."""
 
-    def __init__(self, end: StepRule, handover: float) -> None:
+    def __init__(self, end: ObservingRule, handover: float) -> None:
         self._constants = FabrikStep
         self._end, self._handover = end, handover
 

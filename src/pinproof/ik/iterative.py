@@ -157,7 +157,7 @@ class IterativeIk(ABC):
             If the target is not rigid, q0 has the wrong shape, the task or goal is unknown, or rng is invalid.
         """
         require_type("arm", arm, Arm)
-        matrix, start = rigid_matrix("target", target), _start(arm, q0)
+        matrix, start = rigid_matrix("target", target, batch="solve_batch"), _start(arm, q0)
         resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
         search, engine = self._search(arm, matrix, start, rng, resolved, goal, on_step)
         return self._solve(arm, search, engine, accept, resolved)

@@ -9,7 +9,7 @@ import numpy as np
 from pinproof._core import ClikStep, SingularStep
 from pinproof.common.validation import require_positive
 from pinproof.ik.iterative import IterativeIk
-from pinproof.ik.loop import NOTHING, CompiledRule, DescentState, StepRule
+from pinproof.ik.loop import NOTHING, CompiledRule, DescentState, ObservingRule, StepRule
 from pinproof.spatial import Array
 
 
@@ -45,7 +45,7 @@ class Clik(IterativeIk):
         super().__post_init__()
         require_positive("damping", self.damping, zero=True)
 
-    def step_rule(self) -> StepRule:
+    def step_rule(self) -> ObservingRule:
         """The damped least-squares step with these settings."""
         return _DampedStep(self.damping, self.max_step)
 

@@ -28,6 +28,7 @@ from pinproof._core import ClikStep, FabrikStep, IkSolver, SingularStep
 from pinproof._core import Search as CompiledSearch
 from pinproof._core import Seeds as CompiledSeeds
 from pinproof.common.validation import Rng, random_generator
+from pinproof.errors import InputError
 from pinproof.ik.result import Candidate, judge
 from pinproof.ik.task import Goal, Task
 from pinproof.ik.windings import TURN, nearest_winding, stops, wraps
@@ -119,17 +120,25 @@ class DescentState(NamedTuple):
 
 
 class StepRule(Protocol):
-    """A method: computes a step of the joints from a residual and its Jacobian. One object serves one descent."""
+    """A method: computes a step of the joints from a residual and its Jacobian. One object serves one descent.
 
-    def observe(self, here: DescentState) -> None:
-        """Called once before each step, for methods that adapt their settings or need q."""
+    Any function is a step rule. If it has a method ``observe`` (:class:`ObservingRule`), that is called before each
+    step.
+    """
 
-    def __call__(self, residual: Array, jacobian: Array) -> Array:
+    def __call__(self, residual: Array, jacobian: Array, /) -> Array:
         """The step (n,) that reduces ``residual`` (6,), whose Jacobian is (6, n).
 
         Rows that the task does not select are zero, and so are the columns of joints that are held at a limit; the
         components of the step for those joints are ignored.
         """
+
+
+class ObservingRule(StepRule, Protocol):
+    """A step rule that adapts its settings, or needs q."""
+
+    def observe(self, here: DescentState) -> None:
+        """Called once before each step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +206,9 @@ class Descender:
     def descend(self, q: Array, stall: Stall, attempt: int) -> Descent:
         """Descend from q (n,) within the limits until the task is satisfied or the descent stalls."""
         arm, task, goal, rule = self.arm, self.task, self.goal, self.rule()
+        if not callable(rule):
+            raise InputError(f"step_rule() must return a function of (residual, jacobian), not {rule!r:.80}")
+        observe = getattr(rule, "observe", None)
         box = _Box(arm)
         best_q, best, reached = q, np.inf, False
         mark, marked_at, iteration = np.inf, 0, 0
@@ -219,7 +231,8 @@ class Descender:
             if stalled or iteration >= most or not squared < np.inf:
                 break
 
-            rule.observe(DescentState(arm, self.target, task, q, squared, iteration, iteration - marked_at))
+            if observe is not None:
+                observe(DescentState(arm, self.target, task, q, squared, iteration, iteration - marked_at))
             rotation = target_from_tcp[:3, :3]
             jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
             limited = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
@@ -260,7 +273,10 @@ class _Box:
         held = np.zeros(len(q), dtype=bool)
         fixed = goal_step
         while True:
-            change = np.where(held, 0.0, rule(residual + jacobian @ fixed, np.where(held, 0.0, jacobian)))
+            stated = rule(residual + jacobian @ fixed, np.where(held, 0.0, jacobian))
+            if np.shape(stated) != np.shape(q):
+                raise InputError(f"a step rule must return a step ({len(q)},), not {stated!r:.80}")
+            change = np.where(held, 0.0, stated)
             # Scaled before the limits are applied: a very long step would hold joints at limits unnecessarily.
             largest = float(np.abs(change).max())
             change = change * (max_step / largest) if largest > max_step else change

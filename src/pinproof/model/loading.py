@@ -36,13 +36,13 @@ def load_robot(
     package_dirs: Sequence[str | Path] = (),
     xacro_args: Mapping[str, str] | None = None,
 ) -> Robot:
-    """Load a robot by catalogue name, from a URDF, xacro or MJCF file, or from a DH table.
+    """Load a robot by catalogue name, from a URDF, xacro or MJCF file, from URDF text, or from a DH table.
 
     Parameters
     ----------
     source
-        A name such as ``"ur5"``, a DH table, or a path that ends in ``.urdf``, ``.xacro``, ``.xml`` or ``.mjcf``, or in
-        ``.yaml``, ``.yml`` or ``.csv`` for a DH table. The bodies of a DH table are generated
+        A name such as ``"ur5"``, the text of a URDF, a DH table, or a path that ends in ``.urdf``, ``.xacro``, ``.xml``
+        or ``.mjcf``, or in ``.yaml``, ``.yml`` or ``.csv`` for a DH table. The bodies of a DH table are generated
         (:func:`pinproof.dh_to_urdf`), and its forward kinematics are verified.
     srdf
         An SRDF file. Default: that of the catalogue, none for a path or a table.
@@ -65,7 +65,10 @@ def load_robot(
     """
     require_type("source", source, str, PathLike, DhTable)
     entry: CatalogueEntry | None = None
-    if isinstance(source, str) and not source.lower().endswith(ROBOT_SUFFIXES) and "/" not in source:
+    is_text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith(
+        "<"
+    )  # XML, which no name begins with
+    if isinstance(source, str) and not is_text and not source.lower().endswith(ROBOT_SUFFIXES) and "/" not in source:
         entry = find_robot(source)
         source, srdf = entry.urdf, srdf or entry.srdf
     if isinstance(package_dirs, (str, PathLike)):
@@ -74,6 +77,11 @@ def load_robot(
         if not Path(folder).is_dir():
             raise FileError(folder, "is not a folder; package_dirs must contain folders with ROS packages")
     folders = [Path(folder).absolute() for folder in package_dirs]
+    if isinstance(source, str) and is_text:
+        if xacro_args:
+            raise InputError("xacro_args are valid for .xacro files only, not for the text of a URDF")
+        urdf = read_urdf_text(source.strip("\ufeff \t\r\n"), name="URDF text", package_dirs=folders)
+        return Robot(urdf, Srdf() if srdf is None else read_srdf(srdf))
     if isinstance(source, DhTable) or Path(source).suffix.lower() in TABLE_SUFFIXES:
         return _robot_of_table(source, srdf, xacro_args)
     path = Path(source)

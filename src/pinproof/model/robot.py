@@ -282,8 +282,9 @@ class JointGroup:
             If the description states no mass of the links behind a joint, or a payload is fixed to a link that the arm
             does not move.
         """
+        at = self.configuration(q, batch="torques_batch")
         rates = [self.configuration(_for_all(x, (self.dof,)), name) for name, x in (("v", v), ("a", a))]
-        return inverse_dynamics(self, self.configuration(q), rates[0], rates[1], checked_payloads(payload), gravity)
+        return inverse_dynamics(self, at, rates[0], rates[1], checked_payloads(payload), gravity)
 
     def torques_batch(
         self,
@@ -303,8 +304,8 @@ class JointGroup:
         of_motion, of_gravity = dynamic_tree(self, checked_payloads(payload), gravity).torques(q, *rates)
         return np.asarray(of_motion + of_gravity)
 
-    def configuration(self, q: npt.ArrayLike, name: str = "q") -> Array:
-        """Return a validated copy (n,) of a configuration.
+    def configuration(self, q: npt.ArrayLike, name: str = "q", *, batch: str = "") -> Array:
+        """Return a validated copy (n,) of a configuration; ``batch`` is the method for several, for the message.
 
         Raises
         ------
@@ -314,7 +315,8 @@ class JointGroup:
         try:
             return finite(name, q, (self.dof,))
         except ValueError as error:
-            raise type(error)(f"{error}; the arm's joints are {', '.join(self.joint_names)}") from None
+            many = f"; {batch} takes configurations (N, {self.dof})" if batch and np.ndim(q) == 2 else ""
+            raise type(error)(f"{error}; the arm's joints are {', '.join(self.joint_names)}{many}") from None
 
     def with_limits(self: Group, limits: JointLimits) -> Group:
         """Return the same joints with other limits.
@@ -447,7 +449,7 @@ class Arm(JointGroup):
 
     def forward_kinematics(self, q: npt.ArrayLike) -> pin.SE3:
         """Compute ``base_from_tcp`` at the configuration q (n,)."""
-        return self._placement(self.configuration(q), self._tcp_id)
+        return self._placement(self.configuration(q, batch="forward_kinematics_batch"), self._tcp_id)
 
     def forward_kinematics_batch(self, Q: npt.ArrayLike) -> Array:
         """Compute ``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n), by the compiled core.

@@ -81,11 +81,11 @@ def plot_trajectory(
     rate_limits: Sequence[DrawnConstraint] = (),
 ) -> Any:
     """Draw a trajectory as a :class:`matplotlib.figure.Figure`; see :meth:`Trajectory.plot`."""
-    from matplotlib.figure import Figure
+    from pinproof.motion.notebook_figure import NotebookFigure
 
     times, panels = panels_of(trajectory, limits, jerk=jerk, rate_limits=rate_limits)
     width, height = PANEL_SIZE
-    figure = Figure(figsize=(width, 0.6 + height * len(panels)), layout="constrained")
+    figure = NotebookFigure(figsize=(width, 0.6 + height * len(panels)), layout="constrained")
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axis, panel in zip(axes, panels, strict=True):
         for label, column, *both in zip(panel.labels, panel.values.T, panel.lower, panel.upper, strict=True):

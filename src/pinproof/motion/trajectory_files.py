@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.file_keys import KeyTable, Schema, fault_in, list_of
-from pinproof.common.files import csv_text, read_text, unknown_suffix, write_text_whole
+from pinproof.common.files import csv_text, other_separator, read_text, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import TrajectoryError
 from pinproof.motion.motion_keys import CUBIC_UNITS, INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
@@ -318,6 +318,9 @@ def _columns(names: Sequence[str], kinds: int) -> list[str]:
 
 def from_csv(reader: Reader, text: str) -> Record:
     """Read the output of :func:`to_csv`."""
+    for number, line in enumerate(text.splitlines()[:3], start=1):
+        if line.lstrip('"').startswith("time_from_start") and (other := other_separator(line.split(","))):
+            reader.fail(other, f"line {number}")
     first, _, body = text.partition("\n")
     if not first.startswith(_MARK):
         reader.fail(f"must start with '{_MARK}{{...}}', which names the interpolant", "line 1")

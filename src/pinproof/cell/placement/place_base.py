@@ -27,6 +27,7 @@ from pinproof.cell.placement.tasks import (
     GridTask,
     RefineTask,
     codes_of,
+    evolution_strategy,
     least_failing_step,
     penalised,
 )
@@ -144,6 +145,9 @@ def place_base(
     """
     picks = _valid_picks(picks)
     _refuse_invalid(objective, rng, choices)
+    effort = placement_budget or PlacementBudget()
+    if effort.runs and effort.evaluations and len(region.free_axes) > 1:
+        evolution_strategy()  # refused before the grid is screened, if it is not installed
     alternatives = [
         _Alternative.make(arm, scene, picks, region, moves_with_base, choice, home)
         for choice in choices or (PlacementChoice("default"),)
@@ -155,7 +159,7 @@ def place_base(
         picks,
         region,
         objective,
-        placement_budget or PlacementBudget(),
+        effort,
         budget or PickBudget(remedies=0),
         weights or OBJECTIVES[objective].weights,
         rng,

@@ -6,6 +6,7 @@ Evolutionary Computation 9(2).
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -178,6 +179,14 @@ class RefineTask:
         return np.asarray(low + np.mod(yaw - low, 2 * np.pi)) if self._is_full_turn else yaw
 
 
+def evolution_strategy() -> Any:
+    """The module ``cma``; InputError if it is not installed."""
+    try:
+        return importlib.import_module("cma")
+    except ImportError as error:
+        raise InputError("refining a placement needs the extra 'cell': pip install 'pinproof[cell]'") from error
+
+
 def _evolve(
     judge: Callable[[Array], list[float]],
     start: Array,
@@ -187,10 +196,7 @@ def _evolve(
     seed: int,
 ) -> None:
     """Minimise a function of many points (m, d) at a time by CMA-ES."""
-    try:
-        import cma
-    except ImportError as error:
-        raise InputError("refining a placement needs the extra 'cell': pip install 'pinproof[cell]'") from error
+    cma = evolution_strategy()
     generator = np.random.default_rng(seed)
     settings = {
         "seed": np.nan,  # the global generator of NumPy is left alone

@@ -238,7 +238,7 @@ class CollisionChecker(CheckedBodies):
         try:
             left = self._threads.judge(q)
         except (AttributeError, TypeError, ValueError):  # the first query of a thread, or not (n,) contiguous doubles
-            return self.is_free_unchecked(self.group.configuration(q))
+            return self.is_free_unchecked(self.group.configuration(q, batch="is_free_batch"))
         if left == CONTACT:
             return False
         return not self.still.touching if left == 0 else self.is_free_unchecked(self.group.configuration(q))
@@ -280,7 +280,7 @@ class CollisionChecker(CheckedBodies):
         bodies it is minus the penetration depth as computed by coal.
         """
         space = self.workspace
-        near = space.nearest(self.group.configuration(q))
+        near = space.nearest(self.group.configuration(q, batch="clearance_batch"))
         judged = (space.measure(k).distance for k in (*near.contacts, *near.left_to_coal))
         return min((near.lower, self.still.lower, *judged))
 

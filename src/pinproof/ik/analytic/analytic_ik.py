@@ -102,7 +102,7 @@ class AnalyticIk:
         if not (
             type(target) is np.ndarray and target.dtype is DOUBLE and target.shape == SHAPE and target.flags.carray
         ):
-            target = np.array(rigid("target", target).homogeneous)
+            target = np.array(rigid("target", target, batch="solve_batch, or solve_all_batch,").homogeneous)
         if plan.redundant is not None:
             return self._swept(arm, plan, np.array(rigid("target", target).homogeneous), reference)
         found = plan.core.solve(target, reference)
@@ -321,7 +321,8 @@ class AnalyticIk:
             )
         reference = _reference(arm, plan, q0)
         matrix = np.array(rigid("target", target).homogeneous)
-        return self_motion_of(arm, plan, plan.redundant, matrix, reference, self._grid(arm, plan, reference))
+        tolerances = self.position_tolerance, self.orientation_tolerance
+        return self_motion_of(arm, tolerances, plan.redundant, matrix, reference, self._grid(arm, plan, reference))
 
     def redundant_grid(self, arm: Arm, q0: npt.ArrayLike | None = None) -> tuple[int, Array] | None:
         """The index of the swept joint of an arm of seven, and its values (v,) (rad or m); None for other arms.

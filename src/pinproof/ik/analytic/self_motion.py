@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pinproof.common.display import outline
 from pinproof.common.validation import require_positive
 from pinproof.errors import IkFailed, InputError
-from pinproof.ik.analytic.plan import Plan
+from pinproof.ik.analytic.plan import Plan, plan_for
 from pinproof.ik.result import IkOutcome
 from pinproof.ik.windings import difference, nearest_winding
 from pinproof.model import Arm
@@ -69,7 +69,7 @@ class SelfMotionCurve:
     q: Array
     ends: tuple[CurveEnd, CurveEnd]
     _arm: Arm
-    _plan: Plan
+    _tolerances: tuple[float, float]
     _target: Array
 
     @property
@@ -100,7 +100,8 @@ class SelfMotionCurve:
             return self.q[index].copy()
         share = (value - self.values[index - 1]) / (self.values[index] - self.values[index - 1])
         guess = (1 - share) * self.q[index - 1] + share * self.q[index]
-        found = _nearest(self._plan, self._target, guess, float(value))
+        # The plan is cached for the arm; it is in the compiled core, which cannot be pickled.
+        found = _nearest(plan_for(self._arm, *self._tolerances), self._target, guess, float(value))
         return self.q[index - 1 if share < 0.5 else index].copy() if found is None else found
 
     def nearest(self, q: npt.ArrayLike) -> Array:
@@ -216,8 +217,14 @@ class SelfMotion(IkOutcome):
         return outline(f"SelfMotion({self.message})", (repr(curve) for curve in self.curves), total=len(self.curves))
 
 
-def self_motion_of(arm: Arm, plan: Plan, joint: int, target: Array, reference: Array, grid: Array) -> SelfMotion:
-    """The curves through all solutions at the values of ``grid`` (v,) of the redundant joint, ascending."""
+def self_motion_of(
+    arm: Arm, tolerances: tuple[float, float], joint: int, target: Array, reference: Array, grid: Array
+) -> SelfMotion:
+    """The curves through all solutions at the values of ``grid`` (v,) of the redundant joint, ascending.
+
+    ``tolerances`` are those of solutions, in m and rad.
+    """
+    plan = plan_for(arm, *tolerances)
     curves: list[SelfMotionCurve] = []
     on_curves: list[list[Array]] = [[] for _ in grid]
     for i, value in enumerate(grid.tolist()):
@@ -233,7 +240,7 @@ def self_motion_of(arm: Arm, plan: Plan, joint: int, target: Array, reference: A
             for k in np.flatnonzero(np.isin(grid, values)):
                 on_curves[k].append(samples[int(np.searchsorted(values, grid[k]))])
             name = arm.joint_names[joint]
-            curves.append(SelfMotionCurve(name, values, samples, (low_end, high_end), arm, plan, target))
+            curves.append(SelfMotionCurve(name, values, samples, (low_end, high_end), arm, tolerances, target))
     curves.sort(key=lambda curve: curve.lower - curve.upper)
     return SelfMotion(arm, target, arm.joint_names[joint], grid, tuple(curves))
 

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from pinproof.common.content_hash import digest, digest_many
-from pinproof.common.files import os_errors, refuse_unreadable
+from pinproof.common.files import os_errors, other_separator, refuse_unreadable
 from pinproof.common.structs import (
     ONE_ORIENTATION,
     Key,
@@ -41,7 +41,6 @@ from pinproof.common.structs import (
     vector,
 )
 from pinproof.common.yaml_file import LinedMapping
-from pinproof.description.dh import other_separator
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.input.pick import Pick, PickProblem, Picks
 from pinproof.spatial import SE3, finite, frozen, rigid, translated

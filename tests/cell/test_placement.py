@@ -431,3 +431,13 @@ def test_parts_in_the_way_are_left_out(arm: pp.Arm) -> None:
     report = pp.validate_picks(arm, bare, alone, budget=QUICK)
     assert [verdict.ok for verdict in report.verdicts] == [True, True]
     assert "bolt_0_0" in [body.name for body in report.verdicts[0].motions[2].attached]
+
+
+def test_a_missing_extra_is_reported_before_anything_is_screened(arm, scene, bolts, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "cma", None)
+    region, reports = PlacementRegion(x=(-0.1, 0.1), y=(-0.1, 0.1)), []
+    with pytest.raises(pp.InputError, match=r"pinproof\[cell\]"):
+        place_base(arm, scene, bolts, region, placement_budget=SMALL, progress=lambda *report: reports.append(report))
+    assert reports == []
+    grid_only = replace(SMALL, grid=1, runs=0, certified=1)
+    assert place_base(arm, scene, bolts, region, placement_budget=grid_only, budget=QUICK).certified

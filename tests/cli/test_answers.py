@@ -324,3 +324,22 @@ def test_every_reader_names_the_suffixes_in_the_same_words(name: str) -> None:
         reports.append(str(error.value).partition("; valid: "))
     assert len({problem for problem, _, _ in reports}) == 1
     assert all(".yaml" in valid for _, _, valid in reports)
+
+
+def test_an_output_in_a_missing_folder_is_refused_with_one_reason(run: Run, tmp_path: Path) -> None:
+    code, _, err = run("plan", "ur5", "--goal", "home", "-o", str(tmp_path / "missing" / "x.json"))
+    assert code == 2
+    assert err.count("does not exist") == 1
+    (tmp_path / "file").write_text("")
+    code, _, err = run("plan", "ur5", "--goal", "home", "-o", str(tmp_path / "file" / "x.json"))
+    assert code == 2
+    assert err.count("is not a folder") == 1
+
+
+@pytest.mark.parametrize("words", [("pick", "--workers", "0"), ("cell", "sequence", "--workers", "-1")])
+def test_a_number_of_workers_below_one_is_refused_with_the_smallest_number(run: Run, words: tuple[str, ...]) -> None:
+    *command, option, value = words
+    code, _, err = run(*command, str(robots_folder() / "ur5" / "picks.yaml"), option, value)
+    assert code == 2
+    assert "'--workers'" in err
+    assert "at least 1" in err

@@ -131,3 +131,15 @@ def test_the_expanded_urdf_is_saved_and_is_the_same_robot(file, tmp_path):
     again = pp.load_robot(tmp_path / "expanded.urdf")
     assert again.arm().forward_kinematics([0.4]).isApprox(robot.arm().forward_kinematics([0.4]), 1e-15)
     assert (again.arm().limits.upper == robot.arm().limits.upper).all()
+
+
+def test_files_and_macros_that_call_themselves_are_named(tmp_path):
+    begin, end = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">', "</robot>"
+    (tmp_path / "a.xacro").write_text(f'{begin}<xacro:include filename="b.xacro"/>{end}')
+    (tmp_path / "b.xacro").write_text(f'{begin}<xacro:include filename="a.xacro"/>{end}')
+    with pytest.raises(pp.errors.UrdfError, match=r"a\.xacro -> .*b\.xacro -> .*a\.xacro$"):
+        pp.load_robot(tmp_path / "a.xacro")
+    macro = '<xacro:macro name="arm" params="n"><link name="l${n}"/><xacro:arm n="${n + 1}"/></xacro:macro>'
+    (tmp_path / "m.xacro").write_text(f'{begin}{macro}<xacro:arm n="0"/>{end}')
+    with pytest.raises(pp.errors.UrdfError, match=r"arm -> arm, in .*m\.xacro$"):
+        pp.load_robot(tmp_path / "m.xacro")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -175,3 +177,21 @@ def test_goal_settings_are_checked():
         IkGoal("center")
     with pytest.raises(pp.InputError, match="gain"):
         IkGoal("centre", gain=0.0)
+
+
+def test_a_function_is_a_step_rule_and_what_is_none_is_refused(arms):
+    class Own(IterativeIk):
+        rule: ClassVar[object] = None
+
+        def step_rule(self):
+            return type(self).rule
+
+    arm = arms["ur5"]
+    target = arm.forward_kinematics(arm.home + 0.01)
+    solver = Own(position_tolerance=1e-2, orientation_tolerance=1e-1, restarts=0)
+    Own.rule = staticmethod(lambda residual, jacobian: -0.5 * jacobian.T @ residual)
+    assert solver.solve(arm, target, arm.home).ok
+    for wrong, message in ((None, "step_rule"), (lambda r, J: r[:2], r"\(6,\)"), (lambda r, J: None, r"\(6,\)")):
+        Own.rule = None if wrong is None else staticmethod(wrong)
+        with pytest.raises(pp.InputError, match=message):
+            solver.solve(arm, target, arm.home)

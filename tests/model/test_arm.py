@@ -261,3 +261,23 @@ def test_home_is_inside_the_limits():
         arm = pp.load_robot(name).arm()
         assert arm.limits.contains(arm.home)
         assert arm.singularity(arm.home).smallest > 1e-3
+
+
+def test_several_configurations_lead_to_the_method_for_them(ur5):
+    checker, Q, T = pp.CollisionChecker(ur5), np.zeros((3, 6)), np.tile(np.eye(4), (3, 1, 1))
+    calls = {
+        "forward_kinematics_batch": lambda: ur5.forward_kinematics(Q),
+        "torques_batch": lambda: ur5.torques(Q),
+        "is_free_batch": lambda: checker.is_free(Q),
+        "clearance_batch": lambda: checker.clearance(Q),
+        "solve_batch": lambda: pp.Clik().solve(ur5, T),
+        "solve_all_batch": lambda: pp.AnalyticIk().solve_all(ur5, T),
+    }
+    owners = (ur5, checker, pp.AnalyticIk())
+    for name, call in calls.items():
+        assert any(hasattr(owner, name) for owner in owners)
+        with pytest.raises(pp.InputError, match=name):
+            call()
+    with pytest.raises(pp.InputError) as error:
+        ur5.forward_kinematics(np.zeros(5))
+    assert "batch" not in str(error.value)

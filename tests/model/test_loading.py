@@ -94,3 +94,29 @@ def test_a_saved_urdf_keeps_uris_that_are_still_found(tmp_path):
     assert [g.mesh and (g.mesh.uri, g.mesh.path) for g in again.urdf.collisions] == [
         g.mesh and (g.mesh.uri, g.mesh.path) for g in robot.urdf.collisions
     ]
+
+
+def test_the_text_of_a_urdf_is_a_robot(tmp_path):
+    file = pp.load_robot("ur5").urdf.path
+    for text in (file.read_text(), "\ufeff\n" + file.read_text()):
+        robot = pp.load_robot(text, srdf=None, package_dirs=[file.parents[3]])
+        arm, same = robot.arm(tcp="tool0"), pp.load_robot(file).arm(tcp="tool0")
+        assert arm.forward_kinematics(same.home).isApprox(same.forward_kinematics(same.home), 1e-12)
+        assert len(pp.CollisionChecker(arm).bodies) == len(pp.CollisionChecker(same).bodies)
+    assert pickle.loads(pickle.dumps(robot.arm(tcp="tool0"))).joint_names == same.joint_names
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<mujoco/>", "root element is <mujoco>"),
+        ("<robot", "line 1.*well-formed"),
+        ('<?xml version="1.0"?>\n<robot name="r"/>', "no links"),
+        ("<ur5.urdf", "well-formed"),
+    ],
+)
+def test_text_that_is_no_urdf_is_refused_with_its_line(text, message):
+    with pytest.raises(pp.errors.UrdfError, match=message):
+        pp.load_robot(text)
+    with pytest.raises(pp.InputError, match="xacro_args"):
+        pp.load_robot(text, xacro_args={"a": "b"})

@@ -324,3 +324,14 @@ def test_a_save_that_fails_leaves_the_old_file_and_nothing_beside(tmp_path, traj
         trajectory.save(target)
     assert target.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["t.json"]
+
+
+@pytest.mark.parametrize(("separator", "name"), [(";", "semicolons"), ("\t", "tabs")])
+def test_a_table_that_a_spreadsheet_saved_with_other_separators_is_recognised(tmp_path, trajectory, separator, name):
+    trajectory.save(tmp_path / "m.csv")
+    mark, *rows = (tmp_path / "m.csv").read_text().splitlines()
+    other = [row.replace(",", separator) for row in rows]
+    for lines in (other, [mark, *other], ['"' + mark.replace('"', '""').replace(",", separator) + '"', *other]):
+        (tmp_path / "other.csv").write_text("\n".join(lines))
+        with pytest.raises(TrajectoryError, match=name):
+            Trajectory.load(tmp_path / "other.csv")

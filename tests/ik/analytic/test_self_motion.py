@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -109,3 +111,12 @@ def test_targets_without_a_solution_and_arms_without_redundancy_are_reported(arm
     curve = pp.AnalyticIk().self_motion(arm, example(arm)[1]).curves[0]
     with pytest.raises(InputError, match=curve.parameter):
         curve.at(curve.upper + 0.1)
+
+
+def test_curves_survive_pickling_and_are_evaluated_between_samples_as_before(arm):
+    motion = pp.AnalyticIk().self_motion(arm, example(arm)[1])
+    again = pickle.loads(pickle.dumps(motion))
+    assert (again.message, len(again)) == (motion.message, len(motion))
+    for curve, same in zip(motion, again, strict=True):
+        values = np.linspace(curve.lower, curve.upper, 7)
+        np.testing.assert_array_equal([same.at(value) for value in values], [curve.at(value) for value in values])

@@ -31,8 +31,7 @@ from pinproof.conversion import dh_to_urdf, urdf_to_dh
 from pinproof.description.dh import row_transform
 from pinproof.description.dh_urdf import TCP as TIP
 from pinproof.ik.analytic.geometry import lines_of
-from pinproof.model import Arm
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import Arm, load_robot
 from pinproof.spatial import Array
 
 BASE = "base_link"
@@ -211,7 +210,7 @@ def _pink(arm: Arm, part: Part) -> PreparedMethod:
 
     if not available_solvers:
         raise NotApplicableError("Pink found no solver for quadratic programs; install daqp")
-    model = load_robot_from_text(chain_urdf(arm)).arm(TIP).model
+    model = load_robot(chain_urdf(arm)).arm(TIP).model
     if model.nq != arm.dof:
         raise NotApplicableError("Pink represents joints without limits by two numbers")
     # The limits of an arm are not part of its Pinocchio model.

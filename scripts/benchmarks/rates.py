@@ -20,7 +20,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 import pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.motion import JointPath, RateConstraint, ToolLimits, TorqueLimits, Trajectory, time_parametrise
 
 Array = npt.NDArray[np.float64]
@@ -43,7 +43,7 @@ def load(name: str) -> pp.Arm:
         r'\1<mimic joint="panda_joint4" multiplier="-0.5" offset="0.4"/>',
         Path(str(robot.urdf.path)).read_text(encoding="utf-8"),
     )
-    arm = load_robot_from_text(text).arm(tcp="panda_hand_tcp")
+    arm = load_robot(text).arm(tcp="panda_hand_tcp")
     if not arm.chain.has_mimic_joints:
         raise RuntimeError("the URDF of the Panda has no joint 6 as expected")
     return arm

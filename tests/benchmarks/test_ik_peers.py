@@ -9,7 +9,7 @@ from benchmarks.tables import NotApplicableError
 
 import pinproof as pp
 from pinproof.errors import ConversionError
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import load_robot
 
 ROBOTS = ("ur5", "panda", "stanford", "kinova", "puma560", "scara")
 
@@ -17,7 +17,7 @@ ROBOTS = ("ur5", "panda", "stanford", "kinova", "puma560", "scara")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_chain_urdf_has_the_kinematics_of_the_arm(name: str) -> None:
     arm = pp.load_robot(name).arm()
-    chain = load_robot_from_text(chain_urdf(arm)).arm(TIP)
+    chain = load_robot(chain_urdf(arm)).arm(TIP)
     assert list(chain.joint_names) == list(arm.joint_names)
     q = np.random.default_rng(0).uniform(*arm.limits.sampling_range(), (50, arm.dof))
     np.testing.assert_allclose(chain.forward_kinematics_batch(q), arm.forward_kinematics_batch(q), atol=1e-12)
@@ -65,7 +65,7 @@ def test_mimic_joints_are_refused() -> None:
         <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
       <joint name="two" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 1 0"/><mimic joint="one"/>
         <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
-    arm = load_robot_from_text(text).arm("c")
+    arm = load_robot(text).arm("c")
     with pytest.raises(NotApplicableError, match="mimic"):
         screw_axes(arm)
     with pytest.raises(ConversionError, match="mimic"):

@@ -13,7 +13,6 @@ import trimesh
 
 from pinproof import Box, Capsule, CollisionChecker, Cylinder, JointPath, Mesh, Sphere, load_robot
 from pinproof.description.meshes import read_mesh
-from pinproof.model.robot import load_robot_from_text
 
 
 @pytest.fixture(scope="session")
@@ -49,7 +48,7 @@ def arm_from_links():
                 f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
                 f'<limit lower="-7" upper="7" velocity="1" effort="1"/></joint>'
             )
-        return load_robot_from_text(f'<robot name="built">{"".join(parts)}{extra}</robot>')
+        return load_robot(f'<robot name="built">{"".join(parts)}{extra}</robot>')
 
     return build
 

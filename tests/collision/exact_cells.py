@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 import pinproof as pp
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import load_robot
 
 Array = np.ndarray
 
@@ -127,7 +127,7 @@ def cell(seed: int, kinds: str = "rprpr") -> Cell:
             f'<limit lower="-3" upper="3" velocity="1" effort="1"/>{mimic}</joint>'
         )
         joints.append(Joint(parent, child, kind == "p", place.homogeneous, axis, leader, multiplier, offset))
-    robot = load_robot_from_text(f'<robot name="balls{seed}">{"".join(parts)}</robot>')
+    robot = load_robot(f'<robot name="balls{seed}">{"".join(parts)}</robot>')
     arm = robot.arm(tcp=names[-1]).with_held({"to_held": joints[-1].offset})
     grip, radius = rng.uniform(-0.1, 0.1, 3), 0.015
     balls["held_ball"] = (names[-1], grip, radius)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
 import pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.motion import BlendedPath, CubicPath, check_limits
 from pinproof.verifier import verify
 
@@ -31,7 +31,7 @@ NAMES = ("turn", "slide", "lift")
 
 @cache
 def robot() -> pp.Robot:
-    return load_robot_from_text(TEXT.format(limit=LIMIT))
+    return load_robot(TEXT.format(limit=LIMIT))
 
 
 def known(velocity: float, acceleration: float) -> pp.JointLimits:

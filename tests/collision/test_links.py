@@ -9,7 +9,6 @@ import trimesh
 from pinproof import CollisionChecker, InputError, UnknownNameError, load_robot
 from pinproof.collision.checking.links import link_bodies, meshes_of
 from pinproof.errors import MeshError
-from pinproof.model.robot import load_robot_from_text
 
 
 def test_one_name_or_a_mapping_sets_the_geometry_of_every_link():
@@ -42,7 +41,7 @@ def test_each_link_uses_the_requested_geometry(ur5):
 def test_an_open_mesh_is_replaced_by_its_hull_with_a_note(tmp_path, how):
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(tmp_path / "open.stl")
-    robot = load_robot_from_text(
+    robot = load_robot(
         f'<robot name="r"><link name="base"><collision><geometry><mesh filename="{tmp_path}/open.stl"/></geometry>'
         "</collision></link></robot>"
     )
@@ -63,7 +62,7 @@ def test_a_closed_mesh_is_solid_as_a_surface_too(ur5):
 
 
 def test_a_mesh_that_is_nowhere_is_named():
-    robot = load_robot_from_text(
+    robot = load_robot(
         '<robot name="r"><link name="base"><collision><geometry><mesh filename="gone.stl"/></geometry></collision>'
         "</link></robot>"
     )

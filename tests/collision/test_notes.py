@@ -7,7 +7,6 @@ import trimesh
 
 from pinproof import Box, CollisionChecker, Mesh, Obstacle, PointCloud, Scene, certify, load_robot, pose
 from pinproof.collision.certificates.certificate import CertificateStatus
-from pinproof.model.robot import load_robot_from_text
 
 
 def notes(path, arm, *obstacles, **settings):
@@ -41,7 +40,7 @@ def test_a_mesh_that_is_not_watertight_is_named(slider, mesh_file, path):
 def test_certificate_names_a_link_whose_open_mesh_is_replaced_by_its_hull(tmp_path, path):
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(tmp_path / "open.stl")
-    arm = load_robot_from_text(
+    arm = load_robot(
         f'<robot name="r"><link name="base"/><link name="box"><collision><geometry><mesh filename="{tmp_path}/open.stl"'
         '/></geometry></collision></link><link name="tip"/><joint name="q" type="continuous"><parent link="base"/>'
         '<child link="box"/><limit velocity="1" effort="1"/></joint><joint name="end" type="fixed">'
@@ -78,7 +77,7 @@ def test_links_with_visual_geometry_only_are_named(path):
         ("", "the robot has no collision geometry"),
     ):
         parts = link.format("base", solid) + link.format("arm", solid) + link.format("tip", "")
-        arm = load_robot_from_text(f'<robot name="r">{parts}{joints}</robot>').arm(tcp="tip")
+        arm = load_robot(f'<robot name="r">{parts}{joints}</robot>').arm(tcp="tip")
         (note,) = notes(path, arm)
         assert expected in note
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof._core import constraint_bound
 from pinproof.collision.certificates.path_constraints import PathConstraint
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.motion import CubicPath
 
 FREE, COLLIDING, VIOLATED = pp.CertificateStatus.FREE, pp.CertificateStatus.COLLIDING, pp.CertificateStatus.VIOLATED
@@ -33,7 +33,7 @@ def _crane() -> pp.Arm:
     for k, (kind, xyz, axis, extra) in enumerate(rows):
         text += f'<link name="l{k + 1}"/><joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/>'
         text += f'<origin xyz="{xyz}" rpy="0.2 0.1 0"/><axis xyz="{axis}"/>{limit}{extra}</joint>'
-    return load_robot_from_text(f'<robot name="crane">{text}</robot>').arm(tcp="l4")
+    return load_robot(f'<robot name="crane">{text}</robot>').arm(tcp="l4")
 
 
 ARMS = {name: pp.load_robot(name).arm() for name in ("ur5", "panda", "stanford", "scara")} | {"crane": _crane()}

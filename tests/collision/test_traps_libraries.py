@@ -10,7 +10,7 @@ import pytest
 from pinproof import Box, CertificateStatus, CollisionChecker, InputError, Mesh, Obstacle, Scene, Sphere, certify, pose
 from pinproof.collision.geometry.hulls import bvh
 from pinproof.errors import UrdfError
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import load_robot
 
 LIMIT = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
 
@@ -38,11 +38,11 @@ def test_a_shape_pinocchio_does_not_know_is_dropped_there_and_kept_here(capfd):
     text = one_joint(moving='<capsule radius="0.1" length="0.5"/>')
     assert in_pinocchio(text)[1].ngeoms == 0  # the trap: a link that collides with nothing
     capfd.readouterr()
-    arm = load_robot_from_text(text).arm(tcp="tip")
+    arm = load_robot(text).arm(tcp="tip")
     post = Scene([Obstacle("post", Sphere(0.1), pose((0.15, 0, 0)))])
     assert not CollisionChecker(arm, post).is_free([0.0])
     with pytest.raises(UrdfError, match="cone"):
-        load_robot_from_text(one_joint(moving='<cone radius="0.1" length="0.5"/>'))
+        load_robot(one_joint(moving='<cone radius="0.1" length="0.5"/>'))
 
 
 def test_invalid_poses_are_refused():
@@ -61,7 +61,7 @@ def test_an_axis_of_no_length_is_refused():
     pin.forwardKinematics(model, data, np.array([0.7]))
     assert np.linalg.det(data.oMi[1].rotation) != pytest.approx(1.0, abs=0.1)  # the trap: no rotation at all
     with pytest.raises(UrdfError, match="axis"):
-        load_robot_from_text(text)
+        load_robot(text)
 
 
 def test_broadphase_managers_of_coal_ignore_margins_and_ours_do_not(slider):

@@ -17,7 +17,7 @@ from pinproof.description import DhRow, DhTable
 from pinproof.description.dh_urdf import urdf_text
 from pinproof.description.urdf_elements import rpy_of
 from pinproof.errors import ConversionError, FileError, InputError
-from pinproof.model import load_robot, load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.spatial import pose
 
 from ..examples import examples
@@ -205,6 +205,6 @@ def test_a_missing_folder_is_named(generic, tmp_path):
 def test_base_and_tool_are_fixed_frames_of_the_urdf():
     base, tool = pose((0, 0, 0.5), (0, math.pi, 0)), pose((0, 0, 0.1))
     table = DhTable([DhRow("j", 0, 0.2, 0.3, 0)], convention="modified", base=base, tool=tool)
-    arm = load_robot_from_text(dh_to_urdf(table)).arm(tcp="tool0")
+    arm = load_robot(dh_to_urdf(table)).arm(tcp="tool0")
     np.testing.assert_allclose(arm.frame_placement([0.0], "dh_0").homogeneous, base.homogeneous, atol=1e-15)
     assert arm.base == "base_link"

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pinproof.conversion import dh_to_urdf
 from pinproof.description import DhRow, DhTable
 from pinproof.description.dh_urdf import DENSITY, link_bodies
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 from ..examples import examples
 
@@ -115,7 +115,7 @@ def test_a_row_without_length_has_no_collision_geometry():
 
 @ARMS
 def test_the_drawn_shape_is_the_collision_shape(table):
-    urdf = load_robot_from_text(dh_to_urdf(table)).urdf
+    urdf = load_robot(dh_to_urdf(table)).urdf
     drawn = [(g.link, g.kind, g.size, g.origin.tolist()) for g in urdf.visuals]
     assert drawn == [(g.link, g.kind, g.size, g.origin.tolist()) for g in urdf.collisions]
     assert drawn
@@ -126,7 +126,7 @@ def test_the_drawn_shape_is_the_collision_shape(table):
 def test_links_with_length_reach_from_joint_to_joint(table):
     """Every dh frame but those at the trimmed tip lies inside some body."""
     urdf = dh_to_urdf(table)
-    robot = load_robot_from_text(urdf)
+    robot = load_robot(urdf)
     arm = robot.arm(tcp="tool0")
     q = np.random.default_rng(1).uniform(table.lower, table.upper)
     frames = table.frames(q)
@@ -146,7 +146,7 @@ def _holds(shape, origin, point) -> bool:
 
 
 def test_the_foot_clears_a_table_top_and_the_tip_clears_the_tool_point():
-    robot = load_robot_from_text(dh_to_urdf(GENERIC))
+    robot = load_robot(dh_to_urdf(GENERIC))
     arm = robot.arm(tcp="tool0")
     lowest = math.inf
     for g in robot.urdf.collisions:

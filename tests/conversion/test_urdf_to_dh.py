@@ -14,7 +14,7 @@ from pinproof.conversion import dh_to_urdf, urdf_to_dh
 from pinproof.conversion.to_dh import COINCIDENT, FARTHEST, PARALLEL, Axis, frame_on
 from pinproof.description import DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
-from pinproof.model import Arm, load_robot, load_robot_from_text
+from pinproof.model import Arm, load_robot
 from pinproof.model.dh_proof import prove_table_equals_arm
 from pinproof.spatial import pose
 
@@ -45,7 +45,7 @@ def tables(draw: st.DrawFn) -> DhTable:
 
 
 def arm_of(table: DhTable) -> Arm:
-    return load_robot_from_text(dh_to_urdf(table)).arm(tcp="tool0")
+    return load_robot(dh_to_urdf(table)).arm(tcp="tool0")
 
 
 def difference(table: DhTable, arm: Arm, seed: int = 0, configurations: int = 20) -> float:
@@ -129,7 +129,7 @@ TWO = """<robot name="two"><link name="base"/><link name="upper"/><link name="lo
 
 
 def two(tilt: float, y: float = 0.5, kind: str = "revolute", extra: str = "") -> Arm:
-    return load_robot_from_text(TWO.format(tilt=tilt, y=y, kind=kind, extra=extra)).arm(tcp="tip")
+    return load_robot(TWO.format(tilt=tilt, y=y, kind=kind, extra=extra)).arm(tcp="tip")
 
 
 @BOTH
@@ -173,7 +173,7 @@ def test_nearly_parallel_axes_with_a_close_common_normal_are_converted(tilt, con
 @pytest.mark.parametrize("x", [1e-13, 1e-11, 0.9e-10, 1.1e-10, 1e-6])
 def test_parallel_axes_that_nearly_coincide_hold_the_tolerance(x, convention):
     text = TWO.format(tilt=0.0, y=0.0, kind="revolute", extra="").replace('xyz="0.3 0.0 0.1"', f'xyz="{x!r} 0.0 0.1"')
-    arm = load_robot_from_text(text).arm(tcp="tip")
+    arm = load_robot(text).arm(tcp="tip")
     assert difference(urdf_to_dh(arm, convention=convention), arm) <= (x if x < COINCIDENT else 1e-15) + 1e-15
 
 
@@ -181,7 +181,7 @@ def test_parallel_axes_that_nearly_coincide_hold_the_tolerance(x, convention):
 def test_a_tool_slightly_off_its_joint_remains_in_the_tool(convention):
     """Its tilt belongs to no joint, so it is in the table's tool and base; rows are short."""
     text = TWO.format(tilt=HALF, y=0.5, kind="revolute", extra="").replace("0.3 0.2 0.1", "1e-7 0 0")
-    arm = load_robot_from_text(text).arm(tcp="tip")
+    arm = load_robot(text).arm(tcp="tip")
     table = urdf_to_dh(arm, convention=convention)
     assert max(abs(number) for row in table.rows for number in (row.d, row.a)) < 1.0
     assert difference(table, arm) < 1e-14
@@ -216,7 +216,7 @@ def test_a_mimic_joint_outside_the_chain_is_allowed():
 def test_a_floating_joint_is_refused_by_name_before_there_is_an_arm():
     text = TWO.format(tilt=0.7, y=0.5, kind="floating", extra="")
     with pytest.raises(ValueError, match=r"'second' .*floating"):
-        urdf_to_dh(load_robot_from_text(text).arm(tcp="tip"))
+        urdf_to_dh(load_robot(text).arm(tcp="tip"))
 
 
 def test_an_unknown_convention_is_refused_with_the_valid_ones():
@@ -225,7 +225,7 @@ def test_an_unknown_convention_is_refused_with_the_valid_ones():
 
 
 def test_the_arms_own_limits_count_and_a_name_may_be_given():
-    arm = load_robot_from_text(TWO.format(tilt=0.7, y=0.5, kind="revolute", extra="")).arm(
+    arm = load_robot(TWO.format(tilt=0.7, y=0.5, kind="revolute", extra="")).arm(
         tcp="tip", limits={"first": (-0.2, 0.3), "second": (-math.inf, math.inf)}
     )
     table = urdf_to_dh(arm, name="mine")
@@ -235,7 +235,7 @@ def test_the_arms_own_limits_count_and_a_name_may_be_given():
 
 
 def test_a_prismatic_joint_without_limits_is_refused_with_the_remedy():
-    arm = load_robot_from_text(TWO.format(tilt=0.7, y=0.5, kind="prismatic", extra="")).arm(
+    arm = load_robot(TWO.format(tilt=0.7, y=0.5, kind="prismatic", extra="")).arm(
         tcp="tip", limits={"second": (-math.inf, 1.0)}
     )
     with pytest.raises(ConversionError, match=r"'second' has no finite limits.*limits="):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof import _core
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 from ..examples import examples
 
@@ -60,7 +60,7 @@ def test_equals_pinocchio_on_real_arms(name):
 @given(urdf=chains(), seed=st.integers(0, 10**6))
 def test_equals_pinocchio_on_any_chain(urdf, seed):
     try:
-        robot = load_robot_from_text(urdf)
+        robot = load_robot(urdf)
     except pp.errors.UrdfError:  # a follower of a follower
         return
     arm = robot.arm(tcp=f"l{urdf.count('<joint ')}")

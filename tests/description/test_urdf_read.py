@@ -7,7 +7,7 @@ import pytest
 import pinproof as pp
 from pinproof.description import read_urdf, read_urdf_text
 from pinproof.description.urdf import MAX_LINKS
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
 
@@ -114,14 +114,14 @@ def test_invalid_content_is_refused_with_its_line(parts, message):
 
 @pytest.mark.parametrize("limit", ["", '<limit velocity="1" effort="1"/>', '<limit lower="-1" velocity="1"/>'])
 def test_missing_limits_are_an_error_and_never_zero(limit):
-    robot = load_robot_from_text(urdf(limit=limit))
+    robot = load_robot(urdf(limit=limit))
     with pytest.raises(pp.InputError, match=r"'j' states no lower and upper limit"):
         robot.arm(tcp="tip")
     assert robot.arm(tcp="tip", limits={"j": (-2, 2)}).limits.upper.tolist() == [2.0]
 
 
 def test_velocity_zero_means_not_known():
-    robot = load_robot_from_text(urdf(limit='<limit lower="-1" upper="1" velocity="0"/>'))
+    robot = load_robot(urdf(limit='<limit lower="-1" upper="1" velocity="0"/>'))
     assert robot.urdf.joints["j"].velocity is None
     assert str(robot.arm(tcp="tip").limits.velocity) == "[nan]"
 
@@ -138,11 +138,11 @@ def chain(links):
 
 def test_robot_of_5000_joints_is_refused_before_it_crashes_the_parser():
     with pytest.raises(pp.errors.UrdfError, match="5001 links"):
-        load_robot_from_text(chain(5001))
+        load_robot(chain(5001))
 
 
 def test_robot_of_the_most_links_moves_part_by_part():
-    robot = load_robot_from_text(chain(MAX_LINKS))
+    robot = load_robot(chain(MAX_LINKS))
     tip = f"l{MAX_LINKS - 1}"
     assert robot.arm(tcp=tip, base=f"l{MAX_LINKS - 201}").dof == 200
     with pytest.raises(pp.InputError, match=rf"{MAX_LINKS - 1} joints are between.*limit"):
@@ -187,7 +187,7 @@ def test_robot_without_links_is_refused():
 
 
 def test_axis_of_any_length_is_a_direction():
-    robot = load_robot_from_text(urdf(joint='<axis xyz="3e200 0 4e200"/>'))
+    robot = load_robot(urdf(joint='<axis xyz="3e200 0 4e200"/>'))
     twist = robot.arm(tcp="tip").jacobian([0.2])[:, 0]
     assert twist == pytest.approx([0, 0, 0, 0.6, 0, 0.8], abs=1e-15)
 
@@ -200,5 +200,5 @@ def test_an_unusably_large_limit_is_no_limit():
 @pytest.mark.parametrize("mass", ["nan", "abc", "", "1e400"])
 def test_invalid_inertia_is_ignored_without_output(mass, capfd):
     inertial = f'<inertial><mass value="{mass}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    assert load_robot_from_text(urdf(link=inertial)).arm(tcp="tip").dof == 1
+    assert load_robot(urdf(link=inertial)).arm(tcp="tip").dof == 1
     assert capfd.readouterr() == ("", "")

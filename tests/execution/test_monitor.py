@@ -11,7 +11,7 @@ import pytest
 import pinproof as pp
 from pinproof.errors import InputError
 from pinproof.execution import MonitorStatus
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 from .conftest import HIGH, LOW, OTHER, timed
 
@@ -184,7 +184,7 @@ def test_a_robot_that_is_late_is_compared_with_the_closest_configuration(checker
 
 
 def test_a_certificate_of_an_arm_without_pairs_is_used() -> None:
-    arm = load_robot_from_text(
+    arm = load_robot(
         '<robot name="one"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
         '<child link="b"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>'
     ).arm(tcp="b")

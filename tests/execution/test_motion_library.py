@@ -10,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import FileError, InputError, NotProvenFree, UnknownNameError
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 from .conftest import HIGH, LOW, OTHER, timed
 
@@ -90,7 +90,7 @@ def slider(radii: tuple[float, float, float] = (0.05, 0.01, 0.01)) -> pp.Arm:
             f'<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
             f'<axis xyz="{axis}"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
         )
-    return load_robot_from_text(f'<robot name="slider">{text}</robot>').arm(tcp="ball")
+    return load_robot(f'<robot name="slider">{text}</robot>').arm(tcp="ball")
 
 
 STOPS = (-0.9, -0.5, -0.2, 0.2, 0.5, 0.9)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 import pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 Planar = Callable[..., pp.Arm]
 
@@ -53,6 +53,6 @@ def planar() -> Planar:
                 '<link name="side"/><joint name="follower" type="continuous"><parent link="l0"/><child link="side"/>'
                 f'<axis xyz="0 0 1"/><mimic joint="{leader}" multiplier="{multiplier}"/></joint>'
             )
-        return load_robot_from_text("".join([*parts, "</robot>"])).arm(tcp="tool")
+        return load_robot("".join([*parts, "</robot>"])).arm(tcp="tool")
 
     return make

@@ -154,7 +154,7 @@ def test_mimic_joints_on_the_chain_are_solved(planar_with_follower):
 
 @pytest.fixture
 def planar_with_follower():
-    from pinproof.model import load_robot_from_text
+    from pinproof.model import load_robot
 
     limit = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
     joints = "".join(
@@ -168,7 +168,7 @@ def planar_with_follower():
         '<link name="tool"/><joint name="t" type="fixed"><parent link="l3"/><child link="tool"/>'
         '<origin xyz="0.4 0 0"/></joint>'
     )
-    arm = load_robot_from_text(f'<robot name="r"><link name="l0"/>{joints}{tool}</robot>').arm(tcp="tool")
+    arm = load_robot(f'<robot name="r"><link name="l0"/>{joints}{tool}</robot>').arm(tcp="tool")
     return arm, arm.forward_kinematics([0.7, -0.9])
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof import _core
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 from ..examples import examples
 
@@ -71,7 +71,7 @@ def test_prismatic_joints_reach_the_target():
         f'<axis xyz="{axis}"/>{LIMIT.format(-2, 2)}</joint>'
         for i, axis in enumerate(axes, 1)
     )
-    arm = load_robot_from_text(f'<robot name="r"><link name="l0"/>{joints}</robot>').arm(tcp="l3")
+    arm = load_robot(f'<robot name="r"><link name="l0"/>{joints}</robot>').arm(tcp="l3")
     found = pp.Fabrik().solve(arm, pp.pose((0.3, -1.4, 1.9)), task="position").or_raise()
     assert found.q == pytest.approx([0.3, -1.4, 1.9], abs=1e-4)
 
@@ -199,7 +199,7 @@ def test_mimic_joints_are_refused_on_the_chain_only(planar):
         f'<origin xyz="{i - 1} 0 0"/><axis xyz="0 0 1"/>{LIMIT.format(-3, 3)}{mimic}</joint>'
         for i, mimic in ((1, ""), (2, '<mimic joint="j1" multiplier="2"/>'))
     )
-    coupled = load_robot_from_text(f'<robot name="r"><link name="l0"/>{joints}</robot>').arm(tcp="l2")
+    coupled = load_robot(f'<robot name="r"><link name="l0"/>{joints}</robot>').arm(tcp="l2")
     with pytest.raises(pp.InputError, match=r"mimic.*Clik"):
         pp.Fabrik().solve(coupled, pp.pose((1.0, 0, 0)), task="position")
 

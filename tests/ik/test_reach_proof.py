@@ -14,7 +14,7 @@ from pinproof import _core
 from pinproof.errors import InputError
 from pinproof.ik import Overlap, ReachStatus, is_provable
 from pinproof.ik.reach_check import CUT_LOWER, EXCLUDED, SPLIT, Steps, check_exclusion
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.model.limits import AT_LIMIT
 from pinproof.spatial import rigid
 
@@ -208,7 +208,7 @@ def nearly_meeting(offset: float) -> pp.Arm:
             f'<origin xyz="{place}"/><axis xyz="{axis}"/>'
             '<limit lower="-1.5" upper="1.2" velocity="1" effort="1"/></joint>'
         )
-    return load_robot_from_text("".join([*parts, "</robot>"])).arm(tcp="l5")
+    return load_robot("".join([*parts, "</robot>"])).arm(tcp="l5")
 
 
 def box_around(rng: np.random.Generator, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -348,7 +348,7 @@ def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms) -> None:
 
 
 def test_unsupported_arms_and_settings_are_refused(planar) -> None:
-    mimic = load_robot_from_text(
+    mimic = load_robot(
         '<robot name="two"><link name="a"/><link name="b"/><link name="c"/><joint name="j" type="continuous"><parent '
         'link="a"/><child link="b"/><axis xyz="0 0 1"/></joint><joint name="k" type="continuous"><parent link="b"/>'
         '<child link="c"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/><mimic joint="j"/></joint></robot>'

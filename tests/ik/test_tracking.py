@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof import _core
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 from ..examples import examples
 
@@ -362,7 +362,7 @@ def test_a_prismatic_joint_keeps_its_speed_limit():
         '<robot name="slider"><link name="l0"/><link name="l1"/><joint name="j1" type="prismatic"><parent link="l0"/>'
         '<child link="l1"/><axis xyz="1 0 0"/><limit lower="0" upper="0.5" velocity="0.2" effort="1"/></joint></robot>'
     )
-    arm = load_robot_from_text(urdf).arm(tcp="l1")
+    arm = load_robot(urdf).arm(tcp="l1")
     poses = [pp.pose((x, 0, 0)) for x in np.linspace(0, 0.7, 100)]
     tracked = pp.track(arm, poses, [0.0], dt=0.1)
     kept_limits(arm, tracked)

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 
 @pytest.fixture(scope="session")
 def zoo(zoo_text):
-    return load_robot_from_text(zoo_text)
+    return load_robot(zoo_text)
 
 
 @pytest.fixture(scope="session")
@@ -182,7 +182,7 @@ def test_a_joint_may_have_the_name_of_a_link(name):
             f'<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
             f'<origin xyz="1 0 0"/><axis xyz="0 0 1"/>{limit}</joint>'
         )
-    robot = load_robot_from_text(text + "</robot>")
+    robot = load_robot(text + "</robot>")
     arm = robot.arm(tcp="c")
     assert arm.joint_names == (name, "other")
     assert arm.forward_kinematics([np.pi / 2, 0.3]).translation == pytest.approx([1, 1, 0])

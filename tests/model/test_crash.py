@@ -13,10 +13,10 @@ import json
 import sys
 import numpy as np
 import pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 for text in json.load(sys.stdin):
     try:
-        robot = load_robot_from_text(text)
+        robot = load_robot(text)
         arm = robot.arm(robot.urdf.links[-1])
         assert np.isfinite(arm.forward_kinematics(arm.home).homogeneous).all()
         assert np.isfinite(arm.jacobian(arm.home)).all()

@@ -10,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof import InputError, UnknownNameError
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 from ..heavy_robot import heavy_robot_text
 
@@ -19,7 +19,7 @@ BAR = pp.Payload(2.5, (0.02, -0.01, 0.12), np.diag([0.02, 0.03, 0.015]))
 
 @pytest.fixture(scope="module")
 def heavy():
-    return load_robot_from_text(heavy_robot_text()).arm(tcp="tool", held={"finger": 0.3})
+    return load_robot(heavy_robot_text()).arm(tcp="tool", held={"finger": 0.3})
 
 
 @pytest.fixture(scope="module", params=["heavy", "panda", "scara"])
@@ -159,6 +159,6 @@ def test_torques_of_a_robot_without_masses_are_refused():
     bare = heavy_robot_text().split("<joint", 1)
     links = "".join(f'<link name="{name}"/>' for name in ("base", "carriage", "column", "arm", "forearm", "hand",
                                                           "palm", "tool", "rod_link", "finger_link"))  # fmt: skip
-    arm = load_robot_from_text(f'<robot name="bare">{links}<joint{bare[1]}').arm(tcp="tool")
+    arm = load_robot(f'<robot name="bare">{links}<joint{bare[1]}').arm(tcp="tool")
     with pytest.raises(InputError, match="inertial"):
         arm.torques(np.zeros(arm.dof))

@@ -7,12 +7,12 @@ import json
 import pytest
 
 import pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 
 @pytest.fixture(scope="module")
 def zoo(zoo_text):
-    robot = load_robot_from_text(zoo_text)
+    robot = load_robot(zoo_text)
     return robot.info(robot.arm("tool", held={"finger": 0.02}))
 
 

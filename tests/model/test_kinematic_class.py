@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import pinproof as pp
-from pinproof.model import kinematic_class, load_robot_from_text
+from pinproof.model import kinematic_class, load_robot
 
 
 def arm(joints):
@@ -16,7 +16,7 @@ def arm(joints):
             f'<link name="l{i}"/><joint name="j{i}" type="{kind}"><parent link="l{i - 1}"/><child link="l{i}"/>'
             f'<origin xyz="{xyz}" rpy="0.1 0.2 0.3"/><axis xyz="{axis}"/><limit lower="-2" upper="2"/></joint>'
         )
-    return load_robot_from_text(f'<robot name="r">{text}</robot>').arm(f"l{len(joints)}")
+    return load_robot(f'<robot name="r">{text}</robot>').arm(f"l{len(joints)}")
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_tilted_axes_are_not_parallel(lean, found):
             f'<link name="l{i}"/><joint name="j{i}" type="{kind}"><parent link="l{i - 1}"/><child link="l{i}"/>'
             f'{origin}<axis xyz="0 0 1"/><limit lower="-2" upper="2"/></joint>'
         )
-    chain = load_robot_from_text(f'<robot name="r">{text}</robot>').arm("l4")
+    chain = load_robot(f'<robot name="r">{text}</robot>').arm("l4")
     assert ("all axes parallel" in kinematic_class(chain)) is found
 
 
@@ -69,5 +69,5 @@ def test_a_general_chain_is_reported_as_such():
 
 
 def test_mimic_joint_on_the_chain_is_named(zoo_text):
-    zoo = load_robot_from_text(zoo_text).arm("tool")
+    zoo = load_robot(zoo_text).arm("tool")
     assert kinematic_class(zoo).endswith("coupled by mimic joints on the chain")

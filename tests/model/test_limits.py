@@ -10,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import UrdfError
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 ONE = np.ones(2)
 
@@ -141,14 +141,14 @@ URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
 
 
 def test_effort_limits_are_those_of_the_urdf_and_0_is_unknown():
-    arm = load_robot_from_text(URDF.format(87)).arm(tcp="c")
+    arm = load_robot(URDF.format(87)).arm(tcp="c")
     np.testing.assert_array_equal(arm.limits.torque, [87.0, np.nan])
     assert arm.robot.model.effortLimit[0] == 87.0
     assert arm.model.effortLimit[0] == 87.0
     assert [joint.effort for joint in arm.robot.info(arm).joints] == [87.0, None]
-    assert load_robot_from_text(URDF.format(0)).arm(tcp="c").limits.torque is None
+    assert load_robot(URDF.format(0)).arm(tcp="c").limits.torque is None
     with pytest.raises(UrdfError, match="'one' has the negative effort limit"):
-        load_robot_from_text(URDF.format(-1))
+        load_robot(URDF.format(-1))
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])

@@ -7,7 +7,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import FileError
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 TEXT = """
 default_velocity_scaling_factor: 0.1
@@ -89,9 +89,9 @@ FOLLOWED = """<robot name="follow"><link name="base"/><link name="a"/><link name
 def test_limits_of_a_mimic_follower_limit_the_joint_that_it_follows_wherever_they_are_stated(tmp_path):
     def limits(text):
         path = written(tmp_path, f"joint_limits:\n  {text}\n")
-        return load_robot_from_text(FOLLOWED).arm("b", limits=pp.JointLimits.load(path)).limits
+        return load_robot(FOLLOWED).arm("b", limits=pp.JointLimits.load(path)).limits
 
-    plain = load_robot_from_text(FOLLOWED).arm("b").limits  # follow = 1 - 2 lead
+    plain = load_robot(FOLLOWED).arm("b").limits  # follow = 1 - 2 lead
     assert (plain.lower[0], plain.upper[0], plain.velocity[0]) == (-1.0, 1.0, 1.5)
     # A wider range of the leader does not widen that of the follower.
     wide = limits(
@@ -99,7 +99,7 @@ def test_limits_of_a_mimic_follower_limit_the_joint_that_it_follows_wherever_the
         "has_velocity_limits: true, max_velocity: 9}"
     )
     assert (wide.lower[0], wide.upper[0], wide.velocity[0], wide.acceleration[0]) == (-1.0, 1.0, 1.5, 3.0)
-    assert load_robot_from_text(FOLLOWED).arm("b", limits={"lead": (-9, 0.5)}).limits.lower[0] == -1.0
+    assert load_robot(FOLLOWED).arm("b", limits={"lead": (-9, 0.5)}).limits.lower[0] == -1.0
     tight = limits(
         "follow: {has_position_limits: true, min_position: 0, max_position: 2, "
         "has_velocity_limits: true, max_velocity: 1, has_acceleration_limits: true, max_acceleration: 3}"

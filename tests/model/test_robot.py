@@ -7,7 +7,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 LIMIT = '<limit lower="-2" upper="2" velocity="1" effort="1"/>'
 
@@ -19,7 +19,7 @@ def two_tips(kinds=("revolute", "fixed", "fixed")):
         f'<child link="{child}"/>{LIMIT}</joint>'
         for (parent, child), kind in zip(ends, kinds, strict=False)
     )
-    return load_robot_from_text(f'<robot name="two"><link name="base"/>{joints}</robot>')
+    return load_robot(f'<robot name="two"><link name="base"/>{joints}</robot>')
 
 
 def test_tcp_is_the_only_leaf_on_a_fixed_joint():
@@ -59,7 +59,7 @@ def test_base_that_the_arm_itself_moves_through_a_mimic_joint_is_refused():
         f'<joint name="t" type="revolute"><parent link="base"/><child link="tip"/>{LIMIT}</joint></robot>'
     )
     with pytest.raises(pp.InputError, match="mimic"):
-        load_robot_from_text(text).arm(tcp="tip", base="base")
+        load_robot(text).arm(tcp="tip", base="base")
 
 
 def test_limits_can_be_tightened_by_name_and_replaced():

@@ -11,7 +11,7 @@ import pytest
 
 import pinproof as pp
 from pinproof import InputError
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.motion import BlendedPath, CubicPath, JointPath, ToolLimits, time_parametrise
 
 from ..heavy_robot import heavy_robot_text
@@ -41,7 +41,7 @@ def rates_by_pinocchio(arm, trajectory, times):
 @pytest.mark.parametrize("quintic", [False, True])
 @pytest.mark.parametrize("name", ["heavy", "panda", "stanford", "scara"])
 def test_the_bounds_cover_dense_samples_and_are_tight(name, quintic):
-    arm = load_robot_from_text(heavy_robot_text()).arm(tcp="tool") if name == "heavy" else pp.load_robot(name).arm()
+    arm = load_robot(heavy_robot_text()).arm(tcp="tool") if name == "heavy" else pp.load_robot(name).arm()
     trajectory = random_trajectory(arm, np.random.default_rng(3), quintic=quintic)
     dense = rates_by_pinocchio(arm, trajectory, samples(trajectory, 150))
     limits = 0.4 * dense.max(axis=0)

@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof import InputError
 from pinproof.errors import TimingError
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.motion import JointPath, ToolLimits, TorqueLimits, Trajectory, time_parametrise
 
 from ..heavy_robot import heavy_robot_text
@@ -28,7 +28,7 @@ def panda():
 @pytest.fixture(scope="module", params=["heavy", "panda", "ur5", "stanford", "scara"])
 def arm(request):
     if request.param == "heavy":
-        return load_robot_from_text(heavy_robot_text()).arm(tcp="tool")
+        return load_robot(heavy_robot_text()).arm(tcp="tool")
     return pp.load_robot(request.param).arm()
 
 

@@ -12,7 +12,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 ROBOTS = ("ur5", "generic_6dof", "panda")
 
@@ -104,7 +104,7 @@ def stick_urdf() -> str:
 @pytest.fixture(scope="session")
 def stick() -> pp.Arm:
     """A minimal arm, for campaigns whose judge does not use it."""
-    return load_robot_from_text(STICK).arm(tcp="b")
+    return load_robot(STICK).arm(tcp="b")
 
 
 @pytest.fixture(scope="session")

@@ -237,9 +237,9 @@ def test_a_process_that_dies_once_costs_nothing(stick, many, judges, tmp_path) -
 
 RUN = """
 import sys, campaign_judges, pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 if __name__ == "__main__":
-    arm = load_robot_from_text(sys.argv[2]).arm(tcp="b")
+    arm = load_robot(sys.argv[2]).arm(tcp="b")
     many = pp.picks.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
     pp.Campaign(arm, pp.Scene(), many, judge=campaign_judges.waits_for_flag).run(sys.argv[1], workers=2, chunk=4)
 """

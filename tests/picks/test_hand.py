@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.picks.judging.grip import SAGITTA, fingers_of
 
 FINGER = """
@@ -40,7 +40,7 @@ STEPS = np.linspace(OPEN, CLOSED, 301).tolist()
 
 @pytest.fixture(scope="module")
 def arm() -> pp.Arm:
-    return load_robot_from_text(ROBOT).arm(tcp="hand", held={"left_joint": OPEN})
+    return load_robot(ROBOT).arm(tcp="hand", held={"left_joint": OPEN})
 
 
 @lru_cache(maxsize=2 * len(STEPS))

@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof.errors import InputError
 from pinproof.ik import Clik
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.picks import Stage
 from pinproof.picks.input.pick import PickProblem
 from pinproof.picks.judging.configurations import turned_inside
@@ -146,17 +146,17 @@ BALL = "<{0}><geometry><sphere radius='0.1'/></geometry></{0}>"
 
 def test_links_that_are_drawn_but_touch_nothing_are_named() -> None:
     drawn, solid = BALL.format("visual"), BALL.format("visual") + BALL.format("collision")
-    ghost = load_robot_from_text(GHOST.format(solid, drawn)).arm(tcp="b")
+    ghost = load_robot(GHOST.format(solid, drawn)).arm(tcp="b")
     assert "no collision geometry: b" in notes_of(ghost)
-    bodiless = load_robot_from_text(GHOST.format(drawn, drawn)).arm(tcp="b")
+    bodiless = load_robot(GHOST.format(drawn, drawn)).arm(tcp="b")
     assert "the robot has no collision geometry" in notes_of(bodiless)
-    complete = load_robot_from_text(GHOST.format(solid, solid)).arm(tcp="b")
+    complete = load_robot(GHOST.format(solid, solid)).arm(tcp="b")
     assert "collision geometry" not in notes_of(complete)
 
 
 def test_a_robot_that_can_touch_nothing_still_makes_valid_json() -> None:
     drawn = BALL.format("visual")
-    arm = load_robot_from_text(GHOST.format(drawn, drawn)).arm(tcp="b")
+    arm = load_robot(GHOST.format(drawn, drawn)).arm(tcp="b")
     pick = pp.Pick("turn", pp.pose(rpy=(0, 0, 0.5)), approach=0, retreat=0)
     stone = pp.Obstacle("stone", pp.Sphere(0.1))
     report = pp.validate_picks(arm, pp.Scene([stone]), pp.Picks((pick,)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import pinproof as pp
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import load_robot
 
 
 def ball_arm(kinds: tuple[str, ...], limits: tuple[float, float] = (-1.0, 1.0)) -> pp.Arm:
@@ -22,7 +22,7 @@ def ball_arm(kinds: tuple[str, ...], limits: tuple[float, float] = (-1.0, 1.0)) 
             + f'</link><joint name="{kind}" type="{joint}"><parent link="l{i - 1}"/><child link="l{i}"/>'
             f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" velocity="1" effort="1"/></joint>'
         )
-    return load_robot_from_text("".join([*parts, "</robot>"])).arm(tcp=f"l{len(kinds)}")
+    return load_robot("".join([*parts, "</robot>"])).arm(tcp=f"l{len(kinds)}")
 
 
 def assert_free(path: pp.JointPath | pp.motion.CubicPath, checker: pp.CollisionChecker, step: float = 0.01) -> None:

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 import pinproof as pp
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.planning.barriers import find_barriers
 
 BUDGET = pp.RrtConnect(max_nodes=300, max_samples=600, time_limit=600.0)
@@ -37,7 +37,7 @@ def lift(rack: str) -> pp.Arm:
         f'<axis xyz="{axis}"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>'
         for name, kind, parent, child, at, axis in joints
     )
-    return load_robot_from_text(f'<robot name="lift">{text}</robot>').arm(tcp="tip")
+    return load_robot(f'<robot name="lift">{text}</robot>').arm(tcp="tip")
 
 
 RACK = lift('<box size="0.2 0.2 0.05"/>')

@@ -61,7 +61,7 @@ FORK = """<robot name="rails"><link name="root"/>
 @pytest.mark.slow
 def test_arm_between_the_fingers_of_another_moves_slower_along_its_path() -> None:
     """At full speed, the puck meets the finger ahead of it or the one behind, whenever it starts."""
-    group = pp.model.load_robot_from_text(FORK).arms("fork", "puck")
+    group = pp.model.load_robot(FORK).arms("fork", "puck")
     names = {name: list(arm.joint_names) for name, arm in group.arms.items()}
     motions = {
         name: pp.time_parametrise(JointPath(np.array([[0.0], [2.0]]), names[name]), group.arms[name].limits)

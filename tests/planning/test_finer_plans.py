@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 import pinproof as pp
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import load_robot
 
 HOLE = 0.15
 
@@ -29,7 +29,7 @@ def ring(tmp_path_factory: pytest.TempPathFactory) -> pp.Arm:
         '<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
         '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
     )
-    return load_robot_from_text(
+    return load_robot(
         '<robot name="ring"><link name="root"/><link name="middle"/><link name="ring"><collision><geometry>'
         f'<mesh filename="{file}"/></geometry></collision></link>'
         + joint.format("x", "root", "middle", "1 0 0")

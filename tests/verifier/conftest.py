@@ -12,7 +12,7 @@ import pinproof as pp
 from pinproof.collision.certificates.certificate import proven_motion
 from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.collision.geometry.hulls import hull_of_any
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.verifier import body_digest, curve_digest
 
 LIMIT = '<limit lower="-7" upper="7" velocity="1" effort="1"/>'
@@ -44,7 +44,7 @@ def crane():
         joint("twist", "revolute", "slide", "hand", "0.3 0 0.2", "0 0.6 0.8"),
         joint("grip", "prismatic", "hand", "finger", "0.2 0 0", "0 0 1", '<mimic joint="out" multiplier="-0.5"/>'),
     ]
-    return load_robot_from_text(f'<robot name="crane">{"".join(parts)}</robot>').arm(tcp="finger")
+    return load_robot(f'<robot name="crane">{"".join(parts)}</robot>').arm(tcp="finger")
 
 
 @pytest.fixture(scope="session")

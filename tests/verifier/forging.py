@@ -9,7 +9,7 @@ import numpy as np
 import pinproof as pp
 from pinproof.collision.certificates.certificate import proven_motion
 from pinproof.collision.certificates.proof_file import proof_document
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model import load_robot
 from pinproof.motion import CubicPath
 from pinproof.verifier import body_digest, curve_digest
 
@@ -32,7 +32,7 @@ def robot(name, joints):
         ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
         text += f'<joint name="joint{k}" type="{kind}">{ends}{limit}{extra}</joint>'
         parent = child
-    return load_robot_from_text(f'<robot name="{name}">{text}</robot>').arm(tcp=parent)
+    return load_robot(f'<robot name="{name}">{text}</robot>').arm(tcp=parent)
 
 
 def box(size, xyz="0 0 0"):

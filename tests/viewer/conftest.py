@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Scene, certify
-from pinproof.model import Arm, load_robot, load_robot_from_text
+from pinproof.model import Arm, load_robot
 from pinproof.motion import Trajectory
 from pinproof.spatial import pose
 
@@ -31,7 +31,7 @@ UPPER = '<{kind}><geometry><box size="0.5 0.08 0.08"/></geometry><origin xyz="0.
 def small_arm(*, name: str = "swing", base: str = BASE, upper: str | None = None) -> Arm:
     """A link of 0.5 m that turns about z and carries a hand that rolls about x."""
     upper = UPPER.format(kind="visual") + UPPER.format(kind="collision") if upper is None else upper
-    return load_robot_from_text(LINKS.format(name=name, base=base, upper=upper)).arm("tip")
+    return load_robot(LINKS.format(name=name, base=base, upper=upper)).arm("tip")
 
 
 def swing(arm: Arm, start: float = 0.0, end: float = 1.0, duration: float = 2.0) -> Trajectory:

@@ -12,7 +12,7 @@ from pinproof.collision import Scene
 from pinproof.conversion import dh_to_urdf
 from pinproof.description import DhTable, robots_folder
 from pinproof.ik import AnalyticIk
-from pinproof.model import Arm, load_robot, load_robot_from_text
+from pinproof.model import Arm, load_robot
 from pinproof.viewer import write_html
 
 from .browser import Browser, Page
@@ -36,7 +36,7 @@ def check_links(page: Page, least: float = 0.15) -> None:
 
 
 def from_table(name: str) -> Arm:
-    return load_robot_from_text(dh_to_urdf(DhTable.load(robots_folder() / name / "dh.yaml"))).arm()
+    return load_robot(dh_to_urdf(DhTable.load(robots_folder() / name / "dh.yaml"))).arm()
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "xarm7", "scara", "stanford"])

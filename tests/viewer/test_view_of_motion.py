@@ -41,9 +41,9 @@ def motion(arm: pp.Arm, *points) -> pp.Trajectory:
 def planar() -> pp.Arm:
     """A planar arm with two links of a DH table, whose joint housings reach below its base frame."""
     rows = [pp.DhRow("one", 0, 0, 0.5, 0), pp.DhRow("two", 0, 0, 0.4, 0)]
-    from pinproof.model import load_robot_from_text
+    from pinproof.model import load_robot
 
-    return load_robot_from_text(pp.dh_to_urdf(pp.DhTable(rows, convention="standard"))).arm("tool0")
+    return load_robot(pp.dh_to_urdf(pp.DhTable(rows, convention="standard"))).arm("tool0")
 
 
 def above_and_down(arm: pp.Arm, at: tuple[float, float, float]) -> pp.Trajectory:
@@ -153,10 +153,10 @@ def test_the_robot_is_not_sunk_in_the_floor(case) -> None:
 
 
 def test_tcp_path_of_a_small_arm_is_thin() -> None:
-    from pinproof.model import load_robot_from_text
+    from pinproof.model import load_robot
 
     rows = [pp.DhRow("one", 0, 0, 0.05, 0), pp.DhRow("two", 0, 0, 0.04, 0)]
-    arm = load_robot_from_text(pp.dh_to_urdf(pp.DhTable(rows, convention="standard"))).arm("tool0")
+    arm = load_robot(pp.dh_to_urdf(pp.DhTable(rows, convention="standard"))).arm("tool0")
     picture = Picture(arm, None, motion(arm, [0, 0.5], [1, -0.5])).render()
     balls = [each for each in picture.commands.items if each.get("path") == "/tcp path/0/start"]
     assert balls

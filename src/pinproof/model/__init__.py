@@ -5,7 +5,7 @@ from pinproof.model.dynamics import Payload
 from pinproof.model.info import JointInfo, RobotInfo
 from pinproof.model.limits import JointLimits, LimitsFile
 from pinproof.model.loading import load_robot
-from pinproof.model.robot import Arm, JointGroup, Robot, Singularity, kinematic_class, load_robot_from_text
+from pinproof.model.robot import Arm, JointGroup, Robot, Singularity, kinematic_class
 
 __all__ = [
     "Arm",
@@ -20,5 +20,4 @@ __all__ = [
     "assemble",
     "kinematic_class",
     "load_robot",
-    "load_robot_from_text",
 ]

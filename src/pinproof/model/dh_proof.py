@@ -6,8 +6,10 @@ import numpy as np
 
 from pinproof.description.dh import DhTable
 from pinproof.description.dh_urdf import TCP
+from pinproof.description.srdf import Srdf
+from pinproof.description.urdf import read_urdf_text
 from pinproof.errors import ConversionError, PinproofError
-from pinproof.model.robot import Arm, load_robot_from_text
+from pinproof.model.robot import Arm, Robot
 from pinproof.spatial import Array
 
 FK_TOLERANCE = 1e-12
@@ -34,7 +36,7 @@ def prove_urdf_equals_table(table: DhTable, urdf: str) -> None:
         If a frame or a joint differs (the message states which, and by how much), or if Pinocchio rejects the URDF.
     """
     try:
-        _compare_all(table, load_robot_from_text(urdf, name=f"URDF of {table.name}").arm(TCP))
+        _compare_all(table, Robot(read_urdf_text(urdf, name=f"URDF of {table.name}"), Srdf()).arm(TCP))
     except ConversionError:
         raise
     except PinproofError as error:  # the URDF is rejected or a frame is missing

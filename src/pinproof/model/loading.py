@@ -65,9 +65,8 @@ def load_robot(
     """
     require_type("source", source, str, PathLike, DhTable)
     entry: CatalogueEntry | None = None
-    is_text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith(
-        "<"
-    )  # XML, which no name begins with
+    # XML begins with <, which no name of a robot or file does.
+    is_text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
     if isinstance(source, str) and not is_text and not source.lower().endswith(ROBOT_SUFFIXES) and "/" not in source:
         entry = find_robot(source)
         source, srdf = entry.urdf, srdf or entry.srdf
@@ -80,7 +79,7 @@ def load_robot(
     if isinstance(source, str) and is_text:
         if xacro_args:
             raise InputError("xacro_args are valid for .xacro files only, not for the text of a URDF")
-        urdf = read_urdf_text(source.strip("\ufeff \t\r\n"), name="URDF text", package_dirs=folders)
+        urdf = read_urdf_text(source.lstrip("\ufeff"), name="URDF text", package_dirs=folders)
         return Robot(urdf, Srdf() if srdf is None else read_srdf(srdf))
     if isinstance(source, DhTable) or Path(source).suffix.lower() in TABLE_SUFFIXES:
         return _robot_of_table(source, srdf, xacro_args)

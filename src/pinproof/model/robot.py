@@ -23,7 +23,7 @@ import pinocchio as pin
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import ReadOnlyDict, require_type
-from pinproof.description import Srdf, Urdf, UrdfJoint, read_urdf_text
+from pinproof.description import Srdf, Urdf, UrdfJoint
 from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.description.sources import notes
 from pinproof.errors import InputError, UnknownNameError, UrdfError
@@ -1000,11 +1000,6 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
 
 def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def load_robot_from_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Robot:
-    """Load a robot from URDF text; ``name`` is used instead of a file in errors."""
-    return Robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf())
 
 
 def _model_of(urdf: Urdf) -> pin.Model:

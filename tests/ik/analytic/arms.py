@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 TURN = 2 * np.pi
 
@@ -48,7 +48,7 @@ def arm_of(axes: Sequence[Axis], tool: Sequence[float] = (0.1, 0.2, 0.3), limits
         f'<link name="tool"/><joint name="tool_joint" type="fixed"><parent link="l{len(axes)}"/><child link="tool"/>'
         f'<origin xyz="{end}" rpy="0.3 -0.2 0.5"/></joint></robot>'
     )
-    return load_robot_from_text("".join(parts)).arm(tcp="tool")
+    return load_robot("".join(parts)).arm(tcp="tool")
 
 
 def unit(rng: np.random.Generator) -> np.ndarray:

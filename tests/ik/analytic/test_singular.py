@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.model import load_robot_from_text
+from pinproof.model import load_robot
 
 from .arms import apart, arm_of, assert_reaches, others, random_configurations, spherical
 
@@ -168,7 +168,7 @@ def test_parallel_axes_beside_a_prismatic_joint_have_families_and_are_never_impo
         pp.DhRow("j5", 0.4, 0.0, 0.0, 0.6, "revolute", -3.1, 3.1, 1.0),
         pp.DhRow("j6", -2.6, -0.27, 0.0, -half, "prismatic", -0.5, 0.5, 1.0),
     ]
-    arm = load_robot_from_text(pp.dh_to_urdf(pp.DhTable(rows, convention="standard", name="rails"))).arm()
+    arm = load_robot(pp.dh_to_urdf(pp.DhTable(rows, convention="standard", name="rails"))).arm()
     q = random_configurations(arm, 30, seed=3)
     q[:, 2] = half
     for one in q:
@@ -188,7 +188,7 @@ def test_parallel_prismatic_joints_at_a_target_are_never_impossible():
         pp.DhRow("j5", 0.0, -0.014, -0.105, third, "revolute", -3.1, 3.1, 1.0),
         pp.DhRow("j6", half, 0.0, 0.0, 0.0, "revolute", -3.1, 3.1, 1.0),
     ]
-    arm = load_robot_from_text(pp.dh_to_urdf(pp.DhTable(rows, convention="standard", name="rails"))).arm()
+    arm = load_robot(pp.dh_to_urdf(pp.DhTable(rows, convention="standard", name="rails"))).arm()
     q = random_configurations(arm, 30, seed=4)
     assert all(len(pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(one)).branches) for one in q)
     q[:, 2] = half

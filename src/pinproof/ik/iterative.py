@@ -99,7 +99,7 @@ class IterativeIk(ABC):
 
     @abstractmethod
     def step_rule(self) -> StepRule:
-        """A fresh step rule for one attempt."""
+        """A fresh step rule for one attempt: any function of residual and Jacobian (:class:`StepRule`)."""
 
     def check(self, arm: Arm, task: Task, goal: GoalName | IkGoal | None) -> None:  # noqa: B027 - most do it all
         """Reject arms, tasks and goals that the method does not support; by default none.

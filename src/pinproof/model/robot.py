@@ -282,9 +282,9 @@ class JointGroup:
             If the description states no mass of the links behind a joint, or a payload is fixed to a link that the arm
             does not move.
         """
-        at = self.configuration(q, batch="torques_batch")
+        configuration = self.configuration(q, batch="torques_batch")
         rates = [self.configuration(_for_all(x, (self.dof,)), name) for name, x in (("v", v), ("a", a))]
-        return inverse_dynamics(self, at, rates[0], rates[1], checked_payloads(payload), gravity)
+        return inverse_dynamics(self, configuration, rates[0], rates[1], checked_payloads(payload), gravity)
 
     def torques_batch(
         self,

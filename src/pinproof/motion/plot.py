@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -73,6 +74,18 @@ class _Motion(Protocol):
     def bezier(self, order: int = 0) -> tuple[Array, Array]: ...
 
 
+@dataclass
+class _Picture:
+    """The PNG file of a figure; a class, because functions within functions cannot be pickled."""
+
+    figure: Any
+
+    def __call__(self) -> bytes:
+        picture = io.BytesIO()
+        self.figure.savefig(picture, format="png", dpi=self.figure.dpi)
+        return picture.getvalue()
+
+
 def plot_trajectory(
     trajectory: _Motion,
     limits: MotionLimits | None = None,
@@ -81,11 +94,13 @@ def plot_trajectory(
     rate_limits: Sequence[DrawnConstraint] = (),
 ) -> Any:
     """Draw a trajectory as a :class:`matplotlib.figure.Figure`; see :meth:`Trajectory.plot`."""
-    from pinproof.motion.notebook_figure import NotebookFigure
+    from matplotlib.figure import Figure
 
     times, panels = panels_of(trajectory, limits, jerk=jerk, rate_limits=rate_limits)
     width, height = PANEL_SIZE
-    figure = NotebookFigure(figsize=(width, 0.6 + height * len(panels)), layout="constrained")
+    figure = Figure(figsize=(width, 0.6 + height * len(panels)), layout="constrained")
+    # A notebook shows a Figure made without pyplot as text only, unless it has this method.
+    figure._repr_png_ = _Picture(figure)  # type: ignore[attr-defined]
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axis, panel in zip(axes, panels, strict=True):
         for label, column, *both in zip(panel.labels, panel.values.T, panel.lower, panel.upper, strict=True):

@@ -12,7 +12,7 @@
 From the declaration follow the reader with line and column (:meth:`Table.read`), the JSON Schema for editors and the
 manual (:func:`json_schema`), the checks of the constructor, and the docstring. The type of a field is its annotation;
 ``Annotated[type, kind]`` or ``key(kind=...)`` states a :class:`Kind` where the type does not say enough. A
-:class:`Table` may also be made of keys without a class; :meth:`Table.row` then writes a result as such a mapping.
+:class:`Table` may also be made of keys without a class; :meth:`Table.write` writes a result as such a mapping.
 """
 
 from __future__ import annotations
@@ -134,11 +134,14 @@ class Kind:
         The value in Python, checked and normalised; InputError, with the text that names it, if it is refused.
     parse
         The value of a file at a path as a value to check.
+    write
+        The value in Python as a value for JSON.
     """
 
     schema: Any
     check: Check
     parse: Callable[[str, Any, Path], Any] = lambda _, stated, __: stated
+    write: Callable[[Any], Any] = lambda value: plain(value)
 
     def read(self, name: str, stated: Any, path: Path) -> Any:
         """The checked value of a value of a file at a path."""
@@ -290,7 +293,7 @@ def list_of(item: Kind | Table, least: int = 0, most: int | None = None, *, name
 
     ends = {"minItems": least or None, "maxItems": most}
     limited = {end: count for end, count in ends.items() if count is not None}
-    return Kind({"type": "array", "items": item, **limited}, check, parse)
+    return Kind({"type": "array", "items": item, **limited}, check, parse, lambda value: [item.write(v) for v in value])
 
 
 def mapping_to(item: Kind | Table, what: str = "names to values") -> Kind:
@@ -308,7 +311,12 @@ def mapping_to(item: Kind | Table, what: str = "names to values") -> Kind:
             for own, part in stated.items()
         }
 
-    return Kind({"type": "object", "additionalProperties": item}, check, parse)
+    return Kind(
+        {"type": "object", "additionalProperties": item},
+        check,
+        parse,
+        lambda value: {str(own): item.write(part) for own, part in value.items()},
+    )
 
 
 def any_of(*kinds: Kind | Table, check: Check = lambda _, value: value) -> Kind:
@@ -331,8 +339,12 @@ def any_of(*kinds: Kind | Table, check: Check = lambda _, value: value) -> Kind:
     return Kind({"anyOf": list(kinds)}, check, parse)
 
 
+def _not_finite(value: Any) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)
+
+
 def optional(kind: Kind | Table) -> Kind:
-    """A value of a kind, or null."""
+    """A value of a kind, or null, as which numbers that are not finite are written."""
     inner: Any = kind.schema if isinstance(kind, Kind) else kind
     simple_type = isinstance(inner, Mapping) and isinstance(inner.get("type"), str)
     schema = {**inner, "type": [inner["type"], "null"]} if simple_type else {"anyOf": [inner, {"type": "null"}]}
@@ -340,6 +352,7 @@ def optional(kind: Kind | Table) -> Kind:
         schema,
         lambda name, value: None if value is None else kind.check(name, value),
         lambda name, stated, path: None if stated is None else kind.parse(name, stated, path),
+        lambda value: None if value is None or _not_finite(value) else kind.write(value),
     )
 
 
@@ -545,20 +558,30 @@ class Table:
                 reason = f"{UnknownNameError('key', key, self.names or ('none',))}{comma}"
                 raise Misread(reason, (f".{key}",), position(stated, key))
 
-    def row(self, result: Any) -> dict[str, Any]:
+    def write(self, result: Any) -> dict[str, Any]:
         """The values of a result as a mapping for JSON."""
         return {
-            key.name: plain(key.get(result) if key.get else getattr(result, key.argument or key.name))
+            key.name: key.kind.write(key.get(result) if key.get else getattr(result, key.argument or key.name))
             for key in self.flat
         }
 
 
+def report_table(title: str, text: str, *keys: Key, rules: Schema | None = None) -> Table:
+    """The keys of a mapping in a report of this program, in which a later release may add keys."""
+    return Table(title, text, *keys, rules=rules, more=True)
+
+
+def schema_version(name: str) -> Key:
+    """The key that states the version of a format."""
+    return required("schema", choice(name), "version of the format", get=lambda _: name)
+
+
 def plain(value: Any) -> Any:
-    """A value for JSON: structs as mappings, arrays as lists, numbers that are not finite as None."""
+    """A value for JSON: structs as mappings, arrays and tuples as lists."""
     if value is None or isinstance(value, (bool, str, int)):
         return value
     if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
+        return float(value)
     if isinstance(value, (Enum, PurePath)):
         return value.value if isinstance(value, Enum) else value.as_posix()
     if isinstance(value, (np.ndarray, np.generic)):
@@ -567,7 +590,7 @@ def plain(value: Any) -> Any:
         return {str(name): plain(part) for name, part in value.items()}
     if isinstance(value, Iterable):
         return [plain(part) for part in value]
-    return table_of(type(value)).row(value)
+    return table_of(type(value)).write(value)
 
 
 def pose_of(xyz: Any = (0.0, 0.0, 0.0), rpy: Any = None, quat_xyzw: Any = None) -> SE3:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy.typing as npt
 
 from pinproof._core import DynamicTree
 from pinproof.common.display import outline
+from pinproof.common.structs import OPTIONAL_NUMBER, key, simple, struct, table_of
 from pinproof.description.dh import DEFAULT_EFFORT
 from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
@@ -24,38 +24,24 @@ SAMPLES_PER_PIECE = 65
 """Configurations of a piece at which the torque at standstill is computed for an error message."""
 
 
-@dataclass(frozen=True)
+@struct("torque", more=True, written=True)
 class TorquePeak:
-    """The largest torque of a joint during a motion.
+    """The largest torque of a joint during a part of the motion."""
 
-    Parameters
-    ----------
-    joint
-        Name of the joint.
-    torque
-        A proven upper bound of its magnitude between samples, in N m (N for a prismatic joint).
-    limit
-        The limit, infinite if none is known.
-    time
-        Time (s) at which a value within a relative 2e-4 of the bound occurs.
-    unit
-        ``"N m"``, or ``"N"`` for a prismatic joint.
-    """
-
-    joint: str
-    torque: float
-    limit: float
-    time: float
-    unit: str = "N m"
+    joint: str = key("name of the joint")
+    torque: float = key("upper bound of its magnitude, which holds between samples", "N m or N", minimum=0)
+    limit: float = key("the limit; infinite, null in files, if none is known", "N m or N", kind=OPTIONAL_NUMBER)
+    time: float = key("when a value within a relative 2e-4 of the bound occurs, from the start of the part", "s")
+    unit: str = key("the unit of both, `N` for a prismatic joint", default="N m", kind=simple({"enum": ["N m", "N"]}))
 
     @property
     def share(self) -> float:
         """The torque divided by its limit."""
         return self.torque / self.limit
 
-    def as_dict(self) -> dict[str, str | float | None]:
+    def as_dict(self) -> dict[str, Any]:
         """The values for JSON; the limit is None if it is infinite."""
-        return {**vars(self), "limit": self.limit if np.isfinite(self.limit) else None}
+        return table_of(TorquePeak).write(self)
 
     def __str__(self) -> str:
         limit = f", {100.0 * self.share:.0f} % of its limit" if np.isfinite(self.limit) else ""

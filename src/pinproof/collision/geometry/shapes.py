@@ -435,7 +435,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
         return kind, [shape.x, shape.y, shape.z]
     if isinstance(shape, OccupancyGrid):
         return kind, stated_grid(shape)
-    stated = table_of(type(shape)).row(shape)
+    stated = table_of(type(shape)).write(shape)
     if not isinstance(shape, Mesh):
         return kind, stated
     if shape.path is not None:

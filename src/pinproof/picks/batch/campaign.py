@@ -31,7 +31,8 @@ from pinproof.picks.input.pick import Pick, PickProblem, Picks
 from pinproof.picks.input.sources import PickSource, as_source
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus
-from pinproof.picks.report.report import problem_row, verdict_row
+from pinproof.picks.report.report import problem_row
+from pinproof.picks.report.report_keys import VERDICT
 from pinproof.work import (
     IN_FLIGHT,
     JOURNAL,
@@ -79,7 +80,7 @@ The function must be importable, because it is sent to the workers by name.
 
 def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
     """The row of the verdict of all stages. Pairs excluded from collision checking are stated once, in the header."""
-    row = verdict_row(setup.judge(index, pick))
+    row = VERDICT.write(setup.judge(index, pick))
     del row["excluded_pairs"]
     return row
 

@@ -721,13 +721,13 @@ def _transformed(target: _Target, placement: SE3) -> _Target:
     return replace(target, pose=pose, **directions)  # type: ignore[arg-type]  # three numbers each
 
 
-@dataclass(frozen=True)
+@struct("problem", more=True, written=True)
 class PickProblem:
-    """A row of a picks file that could not be read; the other rows are judged."""
+    """A row of the picks file that could not be read; the other rows are judged."""
 
-    row: int
-    name: str
-    reason: str
+    row: int = key("number of the row")
+    name: str = key("name of the pick, if it is known")
+    reason: str = key("why it could not be read", kind=TEXT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, Mover, Obstacle, Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.structs import ANY_TEXT, OPTIONAL_NUMBER, key, mapping_to, struct
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import InputError
 from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment, TorquePeak, Trajectory
@@ -57,14 +58,16 @@ class PickStatus(Enum):
     """The pick could not be judged: the judge raised an error or its process died."""
 
 
-@dataclass(frozen=True)
+@struct("stage", more=True, written=True)
 class StageResult:
-    """One stage: whether it passed, the reason, and its figures by name (m, rad, s and counts)."""
+    """The result of one stage of a pick."""
 
-    stage: Stage
-    ok: bool
-    message: str
-    figures: Mapping[str, float] = field(default_factory=dict)
+    stage: Stage = key("name of the stage", kind=ANY_TEXT)
+    ok: bool = key("whether it succeeded")
+    message: str = key("what was found")
+    figures: Mapping[str, float] = key(
+        "numbers by name, in m, rad and s", default_factory=dict, kind=mapping_to(OPTIONAL_NUMBER)
+    )
 
     def __str__(self) -> str:
         return f"{self.stage.value}: {'passed' if self.ok else 'failed'}: {self.message}"
@@ -112,27 +115,15 @@ class PickMotion:
         return f"PickMotion({self.name!r}, {self.trajectory.duration:.4g} s, {self.certificate.status.name}{attached})"
 
 
-@dataclass(frozen=True)
+@struct("intercept", more=True, written=True)
 class Intercept:
-    """Where and when a part is taken from a conveyor.
+    """Where and when the part is taken from a conveyor."""
 
-    Parameters
-    ----------
-    start_time
-        Seconds on the clock of the conveyor at which the motion starts.
-    time
-        Seconds on that clock at which the tool is at the part and begins to follow it.
-    travel
-        Metres that the part has moved until then.
-    position_deviation, rotation_deviation
-        Upper bounds (m, rad) of the deviation of the tcp from its pose on the moving part while the gripper closes.
-    """
-
-    start_time: float
-    time: float
-    travel: float
-    position_deviation: float
-    rotation_deviation: float
+    start_time: float = key("start of the motion on the clock of the conveyor", "s")
+    time: float = key("time on that clock at which the tool is at the part", "s")
+    travel: float = key("distance that the part has moved until then", "m")
+    position_deviation: float = key("upper bound of the deviation of the tcp while the gripper closes", "m", minimum=0)
+    rotation_deviation: float = key("upper bound of the deviation of its orientation", "rad", minimum=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from pinproof.collision import Certificate, Scene
+from pinproof.collision import Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common import theme
 from pinproof.common.display import html_block, html_list, html_table, outline
@@ -21,97 +18,18 @@ from pinproof.model import Arm
 from pinproof.model.limits import guess_note
 from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import PickProblem, Picks
-from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
-from pinproof.picks.report.report_keys import SCHEMA
-from pinproof.spatial import xyz_rpy
+from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage
+from pinproof.picks.report.report_keys import REPORT, VERDICT
 
 if TYPE_CHECKING:
     from pinproof.picks.report.page import PageContent
-
-
-def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
-    """A verdict as plain values for JSON; lengths in metres, angles in radians, times in seconds.
-
-    A clearance of None with a number under ``pairs_proven`` is unbounded: no pair of bodies can touch.
-    """
-    certificates, trajectory, pick = [each.certificate for each in verdict.motions], verdict.trajectory, verdict.pick
-    placed = [float(value) + 0.0 for value in xyz_rpy(pick.pose)]  # + 0.0: no negative zeros
-    left_out = dict.fromkeys((*pair.owners, pair.reason) for each in certificates for pair in each.excluded)
-    return {
-        "name": pick.name,
-        "verdict": verdict.status.value,
-        "failed_at": None if verdict.failed is None else verdict.failed.value,
-        "reason": verdict.reason,
-        "remedy": verdict.remedy,
-        "frame": pick.frame,
-        "xyz": placed[:3],
-        "rpy": placed[3:],
-        "member": verdict.member,
-        "configurations_tried": verdict.configurations,
-        "grip": None if verdict.grip is None else _grip(verdict.grip),
-        "stages": [_stage(stage) for stage in verdict.stages],
-        "refuted": list(verdict.refuted),
-        "q_grasp": None if verdict.q_grasp is None else [float(value) for value in verdict.q_grasp],
-        "grasp_time": verdict.grasp_time,
-        "release_time": verdict.release_time,
-        "intercept": None if verdict.intercept is None else asdict(verdict.intercept),
-        "duration": None if trajectory is None else trajectory.duration,
-        "score": {name: _finite(float(value)) for name, value in verdict.score.items()},
-        **_proven(certificates),
-        "margin": min((each.margin for each in certificates), default=None),
-        "motions": [_motion(motion) for motion in verdict.motions],
-        "excluded_pairs": [list(each) for each in left_out],
-    }
 
 
 def problem_row(problem: PickProblem) -> dict[str, Any]:
     """A row of the picks file that could not be read, as plain values for JSON."""
     judged = {"verdict": PickStatus.UNREADABLE.value, "failed_at": Stage.INPUT.value}
     return {"name": problem.name, **judged, "reason": problem.reason, "row": problem.row}
-
-
-def _stage(result: StageResult) -> dict[str, Any]:
-    figures = {name: _finite(float(value)) for name, value in result.figures.items()}
-    return {"stage": result.stage.value, "ok": result.ok, "message": result.message, "figures": figures}
-
-
-def _grip(grip: GripResult) -> dict[str, Any]:
-    """How a part is held, as plain values; lengths in metres, areas in square metres."""
-    contacts = [{**asdict(each), "gap": _finite(each.gap)} for each in grip.contacts]
-    cup = None if grip.cup is None else {key: _finite(value) for key, value in asdict(grip.cup).items()}
-    return {"contacts": contacts, "tip_distance": grip.tip_distance, "cup": cup}
-
-
-def _motion(motion: PickMotion) -> dict[str, Any]:
-    return {
-        "name": motion.name,
-        "duration": motion.trajectory.duration,
-        **_proven((motion.certificate,)),
-        "attached": [thing.name for thing in motion.attached],
-        "backwards": motion.certificate.backwards,
-        "partings": [str(parting) for parting in motion.certificate.partings],
-        "constraints": [str(proof) for proof in motion.certificate.constraints],
-        "torques": [peak.as_dict() for peak in motion.torques],
-    }
-
-
-def _proven(certificates: Sequence[Certificate]) -> dict[str, Any]:
-    """The combined values of certificates."""
-    return {
-        "clearance_proven": _least([each.clearance for each in certificates]),
-        "clearance_observed": _least([each.observed for each in certificates]),
-        "pairs_proven": max((each.pairs for each in certificates), default=None),
-    }
-
-
-def _least(values: list[float]) -> float | None:
-    return _finite(float(np.min(values))) if values else None
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 COLUMNS = ("pick", "verdict", "failed at", "clearance", "duration", "reason", "remedy")
@@ -220,7 +138,7 @@ class PickReport:
 
     def to_csv(self) -> str:
         """The table with plain numbers in the columns :data:`CSV_COLUMNS`, for spreadsheets and data frames."""
-        cells = map(_cells, (*map(verdict_row, self.verdicts), *map(problem_row, self.problems)))
+        cells = map(_cells, (*map(VERDICT.write, self.verdicts), *map(problem_row, self.problems)))
         return csv_text(CSV_COLUMNS, ([row.get(column) for column in CSV_COLUMNS] for row in cells))
 
     def to_json(self) -> str:
@@ -232,17 +150,7 @@ class PickReport:
 
         A clearance of None with a number under ``pairs_proven`` is unbounded: no pair of bodies can touch.
         """
-        return {
-            "schema": SCHEMA,
-            "robot": self.robot,
-            "summary": self.summary,
-            "ok": self.ok,
-            "acceleration_source": self.acceleration_source,
-            "notes": list(self.notes),
-            "picks": [verdict_row(verdict) for verdict in self.verdicts],
-            "problems": [{"row": p.row, "name": p.name, "reason": p.reason} for p in self.problems],
-            "not_judged": self.not_judged,
-        }
+        return REPORT.write(self)
 
     def save(
         self,
@@ -315,7 +223,7 @@ class PickReport:
     def _page_content(self) -> PageContent:
         from pinproof.picks.report.page import PageContent, PageRow
 
-        rows = [PageRow(verdict_row(verdict), verdict) for verdict in self.verdicts]
+        rows = [PageRow(VERDICT.write(verdict), verdict) for verdict in self.verdicts]
         rows += [PageRow(problem_row(problem)) for problem in self.problems]
         verdicts = Counter(row.values["verdict"] for row in rows)
         return PageContent(rows, len(rows), verdicts, self.summary, self.notes, self.acceleration_source)

@@ -851,7 +851,7 @@ def _shown(default: Any) -> Any:
 
 def _documented(cls: Any) -> tuple[str, str]:
     """The description of a struct, and its docstring with the meaning of the fields."""
-    about, _, rest = inspect.cleandoc(cls.__doc__).partition("\nRaises\n---")
+    about, *sections = re.split(r"\n(?=(?:Raises|Notes)\n---)", inspect.cleandoc(cls.__doc__), maxsplit=1)
     lines = [about.rstrip(), "", "Parameters", "----------"]
     for each in fields(cls):
         if own := each.metadata.get("declared"):
@@ -859,7 +859,7 @@ def _documented(cls: Any) -> tuple[str, str]:
             text = re.sub(r"(?<![:`])`([^`]+)`(?!`)", r"``\1``", text)
             text = f"{own.unit}: {text}" if own.unit else text[:1].upper() + text[1:]
             lines += [each.name, f"    {text}{'' if text.endswith('.') else '.'}"]
-    return about, "\n".join([*lines, *(["", f"Raises\n---{rest}"] if rest else [])])
+    return about, "\n".join([*lines, *(f"\n{section}" for section in sections)])
 
 
 # -- JSON Schema ------------------------------------------------------------------------------------------------------

@@ -51,6 +51,8 @@ PAIRS = list_of(simple(list_of(ANY_TEXT, 2, 2).schema, _pair))
 class Scene(Mapping[str, Obstacle]):
     """Obstacles, which are not checked against each other. Poses are in the frame of the robot's root link.
 
+    Notes
+    -----
     A scene is a read-only mapping of names to obstacles, in order: ``scene["table"]``, ``"table" in scene``,
     ``len(scene)``, ``for name in scene``, ``scene.items()``. Two scenes are equal only if they are the same object, as
     for obstacles; :meth:`is_close` compares their contents.

@@ -135,8 +135,8 @@ class CoalWorkspace:
         """Whether a part of one body of pair k lies inside the exact watertight mesh of the other."""
         i, j = self._pairs[k]
         one, other, placed = self._bodies[i], self._bodies[j], self._geometry_data.oMg
-        return (one.is_exact and one.contains_part_of(other, placed[i].actInv(placed[j]))) or (
-            other.is_exact and other.contains_part_of(one, placed[j].actInv(placed[i]))
+        return one.contains_part_of(other, placed[i].actInv(placed[j])) or other.contains_part_of(
+            one, placed[j].actInv(placed[i])
         )
 
     def _set_requests(self) -> None:

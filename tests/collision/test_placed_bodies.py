@@ -11,7 +11,6 @@ from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.collision.checking.overlaps import Overlaps, _configuration, _touch
 from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.collision.geometry.bodies import shape_body
-from pinproof.model.robot import load_robot_from_text
 from pinproof.spatial import SE3
 
 HERE = pp.pose()
@@ -30,7 +29,7 @@ def gantry(extra: str = "", base: str = "0.4 0.4 0.4") -> pp.Arm:
         text += f'<link name="{name}">{ball}</link><joint name="j{name}" type="prismatic"><axis xyz="{axis}"/>'
         text += f'<parent link="{"base" if k == 0 else "xyz"[k - 1]}"/><child link="{name}"/>'
         text += '<limit lower="-9" upper="9" velocity="1" effort="1"/></joint>'
-    return load_robot_from_text(f'<robot name="gantry">{text}{extra}</robot>').arm(tcp="z")
+    return pp.load_robot(f'<robot name="gantry">{text}{extra}</robot>').arm(tcp="z")
 
 
 ROOM = pp.Obstacle("room", mesh_of(trimesh.creation.box((1, 1, 1))), pp.pose((3, 0, 0)))

@@ -295,6 +295,22 @@ def test_a_hand_that_passes_through_the_part_after_its_release_is_found(oracle, 
     assert "inside part" in verdict.reason
 
 
+@pytest.mark.parametrize(("overlap", "ok"), [(-0.0005, True), (0.0004, True), (0.002, False)])
+def test_an_oblique_approach_may_graze_the_edge_of_another_wall(oracle, arm, overlap: float, ok: bool) -> None:
+    """The displacement that takes the rod out of the plate, at the grasp, does not take it out of the wall."""
+    slope, beside = 0.75, 0.02 - 0.004
+    edge = beside * slope + overlap  # the rod passes the edge of the wall at this height, less the overlap
+    mesh = oracle.union(
+        oracle.box(0.12, 0.12, 0.02, (0, 0, -0.01)), oracle.box(0.006, 0.06, edge, (0.023, 0, edge / 2))
+    )
+    grasp = with_rod(oracle, oracle.shape_of(mesh), mesh, 0.0, 0.0)
+    verdict = grasp.judge(arm, approach_direction=(-0.8, 0.0, 0.6), approach=0.05)
+    assert verdict.ok is ok, verdict.reason
+    if not ok:
+        assert verdict.failed is Stage.APPROACH
+        assert depth_of(verdict) > 1e-3
+
+
 def test_a_part_that_is_stated_with_the_pick_is_there_on_the_approach(oracle, arm) -> None:
     """It is no obstacle of the scene, but the hand meets it all the same."""
     shape, mesh = upright(oracle)
@@ -386,3 +402,85 @@ def test_a_program_is_certified_with_a_deviation_although_the_hand_touches_the_p
     deeper = replace(picks, tool=(*picks.tool, pp.Obstacle("palm", pp.Box(0.05, 0.05, 0.02), pp.pose((0, 0, 0.17)))))
     again = PickSetup.make(arm, pp.Scene([part]), deeper, home=oracle.HOME, rng=0)
     assert not all(each.free for each in again.recertify(verdict.program(), verdict.pick))
+
+
+def test_a_link_that_moves_relative_to_the_tcp_does_not_belong_to_the_hand(arm) -> None:
+    """It may touch the object in all stages, but its depth in it would not be judged."""
+    pick = pp.Pick("part", pp.pose((0.45, 0.15, 0.25), (np.pi, 0, 0)))
+    for link in ("wrist_2_link", "base_link"):
+        with pytest.raises(pp.errors.InputError) as refused:
+            pp.validate_picks(arm, pp.Scene(), pp.Picks((pick,), gripper=(link,)))
+        assert link in str(refused.value)
+
+
+# -- fingers that rotate ----------------------------------------------------------------------------------------------
+
+FINGER = """<link name="{side}"><collision><origin xyz="0 0 0.03"/><geometry><box size="0.012 0.01 0.06"/></geometry>
+</collision></link><joint name="{side}_joint" type="revolute"><parent link="hand"/><child link="{side}"/>
+<origin xyz="0 {y} 0.02"/><axis xyz="{axis} 0 0"/><limit lower="-2.2" upper="0.5" velocity="1" effort="1"/>{mimic}
+</joint>"""
+
+PINCER = (
+    '<robot name="pincer"><link name="base"/><link name="hand"/>'
+    '<joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>'
+    '<limit lower="0" upper="1" velocity="1" effort="1"/></joint>'
+    + FINGER.format(side="left", y=0.03, axis=1, mimic="")
+    + FINGER.format(side="right", y=-0.03, axis=-1, mimic='<mimic joint="left_joint"/>')
+    + "</robot>"
+)
+"""Two fingers of 60 mm that rotate inwards until they are parallel, with 50 mm between them."""
+
+OPEN = -2.0
+
+
+def pincer_grasp(oracle, *bars: tuple[float, float]) -> tuple[pp.picks.PickVerdict, trimesh.Trimesh]:
+    """The verdict on a block between the fingers that has bars of 4 mm at (y, z), and the part."""
+    arm = pp.load_robot(PINCER).arm(tcp="hand", held={"left_joint": OPEN})
+    solids = [oracle.box(0.03, 0.05, 0.03, (0, 0, 0.065)), *(oracle.box(0.03, 0.004, 0.004, (0, *bar)) for bar in bars)]
+    mesh, grasp = trimesh.util.concatenate(solids), pp.pose((0, 0, 0.5))
+    part = pp.Obstacle("part", oracle.shape_of(mesh), grasp)
+    pick = pp.Pick("part", grasp, carried="part", approach=0.1, retreat=0.02)
+    picks = pp.Picks((pick,), held={"left_joint": OPEN}, grip={"left_joint": 0.0}, margin=0.0005)
+    budget = pp.picks.PickBudget(remedies=0)
+    return pp.validate_picks(arm, pp.Scene([part]), picks, home=np.array([0.2]), budget=budget).verdicts[0], mesh
+
+
+@pytest.mark.parametrize(
+    ("bar", "ok"),
+    [
+        (None, True),
+        ((0.081, 0.042), False),  # neither the open nor the closed finger is near it
+        ((0.081, 0.060), True),  # beyond the arc of the fingertip
+        ((0.0625, 0.0775), True),
+        ((0.050, 0.065), False),
+    ],
+)
+def test_rotating_fingers_do_not_pass_through_the_part_while_they_close(oracle, bar, ok) -> None:
+    verdict, _ = pincer_grasp(oracle, *([] if bar is None else [bar]))
+    assert verdict.ok is ok, verdict.reason
+    if not ok:
+        assert verdict.failed is Stage.GRIP
+        assert depth_of(verdict) >= 0.004
+
+
+@pytest.mark.slow
+def test_random_bars_in_the_arcs_of_rotating_fingers_are_noticed(oracle) -> None:
+    """Against samples at 60 places of the motion, in the frame of the finger."""
+    rng, finger, counts = np.random.default_rng(3), oracle.box(0.012, 0.01, 0.06, (0, 0, 0.03)), Counter()
+    for _ in range(20):
+        radius, angle = rng.uniform(0.03, 0.09), rng.uniform(0.35, 1.5)
+        bar = 0.03 + radius * np.sin(angle), 0.02 + radius * np.cos(angle)
+        verdict, part = pincer_grasp(oracle, bar)
+        solid, depth, apart = part.split()[-1], 0.0, np.inf
+        for value in np.linspace(OPEN, 0.0, 60):
+            there = oracle.placed(solid, (pp.pose((0, 0.03, 0.02)) * pp.pose(rpy=(value, 0, 0))).inverse())
+            depth = max(depth, oracle.below(oracle.samples(there, rng, 20), finger))
+            beyond = np.maximum(np.abs(there.vertices - [0, 0, 0.03]) - [0.006, 0.005, 0.03], 0.0)[:, 1:]
+            apart = min(apart, np.linalg.norm(beyond, axis=1).min())
+        if depth > oracle.LIMIT + oracle.NEAR:
+            counts["deep"] += 1
+            assert not verdict.ok, bar
+        elif apart > 2e-3:
+            counts["apart"] += 1
+            assert verdict.ok, (bar, verdict.reason)
+    assert min(counts["deep"], counts["apart"]) >= 5, counts

@@ -18,8 +18,9 @@ J.-P. Merlet (1997), "On computing four-finger equilibrium and force-closure gra
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -117,7 +118,9 @@ class MovingFinger:
 
     ``surfaces`` are its bodies with ``finger_from_body``, ``placements`` are ``tcp_from_finger`` at the ends of the
     chords, from open to closed. ``direction`` (3,) is the unit vector of its motion in the tcp frame just before it is
-    closed, and ``sagitta`` (m) the largest distance of its points from the chords.
+    closed, and ``sagitta`` (m) the largest distance of its points from the chords. For a finger that rotates,
+    ``placed_at`` is ``tcp_from_finger`` at a share of the closing motion, of which no point of it moves more than
+    ``rate`` (m) times the share.
     """
 
     name: str
@@ -125,6 +128,8 @@ class MovingFinger:
     placements: tuple[SE3, ...]
     direction: Array
     sagitta: float = 0.0
+    placed_at: Callable[[float], SE3] | None = None
+    rate: float = 0.0
 
     @property
     def open(self) -> SE3:
@@ -138,9 +143,10 @@ class MovingFinger:
 
     @property
     def travel(self) -> float:
-        """Metres that the centre of the finger moves along its closing direction."""
+        """Metres that the centre of the finger moves along its closing direction; if it rotates, in the last chord."""
         centre = _centre(self.surfaces)
-        return float((self.closed.act(centre) - self.open.act(centre)) @ self.direction)
+        start = self.open if self.placed_at is None else self.placements[-2]
+        return float((self.closed.act(centre) - start.act(centre)) @ self.direction)
 
     def swept(self) -> tuple[Obstacle, ...]:
         """Convex bodies in the tcp frame that contain the finger during the complete closing motion.
@@ -196,32 +202,40 @@ def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
         if moved_by(urdf, geometry.link, grip):
             made = tuple((LineSurface.of_body(body), body.link_from_body) for body in link_bodies(geometry, "surface"))
             own[geometry.link] = (*own.get(geometry.link, ()), *made)
-    bounds = {link: _acceleration(arm, link, own[link], grip) for link in own}
-    steps = int(np.clip(np.ceil(np.sqrt(max(bounds.values(), default=0.0) / (8 * SAGITTA))), 1, MOST_STEPS))
-    shares = [*np.linspace(0.0, 1.0, steps + 1).tolist(), 1.0 - SHARE]
-    arms = [
-        arm.with_held({name: start[name] + share * (value - start[name]) for name, value in grip.items()})
-        for share in shares
-    ]
+    bounds = {link: _rates(arm, link, own[link], grip) for link in own}
+    sharpest = max((acceleration for _, acceleration in bounds.values()), default=0.0)
+    steps = int(np.clip(np.ceil(np.sqrt(sharpest / (8 * SAGITTA))), 1, MOST_STEPS))
+
+    def placed_at(link: str, share: float) -> SE3:
+        there = arm.with_held({name: start[name] + share * (value - start[name]) for name, value in grip.items()})
+        return there.forward_kinematics(arm.home).actInv(there.frame_placement(arm.home, link))
+
     found = []
     for link, surfaces in own.items():
-        *placements, before = [
-            each.forward_kinematics(arm.home).actInv(each.frame_placement(arm.home, link)) for each in arms
-        ]
-        centre = _centre(surfaces)
-        last = (placements[-1].act(centre) - before.act(centre)) / SHARE
-        if (length := float(np.linalg.norm(last))) < LEAST_TRAVEL:
+        rate, acceleration = bounds[link]
+        placements = [placed_at(link, share) for share in np.linspace(0.0, 1.0, steps + 1).tolist()]
+        before = placed_at(link, 1.0 - SHARE)
+        # The closing direction is that of the centre, or of the point that moves most if the link rotates about it.
+        points = np.array([_centre(surfaces), *(at.act(p) for surface, at in surfaces for p in outer_points(surface))])
+        moved = points @ (placements[-1].rotation - before.rotation).T + placements[-1].translation - before.translation
+        lengths = np.linalg.norm(moved, axis=1) / SHARE
+        leading = 0 if lengths[0] >= LEAST_TRAVEL else int(lengths.argmax())
+        if lengths[leading] < LEAST_TRAVEL:
             continue
-        found.append(MovingFinger(link, surfaces, tuple(placements), last / length, bounds[link] / (8 * steps**2)))
+        direction, sagitta = moved[leading] / (SHARE * lengths[leading]), acceleration / (8 * steps**2)
+        turning = partial(placed_at, link) if acceleration > 0.0 else None
+        found.append(MovingFinger(link, surfaces, tuple(placements), direction, sagitta, turning, rate))
     return found
 
 
-def _acceleration(arm: Arm, link: str, surfaces: Sequence[tuple[LineSurface, SE3]], grip: Mapping[str, float]) -> float:
-    """A bound (m) of the second derivative of every point of a link over the share of the closing motion.
+def _rates(
+    arm: Arm, link: str, surfaces: Sequence[tuple[LineSurface, SE3]], grip: Mapping[str, float]
+) -> tuple[float, float]:
+    """Bounds (m) of the first and second derivative of every point of a link over the share of the closing motion.
 
-    Joints at constant rates w_i (revolute) and v_i (prismatic) accelerate a point by at most (sum w)^2 R + 2 sum w
-    sum v, where R bounds its distance from every one of the axes; along a chord of the share h it leaves the chord by
-    at most h^2 / 8 times that.
+    Joints at constant rates w_i (revolute) and v_i (prismatic) move a point by at most sum w R + sum v and accelerate
+    it by at most (sum w)^2 R + 2 sum w sum v, where R bounds its distance from every one of the axes; along a chord of
+    the share h it leaves the chord by at most h^2 / 8 times that.
     """
     urdf = arm.robot.urdf
     joints: list[UrdfJoint] = []
@@ -234,14 +248,14 @@ def _acceleration(arm: Arm, link: str, surfaces: Sequence[tuple[LineSurface, SE3
     turning = sum(rate for joint, rate in zip(joints, rates, strict=True) if joint.type != "prismatic")
     sliding = sum(rate for joint, rate in zip(joints, rates, strict=True) if joint.type == "prismatic")
     if turning == 0.0:
-        return 0.0
+        return sliding, 0.0
     origins = [arm.frame_placement(arm.home, joint.child).translation for joint in joints]
     placed = arm.frame_placement(arm.home, link)
     own = np.concatenate([outer_points(surface) @ pose.rotation.T + pose.translation for surface, pose in surfaces])
     points = own @ placed.rotation.T + placed.translation
     radius = float(np.linalg.norm(points - origins[0], axis=1).max()) + sliding
     radius += sum(float(np.linalg.norm(b - a)) for a, b in pairwise(origins))
-    return turning**2 * radius + 2 * turning * sliding
+    return turning * radius + sliding, turning**2 * radius + 2 * turning * sliding
 
 
 def _rate(arm: Arm, joint: UrdfJoint, grip: Mapping[str, float]) -> float:

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Cylinder, Mesh, Mover, Obstacle, Scene, Shape, certify
-from pinproof.collision.checking.coal_checks import GJK_SLACK
-from pinproof.collision.checking.line_surface import TOUCH, LineSurface, body_distance
+from pinproof.collision.checking.coal_checks import GJK_SLACK, MeasureConvex
+from pinproof.collision.checking.line_surface import MOST_ADVANCES, TOUCH, LineSurface, body_distance
 from pinproof.collision.checking.links import KINDS
 from pinproof.collision.checking.penetration import penetration
 from pinproof.description import LinkGeometry
@@ -26,6 +26,8 @@ from pinproof.description.meshes import resolved
 from pinproof.description.urdf import moved_by
 from pinproof.model import Arm
 from pinproof.motion import Curve
+from pinproof.motion.bezier import split
+from pinproof.motion.curve import BezierCurve
 from pinproof.picks.input.pick import Picks, SuctionCup
 from pinproof.picks.judging.grip import HeldPart, MovingFinger
 from pinproof.spatial import SE3, Array, pose, translated
@@ -38,6 +40,12 @@ AROUND = 64
 
 SAMPLES = 5
 """Number of points of a motion at which the depth of a body is measured for a reason, besides that of the contact."""
+
+MOST_PIECES = 8
+"""Largest number of displacements along a motion."""
+
+RENEWED = 0.2
+"""Share of the allowed depth: another displacement is searched where the displaced body is nearer to the part."""
 
 FACE = "the face of the cup"
 """The name of the face of the cup."""
@@ -106,6 +114,8 @@ class BodyDepth:
         limit = f"at most {self.limit * 1e3:.2f} mm is allowed"
         if self.body == FACE:
             return f"{part} protrudes {self.depth * 1e3:.2f} mm into the cup; {limit}"
+        if self.depth <= self.limit:
+            return f"{self.body} {where} not proven to be at most {self.limit * 1e3:.2f} mm inside {part}"
         return f"{self.body} {where} {self.depth * 1e3:.2f} mm inside {part}; {limit}"
 
 
@@ -180,6 +190,40 @@ def depths_at_grasp(
     return tuple(found)
 
 
+def depths_while_closing(
+    fingers: Sequence[MovingFinger], depths: Sequence[BodyDepth], part: HeldPart, limit: float
+) -> tuple[BodyDepth, ...]:
+    """The depths of bodies of rotating fingers between open and closed, where they exceed ``limit`` (m).
+
+    ``depths`` are those of all bodies of the closed fingers, in the same order. The motion is followed back from there
+    by conservative advancement (Mirtich, 1996): as long as a body that is displaced by the limit does not touch the
+    part, the body itself is in it by no more. Where it does, another displacement is searched. Fingers that translate
+    need no such proof: their first contact on the line is measured.
+    """
+    found = []
+    bodies = [(finger, own, at) for finger in fingers for own, at in finger.surfaces]
+    for (finger, own, at), closed in zip(bodies, depths, strict=True):
+        if finger.placed_at is None or not closed.within:
+            continue
+        measure, share, depth = MeasureConvex(), 1.0, closed
+        solid, target = own.surface or own.body, part.surface.surface or part.surface.body
+        for _ in range(MOST_ADVANCES):
+            here = finger.placed_at(share) * at
+            moved = translated(here, depth.displacement)
+            clearance = measure(solid, moved.homogeneous, target, part.pose.homogeneous).attained
+            if clearance < RENEWED * limit:
+                depth = _depth(finger.name, own, here, limit, part, np.array([-finger.direction]))
+                clearance = depth.clearance
+                if not depth.within:
+                    break
+            share -= clearance / finger.rate
+            if share <= 0.0:
+                break
+        if share > 0.0:
+            found.append(replace(depth, clearance=min(depth.clearance, 0.0)))
+    return tuple(found)
+
+
 class OpenHand:
     """The open hand and a part that lies still or moves on a belt, without anything else.
 
@@ -214,15 +258,20 @@ class OpenHand:
     def _exact(self) -> CollisionChecker:
         return self._checker(exact=True)
 
-    def _checker(self, finer_at: Array | None = None, *, exact: bool = False) -> CollisionChecker:
-        """The checker of the displaced palm and the open fingers against the part, with finer links or exact meshes."""
+    def _checker(
+        self, finer_at: Array | None = None, *, exact: bool = False, depths: Sequence[BodyDepth] = ()
+    ) -> CollisionChecker:
+        """The checker of the displaced palm and the open fingers against the part, with finer links or exact meshes.
+
+        The displacements are those of ``depths``, by default those at the grasp.
+        """
         solids, part = [each.solid for each in self._palm], self.part
         if exact:
             solids = [_exactly(each.solid, each.surface) for each in self._palm]
             part = _exactly(part, self._surface)
         placed = [
-            replace(solid, pose=translated(solid.pose, found.displacement))
-            for solid, found in zip(solids, self._depths, strict=False)  # the depths of closed fingers follow
+            replace(solid, pose=translated(solid.pose, depth.displacement))
+            for solid, depth in zip(solids, depths or self._depths, strict=False)  # those of closed fingers follow
         ]
         replaced = {solid.name for solid in placed}
         attached = (*(each for each in self._outside.attached if each.name not in replaced), *placed)
@@ -262,7 +311,7 @@ class OpenHand:
         """
         still = [replace(mover, tolerance=0.0) for mover in movers]
         wider = bool(deviation or self._padding or any(mover.tolerance for mover in movers))
-        failed = list[Certificate]()
+        failed, deepest = list[Certificate](), None
         for checker in self._suited(grasp):
             there, palm = checker.obstacles_and_links, {body.solid.name for body in self._palm}
             pairs = [(name, self.part.name) for name in there if name in palm or name in self._hand]
@@ -270,12 +319,47 @@ class OpenHand:
             if closing:
                 checker = checker.allowing(*fingers)
             failed.append(certify(curve, checker, movers=still, limits=None))
-            if failed[-1].free and wider and fingers and not closing:
+            proven = failed[-1].free
+            if not proven and grasp is not None and palm and not (closing or movers):
+                proven, deepest = self._prove_piecewise(curve, grasp)
+            if proven and wider and fingers and not closing:
                 alone = checker.allowing(*(pair for pair in pairs if pair[0] in palm)).padded(self._padding)
                 failed.append(certify(curve, alone, joint_tolerance=deviation, movers=movers, limits=None))
-            if failed[-1].free:
+                proven = failed[-1].free
+            if proven:
                 return None
+        if deepest is not None and deepest.depth > deepest.limit:
+            return EntryFailure(failed[-1], deepest.words(self.part.name, "would be"), deepest.depth)
         return self._failure(curve, failed[-1], part_at or (lambda _: self.part.pose))
+
+    def _prove_piecewise(self, curve: Curve, grasp: Array) -> tuple[bool, BodyDepth | None]:
+        """Whether the palm is in the part by no more than is allowed; if not, where it is deeper, if that is known.
+
+        The displacement that fits the grasp may lead into another wall of the part. The curve is followed from its far
+        end to the ``grasp`` (n,). Where the displaced palm touches the part, another displacement is measured, with
+        which the proof continues.
+        """
+        knots, control = curve.bezier()
+        if np.abs(curve.start - grasp).max() < np.abs(curve.end - grasp).max():
+            knots, control = knots[0] + knots[-1] - knots[::-1], control[::-1, ::-1]
+        rest = _Pieces(knots, control, curve.joint_names)
+        touched = rest.domain[0]
+        for _ in range(MOST_PIECES):
+            part = HeldPart(self._surface, self._tcp_from_part(rest(touched), self.part.pose))
+            depths = [depth_of(body, part, np.empty((0, 3))) for body in self._palm]
+            if outside := [depth for depth in depths if not depth.within]:
+                # a wall beside the cup is in the way of its body; the depth in its face would be misleading
+                return False, max((d for d in outside if d.body != FACE), key=lambda d: d.depth, default=None)
+            proof = certify(rest, self._checker(exact=True, depths=depths), limits=None)
+            contact = proof.first_contact
+            if proof.free or contact is None or contact.proven_free_until <= rest.domain[0]:
+                return proof.free, None
+            rest, touched = rest.after(contact.proven_free_until), contact.time
+        return False, None
+
+    def _tcp_from_part(self, q: Array, root_from_part: SE3) -> SE3:
+        arm = self._outside.arm
+        return (arm.root_from_base * arm.forward_kinematics(q)).actInv(root_from_part)
 
     def _failure(self, curve: Curve, proof: Certificate, part_at: Callable[[float], SE3]) -> EntryFailure:
         """What enters the part, with its largest depth at some points of the curve."""
@@ -283,20 +367,40 @@ class OpenHand:
         body = next((each for each in self._palm if met is not None and each.solid.name in met.bodies), None)
         if body is None:
             return EntryFailure(proof, f"the open fingers collide with the object: {proof.message}")
-        arm, knots = self._outside.arm, curve.bezier()[0]
+        knots = curve.bezier()[0]
         times = np.linspace(knots[0], knots[-1], SAMPLES).tolist()
         if proof.first_contact is not None:
             times.append(proof.first_contact.time)
         deepest: BodyDepth | None = None
         for time in times:
-            root_from_tcp = arm.root_from_base * arm.forward_kinematics(np.asarray(curve(time)))
-            part = HeldPart(self._surface, root_from_tcp.actInv(part_at(time)))
+            part = HeldPart(self._surface, self._tcp_from_part(np.asarray(curve(time)), part_at(time)))
             found = depth_of(body, part, np.empty((0, 3)))
             deepest = found if deepest is None or found.depth > deepest.depth else deepest
         if deepest is None or deepest.depth <= body.limit:
             limit = f"{body.name} is not proven to be at most {body.limit * 1e3:.2f} mm inside {self.part.name}"
             return EntryFailure(proof, f"{limit}: {proof.message}")
         return EntryFailure(proof, deepest.words(self.part.name, "would be"), deepest.depth)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces(BezierCurve):
+    """A part of a curve, or a curve in the opposite direction."""
+
+    knots: Array
+    control: Array
+    joint_names: tuple[str, ...]
+
+    def bezier(self) -> tuple[Array, Array]:
+        """Knots (k+1,) and control points (k, degree+1, n)."""
+        return self.knots, self.control
+
+    def after(self, start: float) -> _Pieces:
+        """The part that begins at a parameter."""
+        piece = min(int(np.searchsorted(self.knots, start, side="right")), len(self.control)) - 1
+        share = (start - self.knots[piece]) / (self.knots[piece + 1] - self.knots[piece])
+        first = split(self.control[piece : piece + 1], share)[1]
+        knots = np.concatenate([[start], self.knots[piece + 1 :]])
+        return _Pieces(knots, np.concatenate([first, self.control[piece + 1 :]]), self.joint_names)
 
 
 class EntryFailure(NamedTuple):

@@ -273,6 +273,13 @@ def check_held_joints(arm: Arm, picks: Picks) -> None:
     for name in picks.gripper:
         if name not in arm.robot.urdf.links:
             raise UnknownNameError("link", name, arm.robot.urdf.links, "the gripper of the picks")
+        # only of bodies that do not move relative to the part is the depth in it judged
+        joints = (*arm.joint_names, *arm.followers)
+        if (mover := moved_by(arm.robot.urdf, name, joints)) != (carrier := moved_by(arm.robot.urdf, arm.tcp, joints)):
+            raise InputError(
+                f"the gripper of the picks: {name} is moved by {mover or 'no joint'}, but the tcp {arm.tcp!r} by "
+                f"{carrier}; name only links of the hand, which are fixed to the tcp or moved by gripping joints"
+            )
 
 
 def _check_gripping_values(arm: Arm, grip: Mapping[str, float]) -> None:

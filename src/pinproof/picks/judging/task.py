@@ -30,7 +30,14 @@ from pinproof.picks.input.pick import (
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip
-from pinproof.picks.judging.hand import BodyDepth, HandBody, OpenHand, depths_at_grasp, hand_bodies
+from pinproof.picks.judging.hand import (
+    BodyDepth,
+    HandBody,
+    OpenHand,
+    depths_at_grasp,
+    depths_while_closing,
+    hand_bodies,
+)
 from pinproof.picks.judging.suction import grip_by_cup
 from pinproof.picks.judging.verdict import Stage
 from pinproof.planning import make_planner
@@ -316,11 +323,19 @@ class Task:
             return grip
         depths = self.depths(member)
         depth = max((each.depth for each in depths), default=0.0)
-        outside = [each for each in depths if not each.within]
+        outside, where = [each for each in depths if not each.within], "is"
+        if not outside and any(finger.placed_at is not None for finger in cell.fingers):
+            closed = depths[len(cell.palm_bodies) :]
+            outside, where = (
+                [*depths_while_closing(cell.fingers, closed, part, limits.depth)],
+                "is, while the hand closes,",
+            )
         if not outside:
             return replace(grip, depth=depth)
         worst, proven = max(outside, key=lambda each: each.depth), any(each.least > each.limit for each in outside)
-        return replace(grip, held=False, message=worst.words(part.name), depth=depth, proven=proven)
+        return replace(
+            grip, held=False, message=worst.words(part.name, where), depth=max(depth, worst.depth), proven=proven
+        )
 
     @once_per_grasp
     def depths(self, member: Member) -> tuple[BodyDepth, ...]:

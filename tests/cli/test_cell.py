@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -37,9 +39,19 @@ def test_sequence_is_printed_and_written(bolts: str, run: Run) -> None:
 
 
 def test_failing_picks_are_listed_and_give_exit_code_1(bolts: str, run: Run) -> None:
-    code, out, _ = run("cell", "sequence", bolts, "--only", "bolt_1,bolt_6")
+    outputs = [f"cell.{kind}" for kind in ("csv", "md", "json")]
+    code, out, _ = run("cell", "sequence", bolts, "--only", "bolt_1,bolt_6", *(f"-o{path}" for path in outputs))
     assert code == 1
-    assert "left out: bolt_6: reach:" in out
+    first, second, summary, *_ = out.splitlines()
+    assert ("bolt_1" in first, "bolt_6" in second, "left out: reach:" in second) == (True, True, True)
+    assert "guessed accelerations" in summary  # beside the time of the cycle
+    with Path("cell.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["position"], row["pick"], row["left_out"].partition(":")[0]) for row in rows] == [
+        ("1", "bolt_1", ""),
+        ("", "bolt_6", "reach"),
+    ]
+    assert re.search(r"^\| \| bolt_6 \|.*left out: reach:", Path("cell.md").read_text(encoding="utf-8"), re.MULTILINE)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cell import write_allocation_page, write_sequence_page
+from pinproof.cell import LeftOut, write_allocation_page, write_sequence_page
 from pinproof.picks import PickBudget, PickSetup, PlaceTarget, SuctionCup
 
 from .browser import Browser
@@ -42,9 +42,12 @@ def test_page_shows_the_cell_at_any_time_of_the_cycle(browser: Browser, pages: C
     table.write_text("x,y,yaw,share\n" + "".join(f"{x},{y},0,0.5\n{x},{y},1,0.75\n" for x, y, _ in grid), "utf-8")
     heat = pp.cell.read_heat_map(table)
     assert np.allclose(heat.xyz, grid)
-    write_sequence_page(result, path, heat_map=heat)
+    write_sequence_page(replace(result, left_out=(LeftOut("far <i>", "reach: too far"),)), path, heat_map=heat)
     page = browser.open(path.as_uri())
-    assert page.evaluate("document.querySelectorAll('#rows tr').length") == 2
+    assert page.evaluate("document.querySelectorAll('#rows tr').length") == 3
+    last = page.evaluate("Array.from(document.querySelector('#rows').lastChild.children, (cell) => cell.textContent)")
+    assert (last[1], last[-1]) == ("far <i>", "reach: too far")
+    assert "guessed accelerations" in page.text("#figures")
     assert "FREE" in page.text("#figures")
     assert page.evaluate("pinproof.settings.duration") == pytest.approx(result.duration, abs=1e-6)
     step = next(step for step in result if step.pick.name == "move <b>")

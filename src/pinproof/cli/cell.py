@@ -129,7 +129,7 @@ def cell_sequence(
             pp.cell.write_sequence_page(result, path, heat_map=heat)
         else:
             pp.cell.save_sequence(result, path)
-    from pinproof.model.limits import guess_note  # loads the kinematics
+    from pinproof.model import guess_note  # loads the kinematics
 
     if guess := guess_note(setup.checker.arm.limits.acceleration_source):
         print_note(guess)
@@ -165,6 +165,7 @@ def _lines(result: pp.cell.SequenceResult) -> list[str]:
     ]
     if len(times.picks) > SHOWN:
         lines.append(f"     and {len(times.picks) - SHOWN} more picks")
+    lines += [f"   - {pick.name:20} left out: {pick.reason}" for pick in result.left_out]
     lines.append(result.message)
     if result.steps:
         shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in times.utilisation.items())
@@ -177,7 +178,7 @@ def _lines(result: pp.cell.SequenceResult) -> list[str]:
                 for each in times.slowest(SLOWEST)
             ),
         ]
-    return lines + _left_out(result.left_out)
+    return lines
 
 
 def _left_out(picks: Iterable[pp.cell.LeftOut]) -> list[str]:

@@ -3,7 +3,7 @@
 from pinproof.model.cell import assemble
 from pinproof.model.dynamics import Payload
 from pinproof.model.info import JointInfo, RobotInfo
-from pinproof.model.limits import JointLimits, LimitsFile
+from pinproof.model.limits import JointLimits, LimitsFile, guess_mark, guess_note
 from pinproof.model.loading import load_robot
 from pinproof.model.robot import Arm, JointGroup, Robot, Singularity, kinematic_class
 
@@ -18,6 +18,8 @@ __all__ = [
     "RobotInfo",
     "Singularity",
     "assemble",
+    "guess_mark",
+    "guess_note",
     "kinematic_class",
     "load_robot",
 ]

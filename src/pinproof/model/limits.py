@@ -418,6 +418,14 @@ def guess_note(source: str) -> str:
     return f"Durations follow from guessed acceleration limits: {source.removeprefix(GUESSED).strip()}"
 
 
+def guess_mark(source: str) -> str:
+    """What follows a duration in a text: ", with guessed accelerations" if ``source`` states a default, otherwise ''.
+
+    ``source`` is that of the limits, or the note of a trajectory, which contains it.
+    """
+    return ", with guessed accelerations" if GUESSED in source else ""
+
+
 def _read_limits(path: str | Path) -> LimitsFile:
     """The limits that a file states; see :meth:`JointLimits.load`."""
     path = Path(path)

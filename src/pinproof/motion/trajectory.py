@@ -16,6 +16,7 @@ import numpy.typing as npt
 from pinproof.common.display import PLOT_POINTS, html_block, html_list, html_plot, html_table
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
+from pinproof.model import guess_mark
 from pinproof.motion import bezier, trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, BezierCurve, checked_joint_names, ends_meet, read_only
 from pinproof.motion.dialects import find_dialect
@@ -508,7 +509,8 @@ class Trajectory(BezierCurve):
         lines = dict(zip(self.joint_names, np.asarray(self(instants)).T, strict=True))
         source = html_list([f"Limits: {self.limits_note}"] if self.limits_note else [])
         plot = html_plot(instants, lines, "rad or m")
-        title = f"Trajectory of {self.duration:.4g} s, {len(self.times)} points, {self.interpolant} (rad or m, s)"
+        duration = f"{self.duration:.4g} s{guess_mark(self.limits_note)}"
+        title = f"Trajectory of {duration}, {len(self.times)} points, {self.interpolant} (rad or m, s)"
         return html_block(title, html_table(columns, rows, total=len(low)), plot, source)
 
 

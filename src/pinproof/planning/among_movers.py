@@ -29,6 +29,7 @@ from pinproof.common.display import outline
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError
+from pinproof.model import guess_mark
 from pinproof.motion import JointPath, Trajectory, time_parametrise
 from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanResult, PlanStatus, _Outcome
@@ -206,8 +207,8 @@ def plan_among_movers(
             certificate = certify(trajectory, checker, movers=shifted)
             if certificate.status is CertificateStatus.FREE:
                 waiting = sum(step.end - step.start for step in steps if step.edge is None)
-                message = f"reached goal {ends.indices[route.goal]} at {start_time + trajectory.duration:.4g} s after "
-                message += f"waiting {waiting:.3g} s; {certificate.message}"
+                message = f"reached goal {ends.indices[route.goal]} at {start_time + trajectory.duration:.4g} s"
+                message += f"{guess_mark(trajectory.limits_note)}, after waiting {waiting:.3g} s; {certificate.message}"
                 return TimedPlanResult(
                     PlanStatus.FOUND, trajectory, certificate, ends.indices[route.goal], message, start_time, shifted,
                     waiting, tried,

@@ -24,6 +24,7 @@ from pinproof.collision import Certificate, CertificateStatus, CollisionChecker,
 from pinproof.common.display import outline
 from pinproof.common.validation import Rng, require_positive, require_type
 from pinproof.errors import InputError, NoAnswer
+from pinproof.model import guess_mark
 from pinproof.motion import JointPath, Trajectory, synchronise, time_parametrise
 from pinproof.planning.planners import Planner, planner_of
 from pinproof.planning.simplification import shortcut
@@ -141,9 +142,8 @@ def coordinate(
         raise InputError("there is no trajectory")
     changes = [f"{name} waits {delay:.3g} s" for name, delay in delays.items() if delay > 0.0]
     changes += [f"{name} takes {factor:.3g} times as long" for name, factor in slowdowns.items() if factor > 1.0]
-    message = (
-        f"{len(delays)} arms in {whole.duration:.3g} s; {', '.join(changes) or 'none waits'}; {certificate.message}"
-    )
+    duration = f"{whole.duration:.3g} s{guess_mark(whole.limits_note)}"
+    message = f"{len(delays)} arms in {duration}; {', '.join(changes) or 'none waits'}; {certificate.message}"
     return CoordinationResult(whole, certificate, delays, slowdowns, message)
 
 
@@ -196,7 +196,10 @@ def plan_arms(
     if plan.path is not None:
         motion = time_parametrise(shortcut(plan.path, checker, rng=seed), group.limits)
         certificate = certify(motion, checker)
-        message = f"{len(group.ends)} arms in {motion.duration:.3g} s, planned together; {certificate.message}"
+        message = (
+            f"{len(group.ends)} arms in {motion.duration:.3g} s{guess_mark(motion.limits_note)}, planned together; "
+            f"{certificate.message}"
+        )
         reasons = [f"joint: {certificate.message}"]
         if certificate.free:
             delays, slowdowns = dict.fromkeys(group.ends, 0.0), dict.fromkeys(group.ends, 1.0)

@@ -29,6 +29,7 @@ from pinproof.collision.checking.checker import require_curve
 from pinproof.common.display import html_block, html_of, outline
 from pinproof.common.validation import require_integer
 from pinproof.errors import TimingError
+from pinproof.model import guess_mark
 from pinproof.motion import Curve, JointPath, MotionLimits, TorqueLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import RATE_TOLERANCE, Bounds
 from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
@@ -221,8 +222,9 @@ def optimise(
     given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
     index = next(iter(np.flatnonzero((given == trajectory.end).all(axis=1)).tolist()), None)
     message = (
-        f"duration reduced from {before.duration:.3g} s to {trajectory.duration:.3g} s, lower bound without obstacles "
-        f"{lower_bound:.3g} s; {certificate.message}"
+        f"duration reduced from {before.duration:.3g} s to {trajectory.duration:.3g} s"
+        f"{guess_mark(trajectory.limits_note)}, lower bound without obstacles {lower_bound:.3g} s; "
+        f"{certificate.message}"
     )
     return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, evaluations, message)
 

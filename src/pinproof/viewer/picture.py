@@ -20,7 +20,7 @@ from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
-from pinproof.model import JointGroup
+from pinproof.model import JointGroup, guess_mark
 from pinproof.motion import Trajectory, check_limits
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
 from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, film_of_elbow, still
@@ -119,7 +119,7 @@ def caption_of(
     figures = [("Robot", arm.robot.name), ("Base to tcp", ends)]
     if motion is None:
         return _configuration_caption(check, figures)
-    duration = ("Duration", f"{motion.duration:.2f} s")
+    duration = ("Duration", f"{motion.duration:.2f} s{guess_mark(motion.limits_note)}")
     if certificate is None:
         return _unproven("There is no certificate for this motion.", [*figures, duration])
     if not certificate.matches(motion, arm, Scene() if scene is None else scene, attached):

@@ -189,8 +189,8 @@ def write_png(
     picture = Picture(
         arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
     )  # fmt: skip
+    page = render_page(picture)  # refuses invalid settings, also on a machine without a browser
     browser = find_browser()
-    page = render_page(picture)
     shown_time = page.shown.start if time is None else time
     content = screenshot(page.text, f"#still&t={shown_time:.6f}", size, browser, Path(path).absolute().parent)
     try:

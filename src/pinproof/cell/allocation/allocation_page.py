@@ -13,7 +13,7 @@ from pinproof.cell.sequencing.sequence_page import MOST_FRAMES, RATE, PageTexts,
 from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common import theme
 from pinproof.errors import InputError
-from pinproof.model.limits import guess_note
+from pinproof.model import guess_mark, guess_note
 from pinproof.model.robot import PART
 from pinproof.spatial import matrix
 from pinproof.viewer.animation import Film
@@ -42,7 +42,7 @@ def write_allocation_page(result: AllocationResult, path: str | Path, *, title: 
 
 
 def _figures(result: AllocationResult) -> list[tuple[str, str]]:
-    found = [("makespan", f"{result.makespan:.1f} s")]
+    found = [(f"makespan{guess_mark(result.group.limits.acceleration_source)}", f"{result.makespan:.1f} s")]
     if np.isfinite(result.ratio):
         found.append(("of the time of one arm", f"{100 * result.ratio:.0f} %"))
     found += [(f"utilisation of {each.arm}", f"{100 * each.utilisation:.0f} %") for each in result.arms]
@@ -55,7 +55,6 @@ def _notes(result: AllocationResult, stage: Stage) -> list[str]:
     return [
         "Motions are resampled for display; the proofs hold for the original motions.",
         *([f"Not proven: {result.reason}"] if result.reason else []),
-        *(f"Left out: {each.name}: {each.reason}" for each in result.missing),
         *(f"Not covered: {note}" for note in result.notes),
         guess_note(source) or f"Acceleration limits: {source}",
         *stage.notes,
@@ -85,7 +84,9 @@ def _content(result: AllocationResult) -> dict[str, Any]:
                 }
             )
     rows.sort(key=lambda row: row["start"])
-    return {"rows": rows, "closing": closing, "colours": theme.PHASES, "lanes": list(result.group.ends), "arms": True}
+    left_out = [vars(pick) for pick in result.missing]
+    chart = {"closing": closing, "colours": theme.PHASES, "lanes": list(result.group.ends), "arms": True}
+    return {"rows": rows, "left_out": left_out, **chart}
 
 
 def _film(stage: Stage, result: AllocationResult) -> tuple[Film, Riders]:

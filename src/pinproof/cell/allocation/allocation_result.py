@@ -13,7 +13,7 @@ from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
 from pinproof.collision import Obstacle, Scene
 from pinproof.common.display import outline
 from pinproof.errors import NoAnswer
-from pinproof.model import JointGroup
+from pinproof.model import JointGroup, guess_mark
 from pinproof.motion import Trajectory
 from pinproof.picks import Picks
 from pinproof.spatial import SE3
@@ -207,8 +207,9 @@ class AllocationResult:
         count = sum(len(each.picks) for each in self.arms)
         if not count:
             return "no pick can be executed"
+        guess = guess_mark(self.group.limits.acceleration_source)
         shares = ", ".join(f"{each.arm} {100 * each.utilisation:.0f} %" for each in self.arms)
-        text = f"{count} picks of {len(self.arms)} arms in {self.makespan:.1f} s; utilisation {shares}"
+        text = f"{count} picks of {len(self.arms)} arms in {self.makespan:.1f} s{guess}; utilisation {shares}"
         if self.one_arm is not None:
             text += f"; {self.one_arm.arm} alone takes {self.one_arm.duration:.1f} s, ratio {self.ratio:.2f}"
         if self.missing:

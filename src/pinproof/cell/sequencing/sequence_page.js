@@ -37,6 +37,16 @@ list.append(...rows.map((row, index) => {
   });
   return line;
 }));
+list.append(...settings.left_out.map((pick) => {
+  const line = document.createElement("tr");
+  line.className = "left-out";
+  line.append(...["", pick.name, "left out", "", "", pick.reason].map((text) => {
+    const cell = document.createElement("td");
+    cell.textContent = text;
+    return cell;
+  }));
+  return line;
+}));
 
 // Seconds per pixel: from the complete cycle in the visible width to 100 pixels a second.
 function scale() {

@@ -15,7 +15,7 @@ from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common import theme
 from pinproof.common.files import os_errors, write_text_whole
 from pinproof.errors import FileError, InputError, ViewerError
-from pinproof.model.limits import guess_note
+from pinproof.model import guess_mark, guess_note
 from pinproof.spatial import SE3, Array, matrix
 from pinproof.viewer.animation import Film, pose_tracks, tracks
 from pinproof.viewer.camera import choose_view, placed_points, tool_points
@@ -174,7 +174,7 @@ def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> Colour
 def _figures(result: SequenceResult) -> list[tuple[str, str]]:
     free = all(motion.certificate.free for motion in result.motions)
     return [
-        ("cycle", f"{result.duration:.1f} s"),
+        (f"cycle{guess_mark(result.setup.checker.arm.limits.acceleration_source)}", f"{result.duration:.1f} s"),
         ("parts per minute", f"{result.parts_per_minute:.1f}"),
         ("above the lower bound", f"{100 * result.gap:.1f} %"),
         (
@@ -189,7 +189,6 @@ def _notes(result: SequenceResult, stage: Stage) -> list[str]:
     with_object = {step.pick.carried is not None for step in result.steps}
     return [
         "Motions are resampled for display; the proofs hold for the original motions.",
-        *(f"Left out: {each.name}: {each.reason}" for each in result.left_out),
         *(f"Not covered: {note}" for note in result.setup.not_covered(with_object)),
         guess_note(source) or f"Acceleration limits: {source}",
         *stage.notes,
@@ -212,7 +211,9 @@ def _content(result: SequenceResult) -> dict[str, Any]:
         )
     end = result.steps[-1].end
     closing = [] if result.closing is None else [["transit", end, result.closing.trajectory.duration]]
-    return {"rows": rows, "closing": closing, "colours": theme.PHASES, "lanes": list(PHASES), "arms": False}
+    left_out = [vars(pick) for pick in result.left_out]
+    chart = {"closing": closing, "colours": theme.PHASES, "lanes": list(PHASES), "arms": False}
+    return {"rows": rows, "left_out": left_out, **chart}
 
 
 def _film(stage: Stage, result: SequenceResult) -> tuple[Film, Riders]:

@@ -14,7 +14,7 @@ from pinproof.cell.sequencing.sequence_page import write_sequence_page
 from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult, SequenceStep
 from pinproof.common.files import csv_text, json_text, save_as
 
-COLUMNS = ("position", "pick", "start", "duration", *PHASES, "shortest", "clearance_proven", "limited_by")
+COLUMNS = ("position", "pick", "start", "duration", *PHASES, "shortest", "clearance_proven", "limited_by", "left_out")
 """The columns of the table; times in seconds, the clearance in metres."""
 
 
@@ -94,12 +94,16 @@ def _phases(step: SequenceStep) -> list[dict[str, Any]]:
 
 
 def sequence_csv(result: SequenceResult) -> str:
-    """One row for each pick in order, with the columns :data:`COLUMNS`."""
-    rows = []
+    """One row for each pick in order, then one for each that is left out, with the columns :data:`COLUMNS`."""
+    rows: list[tuple[object, ...]] = []
     for number, (step, time) in enumerate(zip(result.steps, cycle_time(result).picks, strict=True), start=1):
         phases = (time.phases.get(name, "") for name in PHASES)
         clearance = number_or_none(step.verdict.clearance)
-        rows.append((number, time.name, time.start, time.duration, *phases, time.shortest, clearance, time.limited_by))
+        rows.append(
+            (number, time.name, time.start, time.duration, *phases, time.shortest, clearance, time.limited_by, "")
+        )
+    blank = [""] * (len(COLUMNS) - 3)
+    rows += [("", pick.name, *blank, pick.reason) for pick in result.left_out]
     return csv_text(COLUMNS, rows)
 
 
@@ -109,7 +113,8 @@ def sequence_markdown(result: SequenceResult) -> str:
     lines += ["| | pick | start | duration | limited by |", "|--:|---|--:|--:|---|"]
     for number, time in enumerate(cycle_time(result).picks, start=1):
         lines.append(f"| {number} | {time.name} | {time.start:.2f} s | {time.duration:.2f} s | {time.limited_by} |")
-    lines += [f"\nleft out: {each.name}: {each.reason}" for each in result.left_out]
+    reasons = {pick.name: pick.reason.replace("|", "\\|") for pick in result.left_out}
+    lines += [f"| | {name} | | | left out: {reason} |" for name, reason in reasons.items()]
     return "\n".join(lines) + "\n"
 
 

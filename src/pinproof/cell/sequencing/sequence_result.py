@@ -8,8 +8,9 @@ from functools import cached_property
 
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.collision import Scene
-from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.display import html_block, html_table, outline
 from pinproof.errors import NoAnswer
+from pinproof.model import guess_mark
 from pinproof.motion import MotionProgram
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 
@@ -144,7 +145,7 @@ class SequenceResult:
 
     def _repr_html_(self) -> str:
         columns = ("pick", "start [s]", "duration [s]", "phases")
-        rows = [
+        rows: list[tuple[object, ...]] = [
             (
                 step.pick.name,
                 step.start,
@@ -153,8 +154,8 @@ class SequenceResult:
             )
             for step in self.steps
         ]
-        left_out = (f"left out: {each.name} ({each.reason})" for each in self.left_out)
-        return html_block(self.message, html_table(columns, rows), html_list(left_out))
+        rows += [(pick.name, "", "", f"left out: {pick.reason}") for pick in self.left_out]
+        return html_block(self.message, html_table(columns, rows))
 
     def __iter__(self) -> Iterator[SequenceStep]:
         return iter(self.steps)
@@ -218,10 +219,11 @@ class SequenceResult:
         if not self.steps:
             return "no pick can be executed"
         left = f"; {len(self.left_out)} left out" if self.left_out else ""
+        guess = guess_mark(self.setup.checker.arm.limits.acceleration_source)
         part = "" if self.complete else f" of {self.wanted}, interrupted"
         return (
-            f"{len(self.steps)}{part} picks in {self.duration:.1f} s, {self.parts_per_minute:.1f} per minute; motions "
-            f"{100 * self.gap:.1f} % above the lower bound{left}"
+            f"{len(self.steps)}{part} picks in {self.duration:.1f} s{guess}, {self.parts_per_minute:.1f} per minute; "
+            f"motions {100 * self.gap:.1f} % above the lower bound{left}"
         )
 
     def or_raise(self) -> SequenceResult:

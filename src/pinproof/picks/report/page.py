@@ -23,8 +23,7 @@ from pinproof.collision.checking.spec import CheckerSpec
 from pinproof.common import theme
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, MeshError, ViewerError
-from pinproof.model import Arm
-from pinproof.model.limits import guess_note
+from pinproof.model import Arm, guess_mark, guess_note
 from pinproof.picks.input.pick import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
@@ -47,9 +46,9 @@ PROVEN = "Proven at every instant, not at samples: no checked pair comes closer 
 
 
 def entry(
-    row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks, *, guessed: bool = False
+    row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks, *, source: str = ""
 ) -> dict[str, Any]:
-    """The entry of a row for the table and the caption of the page; ``guessed`` are its acceleration limits."""
+    """The entry of a row for the table and the caption of the page; ``source`` of acceleration limits."""
     kind = row["verdict"]
     headline, tone, text = kind.upper(), kind.replace(" ", "-"), row.get("reason", "")
     if kind == "good" and verdict is None:
@@ -64,7 +63,7 @@ def entry(
     proven = _proven_text(row)
     figures = {
         "Proven clearance": proven,
-        "Duration": _seconds(duration) + (", with guessed accelerations" if guessed and duration is not None else ""),
+        "Duration": _seconds(duration) + ("" if duration is None else guess_mark(source)),
         "Grasp at": _seconds(row.get("grasp_time")),
         "Release at": _seconds(row.get("release_time")),
         "Grasp": ", ".join(f"{value:.3f}" for value in row["xyz"]) + " m" if "xyz" in row else "",
@@ -407,12 +406,13 @@ def write_page(
         )
     shown = list(islice(content.rows, MOST_ROWS))
     notes = [f"Not covered: {note}" for note in content.notes]
-    guess = guess_note(content.acceleration_source)
-    notes.append(guess or f"Acceleration limits: {content.acceleration_source}")
+    notes.append(guess_note(content.acceleration_source) or f"Acceleration limits: {content.acceleration_source}")
     if len(shown) < content.total:
         notes.insert(0, f"This page shows the first {len(shown):,} of {content.total:,} rows.")
     words = {"title": title or f"Picks of {arm.robot.name}", "summary": content.summary}
-    write_text_whole(path, _render(shown, content.verdicts, arm, scene, picks, words, notes, guessed=bool(guess)))
+    write_text_whole(
+        path, _render(shown, content.verdicts, arm, scene, picks, words, notes, source=content.acceleration_source)
+    )
 
 
 def _render(
@@ -424,7 +424,7 @@ def _render(
     words: dict[str, str],
     notes: list[str],
     *,
-    guessed: bool,
+    source: str,
 ) -> str:
     stage = simplified(set_stage(arm, scene, picks.tool))
     if not stage.links:
@@ -447,7 +447,7 @@ def _render(
     index_of = {name: index for index, name in enumerate(theme.VERDICTS)}
     colour_of = np.array([index_of.get(rows[k].values["verdict"], -1) for k in marked], dtype=np.int64)
     markers = PoseMarkers(grasps, colour_of, tuple(map(theme.rgb, theme.VERDICTS.values())))
-    details = (entry(row.values, row.verdict, arm, scene, picks, guessed=guessed) for row in rows)
+    details = (entry(row.values, row.verdict, arm, scene, picks, source=source) for row in rows)
     entries, shortened = without_more_details(details)
     if shortened:
         reason = "are omitted to limit the size of the page; JSON and CSV have them."

@@ -14,8 +14,7 @@ from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common import theme
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import csv_text, file_stems, json_text, save_as
-from pinproof.model import Arm
-from pinproof.model.limits import guess_note
+from pinproof.model import Arm, guess_note
 from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import PickProblem, Picks
 from pinproof.picks.judging.setup import PickSetup

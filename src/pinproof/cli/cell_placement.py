@@ -100,10 +100,16 @@ class EffortOptions:
     runs: int = option("Number of the best placements that are then refined.", 4, min=0)
     evaluations: int = option("Number of placements that each refinement tries.", 160, min=0)
     certified: int = option("Number of the best placements at which all picks are checked completely.", 3, min=1)
+    deviations: int = option(
+        "Number of deviations from the best placement, in both directions along each axis, at which all picks are "
+        "checked completely.",
+        4,
+        min=0,
+    )
 
     def budget(self) -> PlacementBudget:
         """The options as a budget."""
-        numbers_of = {name: getattr(self, name) for name in ("grid", "runs", "evaluations", "certified")}
+        numbers_of = {name: getattr(self, name) for name in ("grid", "runs", "evaluations", "certified", "deviations")}
         return pp.cell.PlacementBudget(**numbers_of)
 
 

@@ -34,13 +34,14 @@ class PlacementMap:
     base
         (N,) whether the base and the arm at home are free.
     codes
-        (N, P) codes of :class:`~pinproof.picks.ScreenStatus` of each pick at the grasp.
+        (N, P) codes of :class:`~pinproof.picks.ScreenStatus` of each pick at its worst pose: grasp, release, and the
+        ends of the straight lines.
     share
-        (N,) share of the picks that work, from 0 to 1.
+        (N,) share of the picks that pass the screening, from 0 to 1.
     seconds
-        (N,) estimated cycle time; NaN where a pick does not work.
+        (N,) estimated cycle time; NaN where a pick does not pass.
     estimate
-        (N,) estimated value of the objective; NaN where a pick does not work.
+        (N,) estimated value of the objective; NaN where a pick does not pass.
     """
 
     placements: Array
@@ -60,11 +61,11 @@ class PlacementMap:
         return len(self.placements)
 
     def __repr__(self) -> str:
-        return f"PlacementMap({len(self):,} placements, {self.feasible.sum():,} where all picks work)"
+        return f"PlacementMap({len(self):,} placements, all picks pass the screening at {self.feasible.sum():,})"
 
     @property
     def feasible(self) -> Mask:
-        """(N,) placements at which every pick works, as far as it was screened."""
+        """(N,) placements at which every pick passes the screening."""
         return np.asarray(np.isfinite(self.estimate))
 
     def over_floor(self, values: Array, choice: int, best: Any = np.nanmax) -> Array:
@@ -84,7 +85,7 @@ class PlacementMap:
         choice
             The index of the discrete choice.
         seconds
-            Whether to show the estimated cycle time instead of the share of the picks that work.
+            Whether to show the estimated cycle time instead of the share of the picks that pass.
         height
             The z of the points in the frame of the cell, in metres.
         """
@@ -93,7 +94,7 @@ class PlacementMap:
         known = np.isfinite(values)
         xyz = np.column_stack([x[known], y[known], np.full(int(known.sum()), height)])
         steps = [float(axis[1] - axis[0]) for axis in self.axes[:2] if len(axis) > 1]
-        label = "estimated cycle time [s]:" if seconds else "share of picks that work:"
+        label = "estimated cycle time [s]:" if seconds else "share of picks that pass the screening:"
         shown, size = values[known], 0.4 * min(steps, default=0.05)
         low, high = (float(shown.min(initial=np.inf)), float(shown.max(initial=-np.inf))) if seconds else (0.0, 1.0)
         if not low < high:  # none or one value

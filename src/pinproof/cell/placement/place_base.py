@@ -9,7 +9,8 @@ pick is judged in all stages, and the placement with the best certified value is
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +23,14 @@ from pinproof.cell.placement.placement_result import CertifiedPlacement, Placeme
 from pinproof.cell.placement.region import AXES, Placement, PlacementChoice, PlacementRegion
 from pinproof.cell.placement.screening import FREE, REACH, GraspTable, PlacementScreening
 from pinproof.cell.placement.tasks import (
+    LADDER,
     OBJECTIVES,
     CertifyTask,
+    Deviations,
     GridTask,
     RefineTask,
     codes_of,
     evolution_strategy,
-    least_failing_step,
     penalised,
 )
 from pinproof.collision import CollisionChecker, Scene
@@ -72,6 +74,9 @@ class PlacementBudget:
         24 picks or fewer; ``certified`` has the same effect there.
     certified
         Number of placements whose picks are all judged; more if a pick fails at each of them.
+    deviations
+        Number of deviations of the best placement, in both directions along each axis, at which all picks are judged to
+        find how far the base may be off; 0 for no such study.
     """
 
     grid: int = 2000
@@ -79,10 +84,13 @@ class PlacementBudget:
     evaluations: int = 160
     sampled: int = 12
     certified: int = 3
+    deviations: int = 4
 
     def __post_init__(self) -> None:
-        for name, least in (("grid", 1), ("runs", 0), ("evaluations", 0), ("sampled", 0), ("certified", 1)):
-            require_integer(f"PlacementBudget.{name}", getattr(self, name), least)
+        for each in fields(self):
+            require_integer(
+                f"PlacementBudget.{each.name}", getattr(self, each.name), each.name in ("grid", "certified")
+            )
 
 
 def place_base(
@@ -322,7 +330,7 @@ class _Search:
         found = [each for each in found if each[2]["base"]]
         found.sort(key=lambda each: (penalised(each[2], total), each[0], tuple(each[1].tolist())))
         self._certify(found, steps)
-        if self.candidates and self.candidates[0].ok:
+        if self.candidates and self.candidates[0].ok and self.budget.deviations:
             self._measure_sensitivity()
         return self.result()
 
@@ -402,15 +410,39 @@ class _Search:
         ]
 
     def _measure_sensitivity(self) -> None:
-        """Find how far the base may be off along each axis."""
+        """Find how far the base may be off along each axis, by judging every pick in all stages at some deviations.
+
+        The screening only bounds the deviations that are judged, because what fails in it cannot be good.
+        """
         best = self.candidates[0]
         alternative = next(each for each in self.alternatives if each.name == best.placement.choice)
-        found = []
-        for k, axis in enumerate(AXES):
-            below, first_below = least_failing_step(alternative.screening, best.placement.values, k, -1.0)
-            above, first_above = least_failing_step(alternative.screening, best.placement.values, k, 1.0)
-            found.append(PlacementSensitivity(axis, below, above, first_below, first_above))
-        self.sensitivity = tuple(found)
+        values = best.placement.values
+        directions = [
+            Deviations.screened(alternative.screening, values, axis, sign)
+            for axis in range(len(AXES))
+            for sign in (-1.0, 1.0)
+        ]
+        for number in count(1):
+            chosen = [(d, k) for d, one in enumerate(directions) for k in one.next_to_judge(self.budget.deviations)]
+            if not chosen:
+                break
+            setups = tuple(alternative.setup(directions[d].moved(values, k), self) for d, k in chosen)
+            items = [(place, index) for place in range(len(chosen)) for index in range(len(self.picks))]
+            task = CertifyTask(setups, (alternative.picks,) * len(chosen), keep=False)
+            rows = self.runner.run(f"sensitivity_{number}", task, items, 1)
+            judged: list[dict[int, tuple[str, str]]] = [{} for _ in directions]
+            for (place, index), row in zip(items, rows, strict=True):
+                d, k = chosen[place]
+                if judged[d].setdefault(k, ("", ""))[0] == "" and not row["ok"]:
+                    judged[d][k] = self.picks.picks[index].name, row["failed_at"]
+            directions = [one.after(judged[d]) for d, one in enumerate(directions)]
+        self.sensitivity = tuple(
+            PlacementSensitivity(
+                axis, below.size(below.good), above.size(above.good), below.first, above.first, below.why, above.why,
+                below.size(len(LADDER) - 1), below.judged, above.judged,
+            )
+            for axis, below, above in zip(AXES, directions[::2], directions[1::2], strict=True)
+        )  # fmt: skip
 
     def result(self, *, interrupted: bool = False) -> PlacementResult:
         """What is known so far."""
@@ -436,7 +468,7 @@ class _Search:
         )
 
     def _failing(self) -> dict[str, str]:
-        """Why each pick that works at no placement fails."""
+        """Why each pick fails that passes the screening, or is good, at no placement."""
         if self.map is None:
             return {}
         judged = self.candidates[0].report.verdicts if self.candidates else [None] * len(self.picks)
@@ -463,16 +495,23 @@ class _Search:
         if self.map is None:
             return f"no result: the grid of placements is not complete ({searched})"
         feasible = int(self.map.feasible.sum())
-        searched += f", all picks work at {feasible:,} of {len(self.map):,} of the grid"
+        searched += f", all picks pass the screening at {feasible:,} of {len(self.map):,} of the grid"
         more = "; interrupted" if interrupted else ""
         if not self.map.base.any():
             contacts = self.alternatives[0].screening.base_contacts(self.map.placements[len(self.map) // 2])
             return f"no placement: the base or the arm at home is in contact everywhere ({contacts}); {searched}{more}"
         if self.candidates and self.candidates[0].ok:
             best = self.candidates[0]
+            off = ""
+            if self.sensitivity:
+                judged = sum(row.judged_below + row.judged_above for row in self.sensitivity)
+                off = (
+                    f"; if the base is off along one axis, all picks are good in all stages at each of the {judged} "
+                    f"judged deviations within {', '.join(row.range for row in self.sensitivity)}"
+                )
             return (
-                f"best placement {best.placement}: {len(self.picks)} picks certified, cycle time "
-                f"{best.cycle_time:.3f} s; {searched}{more}"
+                f"best placement {best.placement}: all {len(self.picks)} picks are good in all stages, cycle time "
+                f"{best.cycle_time:.3f} s{off}; {searched}{more}"
             )
         if not self.candidates:
             return f"no placement was judged yet; {searched}{more}"

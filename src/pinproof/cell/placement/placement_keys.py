@@ -55,19 +55,27 @@ PLACED = report_table(
 
 SENSITIVITY = report_table(
     "sensitivity",
-    "How far the base may be off along one axis. A deviation of null is beyond the searched range.",
+    "How far the base may be off along one axis, the others being exact, if the robot plans again. What is between the "
+    "judged deviations is not proven.",
     required("axis", {"enum": ["x", "y", "z", "yaw"]}, "the axis"),
-    required("below", OPTIONAL_NUMBER, "the largest deviation to lower values at which all picks work", "m or rad"),
-    required("above", OPTIONAL_NUMBER, "the same to higher values", "m or rad"),
-    required("first_below", ANY_TEXT, "what fails first at lower values: a pick, or the base"),
+    required(
+        "below", NOT_NEGATIVE, "lower values up to which all picks are good at every judged deviation", "m or rad"
+    ),
+    required("above", NOT_NEGATIVE, "the same to higher values", "m or rad"),
+    required("first_below", ANY_TEXT, "what fails first at lower values: a pick, or the base; empty if nothing does"),
     required("first_above", ANY_TEXT, "what fails first at higher values"),
+    required("why_below", ANY_TEXT, "the stage that fails there, or why the screening is not passed"),
+    required("why_above", ANY_TEXT, "the same at higher values"),
+    required("searched", NOT_NEGATIVE, "the largest deviation that was tried", "m or rad"),
+    required("judged_below", COUNT, "the number of lower values at which all picks were judged good"),
+    required("judged_above", COUNT, "the number of higher values at which all picks were judged good"),
 )
 
 FLOOR = report_table(
     "floor_map",
     "The best values over z and yaw at each x and y, for one choice; null where no value exists.",
     required("choice", ANY_TEXT, "name of the discrete choice"),
-    required("share", GRID, "share of the picks that work at the grasp, for each x a list over y"),
+    required("share", GRID, "share of the picks that pass the screening, for each x a list over y"),
     required("seconds", GRID, "estimated cycle time", "s"),
 )
 
@@ -93,7 +101,7 @@ PLACEMENT = report_table(
     required("placements", list_of(PLACED), "the judged placements, the best first"),
     required("sensitivity", list_of(SENSITIVITY), "how far the base may be off at the best placement"),
     required("tolerance", NOT_NEGATIVE, "displacement of the base for which the unchanged motions are proven", "m"),
-    required("failing", mapping_to(ANY_TEXT), "the reason for each pick that works nowhere"),
+    required("failing", mapping_to(ANY_TEXT), "the reason for each pick that is good nowhere"),
     required("map", any_of(MAP, {"type": "null"}), "the heat map; null if the search was interrupted before"),
 )
 

@@ -23,7 +23,7 @@ def heat_map_picture(
     *,
     best: bool,
 ) -> bytes:
-    """A PNG with the share of picks that work and the estimated cycle time over the floor, one row per choice.
+    """A PNG with the share of picks that pass the screening and the estimated cycle time, one row per choice.
 
     ``best`` states whether every pick is good at the first of the ``judged`` placements.
     """
@@ -39,7 +39,7 @@ def heat_map_picture(
         share = grid.over_floor(grid.share, number)
         seconds = grid.over_floor(grid.seconds, number, np.nanmin)
         for panel, values, label, colours, limits in (
-            (panels[number][0], share, "share of picks that work", "viridis", (0.0, 1.0)),
+            (panels[number][0], share, "share of picks that pass screening", "viridis", (0.0, 1.0)),
             (panels[number][1], seconds, "estimated cycle time [s]", "viridis_r", (None, None)),
         ):
             if np.isfinite(values).any():

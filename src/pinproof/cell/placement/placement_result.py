@@ -119,17 +119,23 @@ def placement_dict(placement: Placement) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class PlacementSensitivity:
-    """How far the base may be off along one axis before a pick fails.
+    """How far the base may be off along one axis, the others being exact, before a pick fails in any stage.
 
     Parameters
     ----------
     axis
         ``"x"``, ``"y"``, ``"z"`` or ``"yaw"``.
     below, above
-        The largest deviations (m or rad) in both directions at which all picks still work at the grasp, if the robot
-        plans again for its actual placement. inf if no pick fails within the searched range.
+        The largest judged deviations (m or rad) in both directions up to which all picks are good at every judged
+        deviation, if the robot plans again for its actual placement. What is between judged deviations is not proven.
     first_below, first_above
-        What fails first in either direction: a pick, or the base.
+        What fails first beyond them: a pick, or the base. Empty if nothing fails up to ``searched``.
+    why_below, why_above
+        The stage at which this pick fails, or ``out of reach`` or ``in contact`` if it does not pass the screening.
+    searched
+        The largest deviation (m or rad) that was tried in both directions.
+    judged_below, judged_above
+        The number of deviations up to ``below`` and ``above`` at which all picks were judged good in all stages.
     """
 
     axis: str
@@ -137,10 +143,34 @@ class PlacementSensitivity:
     above: float
     first_below: str
     first_above: str
+    why_below: str
+    why_above: str
+    searched: float
+    judged_below: int
+    judged_above: int
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return {**vars(self), "below": finite_or_none(self.below), "above": finite_or_none(self.above)}
+        return dict(vars(self))
+
+    @property
+    def range(self) -> str:
+        """The axis and both deviations as text."""
+        return f"{self.axis} -{_length(self.axis, self.below)} to {_length(self.axis, self.above)}"
+
+    def row(self) -> tuple[str, str, str, str, str]:
+        """The cells of a table: the axis, both deviations, and what fails first beyond them."""
+        return self.axis, *(
+            text
+            for value, first, why, judged in (
+                (self.below, self.first_below, self.why_below, self.judged_below),
+                (self.above, self.first_above, self.why_above, self.judged_above),
+            )
+            for text in (
+                f"{_length(self.axis, value)} ({judged} judged)",
+                f"{first}: {why}" if first else f"nothing up to {_length(self.axis, self.searched)}",
+            )
+        )  # type: ignore[return-value]  # five
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +193,7 @@ class PlacementResult:
         Metres: the unchanged motions of the best placement are proven to stay free if the base is displaced by no more
         than this; 0 without a good placement. Contact that is allowed, such as that of hand and part, is not covered.
     failing
-        The reason for each pick that works at no placement that was screened, by name.
+        The reason for each pick that is good at no placement, by name.
     message
         The result in sentences.
     interrupted
@@ -250,11 +280,8 @@ class PlacementResult:
         rows = [[f"{cell:.4f}" if isinstance(cell, float) else cell for cell in row] for row in self._rows()]
         lines = [self.message, "", *markdown_table(_COLUMNS, rows)]
         if self.sensitivity:
-            rows = [
-                [e.axis, _length(e.axis, e.below), _length(e.axis, e.above), e.first_below, e.first_above]
-                for e in self.sensitivity
-            ]
-            lines += ["", *markdown_table(("axis", "below", "above", "fails first below", "fails first above"), rows)]
+            heads = ("axis", "all picks good below to", "fails first", "all picks good above to", "fails first")
+            lines += ["", *markdown_table(heads, [each.row() for each in self.sensitivity])]
         failing = [f"- {name}: {reason}" for name, reason in self.failing.items()]
         lines += failing[:MOST_FAILING]
         if len(failing) > MOST_FAILING:
@@ -295,6 +322,4 @@ _COLUMNS = ("choice", "x [m]", "y [m]", "z [m]", "yaw [rad]", "good", "cycle tim
 
 
 def _length(axis: str, value: float) -> str:
-    if np.isinf(value):
-        return "beyond the range"
     return f"{np.degrees(value):.2f} deg" if axis == "yaw" else f"{value * 1e3:.1f} mm"

@@ -1,8 +1,9 @@
-"""Screening of many placements: which picks work at the grasp, and an estimate of the time of each pick.
+"""Screening of many placements: which picks can work, and an estimate of the time of each pick.
 
 All configurations of all picks at all placements of a chunk are checked in one call, because the placement is a part of
-the configuration of :attr:`PlacedRobot.wide_arm`. Only the grasp is screened first. At placements where every grasp is
-free, the poses at the ends of the straight lines and at the place are screened too, and the time of the pick is
+the configuration of :attr:`PlacedRobot.wide_arm`. A pick passes the screening if it has configurations without contact
+at the grasp, at the ends of the straight lines and at the release, on the same IK branch for each line. This is
+necessary for a good pick, but not sufficient: the motions between them are not checked. The time of such a pick is
 estimated: a joint that moves by d from rest to rest within its limits v and a takes at least d / v + v / a, or
 2 sqrt(d / a) if it does not reach v.
 """
@@ -140,9 +141,10 @@ class PlacementScores:
     base
         (m,) whether the base and the arm at home are free.
     codes
-        (m, P) codes of :class:`~pinproof.picks.ScreenStatus` at the grasp; REACH where the base is not free.
+        (m, P) codes of :class:`~pinproof.picks.ScreenStatus`: FREE where the pick passes at all poses, CONTACT where
+        all of them are in reach, else REACH; REACH where the base is not free.
     seconds
-        (m, P) estimated time of each pick; NaN where it is not estimated, inf where no motion seems possible.
+        (m, P) estimated time of each pick that passes; otherwise NaN.
     clearance, manipulability
         (m, P) at the grasp with the least estimated time; NaN where not estimated.
     """
@@ -155,9 +157,8 @@ class PlacementScores:
 
     @property
     def working(self) -> Indices:
-        """(m,) number of picks that work, as far as they were screened."""
-        works = self.codes == FREE
-        return np.asarray(np.where(self.base, (works & ~np.isinf(self.seconds)).sum(axis=1), 0))
+        """(m,) number of picks that pass the screening."""
+        return np.asarray((self.codes == FREE).sum(axis=1))
 
 
 class PlacementScreening:
@@ -199,8 +200,8 @@ class PlacementScreening:
         found = [*self.checker.check(q).contacts, *(() if self.zones is None else self.zones.check(q).contacts)]
         return "; ".join(map(str, found[:3]))
 
-    def screen(self, placements: Array, *, estimate: bool = True) -> PlacementScores:
-        """Screen placements (m, 4); with ``estimate`` also the time where every grasp is free."""
+    def screen(self, placements: Array) -> PlacementScores:
+        """Screen placements (m, 4)."""
         count, total = len(placements), len(self.table)
         scores = PlacementScores(
             self.base_free(placements),
@@ -211,27 +212,37 @@ class PlacementScreening:
         # the seeds of a numerical search depend on the other poses of a call, so each placement has its own calls
         size = max(1, ROWS // max(len(self.table.pick), 1)) if self.branches.closed else 1
         for start in range(0, len(rows), size):
-            at = rows[start : start + size]
-            self._grasps(placements, at, scores)
-            if estimate:
-                every = at[(scores.codes[at] == FREE).all(axis=1)]
-                if len(every):
-                    self._estimate(placements, every, scores)
+            for later in (False, True):
+                grasps = np.flatnonzero(self.table.later == later)
+                place, grasp = (part.ravel() for part in np.meshgrid(rows[start : start + size], grasps, indexing="ij"))
+                left = scores.codes[place, self.table.pick[grasp]] != FREE
+                if left.any():
+                    self._screen(placements, place[left], grasp[left], scores)
         return scores
 
-    def _grasps(self, placements: Array, at: Indices, scores: PlacementScores) -> None:
-        """Screen the grasps at the placements with the indices ``at``."""
-        for later in (False, True):
-            grasps = np.flatnonzero(self.table.later == later)
-            place, grasp = (part.ravel() for part in np.meshgrid(at, grasps, indexing="ij"))
-            if later:
-                left = scores.codes[place, self.table.pick[grasp]] != FREE
-                place, grasp = place[left], grasp[left]
-            if not len(grasp):
-                continue
-            q = self._solve(placements, place, self.table.stations[1][grasp])
-            codes = self._free_codes(placements, place, q)
-            np.maximum.at(scores.codes, (place, self.table.pick[grasp]), codes)
+    def _screen(self, placements: Array, place: Indices, grasp: Indices, scores: PlacementScores) -> None:
+        """Screen grasps (N,) at placements (N,): at the grasp, and where that is free at the other poses too."""
+        q = self._solve(placements, place, self.table.stations[1][grasp])
+        codes = self._free_codes(placements, place, q)
+        seconds, clearance, volume = (np.full(len(place), np.nan) for _ in range(3))
+        placing = np.isfinite(self.table.stations[3][grasp, 0, 0])
+        for stations in (3, 6):
+            rows = np.flatnonzero((codes == FREE) & (placing == (stations == 6)))
+            if len(rows):
+                times = self._times(placements, place[rows], grasp[rows], q[rows], stations)
+                codes[rows], seconds[rows], clearance[rows], volume[rows] = times
+        key = place, self.table.pick[grasp]
+        np.maximum.at(scores.codes, key, codes)
+        best = np.full(scores.seconds.shape, np.inf)
+        passes = np.flatnonzero(codes == FREE)
+        np.minimum.at(best, (key[0][passes], key[1][passes]), seconds[passes])
+        chosen = passes[seconds[passes] == best[key[0][passes], key[1][passes]]]
+        for scored, values in (
+            (scores.seconds, seconds),
+            (scores.clearance, clearance),
+            (scores.manipulability, volume),
+        ):
+            scored[key[0][chosen], key[1][chosen]] = values[chosen]
 
     def _solve(self, placements: Array, place: Indices, cell_from_tcp: Array) -> Array:
         """(N, k, n) the IK solutions at poses (N, 4, 4) of the tcp in the cell, for the placements ``place`` (N,)."""
@@ -251,49 +262,44 @@ class PlacementScreening:
     def _is_free(self, placements: Array, place: Indices, q: Array) -> Mask:
         return self.checker.is_free_batch(np.hstack([placements[place], q]))
 
-    def _estimate(self, placements: Array, at: Indices, scores: PlacementScores) -> None:
-        """Estimate the time of every pick at the placements with the indices ``at``."""
-        for placing in (False, True):
-            with_place = np.isfinite(self.table.stations[3][:, 0, 0])
-            grasps = np.flatnonzero((with_place == placing) & ~self.table.later)
-            if not len(grasps):
-                continue
-            place, grasp = (part.ravel() for part in np.meshgrid(at, grasps, indexing="ij"))
-            seconds, clearance, volume = self._times(placements, place, grasp, 6 if placing else 3)
-            key = (place, self.table.pick[grasp])
-            best = np.full(scores.seconds.shape, np.inf)
-            np.minimum.at(best, key, seconds)
-            chosen = seconds == best[key]
-            scores.seconds[key] = best[key]
-            scores.clearance[place[chosen], key[1][chosen]] = clearance[chosen]
-            scores.manipulability[place[chosen], key[1][chosen]] = volume[chosen]
+    def _times(
+        self, placements: Array, place: Indices, grasp: Indices, at_grasp: Array, stations: int
+    ) -> tuple[npt.NDArray[np.int8], Array, Array, Array]:
+        """(N,) the status at all poses, the estimated time, and clearance and manipulability at the grasp.
 
-    def _times(self, placements: Array, place: Indices, grasp: Indices, stations: int) -> tuple[Array, Array, Array]:
-        """(N,) the estimated time (inf without motion), the clearance and the manipulability at the grasp."""
-        q = [self._solve(placements, place, self.table.stations[k][grasp]) for k in range(stations)]
+        ``at_grasp`` (N, k, n) are the solutions at the grasp; figures are NaN where the status is not FREE.
+        """
+        q = [at_grasp] * stations
+        for k in {*range(stations)} - {1}:
+            q[k] = self._solve(placements, place, self.table.stations[k][grasp])
         before, after = self._matched(q[1], q[0]), self._matched(q[1], q[2])
         cost = self._move(self.home, before) + self._move(before, q[1]) + self._move(q[1], after)
-        points = [before, q[1], after]
+        in_reach = np.isfinite(cost).any(axis=1)
         if stations == 6:
             there, leave = self._matched(q[4], q[3]), self._matched(q[4], q[5])
             down = self._move(there, q[4]) + self._move(q[4], leave)
+            in_reach &= np.isfinite(down).any(axis=1)
+            # Any free branch will do at the release, so contact is checked before the nearest is chosen.
+            for station in (q[4], there, leave):
+                rows, branches = np.nonzero(np.isfinite(down))
+                free = self._is_free(placements, place[rows], station[rows, branches])
+                down[rows[~free], branches[~free]] = np.inf
             across = self._move(after[:, :, None], there[:, None]) + down[:, None]
-            filled = np.where(np.isfinite(across), across, np.inf)
-            which = filled.argmin(axis=2)
-            cost = cost + filled.min(axis=2)
-            points += [np.take_along_axis(each, which[:, :, None], axis=1) for each in (there, q[4], leave)]
+            cost = cost + np.where(np.isfinite(across), across, np.inf).min(axis=2)
         cost = np.where(np.isfinite(cost), cost, np.inf)
-        return self._first_free(placements, place, cost, points)
+        seconds, clearance, volume = self._first_free(placements, place, cost, [before, q[1], after])
+        codes = np.where(np.isfinite(seconds), FREE, np.where(in_reach, CONTACT, REACH)).astype(np.int8)
+        return codes, seconds, clearance, volume
 
     def _first_free(
         self, placements: Array, place: Indices, cost: Array, points: list[Array]
     ) -> tuple[Array, Array, Array]:
-        """The least cost of each row (N, k) whose configurations, (N, k, n) for each station, are free."""
+        """The least cost of each row (N, k) whose configurations, (N, k, n) for each station, are free, else NaN."""
         order, count = np.argsort(cost, axis=1, kind="stable"), len(cost)
-        seconds, q = np.full(count, np.inf), np.full((count, self.home.size), np.nan)
+        seconds, q = np.full(count, np.nan), np.full((count, self.home.size), np.nan)
         for rank in range(cost.shape[1]):
             branch = order[:, rank]
-            rows = np.flatnonzero(np.isinf(seconds) & np.isfinite(cost[np.arange(count), branch]))
+            rows = np.flatnonzero(np.isnan(seconds) & np.isfinite(cost[np.arange(count), branch]))
             for station in points:
                 free = self._is_free(placements, place[rows], station[rows, branch[rows]])
                 rows = rows[free]

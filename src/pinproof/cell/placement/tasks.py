@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from pinproof.cell.placement.placement_result import total_time
 from pinproof.cell.placement.region import METRES_PER_RADIAN, PlacementRegion
-from pinproof.cell.placement.screening import FREE, PlacementScores, PlacementScreening
+from pinproof.cell.placement.screening import FREE, REACH, PlacementScores, PlacementScreening
 from pinproof.errors import InputError
 from pinproof.picks.input.pick import Picks
 from pinproof.picks.input.settings import PickWeights
@@ -28,11 +28,12 @@ from pinproof.spatial import Array
 FAILS = 1e4
 """Value of the objective for each pick that fails, larger than any cycle time of one pick (s)."""
 
-SENSITIVITY_STEPS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2)
-"""Metres (or, divided by METRES_PER_RADIAN, rad) of deviations at which a placement is screened."""
+SEARCHED = 0.2
+"""Metres (or, divided by METRES_PER_RADIAN, rad): the largest deviation of the base that is judged."""
 
-SENSITIVITY_ROUNDS = 6
-"""Bisections between the last deviation that works and the first that fails: to 1/64 of the step."""
+LADDER = SEARCHED * (np.arange(101) / 100) ** 2
+"""The deviations (m) in either direction at which the picks are screened, and from which those that are judged are
+chosen; denser where they are small."""
 
 
 @dataclass(frozen=True)
@@ -220,40 +221,90 @@ class CertifyTask:
 
     setups: tuple[PickSetup, ...]
     picks: tuple[Picks, ...]
+    keep: bool = True
+    _current: list[tuple[int, PickSetup]] = field(default_factory=list, init=False)
 
     def __call__(self, start: int, part: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:
-        """The rows of consecutive picks; each keeps its verdict in memory."""
+        """The rows of consecutive picks; with ``keep`` each keeps its verdict in memory."""
         del start
         rows = []
         for candidate, index in part:
-            verdict = self.setups[candidate].judge(index, self.picks[candidate].picks[index])
+            # a setup that has judged a pick keeps large caches, so only the current candidate has them
+            if not self._current or self._current[0][0] != candidate:
+                self._current[:] = [(candidate, replace(self.setups[candidate]))]
+            verdict = self._current[0][1].judge(index, self.picks[candidate].picks[index])
             duration = None if verdict.trajectory is None else verdict.trajectory.duration
-            rows.append({"ok": verdict.ok, "duration": duration, "keep": verdict})
+            failed_at = "" if verdict.failed is None else verdict.failed.value
+            kept = {"keep": verdict} if self.keep else {}
+            rows.append({"ok": verdict.ok, "failed_at": failed_at, "duration": duration, **kept})
         return rows
 
 
-def least_failing_step(screening: PlacementScreening, values: Array, axis: int, sign: float) -> tuple[float, str]:
-    """The largest deviation along an axis at which all picks work at the grasp, and what fails first beyond it."""
-    scale = sign / (METRES_PER_RADIAN if axis == 3 else 1.0)
+@dataclass(frozen=True)
+class Deviations:
+    """Deviations along one axis in one direction, as indices of the ladder.
 
-    def judged(steps: Sequence[float]) -> tuple[npt.NDArray[np.bool_], PlacementScores]:
-        moved = np.tile(values, (len(steps), 1))
-        moved[:, axis] += scale * np.array(steps)
-        scores = screening.screen(moved, estimate=False)
-        return scores.base & (scores.codes == FREE).all(axis=1), scores
+    Parameters
+    ----------
+    axis, sign
+        The axis as an index of the placement, and the direction, 1 or -1.
+    good
+        All picks are good at every judged deviation up to this one.
+    bad
+        The smallest deviation at which something fails, past the end of the ladder if nothing does.
+    first, why
+        What fails there, and at which stage or why it does not pass the screening.
+    judged
+        The number of deviations up to ``good`` at which all picks were judged.
+    """
 
-    works, scores = judged(SENSITIVITY_STEPS)
-    if works.all():
-        return np.inf, ""
-    first = int(np.argmin(works))
-    low, high = (0.0, *SENSITIVITY_STEPS)[first], SENSITIVITY_STEPS[first]
-    base, codes = bool(scores.base[first]), scores.codes[first]
-    for _ in range(SENSITIVITY_ROUNDS):
-        middle = 0.5 * (low + high)
-        works, scores = judged([middle])
-        if works[0]:
-            low = middle
-        else:
-            high, base, codes = middle, bool(scores.base[0]), scores.codes[0]
-    first_pick = screening.table.names[int(np.argmax(codes != FREE))]
-    return low * abs(scale), first_pick if base else "the base or the arm at home"
+    axis: int
+    sign: float
+    good: int
+    bad: int
+    first: str = ""
+    why: str = ""
+    judged: int = 0
+
+    @classmethod
+    def screened(cls, screening: PlacementScreening, values: Array, axis: int, sign: float) -> Deviations:
+        """The deviations at which all picks pass the screening, none of which is judged yet."""
+        none_yet = cls(axis, sign, 0, len(LADDER))
+        scores = screening.screen(np.array([none_yet.moved(values, k) for k in range(1, len(LADDER))]))
+        passes = scores.base & (scores.codes == FREE).all(axis=1)
+        if passes.all():
+            return none_yet
+        first = int(np.argmin(passes))
+        codes = scores.codes[first]
+        pick = int(np.argmax(codes != FREE))
+        name, why = screening.table.names[pick], "out of reach" if codes[pick] == REACH else "in contact"
+        if not scores.base[first]:
+            name, why = "the base or the arm at home", "in contact"
+        return cls(axis, sign, 0, first + 1, name, why)
+
+    def moved(self, values: Array, index: int) -> Array:
+        """The placement (4,) with its base off by a deviation of the ladder."""
+        moved = np.array(values, dtype=float)
+        moved[self.axis] += self.sign * self.size(index)
+        return moved
+
+    def size(self, index: int) -> float:
+        """The deviation (m or rad)."""
+        return float(LADDER[index]) / (METRES_PER_RADIAN if self.axis == 3 else 1.0)
+
+    def next_to_judge(self, count: int) -> list[int]:
+        """``count`` deviations at equal steps if none was judged, then the middle between good and bad."""
+        most = self.bad - 1
+        if not self.judged and self.good == 0 and most:
+            steps = LADDER[most] * np.arange(1, count + 1) / count
+            return sorted({int(k) for k in np.searchsorted(LADDER, steps - 1e-12).clip(1, most)})
+        return [(self.good + self.bad) // 2] if self.bad - self.good > 1 else []
+
+    def after(self, judged: Mapping[int, tuple[str, str]]) -> Deviations:
+        """The deviations after more were judged: for each the pick that fails and its stage, empty if all are good."""
+        bad = min((k for k, (pick, _) in judged.items() if pick), default=self.bad)
+        good = [k for k in judged if k < bad]
+        first, why = judged.get(bad, (self.first, self.why))
+        return Deviations(
+            self.axis, self.sign, max(good, default=self.good), bad, first, why, self.judged + len(good)
+        )  # fmt: skip

@@ -136,7 +136,7 @@ def write_page(
 
 
 def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> ColouredPoints:
-    """Points on the floor from the table of a placement search: for each x and y the largest share of picks that work.
+    """Points on the floor from the table of a placement search: for each x and y the largest share of picks that pass.
 
     Parameters
     ----------

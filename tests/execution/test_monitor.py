@@ -89,6 +89,9 @@ def test_measurements_that_are_not_finite_are_an_alarm(monitor, swing) -> None:
     assert result.alarm
     assert not result.proven
     assert result.joint == "elbow_joint"
+    for time in (np.nan, np.inf, "0.5", None):
+        with pytest.raises(pp.InputError, match="time"):
+            monitor.update(time, swing(0.5), np.zeros(6))
 
 
 @pytest.mark.slow

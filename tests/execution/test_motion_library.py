@@ -111,6 +111,7 @@ REPAIRS = {
     "between two others": ((3, 4), [wall(0.35)], {}),
     "over a stop": ((2, 4), [wall(0.0), wall(0.35)], {}),
     "over two stops": ((1, 4), [wall(-0.35), wall(0.35)], {}),
+    "over three stops": ((1, 5), [wall(-0.35), wall(0.7)], {}),
     "at a stop": ((1, 3), [wall(-0.2)], {}),
     "between two samples": ((3, 4), [pp.Obstacle("needle", pp.Sphere(0.01), pp.pose((0.351, 0.06 - 1e-6, 0)))], {}),
     # The stops between start and end are 0.03 m from a shelf, so that only the complete motion can be replaced.

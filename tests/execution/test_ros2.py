@@ -158,6 +158,7 @@ def test_joint_states_are_matched_by_name() -> None:
     assert q.tolist() == [1.0, 2.0]
     assert dq is None
     assert ros2.read_joint_state({**message, "velocity": [0.2, 0, 0.1]}, ("a", "b"))[1].tolist() == [0.1, 0.2]
+    assert ros2.read_joint_state({"name": [], "position": []}, ())[0].shape == (0,)
     with pytest.raises(UnknownNameError, match="unknown joint 'c'"):
         ros2.read_joint_state(message, ("a", "c"))
     with pytest.raises(InputError, match="'a' 2 times"):

@@ -10,8 +10,14 @@ import pytest
 import pinproof as pp
 from pinproof.model import JointLimits
 from pinproof.motion import CubicPath
+from pinproof.picks.judging import grasp
+from pinproof.picks.judging.changes import Change
+from pinproof.picks.judging.configurations import at_full_speed, least_seconds
 from pinproof.picks.judging.grasp import Candidate
 from pinproof.picks.judging.lines import Attempt, full_rotations, shifted
+from pinproof.picks.judging.suggest import _Trials
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import Stage
 
 TURN = 2 * np.pi
 
@@ -76,3 +82,46 @@ def test_an_attempt_at_full_rotations_has_the_same_poses_at_its_ends(arms) -> No
     for q in (alone.entrance, alone.exit):
         np.testing.assert_array_equal(q, alone.candidate.q + alone.shift)
     assert shifted(None, attempt.shift) is None
+
+
+def test_the_time_at_full_speed_is_the_same_in_both_directions_and_no_less_than_any_bound(arms) -> None:
+    rng = np.random.default_rng(0)
+    for arm in arms.values():
+        for _ in range(20):
+            points = rng.uniform(-3.0, 3.0, (rng.integers(1, 6), arm.dof))
+            slowest = [
+                max(abs(step[j]) / arm.limits.velocity[j] for j in range(arm.dof)) for step in np.diff(points, axis=0)
+            ]
+            assert at_full_speed(arm, points) == pytest.approx(sum(slowest))
+            assert at_full_speed(arm, points[::-1]) == pytest.approx(sum(slowest))
+            assert at_full_speed(arm, points) >= least_seconds(arm, points[:1], points[-1:])[0, 0] - 1e-12
+
+
+def test_ranked_configurations_reach_the_grasps_that_they_belong_to(arms, cells, monkeypatch) -> None:
+    """Also if there are more than are ranked; those with the shortest time from home are kept."""
+    monkeypatch.setattr(grasp, "RANKED", 5)
+    arm, (scene, picks) = arms["ur5"], cells["ur5"]
+    made = pp.picks.PickSetup.make(arm, scene, picks, home=None, rng=0)
+    tolerance = pp.picks.GraspTolerance(position=(0.005, 0.005, 0.0), tilt=0.1)
+    task = Task(pp.Pick("bolt", picks.picks[0].pose, tolerance=tolerance), made.cell)
+    members = [member for group in task.groups() for member in group]
+    reached = grasp.reach(task, members, 0)
+    assert len(reached.q) > 20
+    ranked = grasp.rank(task, reached.q, [members[i] for i in reached.member])
+    assert len(ranked) == 5
+    times = (np.abs(reached.q - task.cell.home) / arm.limits.velocity).max(axis=1)
+    slowest = max((np.abs(each.q - task.cell.home) / arm.limits.velocity).max() for each in ranked)
+    assert slowest == pytest.approx(np.sort(times)[4])
+    for each in ranked:
+        reached_tip = arm.root_from_base * arm.forward_kinematics(each.q) * picks.tip
+        np.testing.assert_allclose(reached_tip.homogeneous, task.grasp(each.member).homogeneous, atol=1e-5)
+    assert len({each.member.words for each in ranked}) > 1
+
+
+def test_a_change_that_cannot_be_good_is_not_judged_and_not_good_when_it_is_tried_again() -> None:
+    judged: list[str] = []
+    trials = _Trials(lambda pick: judged.append(pick), Stage.GRASP, 3, lambda pick: False)
+    change = Change("move the pick 10 mm along +z (base frame)", pp.Pick("a", pp.pose((0.4, 0, 0.3))), 10.0)
+    assert [trials.good(change), trials.good(change)] == [False, False]
+    assert judged == []
+    assert (trials.best, trials.left) == (None, 3)

@@ -12,7 +12,9 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.errors import InputError, PicksError
 from pinproof.motion import MotionProgram
+from pinproof.motion.limits import Bounds
 from pinproof.picks import PickBudget, PickSetup, PickVerdict
+from pinproof.picks.judging.joining import GAIN, SPEEDS, JoinedMotion, LineEnd
 
 
 @pytest.fixture(scope="module")
@@ -138,6 +140,84 @@ def test_a_wrong_straight_share_is_refused_with_its_key(tmp_path, wrong: str) ->
     if wrong != "half":
         with pytest.raises(InputError, match="straight"):
             pp.Picks((), straight=float(wrong))
+
+
+class Records:
+    """Moving ends that make no motion but record the longest time that it may take."""
+
+    def __init__(self) -> None:
+        self.longest: list[float] = []
+
+    def direct(self, _start: object, _end: object, longest: float) -> None:
+        self.longest.append(longest)
+
+    def changed(self, _stopping: object, _start: object, _end: object, longest: float) -> None:
+        self.longest.append(longest)
+
+
+def line_end(arm: pp.Arm, *, arrives: bool, straight: float = 0.5) -> LineEnd:
+    """A vertical line of 100 mm at a pose of a UR5."""
+    q = np.array([0.3, -1.4, 1.7, -1.9, -1.57, 0.2])
+    here = arm.forward_kinematics(q)
+    line = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene()), q, pp.pose((0, 0, 0.1)) * here).path
+    path = line.reversed() if arrives else line
+    return LineEnd(arm, path, pp.time_parametrise(path, arm.limits), arrives, straight, ())
+
+
+def test_a_motion_without_a_stop_must_be_shorter_than_the_one_with_stops_by_what_the_lines_save() -> None:
+    arm = pp.load_robot("ur5").arm()
+    before, after = line_end(arm, arrives=False), line_end(arm, arrives=True)
+    stops = np.array([before.path.end, after.path.start + 0.4])
+    stopping = pp.time_parametrise(pp.JointPath(stops, arm.joint_names), arm.limits)
+    bounds = Bounds.of(arm.limits, arm.joint_names)
+    far, v, a = np.abs(stops[1] - stops[0]), arm.limits.velocity, arm.limits.acceleration
+    least = np.where(far >= v**2 / a, far / v + v / a, 2.0 * np.sqrt(far / a)).max()  # of any motion from rest to rest
+    for lines in ((before, after), (before, None), (None, after)):
+        ends = Records()
+        motion = JoinedMotion(ends, bounds, *lines, stops, lambda: stopping, lambda *_: None)
+        assert motion.find() is None
+        expected = []
+        for number in range(4):
+            for use in ((True, True), (False, True), (True, False)) if None not in lines else ((True, True),):
+                parts = [line.option(number) if line and used else None for line, used in zip(lines, use, strict=True)]
+                if any(line and used and part is None for line, used, part in zip(lines, use, parts, strict=True)):
+                    continue
+                saved = sum(
+                    line.stopping.duration - part.duration for line, part in zip(lines, parts, strict=True) if part
+                )
+                expected += [least + saved - GAIN] if not expected else []
+                expected.append(stopping.duration + saved - GAIN)
+        np.testing.assert_allclose(ends.longest, expected, atol=1e-6)
+        assert len(expected) > 3
+
+
+@pytest.mark.parametrize("arrives", [False, True])
+def test_a_line_with_a_moving_end_has_a_share_of_its_largest_speed_along_its_tangent(arrives) -> None:
+    arm = pp.load_robot("ur5").arm()
+    end = line_end(arm, arrives=arrives)
+    outer, inner = (0, -1) if arrives else (-1, 0)
+    peak = np.linalg.norm(end.stopping.velocities, axis=1).max()
+    points = end.path.bezier()[1]
+    tangent = points[0, 1] - points[0, 0] if arrives else points[-1, -1] - points[-1, -2]
+    whole = [end.option(number) for number in (1, 2, 3)]
+    assert sum(each is not None for each in whole) >= 2
+    for motion, share in zip(whole, SPEEDS, strict=True):
+        if motion is None:
+            continue
+        assert motion.velocities[outer] == pytest.approx(share * peak * tangent / np.linalg.norm(tangent), rel=1e-6)
+        assert not motion.velocities[inner].any()
+        np.testing.assert_allclose(motion.start, end.path.start, atol=1e-12)
+        np.testing.assert_allclose(motion.end, end.path.end, atol=1e-12)
+        assert motion.duration < end.stopping.duration
+    short = end.option(0)
+    full, left = (
+        np.linalg.norm(arm.forward_kinematics(each.start).translation - arm.forward_kinematics(each.end).translation)
+        for each in (end.stopping, short)
+    )
+    assert 0.5 * full <= left < 0.6 * full
+    assert short.velocities[outer].any()
+    np.testing.assert_allclose((short.end if arrives else short.start), end.stopping.q[inner], atol=1e-12)
+    assert line_end(arm, arrives=arrives, straight=0.8).option(0) is None
 
 
 def test_home_at_the_start_of_the_approach_leaves_nothing_to_join(carry) -> None:

@@ -11,6 +11,7 @@ import trimesh
 import pinproof as pp
 from pinproof.errors import InputError
 from pinproof.picks import PickStatus, Stage
+from pinproof.picks.judging import setup as judging_setup
 
 DOWN = (np.pi, 0, 0)
 TIP = 0.105
@@ -333,6 +334,25 @@ def test_motions_hold_for_a_part_that_is_displaced_by_less_than_the_room_around_
             assert {"bolt", "bar"} == set(certificates[-1].first_contact.bodies)
     with pytest.raises(InputError, match="by"):
         setup.certify_displaced(verdict, -1e-3)
+
+
+def test_the_motions_for_a_displaced_part_are_those_of_the_grasp_of_the_verdict(arm, monkeypatch) -> None:
+    pick = replace(PICK, tolerance=pp.picks.GraspTolerance(position=(0.006, 0.0, 0.0)))
+    low = pp.Obstacle("bar", pp.Box(0.002, 0.2, 0.02), pp.pose((0.45 + 0.02 + 0.0015, 0.15, 0.05)))
+    scene = pp.Scene([table(), bolt(0.45, 0.15), low], allowed=[("base_link", "table")])
+    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks((pick,), **SHARED), home=None, rng=0, budget=QUICK)
+    verdict = setup.judge(0, pick)
+    assert verdict.ok, verdict.reason
+    assert verdict.member
+    grasps, original = [], judging_setup.certify_displaced
+
+    def certify(task: object, member: object, *rest: object) -> object:
+        grasps.append(member.words)
+        return original(task, member, *rest)
+
+    monkeypatch.setattr(judging_setup, "certify_displaced", certify)
+    assert all(each.free for each in setup.certify_displaced(verdict, 0.0))
+    assert set(grasps) == {verdict.member}
 
 
 def test_every_obstacle_may_be_displaced_if_a_pick_names_no_object(arm) -> None:

@@ -48,6 +48,7 @@ def test_segments_and_events_share_one_continuous_clock(carried) -> None:
         assert other.start == pytest.approx(one.end + rest.get(one.end, 0.0), abs=1e-9)
         np.testing.assert_array_equal(one.trajectory.end, other.trajectory.start)
     assert program.duration == pytest.approx(verdict.trajectory.duration + 0.6, abs=1e-9)
+    assert verdict.program().duration == pytest.approx(verdict.trajectory.duration, abs=1e-9)
 
 
 def test_events_are_at_the_grasp_and_at_the_release(carried) -> None:

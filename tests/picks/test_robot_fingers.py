@@ -112,6 +112,7 @@ def test_fingers_that_cannot_grip_are_refused(arm, grip, expected: str) -> None:
     with pytest.raises((InputError, UnknownNameError)) as refused:
         pp.validate_picks(arm, pp.Scene(), pp.Picks((PICK,), grip=grip))
     assert expected in str(refused.value)
+    assert "panda_finger_joint1" in str(refused.value)  # the only valid choice
 
 
 def test_a_joint_that_would_move_the_tcp_cannot_grip() -> None:

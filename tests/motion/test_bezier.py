@@ -2,7 +2,7 @@ from math import comb
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -157,3 +157,19 @@ def test_elevated_pieces_are_the_same_pieces() -> None:
     assert np.allclose(bezier.evaluate(knots, raised, t), bezier.evaluate(knots, control, t), atol=1e-14)
     assert np.array_equal(raised[:, [0, -1]], control[:, [0, -1]])
     assert bezier.elevate(control, 2) is control
+
+
+@settings(max_examples=25)
+@given(curves(st.integers(1, 5)), st.booleans())
+def test_argmax_is_where_a_polynomial_is_largest(curve, falling):
+    for row in np.moveaxis(curve[1], 2, 1).reshape(-1, curve[1].shape[1]):
+        row = np.sort(row)[::-1] if falling else row
+        dense = on_piece(row[:, None], np.linspace(0.0, 1.0, 400))[:, 0]
+        u = bezier.argmax(row)
+        assert 0.0 <= u <= 1.0
+        assert on_piece(row[:, None], np.array([u]))[0, 0] >= dense.max() - 1e-9 * np.abs(row).max()
+
+
+def test_a_parameter_with_two_dimensions_is_refused():
+    with pytest.raises(InputError, match="shape"):
+        bezier.evaluate(np.array([0.0, 1.0]), np.zeros((1, 2, 1)), np.zeros((2, 2)))

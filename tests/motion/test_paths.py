@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from pinproof import InputError
 from pinproof.motion import CubicPath, Curve, JointPath, bezier
+from pinproof.motion.curve import refuse_broken
 
 from ..examples import examples
 
@@ -168,3 +169,32 @@ def test_the_spline_is_that_of_scipy(count: int, seed: int) -> None:
     assert np.allclose(
         CubicPath.through(points, ("a", "b", "c"), knots=knots).tangents, expected, atol=1e-9 * np.abs(expected).max()
     )
+
+
+class OwnCurve:
+    """A curve of another package."""
+
+    joint_names = ("a", "b")
+
+    def __init__(self, knots, control) -> None:
+        self.pieces = np.asarray(knots, dtype=float), np.asarray(control, dtype=float)
+
+    def bezier(self):
+        return self.pieces
+
+
+def test_pieces_of_foreign_curves_must_meet_and_take_time():
+    line, on = [[0, 0], [1, 1]], [[1, 1], [2, 0]]
+    refuse_broken(OwnCurve([0, 1, 2], [line, on]))
+    refuse_broken(OwnCurve([2, 2], [[[1, 1], [1, 1]]]))  # at rest
+    for knots, control, named in (
+        ([0, 1, 1], [line, on], "increas"),
+        ([1, 1], [line], "increas"),
+        ([0, 1, 2], [line, [[1, 1.5], [2, 0]]], "b jumps by 0.5 at the knot 1"),
+        ([0, 1, 2, 3], [line, [[1, 1.1], [2, 0]], [[2.7, 0.0], [3, 3]]], "a jumps by 0.7 at the knot 2"),
+        ([0, 1], [[[0, np.nan], [1, 1]]], "control points"),
+        ([0, 1, 2], [line], "knots"),
+        ([0], np.zeros((0, 2, 2)), "no control point"),
+    ):
+        with pytest.raises(InputError, match=named):
+            refuse_broken(OwnCurve(knots, control))

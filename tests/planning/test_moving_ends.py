@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 import pinproof as pp
 from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import State, rest
+from pinproof.motion.steering import State, Steering, rest
+from pinproof.planning import moving_ends
+from pinproof.planning.gentle_moves import SHARE, GentleMoves
 from pinproof.planning.moving_ends import MovingEnds
 
 START, END = np.array([0.0, -1.2, 1.2, -1.6, -1.6, 0.0]), np.array([1.0, -1.0, 1.4, -1.9, -1.6, 0.4])
@@ -124,3 +128,103 @@ def test_a_motion_that_exceeds_any_of_several_limits_between_its_samples_is_refu
         assert (motion is not None) == allowed
         slow = pp.time_parametrise(pp.JointPath([START, END], arm.joint_names), arm.limits)
         assert (ends.changed(slow, rest(START), state(END, np.full(6, 0.2)), 20.0) is not None) == allowed
+
+
+@pytest.mark.parametrize(("speed", "tool"), [(0.3, None), (-0.5, None), (0.06, 0.8)])
+def test_a_changed_end_is_the_fastest_of_those_of_all_parts_that_may_be_replaced(arm, monkeypatch, speed, tool) -> None:
+    """For each part alone and for all together, at the start and at the end, and if the time is short."""
+    limits = {"rate_limits": [pp.motion.ToolLimits(arm, linear_speed=tool)] if tool else []}
+    path = pp.JointPath([START, 0.5 * (START + END) + 0.3, END], arm.joint_names)
+    slow, moving = pp.time_parametrise(path, arm.limits, **limits), speed * (END - START)
+    for first in (True, False):
+        for extra in (1.0, -0.05):
+            states = (state(START, moving), rest(END)) if first else (rest(START), state(END, moving))
+            ends, longest = between(arm, **limits)[0], slow.duration * moving_ends.SHARE**-0.5 + extra
+            alone = []
+            for fraction in moving_ends.FRACTIONS:
+                with monkeypatch.context() as only:
+                    only.setattr(moving_ends, "FRACTIONS", (fraction,))
+                    if (motion := ends.changed(slow, *states, longest)) is not None:
+                        alone.append(motion.duration)
+                        assert motion.duration < longest
+            found = ends.changed(slow, *states, longest)
+            assert (found is None) == (not alone)
+            if found is not None:
+                assert found.duration == pytest.approx(min(alone), abs=1e-6)
+                np.testing.assert_array_equal(found.velocities[0 if first else -1], moving)
+
+
+class Load:
+    """A constraint on the sum of weighted accelerations, and another one on the squares of velocities."""
+
+    name = "load"
+
+    def __init__(self, weights: np.ndarray, most: float, speed: float) -> None:
+        self.weights, self.most, self.speed = weights, most, speed
+
+    def coefficients(self, q, slope, curvature):
+        shift = 0.2 * self.most * np.sin(q[:, :1])
+        return (
+            np.hstack([slope @ self.weights[:, None], np.zeros((len(q), 1))]),
+            np.hstack([curvature @ self.weights[:, None], (slope**2).sum(axis=1, keepdims=True)]),
+            np.hstack([shift, np.zeros((len(q), 1))]),
+            np.tile([self.most, self.speed], (len(q), 1)),
+        )
+
+    def excess(self, trajectory):
+        raise NotImplementedError
+
+
+def shares(load: Load, q: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """The rows divided by their bounds."""
+    first = acceleration @ load.weights + 0.2 * load.most * np.sin(q[:, 0])
+    return np.stack([np.abs(first) / load.most, (velocity**2).sum(axis=1) / load.speed], axis=1)
+
+
+def load_of(rng: np.random.Generator, arm: pp.Arm, tight: float) -> Load:
+    weights = rng.uniform(0.2, 1.0, arm.dof)
+    return Load(weights, tight * (weights @ arm.limits.acceleration), tight * (arm.limits.velocity**2).sum())
+
+
+def test_gentle_moves_keep_constraints_and_take_little_longer(arm) -> None:
+    rng, bounds = np.random.default_rng(3), Bounds.of(arm.limits, arm.joint_names)
+    steering, reduced = Steering(bounds, SHARE), 0
+    for _ in range(12):
+        load = load_of(rng, arm, rng.uniform(0.3, 0.6))
+        gentle = GentleMoves(steering, bounds, [load])
+        places = [rest(q) for q in np.cumsum(rng.uniform(-0.7, 0.7, (3, 6)), axis=0)]
+        moves = [steering.move(a, b) for a, b in pairwise(places)]
+        each = [gentle.connect([a, b], [move], 100.0) for (a, b), move in zip(pairwise(places), moves, strict=True)]
+        assert all(each)
+        needed = sum(found[0].duration for found in each)
+        fast = sum(move.duration for move in moves)
+        both = gentle.connect(places, list(moves), needed * 1.001)
+        assert [move.duration for move in both] == pytest.approx([found[0].duration for found in each])
+        assert gentle.connect(places, list(moves), needed * 0.999) is None or needed == pytest.approx(fast)
+        for (start, _), move, found in zip(pairwise(places), moves, each, strict=True):
+            states = np.array([start, *found[0].states(1e-3)])
+            assert shares(load, *states.swapaxes(0, 1)).max() <= 1.0
+            # All of the motion slower is one way to satisfy the constraints; the other takes no longer.
+            rates = np.array([start, *move.states(1e-3)]).swapaxes(0, 1)
+            square = (np.abs(rates[2] @ load.weights) / (load.most * (1.0 - 0.2))).max()
+            uniform = np.sqrt(max(square, shares(load, *rates)[:, 1].max(), 1.0))
+            assert found[0].duration <= 1.25 * uniform * move.duration
+            reduced += found[0] is not move
+    assert reduced > 10
+
+
+def test_the_slowdown_of_a_motion_is_just_sufficient(arm) -> None:
+    rng, bounds = np.random.default_rng(4), Bounds.of(arm.limits, arm.joint_names)
+    factors = []
+    for _ in range(12):
+        load = load_of(rng, arm, rng.uniform(0.05, 0.8))
+        gentle = GentleMoves(Steering(bounds, SHARE), bounds, [load])
+        motion = pp.time_parametrise(pp.JointPath(rng.uniform(-1, 1, (3, 6)), arm.joint_names), arm.limits)
+        factor = gentle.slowdown(motion)
+        factors.append(factor)
+        times = np.linspace(0.0, motion.duration, 4000)
+        q, velocity, acceleration = motion(times), motion.velocity(times), motion.acceleration(times)
+        most = shares(load, q, velocity / factor, acceleration / factor**2).max()
+        assert most <= 1.0 + 1e-9
+        assert most >= 0.97 or factor == 1.0
+    assert min(factors) == 1.0 < max(factors)

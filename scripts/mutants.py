@@ -579,7 +579,9 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"\n{mutant.diff}\n  not noticed: {tests}", flush=True)
         # Another run may have written meanwhile.
         last = json.loads(results.read_text()) if results.is_file() else {}
-        results.write_text(json.dumps({**last, **states}, indent=1))
+        partial = results.with_suffix(f".{os.getpid()}")
+        partial.write_text(json.dumps({**last, **states}, indent=1))
+        partial.replace(results)
         if state != "survived" and options.all:
             by = (reports / str(k)).read_text() if (reports / str(k)).is_file() else f"status {status}"
             print(f"\n{mutant.diff}\n  {state} by {by.strip()}", flush=True)

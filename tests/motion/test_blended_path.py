@@ -183,6 +183,8 @@ def test_invalid_paths_are_refused() -> None:
         pp.motion.BlendedPath([0, 1, 2], line, NAMES, [0.5])
     with pytest.raises(pp.InputError, match="do not meet"):
         pp.motion.BlendedPath([0, 1, 2], line + np.array([0, 1e-9])[:, None, None], NAMES, [1.0])
+    with pytest.raises(pp.InputError, match="do not meet"):  # in one joint only
+        pp.motion.BlendedPath([0, 1, 2], line + np.array([0, 1e-9])[:, None, None] * [0, 1, 0], NAMES, [1.0])
     with pytest.raises(pp.InputError, match="increase"):
         pp.motion.BlendedPath([0, 1, 1], line, NAMES, [1.0])
     with pytest.raises(pp.InputError, match="degree"):

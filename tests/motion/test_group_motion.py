@@ -54,6 +54,8 @@ def test_arm_that_is_missing_or_moves_at_its_end_is_refused(cell) -> None:
     longer = timed(names, 0.0, 0.9)
     with pytest.raises(pp.InputError, match="arms b"):
         synchronise({"a": longer}, cell)
+    with pytest.raises(pp.InputError, match="arms a"):
+        synchronise({"b": longer}, cell)
     with pytest.raises(pp.InputError, match="'b' moves"):
         synchronise({"a": longer, "b": moving}, cell, wait=True)
     with pytest.raises(pp.UnknownNameError, match="unknown arm 'c'"):

@@ -62,3 +62,54 @@ def test_the_tolerance_is_absolute_for_positions_and_relative_for_rates(
         pp.JointLimits(-inf, inf, wide, rates[1]),
     ):
         assert len(check_limits(curve, limits).violations) == count
+
+
+class Polyline:
+    """A motion of one joint with constant speeds, of another package."""
+
+    joint_names = ("a",)
+
+    def __init__(self, speeds: tuple[float, ...]) -> None:
+        self.speeds, self.duration = np.array(speeds), float(len(speeds))
+
+    def bezier(self) -> tuple[np.ndarray, np.ndarray]:
+        q = np.concatenate([[0.0], np.cumsum(self.speeds)])
+        return np.arange(len(q), dtype=float), np.stack([q[:-1], q[1:]], axis=1)[:, :, None]
+
+    def __call__(self, t: float) -> np.ndarray:
+        return np.interp(np.atleast_1d(t), self.bezier()[0], [0.0, *np.cumsum(self.speeds)])
+
+    def velocity(self, t: float) -> np.ndarray:
+        return np.atleast_1d(self.speeds[int(t)])
+
+    @property
+    def start(self) -> np.ndarray:
+        return self(0.0)
+
+    @property
+    def end(self) -> np.ndarray:
+        return self(self.duration)
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        return 0.0, self.duration
+
+
+@pytest.mark.parametrize(("step", "ok"), [(0.0, True), (0.9e-6, True), (-0.9e-6, True), (1.1e-6, False), (-0.3, False)])
+def test_a_jump_of_the_velocity_is_an_infinite_acceleration(step: float, ok: bool) -> None:
+    limits = pp.JointLimits([-10.0], [10.0], [5.0], [1.0])
+    found = check_limits(Polyline((0.5, 0.5, 0.5 + step, 0.5 + step)), limits)
+    assert found.checked == ("position", "velocity", "acceleration")
+    assert bool(found.violations) != ok
+    for violation in found.violations:
+        assert (violation.quantity, violation.joint, violation.time) == ("acceleration", "a", 2.0)
+        assert violation.value == np.inf
+
+
+@pytest.mark.parametrize(("count", "ok"), [(200, True), (4000, False)])
+def test_accelerations_that_rounding_explains_are_allowed_while_their_sum_is_negligible(count: int, ok: bool) -> None:
+    """Points at 1 rad, a nanosecond apart, speed up with 5000 rad/s^2: after 4 microseconds it is 0.02 rad/s."""
+    t = 1e-9 * np.arange(count)
+    motion = pp.Trajectory(t, 1.0 + 2500.0 * t[:, None] ** 2, 5000.0 * t[:, None], ("a",))
+    found = check_limits(motion, pp.JointLimits([-10.0], [10.0], [5.0], [1.0]))
+    assert ("acceleration" in [each.quantity for each in found.violations]) == (not ok)

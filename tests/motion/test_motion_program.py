@@ -56,6 +56,19 @@ def test_duration_counts_segments_and_dwell_times() -> None:
     assert program(dwell=0).duration == 2.1
 
 
+def test_every_segment_has_a_certificate_and_lists_are_copied() -> None:
+    made = program()
+    for k in range(3):
+        segments = [replace(each, certificate="none") if i == k else each for i, each in enumerate(made.segments)]
+        with pytest.raises(InputError, match=rf"'none' of segment '{segments[k].name}'"):
+            replace(made, segments=segments)
+    segments, events = list(made.segments), list(made.events)
+    copied = replace(made, segments=segments, events=events)
+    segments.clear()
+    events.clear()
+    assert (copied.segments, copied.events) == (made.segments, made.events)
+
+
 def test_arm_rests_during_dwell_times_and_moves_continuously() -> None:
     made = program()
     np.testing.assert_array_equal(made(0.6), [0.5, 0.1])

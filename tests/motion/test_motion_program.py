@@ -69,6 +69,17 @@ def test_every_segment_has_a_certificate_and_lists_are_copied() -> None:
     assert (copied.segments, copied.events) == (made.segments, made.events)
 
 
+def test_a_record_is_not_changed_by_what_it_was_made_from() -> None:
+    attached, held, obstacles = {"part": "1a"}, {"finger": 0.1}, ["table"]
+    made = MotionRecord(
+        "pick", 0.0, 1.0, "FREE", 0.01, 0.002, 3, "curve", "setup", attached, held, obstacles, constraints=obstacles
+    )
+    attached["other"], held["finger"] = "2b", 0.2
+    obstacles.clear()
+    assert (made.attached, made.held) == ({"part": "1a"}, {"finger": 0.1})
+    assert (made.obstacles, made.constraints) == (("table",), ("table",))
+
+
 def test_arm_rests_during_dwell_times_and_moves_continuously() -> None:
     made = program()
     np.testing.assert_array_equal(made(0.6), [0.5, 0.1])

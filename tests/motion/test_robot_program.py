@@ -423,3 +423,18 @@ class TestGoalOfRos:
         else:
             goal["goal_time_tolerance"] = {"sec": 5, "nanosec": 0}
         assert refused("\n".join([*comments, json.dumps(goal)]), "ros2")
+
+
+@pytest.mark.parametrize(("stated", "share"), [("", 0.5), ("$APO.CPTP=50", 0.25), ("$APO.CPTP=100", 0.5)])
+def test_an_approximated_move_of_krl_uses_up_to_half_of_its_segments_if_no_share_is_stated(stated, share) -> None:
+    rules = DIALECTS["krl"].move_rules(6)
+
+    def read(line: str, number: int) -> object:
+        found, step = next((match, step) for pattern, step in rules if (match := re.fullmatch(pattern, line)))
+        return step(found, number)
+
+    if stated:
+        read(stated, 1)
+    move = read("PTP {A1 1.0,A2 2.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0} C_PTP", 2)
+    assert move.blend.share == share
+    assert read("PTP {A1 1.0,A2 2.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0}", 3).blend is None

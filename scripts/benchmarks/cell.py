@@ -244,7 +244,7 @@ def times_over_grid(cell: BenchmarkCell, found: PlacementResult) -> list[float]:
     The base and all grasps are free at these placements. Those without an estimate, at which a line seems to be
     blocked, are ranked last and not left out.
     """
-    if found.map is None or found.best is None:
+    if found.map is None or not found.ok:
         return []
     free = np.flatnonzero(found.map.base & (found.map.codes == FREE).all(axis=1))
     free = free[np.argsort(found.map.seconds[free], kind="stable")]
@@ -267,7 +267,7 @@ def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow
         seconds,
         cpu,
         good,
-        None if found.best is None else found.best.cycle_time,
+        found.best.cycle_time if found.ok else None,
         float(np.nanmedian(times)) if feasible else None,
         load,
         feasible,
@@ -342,7 +342,7 @@ def exhaustive(name: str) -> ExhaustiveRow:
     found, _, search_cpu = search(cell, None)
     return ExhaustiveRow(
         name, len(cell.picks), len(grid), len(times), int(np.isfinite(times).sum()), cpu, float(np.nanmin(times)),
-        float(np.nanmedian(times)), np.nan if found.best is None else found.best.cycle_time, search_cpu, load,
+        float(np.nanmedian(times)), found.best.cycle_time if found.ok else np.nan, search_cpu, load,
     )  # fmt: skip
 
 

@@ -287,7 +287,7 @@ def measure_proofs(name: str, problems: Iterable[PlanProblem], seed: int) -> Pro
     for problem in problems:
         checker = CollisionChecker(problem.arm, problem.scene)
         plan = RrtConnect().plan(checker, problem.start, problem.goals, rng=seed)
-        if plan.path is None:
+        if not plan.ok:
             continue
         path = shortcut(plan.path, checker, rng=seed)
         certificates.append(certify(path, checker))

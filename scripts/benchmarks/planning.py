@@ -207,7 +207,7 @@ def _solve(
     distances = np.abs(goals - start) / limits.velocity
     nearest = distances.max(axis=1) <= PROMISING * distances.max(axis=1).min()
     plan = RrtConnect().plan(checker, start, goals[nearest], rng=seed)
-    if plan.path is None:
+    if not plan.ok:
         return failed(plan.message, goals=len(goals))
     used = plan.checker or checker
     path = shortcut(plan.path, used, rng=seed)

@@ -92,7 +92,7 @@ def _prepare(planner_name: str, problem: PlanProblem, checker: CollisionChecker)
         plan = planner.plan(checker, problem.start, problem.goals, rng=seed)
         watch.lap("plan")
         answer = partial(PlanAnswer, ms=watch.ms, rejected_edges=plan.cut)
-        if plan.path is None:
+        if not plan.ok:
             return answer(None, certified=False, message=plan.message)
         used = plan.checker or checker  # with finer link shapes if start or goal collides by its hulls only
         simple = simplify(plan.path, used, rng=seed, certificate=plan.certificate)

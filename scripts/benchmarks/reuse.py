@@ -100,7 +100,7 @@ def stored_motions(problems: Iterator[PlanProblem], seed: int) -> list[StoredPro
     for problem in problems:
         checker = pp.CollisionChecker(problem.group, problem.scene)
         plan = pp.RrtConnect().plan(checker, problem.start, problem.goals, rng=seed)
-        if plan.path is None:
+        if not plan.ok:
             continue
         path = pp.shortcut(plan.path, plan.checker or checker, rng=seed)
         motion = pp.time_parametrise(path, problem.group.limits)

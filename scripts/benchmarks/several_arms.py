@@ -242,7 +242,7 @@ def measure_problem(problem: PlanProblem, seed: int) -> MotionOfTwoRow:
         watch = Stopwatch(process_time_ns)
         plan = pp.RrtConnect().plan(checker, problem.start, problem.goals, rng=seed)
         watch.lap("plan")
-        if plan.path is None:
+        if not plan.ok:
             return MotionOfTwoRow(problem.name, status=plan.message)
         path = pp.shortcut(plan.path, checker, rng=seed)
         watch.lap("shortcut")

@@ -102,10 +102,10 @@ def frozen(transform: pin.SE3) -> FrozenSE3:
 
 
 def pose(
-    xyz: Sequence[float] = (0.0, 0.0, 0.0),
-    rpy: Sequence[float] | None = None,
+    xyz: npt.ArrayLike = (0.0, 0.0, 0.0),
+    rpy: npt.ArrayLike | None = None,
     *,
-    quat_xyzw: Sequence[float] | None = None,
+    quat_xyzw: npt.ArrayLike | None = None,
 ) -> pin.SE3:
     """Create a rigid transform from a position and an orientation.
 

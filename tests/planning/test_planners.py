@@ -44,14 +44,17 @@ def test_a_budget_of_work_ends_a_search_without_a_path(planner: Planner, checker
     divided = checker.with_scene(pp.Scene(walls))
     plan = planner.limited_to(1).plan(divided, START, GOAL, rng=0)
     assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
-    assert plan.path is None
+    assert not plan.ok
 
 
 def test_a_blocked_goal_is_not_reported_as_solved(planner: Planner, checker: pp.CollisionChecker) -> None:
     at_goal = checker.arm.forward_kinematics(GOAL).translation
     blocked = checker.with_scene(checker.scene.add(pp.Obstacle("ball", pp.Sphere(0.05), pp.pose(xyz=at_goal))))
     plan = planner.plan(blocked, START, GOAL, rng=0)
-    assert (plan.ok, plan.path) == (False, None)
+    assert not plan.ok
+    for name in ("path", "certificate", "goal"):
+        with pytest.raises(pp.NoAnswer, match="ball"):
+            getattr(plan, name)
     assert "ball" in plan.message
 
 

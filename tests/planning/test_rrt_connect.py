@@ -118,8 +118,7 @@ def test_start_in_contact_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
     assert plan.status is pp.planning.PlanStatus.START_INVALID
     assert "below" in plan.message
     assert "l2" in plan.message
-    assert plan.path is None
-    assert plan.certificate is None
+    assert not plan.ok
     with pytest.raises(pp.errors.PlanFailed, match="below") as caught:
         plan.or_raise()
     assert caught.value.result is plan
@@ -188,9 +187,7 @@ def test_of_several_goals_the_reachable_one_is_reached(gantry: pp.Arm) -> None:
 def test_an_exhausted_budget_is_reported(gantry: pp.Arm, planner: pp.RrtConnect, spent: str) -> None:
     plan = planner.plan(_cell(gantry), (-0.5, 0.5), (0.5, 0.5))
     assert plan.status is pp.planning.PlanStatus.OUT_OF_BUDGET
-    assert plan.path is None
-    assert plan.certificate is None
-    assert plan.goal is None
+    assert not plan.ok
     assert spent in plan.message
     assert plan.nodes >= 2
 

@@ -65,8 +65,7 @@ def test_a_callback_stops_the_search(parted: pp.CollisionChecker, calls: int) ->
     plan = ENDLESS.plan(parted, START, GOAL, progress=stop)
     assert plan.status is pp.planning.PlanStatus.CANCELLED
     assert len(data) == calls
-    assert plan.path is None
-    assert plan.certificate is None
+    assert not plan.ok
     assert (plan.nodes, plan.samples) == (data[-1].nodes, data[-1].samples)
     assert plan.gap <= data[-1].gap
     assert "cancelled" in plan.message

@@ -208,7 +208,7 @@ def cell_allocate(
     check_output_files(outputs, [file, picks.scene], pp.cell.ALLOCATION_SUFFIXES)
     _refuse_problems(file, picks)
     group = picks.load_cell()
-    scene = pp.Scene() if picks.scene is None else pp.Scene.load(picks.scene)
+    scene = picks.load_scene()
     chosen = selection.select(picks)
     with progress_bar("allocation") as progress:
         result = pp.cell.allocate(

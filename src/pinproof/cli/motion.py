@@ -127,11 +127,11 @@ def plan(
     with progress_status("planning"):
         heavy = rates.torque_limits(arm)
         result = search.plan(checker, *ends, constraints=kept, torque_limits=heavy, rng=seed)
-        if result.path is None:
+        if not result.ok:
             data = {"ok": False, "status": result.status.name, "message": result.message}
             print_result(data, [result.message], as_json=as_json, ok=False)
             return
-        checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
+        checker = result.checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(
             result.path,
             checker,

@@ -28,7 +28,7 @@ from enum import Enum
 from functools import cached_property
 from pathlib import Path, PurePath
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -39,9 +39,25 @@ from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.spatial import SE3, finite, frozen, pose, rigid, unit_vector
 from pinproof.units import MOST_TURN, refuse_degrees
 
+Read = TypeVar("Read")
+Stated = TypeVar("Stated")
+
 if TYPE_CHECKING:
     from typing_extensions import dataclass_transform
-else:  # Python 3.10 has none
+
+    class Accepting(Generic[Read, Stated]):
+        """The type of a field that reads as one type, and that the constructor makes of values of another."""
+
+        def __get__(self, made: object, owner: type | None = None) -> Read: ...
+        def __set__(self, made: object, stated: Stated) -> None: ...
+
+else:  # Python 3.10 has no dataclass_transform
+
+    class Accepting:
+        """At run time, the type as which the field is read."""
+
+        def __class_getitem__(cls, types: tuple[Any, Any]) -> Any:
+            return types[0]
 
     def dataclass_transform(**_: Any) -> Callable[[Any], Any]:
         """Nothing, at run time."""

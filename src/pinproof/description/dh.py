@@ -36,6 +36,7 @@ from pinproof.common.structs import (
     NUMBER,
     ONE_ORIENTATION,
     POSE,
+    Accepting,
     Key,
     Kind,
     Table,
@@ -365,7 +366,9 @@ TRANSFORM = Table(
 class DhTable:
     """A serial arm as a Denavit-Hartenberg table: frame dh_(i-1) is transformed to frame dh_i by row i."""
 
-    rows: tuple[DhRow, ...] = key("the joints, base first", kind=list_of(table_of(DhRow), 1, named="row"))
+    rows: Accepting[tuple[DhRow, ...], Iterable[DhRow]] = key(
+        "the joints, base first", kind=list_of(table_of(DhRow), 1, named="row")
+    )
     convention: str = key(
         "`standard`: Rz(theta) Tz(d) Tx(a) Rx(alpha); `modified` (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d), where row i "
         "holds a and alpha of link i - 1",
@@ -379,14 +382,14 @@ class DhTable:
         kind=_printable(r"\S"),
         shown=None,
     )
-    base: Array = key(
+    base: Accepting[Array, npt.ArrayLike] = key(
         "base_from_dh_0: the pose of frame dh_0 in the base frame; a read-only (4, 4) array",
         default_factory=lambda: np.eye(4),
         kw_only=True,
         kind=Kind(TRANSFORM, _placed, TRANSFORM.parse),
         shown={},
     )
-    tool: Array = key(
+    tool: Accepting[Array, npt.ArrayLike] = key(
         "dh_n_from_tool: the pose of the tool in the last frame; a read-only (4, 4) array",
         default_factory=lambda: np.eye(4),
         kw_only=True,

@@ -14,9 +14,10 @@ from pinproof.collision import Certificate, CollisionChecker, Scene, certify
 from pinproof.collision.certificates.reuse import SetupChange, StoredProof
 from pinproof.collision.checking.assembly import only_arm
 from pinproof.collision.checking.spec import checked_margin
+from pinproof.common.answer import Answer
 from pinproof.common.display import html_block, html_of, html_table, outline
 from pinproof.common.validation import require_type
-from pinproof.errors import InputError, NoAnswer, UnknownNameError
+from pinproof.errors import InputError, UnknownNameError
 from pinproof.execution import library_file
 from pinproof.motion import Trajectory, time_parametrise
 from pinproof.planning import PlanResult, shortcut
@@ -73,7 +74,7 @@ class StoredMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class RepairResult:
+class RepairResult(Answer):
     """The outcome of a repair.
 
     Parameters
@@ -100,18 +101,6 @@ class RepairResult:
     def ok(self) -> bool:
         """Whether the motion is proven collision-free."""
         return self.motion.free
-
-    def or_raise(self) -> RepairResult:
-        """Return the result if the motion is proven collision-free.
-
-        Raises
-        ------
-        NoAnswer
-            With the message otherwise.
-        """
-        if not self.ok:
-            raise NoAnswer(self.message, self)
-        return self
 
     def __repr__(self) -> str:
         return f"RepairResult({self.message})"
@@ -335,10 +324,10 @@ class MotionLibrary:
         for first, last in self._parts(motion):
             ends = trajectory(np.array([first, last]))
             plan = planner_of(planner).plan(self._checker.padded(clearance), ends[0], ends[1], rng=rng)
-            if not plan.ok or plan.path is None:
+            if not plan.ok:
                 reason = plan.message
                 continue
-            path = shortcut(plan.path, plan.checker or self._checker, rng=rng)
+            path = shortcut(plan.path, plan.checker, rng=rng)
             detour = time_parametrise(path, self._checker.group.limits, jerk=jerk)
             fixed = _replaced(trajectory, first, last, detour)
             certificate = self._certify(fixed)

@@ -16,12 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof import _core
+from pinproof.common.answer import Solution
 from pinproof.common.display import outline
 from pinproof.common.validation import Rng, require_integer, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.reach_check import Loop, Overlap, Steps, check_exclusion, excluded_boxes
-from pinproof.ik.result import IkOutcome, judge
+from pinproof.ik.result import IkAnswer, judge
 from pinproof.ik.task import make_task
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
@@ -48,7 +49,7 @@ class ReachStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class ReachProof(IkOutcome):
+class ReachProof(IkAnswer):
     """A configuration that reaches a target, or a proof that none does.
 
     Parameters
@@ -65,6 +66,7 @@ class ReachProof(IkOutcome):
         Number of boxes of joint values that were examined.
     q
         (n,) a solution if the status is FOUND; if it is UNDECIDED, the middle of the box that could not be excluded.
+        Reading it from a proof that none exists raises :class:`pinproof.errors.IkFailed`.
     overlaps
         The overlaps that exclude configurations.
     """
@@ -75,7 +77,7 @@ class ReachProof(IkOutcome):
     position_tolerance: float
     orientation_tolerance: float
     examined: int
-    q: Array | None
+    q: Solution[Array] = Solution()
     overlaps: tuple[Overlap, ...] = ()
 
     @property
@@ -126,7 +128,7 @@ class ReachProof(IkOutcome):
         """
         if self.status is ReachStatus.UNDECIDED:
             raise InputError("the proof is undecided, so there is nothing to verify; raise budget")
-        if self.q is not None:
+        if not self.proven:
             return judge(self.arm, self.target, make_task("pose", *self._tolerances), self.q, self.q).fulfils
         return check_exclusion(self._loop, self.steps, _ranges(self.arm), self.target, self._tolerances, self.overlaps)
 

@@ -9,11 +9,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.answer import Answer
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import IkFailed
@@ -34,32 +34,10 @@ SMALL_RESIDUAL = (1e-2, 1e-1)
 probably out of reach."""
 
 
-class _Answer(Protocol):
-    """A result that states whether it is or contains a solution, and a message."""
-
-    @property
-    def ok(self) -> bool: ...
-    @property
-    def message(self) -> str: ...
-
-
-Answer = TypeVar("Answer", bound=_Answer)
-
-
-class IkOutcome:
+class IkAnswer(Answer):
     """The part that the results of inverse kinematics share."""
 
-    def or_raise(self: Answer) -> Answer:
-        """The result itself if it is or contains a solution (``.ok``).
-
-        Raises
-        ------
-        IkFailed
-            Otherwise, with the message; ``.result`` of the error is this value.
-        """
-        if not self.ok:
-            raise IkFailed(self.message, self)
-        return self
+    failure = IkFailed
 
 
 def found(errors: Errors, counted: Counted, iterations: int, attempt: int) -> str:
@@ -173,7 +151,7 @@ class IkStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class IkResult(IkOutcome):
+class IkResult(IkAnswer):
     """The result of inverse kinematics for one target.
 
     Parameters
@@ -348,7 +326,7 @@ class IkBatch:
 
 
 @dataclass(frozen=True, eq=False)
-class IkSolutions(IkOutcome):
+class IkSolutions(IkAnswer):
     """Several distinct solutions for one target: a sample, which is not known to be complete.
 
     Parameters

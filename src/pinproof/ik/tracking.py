@@ -12,7 +12,7 @@ from pinproof._core import Tracker as CompiledTracker
 from pinproof.common.display import html_block, html_plot
 from pinproof.common.validation import freeze_arrays, require_positive, require_type
 from pinproof.errors import InputError
-from pinproof.ik.result import AT_LIMIT, IkOutcome
+from pinproof.ik.result import AT_LIMIT, IkAnswer
 from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.motion import JointPath
@@ -31,7 +31,7 @@ NAMED = 3
 
 
 @dataclass(frozen=True, eq=False)
-class TrackResult(IkOutcome):
+class TrackResult(IkAnswer):
     """The result of :func:`pinproof.track` for N poses.
 
     Parameters

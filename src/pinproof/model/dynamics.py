@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import DynamicTree
-from pinproof.common.structs import any_of, array_of, key, list_of, parsed, simple, struct, vector
+from pinproof.common.structs import Accepting, any_of, array_of, key, list_of, parsed, simple, struct, vector
 from pinproof.common.validation import named_arguments
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.chain import aligned_axes
@@ -76,13 +76,13 @@ class Payload:
     """The mass of a rigid body fixed to a link of the arm, such as a tool or a carried part."""
 
     mass: float = key("mass, above 0", "kg", above=0)
-    center_of_mass: Array = key(
+    center_of_mass: Accepting[Array, npt.ArrayLike] = key(
         "(3,) centre of mass, in the axes of `frame`",
         "m",
         default=(0.0, 0.0, 0.0),
         kind=array_of(vector(), (3,)),
     )
-    inertia: Array | None = key(
+    inertia: Accepting[Array | None, npt.ArrayLike | None] = key(
         "inertia about the centre of mass, in the axes of `frame`: the diagonal (3,), or three rows (3, 3); by default "
         "that of a point mass",
         "kg m²",

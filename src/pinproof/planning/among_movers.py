@@ -25,14 +25,14 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Mover, certify, with_movers
-from pinproof.common.display import outline
+from pinproof.common.answer import Solution
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError
 from pinproof.model import guess_mark
 from pinproof.motion import JointPath, Trajectory, time_parametrise
 from pinproof.planning.ends import Ends, read_ends
-from pinproof.planning.result import PlanResult, PlanStatus, _Outcome
+from pinproof.planning.result import PlanAnswer, PlanResult, PlanStatus
 from pinproof.planning.rrt_connect import SEARCH_PAD, RrtConnect, sampling_box
 from pinproof.planning.simplification import shortcut
 from pinproof.spatial import Array, finite
@@ -67,8 +67,8 @@ MOST_PROOFS = 30
 """Number of motions that may fail the proof before the search ends."""
 
 
-@dataclass(frozen=True, eq=False)
-class TimedPlanResult(_Outcome):
+@dataclass(frozen=True, eq=False, repr=False)
+class TimedPlanResult(PlanAnswer):
     """A certified motion among movers, or the reason of the failure; result of :func:`plan_among_movers`.
 
     Parameters
@@ -76,11 +76,12 @@ class TimedPlanResult(_Outcome):
     status
         FOUND, or the reason of the failure.
     trajectory
-        The motion, from rest to rest; None unless FOUND. Its time 0 is ``start_time``.
+        The motion, from rest to rest, if FOUND; else reading it raises :class:`pinproof.errors.PlanFailed`. Its time 0
+        is ``start_time``.
     certificate
-        The FREE certificate of the motion among :attr:`movers`; None unless FOUND.
+        The FREE certificate of the motion among :attr:`movers`, if FOUND.
     goal
-        The index of the goal that was reached; None unless FOUND.
+        The index of the goal that was reached, if FOUND.
     message
         The outcome and the remedy as text.
     start_time
@@ -94,17 +95,14 @@ class TimedPlanResult(_Outcome):
     """
 
     status: PlanStatus
-    trajectory: Trajectory | None
-    certificate: Certificate | None
-    goal: int | None
-    message: str
+    trajectory: Solution[Trajectory] = Solution()
+    certificate: Solution[Certificate] = Solution()
+    goal: Solution[int] = Solution()
+    message: str = ""
     start_time: float = 0.0
     movers: tuple[Mover | Trajectory, ...] = ()
     waiting: float = 0.0
     samples: int = 0
-
-    def __repr__(self) -> str:
-        return outline(f"TimedPlanResult({self.status.name}: {self.message})", [])
 
 
 def plan_among_movers(
@@ -193,9 +191,9 @@ def plan_among_movers(
     while True:
         if rounds < STATIC_PATHS:
             plan = plans.plan(still, ends.start, ends.goals, rng=generator)
-            if plan.path is None and rounds == 0 and plan.status is not PlanStatus.OUT_OF_BUDGET:
+            if not plan.ok and rounds == 0 and plan.status is not PlanStatus.OUT_OF_BUDGET:
                 return failed(plan.status, f"without the movers: {plan.message}")
-            if plan.path is not None:
+            if plan.ok:
                 search.add_path(shortcut(plan.path, still, rng=generator).q)
         elif tried >= samples or search.failures > MOST_PROOFS:
             return failed(*search.reason(start_time, tried), tried)

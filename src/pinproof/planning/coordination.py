@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, certify
+from pinproof.common.answer import Answer, Solution
 from pinproof.common.display import outline
 from pinproof.common.validation import Rng, require_positive, require_type
 from pinproof.errors import InputError, NoAnswer
@@ -40,13 +41,11 @@ MOST_ORDERED = 3
 
 
 @dataclass(frozen=True, eq=False)
-class CoordinationResult:
+class CoordinationResult(Answer):
     """The motion of all arms; result of :func:`coordinate`.
 
     Parameters
     ----------
-    trajectory
-        The motion of the joint group; None if no delays were found.
     certificate
         The certificate of ``trajectory``, or of the motion with the last delays that were tried.
     delays
@@ -55,21 +54,23 @@ class CoordinationResult:
         The factor of the duration of each arm's motion, by name: 1 or more.
     message
         The result as a sentence.
+    trajectory
+        The motion of the joint group; reading it raises :class:`pinproof.errors.NoAnswer` if no delays were found.
     method
         ``"prioritised"``, or ``"joint"`` if :func:`plan_arms` planned all arms in the space of all joints.
     """
 
-    trajectory: Trajectory | None
     certificate: Certificate
     delays: dict[str, float]
     slowdowns: dict[str, float]
     message: str
+    trajectory: Solution[Trajectory] = Solution()
     method: Literal["joint", "prioritised"] = "prioritised"
 
     @property
     def ok(self) -> bool:
         """Whether the motion of all arms together is proven."""
-        return self.trajectory is not None
+        return self.certificate.free
 
     def __repr__(self) -> str:
         return outline(f"CoordinationResult({self.message})", [])
@@ -137,14 +138,14 @@ def coordinate(
             if certificate is None:
                 raise InputError("there is no trajectory")
             message = f"arm {name!r} is not free of collisions at any delay up to {busy:.3g} s: {certificate.message}"
-            return CoordinationResult(None, certificate, delays, slowdowns, message)
+            return CoordinationResult(certificate, delays, slowdowns, message)
     if whole is None or certificate is None:
         raise InputError("there is no trajectory")
     changes = [f"{name} waits {delay:.3g} s" for name, delay in delays.items() if delay > 0.0]
     changes += [f"{name} takes {factor:.3g} times as long" for name, factor in slowdowns.items() if factor > 1.0]
     duration = f"{whole.duration:.3g} s{guess_mark(whole.limits_note)}"
     message = f"{len(delays)} arms in {duration}; {', '.join(changes) or 'none waits'}; {certificate.message}"
-    return CoordinationResult(whole, certificate, delays, slowdowns, message)
+    return CoordinationResult(certificate, delays, slowdowns, message, whole)
 
 
 def plan_arms(
@@ -193,7 +194,7 @@ def plan_arms(
     plan = search.plan(checker, start, goals, rng=seed)
     found: list[CoordinationResult] = []
     reasons = [f"joint: {plan.message}"]
-    if plan.path is not None:
+    if plan.ok:
         motion = time_parametrise(shortcut(plan.path, checker, rng=seed), group.limits)
         certificate = certify(motion, checker)
         message = (
@@ -203,10 +204,10 @@ def plan_arms(
         reasons = [f"joint: {certificate.message}"]
         if certificate.free:
             delays, slowdowns = dict.fromkeys(group.ends, 0.0), dict.fromkeys(group.ends, 1.0)
-            found.append(CoordinationResult(motion, certificate, delays, slowdowns, message, "joint"))
+            found.append(CoordinationResult(certificate, delays, slowdowns, message, motion, "joint"))
     begin = group.configuration(start, "start")
     # One goal for both, so that the order of the arms does not decide which one is reached.
-    goal = np.atleast_2d(np.asarray(goals, dtype=float))[0] if plan.path is None else np.asarray(plan.path.q[-1])
+    goal = np.atleast_2d(np.asarray(goals, dtype=float))[0] if not plan.ok else np.asarray(plan.path.q[-1])
     orders = list(permutations(group.ends)) if len(group.ends) <= MOST_ORDERED else [tuple(group.ends)]
     for order in orders:
         motions, reason = _one_after_the_other(checker, begin, goal, order, search, seed)
@@ -217,7 +218,7 @@ def plan_arms(
             reasons.append(f"{', '.join(order)}: {reason or (result.message if result else '')}")
     if not found:
         raise NoAnswer(f"no motion of all arms was found: {'; '.join(reasons)}")
-    return min(found, key=lambda each: np.inf if each.trajectory is None else each.trajectory.duration)
+    return min(found, key=lambda each: each.trajectory.duration)
 
 
 def _one_after_the_other(
@@ -240,7 +241,7 @@ def _one_after_the_other(
         still = group.with_limits(replace(group.limits, lower=lower, upper=upper))
         alone = checker.on_group(still, checker.scene, checker.attached)
         plan = planner.plan(alone, now, then, rng=seed)
-        if plan.path is None:
+        if not plan.ok:
             return {}, f"{name}: {plan.message}"
         path = shortcut(plan.path, alone, rng=seed)
         names = [group.joint_names[i] for i in own]

@@ -181,4 +181,4 @@ def _violations(
 
 
 def _failed(status: PlanStatus, message: str, checker: CollisionChecker, contacts: tuple[Contact, ...]) -> PlanResult:
-    return PlanResult(status, None, None, None, message, contacts=contacts, checker=checker)
+    return PlanResult(status, message=message, contacts=contacts, checker=checker)

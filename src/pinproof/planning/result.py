@@ -6,16 +6,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import TypeVar
 
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Contact
+from pinproof.common.answer import Answer, Solution
 from pinproof.common.display import html_block, html_list, html_of, outline
 from pinproof.errors import PlanFailed
 from pinproof.motion import BlendedPath, CubicPath, JointPath
-
-Outcome = TypeVar("Outcome", bound="_Outcome")
 
 
 class LinearStatus(Enum):
@@ -66,47 +64,38 @@ Progress = Callable[[PlanProgress], bool | None]
 """A callback that is called many times a second during a search. If it returns False, the search ends as CANCELLED."""
 
 
-class _Outcome:
+class PlanAnswer(Answer):
     """The part that all results of planning share."""
 
+    failure = PlanFailed
     status: PlanStatus | LinearStatus
-    message: str
 
     @property
     def ok(self) -> bool:
         """Whether the result is a certified motion to a goal or along the complete path."""
         return self.status in (PlanStatus.FOUND, LinearStatus.COMPLETE)
 
-    def or_raise(self: Outcome) -> Outcome:
-        """Return the result if it is :attr:`ok`.
-
-        Raises
-        ------
-        PlanFailed
-            Otherwise, with the message.
-        """
-        if not self.ok:
-            raise PlanFailed(self.message, self)
-        return self
+    def __repr__(self) -> str:
+        return outline(f"{type(self).__name__}({self.status.name}: {self.message})", [])
 
     def _repr_html_(self) -> str:
-        return html_block(self.message, *(html_of(getattr(self, name)) for name in ("path", "certificate")))
+        return html_block(self.message, *(html_of(vars(self).get(name)) for name in ("path", "certificate")))
 
 
 @dataclass(frozen=True, eq=False)
-class PlanResult(_Outcome):
-    """The outcome of a plan.
+class PlanResult(PlanAnswer):
+    """The outcome of a plan. Where it has no path, reading one raises :class:`pinproof.errors.PlanFailed`.
 
     Parameters
     ----------
     status
         FOUND, or the reason of the failure.
     path
-        The path from the start to the goal that was reached; None unless FOUND.
+        The path from the start to the goal that was reached, if FOUND.
     certificate
-        The FREE certificate of ``path``; None unless FOUND.
+        The FREE certificate of ``path``, if FOUND.
     goal
-        The index of the goal that was reached; None unless FOUND.
+        The index of the goal that was reached, if FOUND.
     message
         The outcome and the remedy as text.
     nodes
@@ -129,24 +118,24 @@ class PlanResult(_Outcome):
     """
 
     status: PlanStatus
-    path: JointPath | None
-    certificate: Certificate | None
-    goal: int | None
-    message: str
+    path: Solution[JointPath] = Solution()
+    certificate: Solution[Certificate] = Solution()
+    goal: Solution[int] = Solution()
+    message: str = ""
     nodes: int = 0
     cut: int = 0
     samples: int = 0
     seconds: float = 0.0
     gap: float = np.nan
     contacts: tuple[Contact, ...] = ()
-    checker: CollisionChecker | None = None
+    checker: Solution[CollisionChecker] = Solution()
 
     def __repr__(self) -> str:
-        path = () if self.path is None else (repr(self.path),)
+        path = (repr(self.path),) if self.ok else ()
         return outline(f"PlanResult({self.status.name}: {self.message})", (*path, self._counts))
 
     def _repr_html_(self) -> str:
-        path = "" if self.path is None else self.path._repr_html_()
+        path = self.path._repr_html_() if self.ok else ""
         return html_block(f"{self.status.name}: {self.message}", html_list((self._counts,)), path)
 
     @property
@@ -154,18 +143,18 @@ class PlanResult(_Outcome):
         return f"{self.nodes:,} nodes, {self.samples:,} samples, {self.seconds:.3g} s"
 
 
-@dataclass(frozen=True, eq=False)
-class LinearPlanResult(_Outcome):
-    """A straight move of the tcp.
+@dataclass(frozen=True, eq=False, repr=False)
+class LinearPlanResult(PlanAnswer):
+    """A straight move of the tcp. Where it has no path, reading one raises :class:`pinproof.errors.PlanFailed`.
 
     Parameters
     ----------
     status
         COMPLETE, or the reason why the move stops.
     path
-        The joint curve; None unless COMPLETE.
+        The joint curve, if COMPLETE.
     certificate
-        The FREE certificate if COMPLETE; the certificate that stopped the move if CONTACT or UNDECIDED; else None.
+        The FREE certificate if COMPLETE; the certificate that stopped the move if CONTACT or UNDECIDED.
     fraction
         The fraction of the line, 0 to 1, up to which the move is possible and proven free.
     message
@@ -177,17 +166,17 @@ class LinearPlanResult(_Outcome):
     """
 
     status: LinearStatus
-    path: CubicPath | None
-    certificate: Certificate | None
-    fraction: float
-    message: str
+    path: Solution[CubicPath] = Solution()
+    certificate: Solution[Certificate] = Solution()
+    fraction: float = 0.0
+    message: str = ""
     deviation: float = math.nan
     rotation_deviation: float = math.nan
     joints: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class PosesPlanResult(_Outcome):
+@dataclass(frozen=True, eq=False, repr=False)
+class PosesPlanResult(PlanAnswer):
     """A move of the tcp through a sequence of poses.
 
     Parameters
@@ -195,7 +184,7 @@ class PosesPlanResult(_Outcome):
     status, certificate, message, deviation, rotation_deviation, joints
         As for a :class:`LinearPlanResult`.
     path
-        The joint curve, with ``corners`` at which the arm stops; None unless COMPLETE.
+        The joint curve, with ``corners`` at which the arm stops, if COMPLETE.
     fraction
         The fraction of the path length up to which the move is possible and proven free.
     reached
@@ -203,11 +192,11 @@ class PosesPlanResult(_Outcome):
     """
 
     status: LinearStatus
-    path: BlendedPath | None
-    certificate: Certificate | None
-    fraction: float
-    reached: int
-    message: str
+    path: Solution[BlendedPath] = Solution()
+    certificate: Solution[Certificate] = Solution()
+    fraction: float = 0.0
+    reached: int = -1
+    message: str = ""
     deviation: float = math.nan
     rotation_deviation: float = math.nan
     joints: tuple[str, ...] = ()

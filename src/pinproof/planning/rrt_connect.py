@@ -425,14 +425,14 @@ def _run_portfolio(
     else:
         futures = [executor.submit(_search, settings, ends, constraints, stream) for stream in streams]
         results = _gather(futures, progress)
-    return replace(_best(results), checker=ends.checker)
+    return _best(results).changed(checker=ends.checker)
 
 
 def _search(
     settings: RrtConnect, ends: Ends, constraints: tuple[PathConstraint, ...], rng: np.random.Generator
 ) -> PlanResult:
     """One search in a worker. The checker is removed from the result, because it is expensive to transfer."""
-    return replace(Search(settings, ends, constraints, rng, None).run(), checker=None)
+    return Search(settings, ends, constraints, rng, None).run().changed(checker=None)
 
 
 def _gather(futures: list[Future[PlanResult]], progress: Progress | None) -> list[PlanResult]:
@@ -450,10 +450,13 @@ def _gather(futures: list[Future[PlanResult]], progress: Progress | None) -> lis
                 gap = min((result.gap for result in known), default=np.inf)
                 if waiting and progress(PlanProgress(nodes, samples, time.monotonic() - began, gap)) is False:
                     message = f"cancelled with {len(known)} of {len(futures)} searches completed"
-                    stopped = PlanResult(PlanStatus.CANCELLED, None, None, None, message, nodes=nodes)
-                    seconds = time.monotonic() - began
-                    stopped = replace(stopped, samples=samples, seconds=seconds, gap=gap)
-                    return [*known, stopped]
+                    known.append(
+                        PlanResult(
+                            PlanStatus.CANCELLED, message=message, nodes=nodes, samples=samples,
+                            seconds=time.monotonic() - began, gap=gap,
+                        )
+                    )  # fmt: skip
+                    return known
         return [future.result() for future in futures]
     finally:
         for future in futures:
@@ -461,16 +464,15 @@ def _gather(futures: list[Future[PlanResult]], progress: Progress | None) -> lis
 
 
 def _best(results: list[PlanResult]) -> PlanResult:
-    found = [result for result in results if result.path is not None]
+    found = [result for result in results if result.ok]
     if found:
-        return min(found, key=lambda result: result.path.length if result.path is not None else np.inf)
+        return min(found, key=lambda result: result.path.length)
     if results[-1].status is PlanStatus.CANCELLED:
         return results[-1]
     for result in results:
         if result.status is PlanStatus.IMPOSSIBLE:
             return result
     nearest = min(results, key=lambda result: result.gap)
-    return replace(
-        nearest,
-        message=f"none of {len(results)} searches found a path; the search with the smallest gap: {nearest.message}",
+    return nearest.changed(
+        message=f"none of {len(results)} searches found a path; the search with the smallest gap: {nearest.message}"
     )

@@ -15,6 +15,7 @@ from pinproof.cell.placement.placement_keys import PLACEMENT_SCHEMA
 from pinproof.cell.placement.placement_picture import heat_map_picture
 from pinproof.cell.placement.region import AXES, Placement, PlacementRegion
 from pinproof.collision import Scene
+from pinproof.common.answer import Answer
 from pinproof.common.display import html_block, html_list, html_table, markdown_table, outline
 from pinproof.common.files import json_text, save_as
 from pinproof.errors import InputError
@@ -174,7 +175,7 @@ class PlacementSensitivity:
 
 
 @dataclass(frozen=True, eq=False)
-class PlacementResult:
+class PlacementResult(Answer):
     """The result of :func:`pinproof.place_base`.
 
     Parameters
@@ -218,26 +219,20 @@ class PlacementResult:
         return bool(self.candidates) and self.candidates[0].ok
 
     @property
-    def best(self) -> CertifiedPlacement | None:
-        """The best placement at which every pick is good; None without one."""
-        return self.candidates[0] if self.ok else None
+    def best(self) -> CertifiedPlacement:
+        """The best placement at which every pick is good.
+
+        Raises
+        ------
+        NoAnswer
+            If no such placement was found; the message states which picks fail and why.
+        """
+        return self.or_raise().candidates[0]
 
     @property
     def least_failing(self) -> CertifiedPlacement | None:
         """The judged placement with the most good picks, which is the best one if every pick is good there."""
         return self.candidates[0] if self.candidates else None
-
-    def or_raise(self) -> PlacementResult:
-        """The result itself if a placement was found.
-
-        Raises
-        ------
-        InputError
-            If no such placement exists; the message states which picks fail and why.
-        """
-        if not self.ok:
-            raise InputError(self.message)
-        return self
 
     def __repr__(self) -> str:
         return outline(f"PlacementResult({self.message})", map(repr, self.candidates))

@@ -181,7 +181,7 @@ def closing_motion(
     torques = torque_limits_of_tool(checker.arm, setup.shared)
     planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
     plan = planner.plan(checker, q, end[None], torque_limits=torques, rng=0)
-    if plan.path is None:
+    if not plan.ok:
         return MotionFailure("transit", f"to the end: {plan.message}")
     path, _ = shortened(plan, checker, 0, torques)
     rates = [] if torques is None else [torques]

@@ -61,7 +61,7 @@ class Upright:
         object.__setattr__(self, "up", _unit("Upright.up", self.up))
 
     @classmethod
-    def keeping(cls, arm: Arm, q: npt.ArrayLike, *, tolerance: float, up: Sequence[float] = (0.0, 0.0, 1.0)) -> Upright:
+    def keeping(cls, arm: Arm, q: npt.ArrayLike, *, tolerance: float, up: npt.ArrayLike = (0.0, 0.0, 1.0)) -> Upright:
         """Return the constraint with the axis of the tcp that points along ``up`` at q (n,)."""
         axis = arm.forward_kinematics(q).rotation.T @ np.array(_unit("up", up))
         return cls(tolerance=tolerance, axis_in_tcp=_vector(axis), up=_vector(up))
@@ -130,12 +130,12 @@ class Within:
 
     @classmethod
     def box(
-        cls, base_from_box: SE3, size: Sequence[float], *, tolerance: float, point_in_tcp: Sequence[float] = (0, 0, 0)
+        cls, base_from_box: SE3, size: npt.ArrayLike, *, tolerance: float, point_in_tcp: npt.ArrayLike = (0, 0, 0)
     ) -> Within:
         """A box with full sides ``size`` (m), centred at its frame."""
         half = finite("size of the box", size, (3,)) / 2
         if (half < 0).any():
-            raise InputError(f"size of the box {tuple(size)}: the sides must be 0 or more")
+            raise InputError(f"size of the box {tuple((2 * half).tolist())}: the sides must be 0 or more")
         return cls(
             tolerance=tolerance, base_from_region=base_from_box, low=_vector(-half), high=_vector(half),
             point_in_tcp=_vector(point_in_tcp), shape="box",
@@ -144,11 +144,11 @@ class Within:
     @classmethod
     def plane(
         cls,
-        point: Sequence[float],
-        normal: Sequence[float],
+        point: npt.ArrayLike,
+        normal: npt.ArrayLike,
         *,
         tolerance: float,
-        point_in_tcp: Sequence[float] = (0, 0, 0),
+        point_in_tcp: npt.ArrayLike = (0, 0, 0),
     ) -> Within:
         """The plane through a point (m) of the base frame with a normal."""
         return cls(
@@ -159,11 +159,11 @@ class Within:
     @classmethod
     def line(
         cls,
-        point: Sequence[float],
-        direction: Sequence[float],
+        point: npt.ArrayLike,
+        direction: npt.ArrayLike,
         *,
         tolerance: float,
-        point_in_tcp: Sequence[float] = (0, 0, 0),
+        point_in_tcp: npt.ArrayLike = (0, 0, 0),
     ) -> Within:
         """The line through a point (m) of the base frame along a direction."""
         return cls(
@@ -348,7 +348,7 @@ def _angle(name: str, value: float) -> float:
     return angle
 
 
-def _unit(name: str, value: Sequence[float] | Array) -> Vector:
+def _unit(name: str, value: npt.ArrayLike | Array) -> Vector:
     vector = finite(name, value, (3,))
     largest = float(np.abs(vector).max())
     if largest < ZERO:
@@ -366,7 +366,7 @@ def _angle_between(a: Array, b: Array) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
-def _frame_at(point: Sequence[float], name: str, direction: Sequence[float]) -> SE3:
+def _frame_at(point: npt.ArrayLike, name: str, direction: npt.ArrayLike) -> SE3:
     """Return a frame at a point whose z axis has a given direction."""
     z = np.array(_unit(name, direction))
     x = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])

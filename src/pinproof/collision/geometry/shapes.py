@@ -34,6 +34,7 @@ from pinproof.common.structs import (
     COUNT,
     NUMBER,
     POSE,
+    Accepting,
     Key,
     Kind,
     Table,
@@ -66,7 +67,7 @@ BELOW_LOWEST = 0.01
 class ConvexHull(ByContent):
     """The convex hull of points."""
 
-    points: Array = key(
+    points: Accepting[Array, npt.ArrayLike] = key(
         "(V, 3) the points, which are not all in one plane",
         "m",
         kind=array_of(list_of(vector(3, COORDINATE), 4), (None, 3), coordinates),
@@ -137,7 +138,7 @@ class Mesh(ByContent):
         "certificates note",
         default=False,
     )
-    vertices: Array | None = key(
+    vertices: Accepting[Array | None, npt.ArrayLike | None] = key(
         "(V, 3) the vertices of a mesh without a file",
         "m",
         default=None,
@@ -188,7 +189,7 @@ def _measured(name: str, value: Any) -> Array:
 class PointCloud(ByContent):
     """The points of a sensor: every cell of a grid that contains one is solid, like the leaves of an octree."""
 
-    points: Array = key(
+    points: Accepting[Array, npt.ArrayLike] = key(
         "(N, 3) the points. Those with a coordinate that is not finite, which depth cameras return for pixels without "
         "a measurement, are dropped and counted",
         "m",
@@ -236,7 +237,7 @@ class HeightMap(ByContent):
     bilinear patch.
     """
 
-    heights: Array = key(
+    heights: Accepting[Array, npt.ArrayLike] = key(
         "(ny, nx) rows of z at the points of a regular grid; row 0 is at y = -y / 2, column 0 at x = -x / 2",
         "m",
         kind=array_of(list_of(list_of(COORDINATE, 2), 2), (None, None), coordinates),

@@ -16,6 +16,7 @@ from pinproof.collision.geometry.shapes import Obstacle, stated_shape
 from pinproof.common.display import html_block, html_list, html_table, outline, shortened
 from pinproof.common.structs import (
     ANY_TEXT,
+    Accepting,
     errors_of,
     key,
     list_of,
@@ -264,7 +265,7 @@ def _stated_pose(placement: pin.SE3) -> dict[str, Any]:
 class Attachments:
     """Bodies that the arm carries at its tcp: a tool, a part, or both, for the option `--attached`."""
 
-    bodies: tuple[Obstacle, ...] = key(
+    bodies: Accepting[tuple[Obstacle, ...], Iterable[Obstacle]] = key(
         "bodies that move with the tcp; poses are tcp_from_body",
         name="attached",
         default=(),

@@ -14,7 +14,7 @@ from pinproof import _core
 from pinproof.common.display import html_block, html_table
 from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
-from pinproof.ik.result import IkOutcome
+from pinproof.ik.result import IkAnswer
 from pinproof.ik.windings import TURN, nearest_winding
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
@@ -105,7 +105,7 @@ def _intervals(
     return tuple(one for one in found if one.branches)
 
 
-class IkBranches(IkOutcome):
+class IkBranches(IkAnswer):
     """All IK solutions of an arm for one target, within its limits.
 
     ``branches`` (b, n) are distinct modulo 2 pi: all combinations of shoulder, elbow and wrist, each shifted by

@@ -13,7 +13,7 @@ from pinproof.common.display import outline
 from pinproof.common.validation import require_positive
 from pinproof.errors import IkFailed, InputError
 from pinproof.ik.analytic.plan import Plan, plan_for
-from pinproof.ik.result import IkOutcome
+from pinproof.ik.result import IkAnswer
 from pinproof.ik.windings import difference, nearest_winding
 from pinproof.model import Arm
 from pinproof.spatial import Array
@@ -118,7 +118,7 @@ class SelfMotionCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class SelfMotion(IkOutcome):
+class SelfMotion(IkAnswer):
     """All curves of IK solutions that were found for a target.
 
     Every solution at each of ``grid`` belongs to a curve; a curve shorter than the distance of two grid values may be

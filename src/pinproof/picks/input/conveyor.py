@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
 from pinproof.collision import Mover
-from pinproof.common.structs import TEXT, Direction, key, list_of, simple, struct
+from pinproof.common.structs import TEXT, Accepting, Direction, key, list_of, simple, struct
 from pinproof.common.validation import unique_names
 
 NAME = "conveyor"
@@ -23,7 +23,9 @@ class Conveyor:
     """
 
     speed: float = key("speed of the belt, above 0", "m/s", above=0)
-    parts: tuple[str, ...] = key("the obstacles that move", kind=simple(list_of(TEXT, 1).schema, unique_names))
+    parts: Accepting[tuple[str, ...], Iterable[str]] = key(
+        "the obstacles that move", kind=simple(list_of(TEXT, 1).schema, unique_names)
+    )
     direction: Direction = key(
         "direction of the motion in the frame of the root link; it is normalised", default=(1.0, 0.0, 0.0)
     )

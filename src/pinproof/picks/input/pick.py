@@ -23,6 +23,7 @@ from pinproof.common.structs import (
     POSE,
     TEXT,
     TRANSFORM,
+    Accepting,
     Direction,
     Key,
     Kind,
@@ -828,14 +829,14 @@ def _folders(_: str, value: Any) -> tuple[Path, ...]:
 class Picks:
     """A list of picks and their shared settings."""
 
-    picks: tuple[Pick, ...] = key("the picks in order; their names are unique", hidden=True)
+    picks: Accepting[tuple[Pick, ...], Iterable[Pick]] = key("the picks in order; their names are unique", hidden=True)
     problems: tuple[PickProblem, ...] = key("rows of the file that could not be read", default=(), hidden=True)
     tip: SE3 = key(
         "tcp_from_tip: the frame that is moved to the poses of picks",
         default_factory=SE3.Identity,
         kind=Kind(POSE, TRANSFORM.check, pose_in_reach(MOST_TOOL).parse),
     )
-    tool: tuple[Obstacle, ...] = key(
+    tool: Accepting[tuple[Obstacle, ...], Iterable[Obstacle]] = key(
         "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body", default=(), kind=bodies()
     )
     fingers: GripperFingers | None = key(
@@ -887,7 +888,7 @@ class Picks:
         default=0.0,
         kind=simple(number(minimum=0).schema, _margin, parsed),
     )
-    payload: tuple[Payload, ...] = key(
+    payload: Accepting[tuple[Payload, ...], Payload | Iterable[Payload]] = key(
         "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
         default=(),
         kind=any_of(table_of(Payload), list_of(table_of(Payload)), check=lambda _, value: checked_payloads(value)),
@@ -1009,6 +1010,10 @@ class Picks:
             if self.source is None or key not in self.places:
                 raise
             raise PicksError(self.source, str(error), self.places[key]) from error
+
+    def load_scene(self) -> Scene:
+        """Load the scene that the file states; an empty one if it states none."""
+        return Scene() if self.scene is None else Scene.load(self.scene)
 
     def load_cell(self) -> JointGroup:
         """Load the robots that the file states, and assemble them at their poses.

@@ -291,7 +291,7 @@ class _Moment:
             samples=SAMPLES,
             rng=self.seeds[1],
         )
-        if plan.trajectory is None or plan.certificate is None:
+        if not plan.ok:
             raise self._refused(Stage.TRANSIT, f"to the start of the approach: {plan.message}")
         timeline.add("transit", plan.trajectory, outside, plan.certificate)
         message = f"{plan.trajectory.duration:.3g} s, of which the arm waits {plan.waiting:.3g} s"
@@ -364,7 +364,7 @@ class _Moment:
         proof, movers = timeline.prove(motion, judge, part.constraints), timeline.movers(judge.scene)
         if not proof.free and part.name == "transfer" and movers and not part.constraints:
             plan = plan_among_movers(judge, motion.start, motion.end, movers, samples=SAMPLES, rng=self.seeds[1])
-            if plan.trajectory is not None and plan.certificate is not None:
+            if plan.ok:
                 motion, proof = plan.trajectory, plan.certificate
         if not proof.free:
             raise self._refused(Stage.PLACE, f"{part.name}: {proof.message}")

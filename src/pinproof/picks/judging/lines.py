@@ -10,7 +10,6 @@ import numpy as np
 
 from pinproof.collision import CollisionChecker, certify
 from pinproof.collision.certificates.certificate import proven_millimetres
-from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import CubicPath, Curve, JointPath, TorqueLimits
 from pinproof.picks.judging.grasp import Candidate
@@ -165,11 +164,8 @@ def line(
         figures = {"distance": length, "possible": move.fraction * length}
         return Line(StageResult(stage, False, message, figures), fraction=move.fraction)
     message = f"{length * 1e3:.0f} mm straight line, {_proven(move)}"
-    proven, seen = (
-        (np.nan, np.inf) if move.certificate is None else (move.certificate.clearance, move.certificate.observed)
-    )
-    figures = {"distance": length, "clearance": proven}
-    return Line(StageResult(stage, True, message, figures), move.path, clearance=seen)
+    figures = {"distance": length, "clearance": move.certificate.clearance}
+    return Line(StageResult(stage, True, message, figures), move.path, clearance=move.certificate.observed)
 
 
 TOUCH_DEPTH = 1e-4
@@ -193,8 +189,6 @@ def _other_supports(stage: Stage, task: Task, checker: CollisionChecker, q: Arra
 
 
 def _proven(move: LinearPlanResult) -> str:
-    if move.certificate is None:
-        return ""
     pairs = dict.fromkeys(
         parting.bodies for parting in move.certificate.partings
     )  # a mesh has one entry for each facet
@@ -221,7 +215,7 @@ def transit(task: Task, attempts: list[Attempt], nodes: int, seeds: list[int]) -
     goals = np.array([attempt.entrance for attempt in attempts])
     torques = torque_limits(task, attempts[0].candidate.member, "transit", task.outside.arm)
     plan = planner.plan(task.outside, task.cell.home, goals, torque_limits=torques, rng=seeds[0])
-    if plan.path is None or plan.goal is None:
+    if not plan.ok:
         figures = {"nodes": float(plan.nodes), "goals": float(len(attempts))}
         return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
     path, clearance = shortened(plan, task.outside, seeds[1], torques)
@@ -234,8 +228,6 @@ def shortened(
     plan: PlanResult, checker: CollisionChecker, seed: int, torques: TorqueLimits | None
 ) -> tuple[JointPath, float]:
     """The shortened path of a successful plan, and its observed clearance (m)."""
-    if plan.path is None or plan.certificate is None:
-        raise InputError("a plan without a path cannot be shortened")
     if len(plan.path) <= STRAIGHT:
         return plan.path, plan.certificate.observed
     path = shortcut(plan.path, checker, rng=seed, torque_limits=torques)

@@ -236,7 +236,7 @@ class Placer:
         goals, constraints = down.entrance + shifts, task.constraints(attempt.candidate.member)
         torques = torque_limits(task, attempt.candidate.member, "transfer", carrying.arm)
         plan = planner.plan(carrying, attempt.exit, goals, constraints=constraints, torque_limits=torques, rng=seeds[0])
-        if plan.path is None or plan.goal is None:
+        if not plan.ok:
             return _failure(replace(down, why=f"transfer: {plan.message}")), None
         path: JointPath | BlendedPath
         if constraints:
@@ -255,8 +255,7 @@ class Placer:
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
         upright = f" {constraints[0]}" if constraints else ""
         message = f"transfer of {path.length:.2f} rad{upright}, {place.approach * 1e3:.0f} mm approach{support}, "
-        proven = np.nan if plan.certificate is None else plan.certificate.clearance
-        figures = {"length": path.length, "clearance": min(down.proven, proven)}
+        figures = {"length": path.length, "clearance": min(down.proven, plan.certificate.clearance)}
         return (
             StageResult(Stage.PLACE, True, f"{message}{place.retreat * 1e3:.0f} mm retreat", figures),
             Placing(

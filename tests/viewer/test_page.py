@@ -5,11 +5,13 @@ import re
 import subprocess
 import sys
 from base64 import b64decode
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-import pinproof.viewer.page as page_module
+import pinproof
+import pinproof.viewer.panels as panels_module
 from pinproof.errors import InputError, ViewerError
 from pinproof.viewer import write_html
 from pinproof.viewer.page import render_page
@@ -42,7 +44,7 @@ def test_the_same_input_gives_the_same_bytes() -> None:
 def test_the_page_names_no_address_outside_its_licences_and_its_viewer() -> None:
     arm = small_arm()
     text = render_page(Picture(arm, None, swing(arm))).text
-    bundle, _ = page_module._viewer_bundle()
+    bundle, _ = panels_module._viewer_bundle()
     own = text.replace(bundle, "").replace(embedded(text, "licences"), "")
     assert "://" not in own
     assert set(re.findall(r'https?://[^"\'\s]+', bundle)) == {"http://www.w3.org/1999/xhtml"}  # a name, not a place
@@ -80,7 +82,7 @@ def test_a_missing_folder_is_named(tmp_path) -> None:
 
 
 def test_a_missing_viewer_is_named(monkeypatch) -> None:
-    monkeypatch.setattr(page_module, "find_spec", lambda name: None)
+    monkeypatch.setattr(panels_module, "find_spec", lambda name: None)
     with pytest.raises(ViewerError, match="meshcat is not installed"):
         render_page(Picture(small_arm(), None, None))
 
@@ -131,3 +133,16 @@ def test_neither_meshcat_nor_trimesh_is_loaded_before_it_is_needed() -> None:
         "print(sorted({'meshcat', 'trimesh', 'scipy', 'zmq', 'IPython'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_colours_and_fonts_are_stated_only_in_the_theme() -> None:
+    root = Path(pinproof.__file__).parent
+    sources = [path for suffix in ("py", "js", "css", "html") for path in root.rglob(f"*.{suffix}")]
+    stated = re.compile(
+        r"""["':\s]#[0-9a-fA-F]{3}(?:[0-9a-fA-F]{3}){0,1}\b(?!\))|0x[0-9a-fA-F]{6}\b|sans-serif|monospace"""
+    )
+    white = {"0xffffff", "0xFFFFFF"}  # of lights, and of what has its colour from elsewhere
+    found = {
+        path.relative_to(root).as_posix(): set(stated.findall(path.read_text("utf-8"))) - white for path in sources
+    }
+    assert {name for name, colours in found.items() if colours} == {"common/theme.py"}

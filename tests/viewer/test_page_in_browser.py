@@ -99,16 +99,14 @@ def test_the_plots_follow_the_motion_and_a_click_seeks(browser: Browser, pages: 
     write_html(path, arm, None, swing(arm, duration=2.0))
     page = browser.open(f"{path.as_uri()}#t=0.5")
     tall = page.evaluate("document.getElementById('stage').clientHeight")
-    page.evaluate("document.querySelector('#plots summary').click()")
+    page.evaluate("document.querySelector('#chart summary').click()")
     page.wait_for(f"document.getElementById('stage').clientHeight < {tall} - 50")
     page.wait_for("document.querySelector('canvas').clientHeight === document.getElementById('stage').clientHeight")
-    shift = "Number(/[0-9.]+/.exec(document.querySelector('#plots .now').getAttribute('transform'))[0])"
-    page.wait_for(f"Math.abs({shift} - 0.25 * (360 - 46 - 8)) < 0.2")
-    click = "new MouseEvent('click', {clientX: box.left + box.width * (46 + 0.75 * 306) / 360, clientY: box.top})"
-    page.evaluate(
-        f"(() => {{ const svg = document.querySelector('#plots svg'), box = svg.getBoundingClientRect();"
-        f" svg.dispatchEvent({click}); }})()"
-    )
+    box = "document.querySelector('#chart svg').getBoundingClientRect()"
+    line = "document.querySelector('#chart .now').getBoundingClientRect()"
+    page.wait_for(f"Math.abs({line}.left - {box}.left - 0.25 * {box}.width) < 1")
+    place = f"{{clientX: {box}.left + 0.75 * {box}.width, clientY: {box}.top, bubbles: true}}"
+    page.evaluate(f"document.querySelector('#chart svg').dispatchEvent(new MouseEvent('click', {place}))")
     page.wait_for("Math.abs(pinproof.viewer.animator.time - 1.5) < 0.02")
     assert page.complaints == []
     page.close()

@@ -13,7 +13,7 @@ from pinproof.errors import InputError
 from pinproof.viewer import PlotLimits
 from pinproof.viewer.page import render_page
 from pinproof.viewer.picture import Picture
-from pinproof.viewer.plots import plots_html
+from pinproof.viewer.plots import HEIGHT, WIDTH, plots_html
 
 from .conftest import small_arm, swing
 
@@ -41,21 +41,20 @@ def lines(text: str) -> list[np.ndarray]:
 
 def share(y: np.ndarray) -> np.ndarray:
     """The share of the limit at heights in a panel, with the limit lines of the panel at 100 % (-100 %)."""
-    middle, half = 0.5 * (22 + 132), 0.5 * 110 / 1.12
-    return (middle - y) / half
+    return 1.12 * (1.0 - 2.0 * y / HEIGHT)
 
 
 def test_lines_are_shares_of_the_limits() -> None:
     trajectory = swing(small_arm(), 0.0, 1.0, duration=2.0)  # a cubic with velocities of up to 0.75
     text = plots_html(trajectory, PlotLimits(RATES, None, [Twice()]))
-    heads = re.findall(r'aria-label="([^"]+)" data-left', text)
+    heads = re.findall(r'role="img" aria-label="([^"]+)"', text)
     assert heads == [
         "position, rad or m", "velocity, % of the limit", "acceleration, % of the limit", "jerk, rad/s³ or m/s³",
         "torque, % of the limit",
     ]  # fmt: skip
     drawn = lines(text)
     assert len(drawn) == 2 + 2 + 1 + 2 + 1  # the second joint has no limit of acceleration
-    times = 2.0 * (drawn[2][:, 0] - 46) / (360 - 46 - 8)
+    times = 2.0 * drawn[2][:, 0] / WIDTH
     expected = trajectory.velocity(times.clip(0.0, 2.0))[:, 0] / 1.5
     assert np.abs(share(drawn[2][:, 1]) - expected).max() < 0.01
     assert share(drawn[4][:, 1]).max() == pytest.approx(1.5 / 3.0, abs=0.01)
@@ -67,12 +66,12 @@ def test_an_excess_is_drawn_beyond_the_limit() -> None:
     slow = SimpleNamespace(velocity=np.array([0.25, 1.0]), acceleration=np.ones(2))
     text = plots_html(swing(small_arm(), 0.0, 1.0, duration=2.0), PlotLimits(slow))
     assert "up to 300 % of the limit" in text
-    assert all((line >= 0.0).all() and (line[:, 1] <= 150).all() for line in lines(text))
+    assert all((line >= 0.0).all() and (line[:, 1] <= HEIGHT).all() for line in lines(text))
 
 
 def test_a_page_without_a_motion_has_no_plots_and_one_with_a_motion_has_them() -> None:
     arm = small_arm()
-    assert 'id="plots"' not in render_page(Picture(arm, None, None)).text
+    assert 'id="chart"' not in render_page(Picture(arm, None, None)).text
     assert render_page(Picture(arm, None, swing(arm))).text.count("<polyline") >= 4
     standing = Trajectory([0.0], np.zeros((1, 2)), np.zeros((1, 2)), arm.joint_names)
     assert plots_html(standing, PlotLimits()) == ""

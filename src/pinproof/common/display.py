@@ -12,7 +12,14 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.theme import SERIES
+from pinproof.common.theme import COLOURS, SERIES
+
+
+class Html(str):
+    """Text that is HTML already, so that it is not escaped."""
+
+    __slots__ = ()
+
 
 MOST_LINES = 10
 """Largest number of lines of a ``repr``."""
@@ -83,41 +90,49 @@ def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> 
 
 
 def html_table(
-    columns: Sequence[str], rows: Iterable[Sequence[object]], *, total: int | None = None, colours: Sequence[str] = ()
+    columns: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    *,
+    total: int | None = None,
+    colours: Sequence[str] = (),
+    numbers: Sequence[str] = (),
+    most: int = MOST_ROWS,
 ) -> str:
-    """A table of at most :data:`MOST_ROWS` rows.
+    """A table of at most ``most`` rows.
 
     Parameters
     ----------
     columns
         The headings.
     rows
-        The cells of each row: numbers are shown with six significant digits, None as an empty cell.
+        The cells of each row: numbers are shown with six significant digits, None as an empty cell, and :class:`Html`
+        as it is.
     total
         The number of rows, if ``rows`` is an iterator.
     colours
-        The CSS colour of the second cell of each row; empty for none.
+        The CSS colour of a dot in the second cell of each row; empty for none.
+    numbers
+        The headings of columns with numbers or quantities, which are aligned at the right.
     """
     if total is None:
         rows = tuple(rows)
         total = len(rows)
-    head = "".join(f"<th>{escape(column)}</th>" for column in columns)
+    right = ' style="text-align:right"'
+    styles = [right if column in numbers else "" for column in columns]
+    head = "".join(f"<th{style}>{escape(column)}</th>" for column, style in zip(columns, styles, strict=True))
     body = []
-    for number, row in enumerate(islice(rows, MOST_ROWS)):
-        cells = [_cell(value) for value in row]
-        if number < len(colours) and len(cells) > 1:
-            cells[1] = cells[1].replace("<td", f'<td style="color:{colours[number]};font-weight:bold"', 1)
+    for number, row in enumerate(islice(rows, most)):
+        cells = []
+        for column, (value, style) in enumerate(zip(row, styles, strict=True)):
+            if isinstance(value, (float, np.floating)):
+                text, style = f"{float(value):.6g}", right
+            else:
+                text = value if isinstance(value, Html) else "" if value is None else escape(str(value))
+            dot = f'<span style="color:{colours[number]}">&#9679;&nbsp;</span>' if column == 1 and colours else ""
+            cells.append(f"<td{style}>{dot}{text}</td>")
         body.append(f"<tr>{''.join(cells)}</tr>")
-    more = f"<p>{total - MOST_ROWS:,} more rows are not shown.</p>" if total > MOST_ROWS else ""
+    more = f"<p>{total - most:,} more rows are not shown.</p>" if total > most else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table>{more}"
-
-
-def _cell(value: object) -> str:
-    if value is None:
-        return "<td></td>"
-    if isinstance(value, (float, np.floating)):
-        return f'<td style="text-align:right">{float(value):.6g}</td>'
-    return f"<td>{escape(str(value))}</td>"
 
 
 def html_plot(times: npt.ArrayLike, lines: Mapping[str, npt.ArrayLike], unit: str) -> str:
@@ -139,5 +154,5 @@ def html_plot(times: npt.ArrayLike, lines: Mapping[str, npt.ArrayLike], unit: st
     return (
         f'<svg role="img" aria-label="{label}" width="{width + 8:.0f}" height="{height + 8:.0f}" '
         f'viewBox="-4 -4 {width + 8:.0f} {height + 8:.0f}"><rect width="{width:.0f}" height="{height:.0f}" fill="none" '
-        f'stroke="#bbb"/>{"".join(drawn)}</svg><p>{", ".join(legend)}: {label}</p>'
+        f'stroke="{COLOURS["line"]}"/>{"".join(drawn)}</svg><p>{", ".join(legend)}: {label}</p>'
     )

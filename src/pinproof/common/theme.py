@@ -1,8 +1,9 @@
-"""The colours and fonts of all pages, plots and tables; in CSS each colour is a variable, such as ``var(--bad)``."""
+"""The colours and fonts of all pages, plots, tables and pictures; in CSS each is a variable, such as ``var(--bad)``."""
 
 from __future__ import annotations
 
 FONT = 'system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
+MONOSPACE = "ui-monospace, monospace"
 
 COLOURS = {
     # Text, from dark to light
@@ -45,6 +46,15 @@ VERDICTS = {
 }
 """The colour of each verdict on a pick, in tables, pages and pictures."""
 
+TONES = {
+    "free": COLOURS["good"],
+    "colliding": COLOURS["bad"],
+    "open": COLOURS["open"],
+    "still": COLOURS["muted"],
+    **VERDICTS,
+}
+"""The colour of the headline of a caption: the tones of motions and configurations, and the verdicts on picks."""
+
 PHASES = {
     "transit": "#5b7aa8",
     "approach": "#3f9b6d",
@@ -64,11 +74,45 @@ SERIES = (
 )  # fmt: skip
 """The colours of the lines of a plot."""
 
+PICTURE = {
+    "link": "#b8bdc4",
+    "obstacle": "#ccb28c",
+    "collision": "#f29e1a",
+    "path": "#ed6b0d",
+    "start": "#fafafa",
+    "contact": "#e60d0d",
+    "alarm": "#d01515",  # bodies in contact
+    "normal": "#1a0d0d",
+    "sky-top": "#d9e0e8",
+    "sky-bottom": "#b2bdc9",
+    "ground-light": "#8a8378",
+    "floor": "#b2bac2",
+    "floor-lines": "#5c6978",
+    "gloss": "#1c1c1c",
+}
+"""The colours of what is drawn in the 3D view."""
+
+AXES = ("#d62728", "#2ca02c", "#1f5fd0")
+"""The colours of the axes x, y and z of a frame."""
+
+GHOSTS = ("#1f78cc", "#e6731a", "#299447", "#b8388c", "#735cbf", "#bf9e1a", "#1a999e", "#c74038")
+"""The colours of transparent copies of an arm, used cyclically."""
+
 
 def css() -> str:
-    """The variables of CSS with all colours and the font."""
-    values = {**COLOURS, "font": FONT}
+    """The variables of CSS with all colours and fonts."""
+    values = {**COLOURS, **PHASES, "font": FONT, "mono": MONOSPACE}
     return f":root {{ {' '.join(f'--{name}: {value};' for name, value in values.items())} }}\n"
+
+
+def number(name: str) -> int:
+    """A colour of :data:`PICTURE` as the number that three.js expects."""
+    return int(PICTURE[name][1:], 16)
+
+
+def rgba(name: str, opacity: float = 1.0) -> tuple[float, float, float, float]:
+    """A colour of :data:`PICTURE` with an opacity, each component from 0 to 1."""
+    return (*rgb(PICTURE[name]), opacity)
 
 
 def rgb(colour: str) -> tuple[float, float, float]:

@@ -45,12 +45,15 @@ class Phase:
         Values (rad or m, by name) of joints outside the arm, such as fingers. Default: those of the arm of the stage.
     movers
         The obstacles of the stage that move by themselves, as seen from the start of the phase.
+    start
+        Seconds at which the phase starts, if the arm rests before it; by default the end of the previous phase.
     """
 
     trajectory: Trajectory
     attached: tuple[Obstacle, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     movers: tuple[Mover, ...] = ()
+    start: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,55 +107,47 @@ def film(
     """Key frames of a motion: ``rate`` per second, but at most about ``most``. ``frames`` names further links."""
     total = sum(phase.trajectory.duration for phase in phases)
     rate = min(rate, (most - 1) / max(total, 1e-9))
+    scene = {thing.name: thing.pose for thing in stage.obstacles}
     times, poses, tcps, axes, holding = [], [], [], [], []
     moving: list[dict[str, Array]] = []
-    start_time = 0.0
-    for number, phase in enumerate(phases):
+    end = -np.inf
+    for phase in phases:
         motion, placed = phase.trajectory, replace(stage, arm=stage.arm.with_held(phase.held))
-        count = int(np.ceil(motion.duration * rate)) + 1
-        instants = np.linspace(0.0, motion.duration, count)[min(number, 1) :]  # the first is in the last phase
+        start = max(end, 0.0) if phase.start is None else phase.start
+        instants = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration * rate)) + 1)
+        if start <= end:  # the first instant is the last one of the previous phase
+            instants = instants[1:]
         for q in np.asarray(motion(instants), dtype=float):
             poses.append(placed.link_poses(q))
             tcps.append(placed.tcp_poses(q))
             axes.append(placed.frame_poses(q, frames))
-        times.append(start_time + instants)
-        moving += _moved_by(stage, phase.movers, instants)
+        times.append(start + instants)
+        # The obstacles that movers move, and the objects in the hand
+        moved_now: list[dict[str, Array]] = [{} for _ in instants]
+        for mover in phase.movers:
+            for placement, places in zip(mover.placements(instants), moved_now, strict=True):
+                places.update({name: placement @ scene[name] for name in mover.obstacles if name in scene})
+        moving += moved_now
         holding += [{thing.name: matrix(thing.pose) for thing in phase.attached}] * len(instants)
-        start_time += motion.duration
+        end = start + motion.duration
     root_from_tcp = np.stack(tcps)
-    moved = {
-        name: _poses_of_moved(root_from_tcp[:, 0], name, moving, holding)
-        for name in dict.fromkeys(name for placed in moving for name in placed)
-    }
-    names = dict.fromkeys(name for held in holding for name in held if name not in moved)
-    riders = {name: _object_poses(root_from_tcp[:, 0], [held.get(name) for held in holding]) for name in names}
+    # An obstacle that moves by itself is in the hand, where its mover puts it, or rests where it was last
+    moved: dict[str, Array] = {}
+    for name in dict.fromkeys(name for places in moving for name in places):
+        track = [next(places[name] for places in moving if name in places)]
+        for tcp, places, held in zip(root_from_tcp[:, 0], moving, holding, strict=True):
+            track.append(tcp @ held[name] if name in held else places.get(name, track[-1]))
+        moved[name] = np.array(track[1:])
+    # Any other carried object rests at its pick pose before it is picked, and where it was last after it is placed
+    riders: dict[str, Array] = {}
+    for name in dict.fromkeys(name for held in holding for name in held if name not in moved):
+        first = next(k for k, held in enumerate(holding) if name in held)
+        track = [root_from_tcp[max(first - 1, 0), 0] @ holding[first][name]]  # picked at the end of the phase before
+        for tcp, held in zip(root_from_tcp[:, 0], holding, strict=True):
+            track.append(tcp @ held[name] if name in held else track[-1])
+        riders[name] = np.array(track[1:])
     named = dict(zip(frames, np.stack(axes).swapaxes(0, 1), strict=True))
     return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :, :3, 3], riders, named, moved)
-
-
-def _moved_by(stage: Stage, movers: Sequence[Mover], times: Array) -> list[dict[str, Array]]:
-    """For each time the poses of the obstacles that movers move, by name."""
-    found: list[dict[str, Array]] = [{} for _ in times]
-    scene = {thing.name: thing.pose for thing in stage.obstacles}
-    for mover in movers:
-        for placement, poses in zip(mover.placements(times), found, strict=True):
-            poses.update({name: placement @ scene[name] for name in mover.obstacles if name in scene})
-    return found
-
-
-def _poses_of_moved(
-    root_from_tcp: Array, name: str, moving: Sequence[dict[str, Array]], holding: Sequence[dict[str, Array]]
-) -> Array:
-    """(F, 4, 4) the poses of an obstacle that moves by itself, in the hand, or rests where it was last."""
-    poses: list[Array] = []
-    for tcp, moved, held in zip(root_from_tcp, moving, holding, strict=True):
-        if name in held:
-            poses.append(tcp @ held[name])
-        elif name in moved or not poses:
-            poses.append(moved[name] if name in moved else next(each[name] for each in moving if name in each))
-        else:
-            poses.append(poses[-1])
-    return np.array(poses)
 
 
 ELBOW_STEP = 0.03
@@ -172,30 +167,10 @@ def film_of_elbow(stage: Stage, curve: SelfMotionCurve, frames: Sequence[str] = 
     return Film(at - curve.lower, poses, np.stack([stage.tcp_poses(q)[:, :3, 3] for q in many]), frames=named)
 
 
-def _object_poses(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Array:
-    """(F, 4, 4) ``root_from_object`` of an object that is attached in some frames only."""
-    held = [k for k, pose in enumerate(tcp_from_object) if pose is not None]
-    frames = np.arange(len(root_from_tcp))
-    # Before it is picked, the object is at the pick pose; after it is placed, at the place pose.
-    source = np.array(held)[(np.searchsorted(held, frames, side="right") - 1).clip(0)]
-    # The object is picked at the frame before the first one in which it is attached.
-    first = max(held[0] - 1, 0)
-    placed = {k: root_from_tcp[k] @ tcp_from_object[k] for k in held}
-    start = root_from_tcp[first] @ tcp_from_object[held[0]]
-    return np.stack([start if k < held[0] else placed[int(j)] for k, j in zip(frames, source, strict=True)])
-
-
 def still(stage: Stage, q: Array, *, frames: Sequence[str] = ()) -> Film:
     """A single key frame at the configuration q (n,)."""
     named = dict(zip(frames, stage.frame_poses(q, frames)[:, None], strict=True))
     return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_poses(q)[None, :, :3, 3], frames=named)
-
-
-def animate(commands: Commands, stage: Stage, shown: Film) -> None:
-    """Add the animation of all links that move."""
-    animations = tracks(commands, stage, shown)
-    if animations:
-        commands.set_animation(animations)
 
 
 def tracks(
@@ -204,31 +179,33 @@ def tracks(
     """The tracks of all links and carried objects that move, in the form that meshcat's ``set_animation`` expects.
 
     ``places`` is the node of each carried object by name; objects without a node are left out. ``rest`` is the time (s)
-    for which the last pose is shown.
+    for which the last pose is shown. A clip is repeated after its last key frame, so all clips end at the same time.
     """
-    if len(shown.times) < 2:
-        return []
-    # The time unit of a clip is one frame; with one frame per second, times are in seconds.
-    stamps = commands.array(np.append(shown.times, shown.times[-1] + rest).astype(np.float32))
+    times = np.append(shown.times, shown.times[-1] + rest).astype(np.float32)
     moving = [(node_path("robot", link.name), shown.poses[:, k]) for k, link in enumerate(stage.links)]
     moving += [(node_path("frames", name), poses) for name, poses in shown.frames.items()]
     moving += [(node_path("scene", name), poses) for name, poses in shown.moved.items()]
     moving += [(path, shown.riders[name]) for name, path in (places or {}).items() if name in shown.riders]
-    found = ((path, pose_tracks(commands, stamps, np.concatenate([poses, poses[-1:]]))) for path, poses in moving)
-    return [{"path": path, "clip": {"fps": 1, "name": "motion", "tracks": each}} for path, each in found if each]
-
-
-def pose_tracks(commands: Commands, stamps: dict[str, Any], poses: Array) -> list[dict[str, Any]]:
-    """The tracks of position and orientation of one node with poses (F, 4, 4), each only if it changes."""
-    found = []
-    if np.ptp(poses[:, :3, 3], axis=0).max() > MOVING_TOLERANCE:
-        found.append((".position", "vector3", poses[:, :3, 3]))
-    if np.ptp(poses[:, :3, :3], axis=0).max() > MOVING_TOLERANCE:
-        found.append((".quaternion", "quaternion", quaternions(poses[:, :3, :3])))
-    return [
-        {"name": name, "type": kind, "times": stamps, "values": commands.array(values.astype(np.float32).ravel())}
-        for name, kind, values in found
-    ]
+    animations = []
+    for path, poses in moving:
+        # The viewer interpolates between key frames, so those inside a rest are not needed
+        changed = (np.abs(np.diff(poses, axis=0)) > MOVING_TOLERANCE).any(axis=(1, 2))
+        keep = np.append([True], changed) | np.append(changed, True)
+        poses, keep = np.concatenate([poses[keep], poses[-1:]]), np.append(keep, True)
+        values = {}
+        if np.ptp(poses[:, :3, 3], axis=0).max() > MOVING_TOLERANCE:
+            values[".position", "vector3"] = poses[:, :3, 3]
+        if np.ptp(poses[:, :3, :3], axis=0).max() > MOVING_TOLERANCE:
+            values[".quaternion", "quaternion"] = quaternions(poses[:, :3, :3])
+        stamps = commands.array(times[keep]) if values else {}
+        made = [
+            {"name": name, "type": kind, "times": stamps, "values": commands.array(rows.astype(np.float32).ravel())}
+            for (name, kind), rows in values.items()
+        ]
+        # The time unit of a clip is one frame; with one frame per second, times are in seconds
+        if made:
+            animations.append({"path": path, "clip": {"fps": 1, "name": "motion", "tracks": made}})
+    return animations
 
 
 def quaternions(rotations: Array) -> Array:

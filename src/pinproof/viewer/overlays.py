@@ -16,12 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CheckResult, FirstContact
+from pinproof.common import theme
 from pinproof.errors import InputError
 from pinproof.spatial import Array, finite
 from pinproof.viewer.animation import Film
 from pinproof.viewer.camera import View
 from pinproof.viewer.stage import Stage
-from pinproof.viewer.surfaces import Rgba, Surface, ball, box_triangles, cone, revolved, shade, tube
+from pinproof.viewer.surfaces import Surface, ball, box_triangles, cone, revolved, shade, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 
 Rgb = tuple[float, float, float]
@@ -126,8 +127,7 @@ def add_frames(commands: Commands, placed: Mapping[str, Array], reach: float) ->
     return {"names": names, "length": length}
 
 
-CONTACT_RED: Rgba = (0.90, 0.05, 0.05, 0.9)
-NORMAL_INK: Rgba = (0.10, 0.05, 0.05, 1.0)
+CONTACT_RED, NORMAL_INK = theme.rgba("contact", 0.9), theme.rgba("normal")
 
 BALL_SHARE, LEAST_BALL = 0.012, 0.004
 """Radius of the sphere that marks a contact: a fraction of the radius of the picture, and the least value in metres."""
@@ -209,10 +209,6 @@ def body_nodes(stage: Stage, marks: Sequence[Mark]) -> list[list[str]]:
 SWEEP_TURN, SWEEP_SHARE, MOST_STEPS = np.deg2rad(25.0), 0.07, 40
 """Rotation (rad) and tcp displacement (as a fraction of the radius of the picture) between two drawn steps of the tool,
 and the largest number of steps."""
-
-GHOST_HUES = ((0.12, 0.47, 0.80), (0.90, 0.45, 0.10), (0.16, 0.58, 0.28), (0.72, 0.22, 0.55), (0.45, 0.36, 0.75),
-              (0.75, 0.62, 0.10), (0.10, 0.60, 0.62), (0.78, 0.25, 0.22))  # fmt: skip
-"""Colours of ghosts, used cyclically."""
 
 SAME_POSE = 1e-4
 """Metres or matrix entries. Copies that differ by less are drawn once; often joints differ only by full rotations."""
@@ -358,8 +354,8 @@ def add_surroundings(commands: Commands, view: View, floor: float) -> None:
     """Add lights, a floor at height ``floor`` (m) that receives shadows, and a background."""
     low, high = view.points.min(axis=0), view.points.max(axis=0)
     centre, radius = (low + high) / 2, view.radius
-    commands.set_property("/Background", "top_color", [0.85, 0.88, 0.91])
-    commands.set_property("/Background", "bottom_color", [0.70, 0.74, 0.79])
+    commands.set_property("/Background", "top_color", [*theme.rgb(theme.PICTURE["sky-top"])])
+    commands.set_property("/Background", "bottom_color", [*theme.rgb(theme.PICTURE["sky-bottom"])])
     for unused in ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX"):
         commands.set_property(unused, "visible", False)
     _light(commands, view, float(np.linalg.norm(centre)) + 1.5 * radius)
@@ -370,7 +366,12 @@ def _light(commands: Commands, view: View, reach: float) -> None:
     commands.set_property("/Lights/AmbientLight/<object>", "intensity", 0.14)
     # The hemisphere light keeps shapes visible in the shadow: it is brighter from above than from below.
     above = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 1, 1]
-    sky = {"color": 0xFFFFFF, "groundColor": 0x8A8378, "intensity": 0.38, "matrix": above}
+    sky = {
+        "color": 0xFFFFFF,
+        "groundColor": theme.number("ground-light"),
+        "intensity": 0.38,
+        "matrix": above,
+    }
     commands.set_object("/Lights/SkyLight", "HemisphereLight", {}, **sky)
     commands.set_property("/Lights/SkyLight/<object>", "castShadow", False)
     commands.set_property("/Lights/FillLight/<object>", "intensity", 0.15)
@@ -391,10 +392,10 @@ def _floor(commands: Commands, centre: np.ndarray, height: float, half: float) -
     root_from_floor = np.eye(4)
     root_from_floor[:3, 3] = (*(np.round(centre / SQUARE) * SQUARE), height)
     disc = {"type": "CircleGeometry", "radius": half * 1.05, "segments": 96}
-    commands.set_mesh("/floor/disc", disc, (0.70, 0.73, 0.76, 1.0), specular=0, shininess=0)
+    commands.set_mesh("/floor/disc", disc, theme.rgba("floor"), specular=0, shininess=0)
     commands.set_transform("/floor", root_from_floor)
     lines, above = [], FLOOR_GAP / 4
     for offset in np.arange(-half, half + SQUARE / 2, SQUARE):
         reach = np.sqrt(max(half**2 - offset**2, 0.0))
         lines += [(offset, -reach, above), (offset, reach, above), (-reach, offset, above), (reach, offset, above)]
-    commands.set_lines("/floor/lines", np.array(lines), (0.36, 0.41, 0.47, 0.35))
+    commands.set_lines("/floor/lines", np.array(lines), theme.rgba("floor-lines", 0.35))

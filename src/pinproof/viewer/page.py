@@ -1,43 +1,39 @@
-"""The HTML page of a robot or a motion: one file that needs no network connection.
-
-It contains the viewer of meshcat, commands, scripts, styles and texts.
-"""
+"""The page of a robot or a motion: film, caption, layers and plots in one HTML file."""
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Collection, Mapping, Sequence
 from html import escape
-from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.common import theme
-from pinproof.common.files import write_text_whole
-from pinproof.errors import FileError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
+from pinproof.viewer import panels
 from pinproof.viewer.overlays import ColouredPoints
 from pinproof.viewer.picture import Picture, RenderedPicture
 from pinproof.viewer.plots import PlotLimits, plots_html
-from pinproof.viewer.wire import Commands
 
 NO_FRAMES: Mapping[str, SE3] = MappingProxyType({})
 
+SUMMARY_FIGURES = ("Proven clearance", "Duration")
+"""Figures of a caption that are also in the line below the title."""
 
-# The page runs only the scripts that it contains; the browser blocks every network request.
-POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src data: blob:; worker-src blob:; connect-src {connect}; base-uri 'none'; form-action 'none'"
-)
+SIDE = """<section class="side card">
+<div id="caption" aria-label="What is proven about this motion">{caption}</div>
+<button type="button" id="moment" hidden>Show the contact</button>
+<fieldset id="layers"><legend>Show</legend></fieldset>
+<p class="hint">Drag to orbit, scroll to zoom, right-drag to pan.
+<span class="keys"><kbd>space</kbd> plays, <kbd>&larr;</kbd> <kbd>&rarr;</kbd> step,
+<kbd>R</kbd> resets the view.</span></p>
+</section>"""
 
 
 class Page(NamedTuple):
@@ -120,98 +116,28 @@ def write_html(
     picture = Picture(
         arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers, elbow
     )  # fmt: skip
-    try:
-        write_text_whole(path, render_page(picture, plot=plot).text)
-    except FileError as error:
-        raise ViewerError(str(error)) from error
+    panels.write_page(path, render_page(picture, plot=plot).text)
 
 
 def render_page(picture: Picture, *, live: str | None = None, plot: PlotLimits | None = None) -> Page:
     """Create the page; ``live`` is the identifier of a page that receives events from the server of the live view."""
-    rendered = picture.render()
-    title = picture.title or picture.arm.robot.name
-    settings = {**rendered.settings, "live": live}
-    summary = " \u00b7 ".join(rendered.caption.summary)
-    motion = picture.trajectory
+    rendered, motion = picture.render(), picture.trajectory
+    caption = rendered.caption
+    # The line below the title, which is the caption of a picture without controls
+    shown = [f"{name.lower()} {value}" for name, value in caption.figures if name in SUMMARY_FIGURES]
+    headline = f'<b style="color:{theme.TONES[caption.tone]}">{escape(caption.headline)}</b>'
+    summary = " \u00b7 ".join([*([] if caption.tone == "still" else [headline]), *map(escape, shown)])
     plots = "" if motion is None else plots_html(motion, plot or PlotLimits.of(picture.arm))
-    body = fill(
-        part("page.html"),
-        {
-            "title": escape(title),
-            "caption": rendered.caption.html(rendered.stage.notes),
-            "tone": rendered.caption.tone,
-            "summary": escape(summary),
-            "plots": plots,
-        },
+    text = panels.page(
+        picture.title or picture.arm.robot.name,
+        "motion",
+        plots + SIDE.format(caption=caption.html(rendered.stage.notes)),
+        {**rendered.settings, "live": live},
+        rendered.commands,
+        label="Three-dimensional view",
+        summary=summary,
+        colours=() if picture.points is None else picture.points.legend,
+        script=panels.part("motion_page.js"),
+        live=live is not None,
     )
-    style, script = part("common.css") + part("page.css"), part("layers.js") + part("page.js")
-    text = assemble(title, style, body, script, settings, rendered.commands, live=live is not None)
     return Page(text, rendered)
-
-
-def assemble(
-    title: str,
-    style: str,
-    body: str,
-    script: str,
-    settings: Mapping[str, Any],
-    commands: Commands,
-    *,
-    live: bool = False,
-) -> str:
-    """The HTML of a page with a title in plain text, CSS, an HTML body and JavaScript.
-
-    ``picture.js`` and ``player.js`` run before ``script``. The scripts have the object ``settings``, in which
-    references to arrays of ``commands`` (to the viewer of meshcat) become typed arrays. With ``live``, the page may
-    receive events from the server that sent it.
-    """
-    bundle, licences = _viewer_bundle()
-    own = "\n".join([part("picture.js"), part("player.js"), script])
-    settings = {**settings, "theme": theme.COLOURS}
-    values = {
-        "title": escape(title),
-        "policy": POLICY.format(connect="'self'" if live else "'none'"),
-        "style": theme.css() + style,
-        "body": body,
-        "licences": _inside_script(licences),
-        "bundle": _inside_script(bundle),
-        "settings": json.dumps(settings, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
-        "commands": commands.json(),
-        "pictures": commands.pictures_json(),
-        "buffers": commands.base64(),
-        "script": f'"use strict";\n(function () {{\n{own}\n}})();',
-    }
-    return fill(part("shell.html"), values)
-
-
-def fill(template: str, values: Mapping[str, str]) -> str:
-    """Replace each ``{{name}}`` of a template in a single pass, so that inserted text is never replaced again."""
-    return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], template)
-
-
-def part(name: str, package: str = "pinproof.viewer") -> str:
-    """The text of a file in a package."""
-    return files(package).joinpath(name).read_text(encoding="utf-8")
-
-
-def _viewer_bundle() -> tuple[str, str]:
-    """The viewer of meshcat (MIT licence; it includes three.js and dat.GUI) and the licences to distribute with it."""
-    spec = find_spec("meshcat")  # does not import the package; see pinproof.viewer.wire
-    if spec is None or spec.origin is None:
-        raise ViewerError("meshcat is not installed; pages need its viewer: pip install meshcat")
-    folder = Path(spec.origin).parent / "viewer"
-    try:
-        bundle = (folder / "dist" / "main.min.js").read_text(encoding="utf-8")
-        notices = [
-            (folder / name).read_text(encoding="utf-8")
-            for name in ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
-            if (folder / name).is_file()
-        ]
-    except OSError as error:
-        raise ViewerError(f"the installed meshcat has no viewer at {error.filename}: reinstall it") from error
-    return bundle, "\n\n".join(["The viewer below is meshcat's.", *notices])
-
-
-def _inside_script(text: str) -> str:
-    """Escape a text so that it cannot close the ``<script>`` element that contains it."""
-    return re.sub(r"<(?=/script|!--)", r"\\x3c", text, flags=re.IGNORECASE)

@@ -8,25 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from html import escape
 from types import NoneType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CertificateStatus, CheckResult, FirstContact, Obstacle, Scene, UndecidedSpan
+from pinproof.collision import Certificate, CertificateStatus, CheckResult, Obstacle, Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.common import theme
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup, guess_mark
 from pinproof.motion import Trajectory, check_limits
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
-from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, film_of_elbow, still
+from pinproof.viewer.animation import Film, Phase, checked_motion, film, film_of_elbow, still, tracks
 from pinproof.viewer.camera import View, choose_view, tool_points
 from pinproof.viewer.overlays import (
-    GHOST_HUES,
     ColouredPoints,
     add_frames,
     add_surroundings,
@@ -38,72 +37,13 @@ from pinproof.viewer.overlays import (
     marks_of,
     swept,
 )
+from pinproof.viewer.panels import Caption
 from pinproof.viewer.stage import Stage, set_stage, simplified
-from pinproof.viewer.surfaces import Rgba, ball, tube
+from pinproof.viewer.surfaces import ball, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 
 UNPROVEN = "NOT VALIDATED"
 MAP = "MAP"
-
-SUMMARY_FIGURES = ("Proven clearance", "Duration")
-"""Figures that also appear in the caption of a single line."""
-
-
-@dataclass(frozen=True)
-class Caption:
-    """The verdict on a motion or configuration, the reason for it, and figures.
-
-    Parameters
-    ----------
-    headline
-        ``FREE``, ``NOT VALIDATED``, ``IN CONTACT``, or ``MAP`` for drawn points without a motion.
-    reason
-        One sentence that states what is proven, or why nothing is proven.
-    tone
-        The CSS class of the headline: ``free``, ``colliding``, ``open`` (undecided) or ``still`` (no motion).
-    figures
-        (name, value) pairs.
-    excluded
-        The body pairs that the proof does not cover, with the reason.
-    contact
-        The contact that the picture marks.
-    legend
-        The meaning of the colours of drawn points: (text, (r, g, b)) pairs.
-    """
-
-    headline: str
-    reason: str
-    tone: str
-    figures: tuple[tuple[str, str], ...]
-    excluded: tuple[str, ...] = ()
-    contact: FirstContact | None = None
-    legend: tuple[tuple[str, tuple[float, float, float]], ...] = ()
-
-    def html(self, notes: Sequence[str] = ()) -> str:
-        """The caption as HTML with escaped texts; ``notes`` are remarks about the picture."""
-        rows = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in self.figures)
-        remarks = f'<ul class="notes" aria-label="Remarks about the picture">{_items(notes)}</ul>' if notes else ""
-        count = len(self.excluded)
-        summary = f"{count} body pair{'' if count == 1 else 's'} not covered by the proof"
-        excluded = f"<details><summary>{summary}</summary><ul>{_items(self.excluded)}</ul></details>" if count else ""
-        return (
-            f'<p class="verdict {escape(self.tone)}" id="verdict">{escape(self.headline)}</p>'
-            f'<p id="reason">{escape(self.reason)}</p><dl>{rows}</dl>{self._legend()}{excluded}{remarks}'
-        )
-
-    @property
-    def summary(self) -> tuple[str, ...]:
-        """The parts of a caption in one line: the headline, if there is a motion, and the main figures."""
-        figures = tuple(f"{name.lower()} {value}" for name, value in self.figures if name in SUMMARY_FIGURES)
-        return figures if self.tone == "still" else (self.headline, *figures)
-
-    def _legend(self) -> str:
-        items = "".join(
-            f'<li><span class="swatch" style="background:rgb({r * 255:.0f},{g * 255:.0f},{b * 255:.0f})"></span>'
-            f"{escape(text)}</li>"
-            for text, (r, g, b) in self.legend
-        )
-        return f'<ul class="legend" aria-label="Meaning of the colours">{items}</ul>' if items else ""
 
 
 def caption_of(
@@ -117,76 +57,54 @@ def caption_of(
     """The caption of a motion, or of a configuration and its ``check`` if ``motion`` is None."""
     ends = ", ".join(f"{base} \u2192 {tcp}" for base, tcp in arm.ends.values())
     figures = [("Robot", arm.robot.name), ("Base to tcp", ends)]
+    headline, tone, excluded = UNPROVEN, "open", []
+    # A configuration: nothing is proven about motions
     if motion is None:
-        return _configuration_caption(check, figures)
+        tone, reason = "still", "The picture shows a configuration; there is no motion to prove."
+        if check is not None and check.free:
+            reason = "The check found no contact at this configuration. Nothing is proven about motions."
+        elif check is not None:
+            headline, tone, more = "IN CONTACT", "colliding", len(check.contacts) - 1
+            more_text = f", and {more} more" if more else ""
+            reason = f"{check.contacts[0]}{more_text}. Red spheres mark the contacts, arrows their normals."
+            figures.append(("Contacts", str(len(check.contacts))))
+        return Caption(headline, reason, tone, tuple(figures))
     duration = ("Duration", f"{motion.duration:.2f} s{guess_mark(motion.limits_note)}")
+    # Only a certificate of exactly what is shown counts
     if certificate is None:
-        return _unproven("There is no certificate for this motion.", [*figures, duration])
-    if not certificate.matches(motion, arm, Scene() if scene is None else scene, attached):
-        return _unproven("The certificate is for another motion, arm, scene or tool.", [*figures, duration])
-    if certificate.status is CertificateStatus.FREE:
+        reason = "There is no certificate for this motion."
+    elif not certificate.matches(motion, arm, Scene() if scene is None else scene, attached):
+        reason = "The certificate is for another motion, arm, scene or tool."
+    elif certificate.status is CertificateStatus.FREE:
+        headline, tone = "FREE", "free"
         reason = "Proven at every instant, not at samples: every checked pair keeps at least the clearance below."
-        clearance = ("Proven clearance", proven_millimetres(certificate.clearance))
-        excluded = tuple(f"{' and '.join(pair.owners)}: {pair.reason}" for pair in certificate.excluded)
-        contact = (
-            "Ends in contact (described for the reversed motion)" if certificate.backwards else "Starts in contact"
-        )
-        partings = tuple((contact, str(parting)) for parting in certificate.partings)
-        kept = tuple(("Constraint", str(proof)) for proof in certificate.constraints)
+        figures.append(("Proven clearance", proven_millimetres(certificate.clearance)))
+        excluded = [f"{' and '.join(pair.owners)}: {pair.reason}" for pair in certificate.excluded]
+    elif certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
+        contact, tone = certificate.first_contact, "colliding"
+        body, obstacle = contact.bodies
+        near = f"comes within {certificate.margin * 1e3:g} mm of"
+        what = f"{body} {'touches' if contact.penetrating else near} {obstacle}"
+        reason = f"Colliding: {what} at {contact.time:.3f} s. A red sphere marks the contact; both bodies are red."
+    elif certificate.status is CertificateStatus.VIOLATED or certificate.undecided_constraint is not None:
+        reason = f"{certificate.message[:1].upper()}{certificate.message[1:]}."
+    else:
+        span, where = certificate.undecided, ""
+        if span is not None:
+            where = f" for {span.bodies[0]} and {span.bodies[1]} between {span.start:.3f} and {span.end:.3f} s"
+        reason = f"Undecided: neither a contact nor its absence could be proven{where}."
+    figures.append(duration)
+    # What a proof covers besides contacts; the certificate may state other limits than those of the arm
+    if certificate is not None and headline == "FREE":
         limits = "not compared" if certificate.limits is None else str(certificate.limits)
-        if outside := check_limits(motion, arm.limits).violations:  # of the arm; the certificate may state others
+        if outside := check_limits(motion, arm.limits).violations:
             limits = f"{'not compared' if certificate.limits is None else 'not those of the arm'}; {outside[0]}"
-        kept = (("Joint limits", limits), *kept)
-        return Caption("FREE", reason, "free", (*figures, clearance, duration, *kept, *partings), excluded)
-    if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
-        reason = _contact_reason(certificate.first_contact, certificate.margin)
-        return Caption(UNPROVEN, reason, "colliding", (*figures, duration), contact=certificate.first_contact)
-    if certificate.status is CertificateStatus.VIOLATED or certificate.undecided_constraint is not None:
-        return _unproven(f"{certificate.message[:1].upper()}{certificate.message[1:]}.", [*figures, duration])
-    return _unproven(_undecided_reason(certificate.undecided), [*figures, duration])
-
-
-def _configuration_caption(check: CheckResult | None, figures: Sequence[tuple[str, str]]) -> Caption:
-    if check is None:
-        return Caption(
-            UNPROVEN, "The picture shows a configuration; there is no motion to prove.", "still", (*figures,)
-        )
-    if check.free:
-        reason = "The check found no contact at this configuration. Nothing is proven about motions."
-        return Caption(UNPROVEN, reason, "still", (*figures,))
-    first, more = check.contacts[0], len(check.contacts) - 1
-    reason = f"{first}{f', and {more} more' if more else ''}. Red spheres mark the contacts, arrows their normals."
-    return Caption("IN CONTACT", reason, "colliding", (*figures, ("Contacts", str(len(check.contacts)))))
-
-
-def _elbow_caption(caption: Caption, curve: SelfMotionCurve) -> Caption:
-    reason = (
-        f"The slider moves {curve.parameter} along a curve of IK solutions of one pose of the tcp. Nothing is proven "
-        "about collisions."
-    )
-    span = (curve.parameter, f"{curve.lower:.3f} to {curve.upper:.3f}")
-    return replace(caption, reason=reason, figures=(*caption.figures, span))
-
-
-def _unproven(reason: str, figures: Sequence[tuple[str, str]]) -> Caption:
-    return Caption(UNPROVEN, reason, "open", tuple(figures))
-
-
-def _contact_reason(contact: FirstContact, margin: float) -> str:
-    one, other = contact.bodies
-    what = f"{one} touches {other}" if contact.penetrating else f"{one} comes within {margin * 1e3:g} mm of {other}"
-    return f"Colliding: {what} at {contact.time:.3f} s. A red sphere marks the contact; both bodies are red."
-
-
-def _undecided_reason(span: UndecidedSpan | None) -> str:
-    reason = "Undecided: neither a contact nor its absence could be proven"
-    if span is None:
-        return f"{reason}."
-    return f"{reason} for {span.bodies[0]} and {span.bodies[1]} between {span.start:.3f} and {span.end:.3f} s."
-
-
-def _items(texts: Sequence[str]) -> str:
-    return "".join(f"<li>{escape(text)}</li>" for text in texts)
+        figures.append(("Joint limits", limits))
+        figures += [("Constraint", str(proof)) for proof in certificate.constraints]
+        end = "Ends in contact (described for the reversed motion)" if certificate.backwards else "Starts in contact"
+        figures += [(end, str(parting)) for parting in certificate.partings]
+    summary = f"{len(excluded)} body pair{'' if len(excluded) == 1 else 's'} not covered by the proof"
+    return Caption(headline, reason, tone, tuple(figures), ((summary, excluded),) if excluded else ())
 
 
 LAYERS = {
@@ -246,8 +164,7 @@ def checked_layers(names: Collection[str]) -> frozenset[str]:
 PATH_RADIUS, PATH_SHARE = 0.004, 0.006
 """Radius of the drawn tcp path: metres, and the largest fraction of the radius of the picture."""
 
-PATH_ORANGE: Rgba = (0.93, 0.42, 0.05, 1.0)
-START_WHITE: Rgba = (0.98, 0.98, 0.98, 1.0)
+PATH_ORANGE, START_WHITE = theme.rgba("path"), theme.rgba("start")
 
 GHOST_OPACITY, SWEEP_OPACITY = 0.28, 0.30
 
@@ -310,8 +227,16 @@ class Picture:
         shown = self._key_frames(stage, curve)
         caption = caption_of(self.arm, self.scene, self.trajectory, self.certificate, self.attached, self.check)
         if curve is not None:
-            caption = _elbow_caption(caption, curve)
-        marks = marks_of(self.check if caption.contact is None else caption.contact)
+            reason = (
+                f"The slider moves {curve.parameter} along a curve of IK solutions of one pose of the tcp. Nothing is "
+                "proven about collisions."
+            )
+            span = (curve.parameter, f"{curve.lower:.3f} to {curve.upper:.3f}")
+            caption = replace(caption, reason=reason, figures=(*caption.figures, span))
+        contact = None
+        if self.trajectory is not None and self.certificate is not None and caption.tone == "colliding":
+            contact = self.certificate.first_contact
+        marks = marks_of(self.check if contact is None else contact)
         ghost_poses = ghosts_at(stage, ghosts)
         extra = [mark.points for mark in marks] + ([] if self.points is None else [self.points.xyz])
         points = np.concatenate([*shown.tcps.swapaxes(0, 1), *extra])
@@ -322,7 +247,6 @@ class Picture:
             if self.trajectory is None and self.check is None:
                 reason = "The coloured points show a map; the arm shows one configuration, and nothing is proven."
                 caption = replace(caption, headline=MAP, reason=reason)
-            caption = replace(caption, legend=self.points.legend)
         for number, mark in enumerate(marks):
             mark.draw(commands, number, mark_radius(radius))
         steps = swept(stage, shown, radius) if curve is None else swept(stage, still(stage, curve.q[0]), radius)
@@ -333,11 +257,19 @@ class Picture:
         settings = {
             **view.settings(),
             "duration": float(shown.times[-1]),
-            "start": caption.contact.time if caption.contact is not None else None,
+            "start": None if contact is None else contact.time,
             "parameter": None if curve is None else self._parameter(curve),
             "frames": add_frames(commands, frames, radius),
             "copies": [
-                *copies(commands, stage, ghost_poses, "ghosts", opacity=GHOST_OPACITY, hues=GHOST_HUES, own=own),
+                *copies(
+                    commands,
+                    stage,
+                    ghost_poses,
+                    "ghosts",
+                    opacity=GHOST_OPACITY,
+                    hues=[*map(theme.rgb, theme.GHOSTS)],
+                    own=own,
+                ),
                 *copies(commands, stage, steps, "sweep", opacity=SWEEP_OPACITY),
             ],
             "touching": body_nodes(stage, marks),
@@ -425,7 +357,8 @@ def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
             commands.set_surface(node_path("scene", obstacle.name, str(number)), surface)
         commands.set_transform(node_path("scene", obstacle.name), obstacle.pose)
     add_path(commands, shown, min(PATH_RADIUS, PATH_SHARE * view.radius))
-    animate(commands, stage, shown)
+    if animations := tracks(commands, stage, shown):
+        commands.set_animation(animations)
     return commands
 
 

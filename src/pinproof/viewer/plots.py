@@ -19,12 +19,10 @@ from pinproof.model import JointGroup
 from pinproof.motion import MotionLimits, RateConstraint, Trajectory
 from pinproof.motion.plot import Panel, panels_of
 from pinproof.spatial import Array
+from pinproof.viewer.panels import legend
 
-WIDTH, HEIGHT = 360, 150
-"""Size of a panel in SVG units, which are pixels on a narrow screen."""
-
-LEFT, RIGHT, TOP, BOTTOM = 46, 8, 22, 18
-"""Margins of a panel, for the numbers and the title."""
+WIDTH, HEIGHT = 360, 110
+"""Size of a plot in SVG units; the page stretches it to the width of its column."""
 
 FEWEST, MOST, TOTAL = 2, 25, 600
 """Samples of each polynomial piece, at least and at most, and the number of samples of a motion that is aimed at."""
@@ -64,8 +62,10 @@ class PlotLimits:
         limits = arm.limits
         assumed = limits.acceleration_source.startswith("default")
         acceleration = np.full(arm.dof, np.inf) if assumed else limits.acceleration
-        known = _Known(limits.lower, limits.upper, _or_infinite(limits.velocity), _or_infinite(acceleration))
-        return cls(known, None if limits.jerk is None else _or_infinite(limits.jerk))
+        lower, upper = limits.lower, limits.upper
+        velocity, acceleration = (np.where(np.isnan(rates), np.inf, rates) for rates in (limits.velocity, acceleration))
+        jerk = None if limits.jerk is None else np.where(np.isnan(limits.jerk), np.inf, limits.jerk)
+        return cls(_Known(lower, upper, velocity, acceleration), jerk)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,94 +76,60 @@ class _Known:
     acceleration: Array
 
 
-def _or_infinite(rates: Array) -> Array:
-    return np.where(np.isnan(rates), np.inf, rates)
-
-
 def plots_html(trajectory: Trajectory, drawn: PlotLimits) -> str:
-    """The plots as HTML with inline SVG: a disclosure that is closed at first; empty without a motion."""
+    """The panel of the plots, which is closed at first; empty without a motion."""
     if not trajectory.duration > 0.0:
         return ""
     samples = int(np.clip(TOTAL // (len(trajectory.times) - 1), FEWEST, MOST))
     times, panels = panels_of(trajectory, drawn.limits, jerk=drawn.jerk, rate_limits=drawn.rate_limits, samples=samples)
-    names = "".join(
-        f'<li><span class="swatch" style="background:{_colour(k)}"></span>{escape(name)}</li>'
-        for k, name in enumerate(trajectory.joint_names)
-    )
-    figures = "".join(_svg(panel, times) for panel in panels)
+    joints = [(name, SERIES[k % len(SERIES)]) for k, name in enumerate(trajectory.joint_names)]
+    more = "".join(f", {escape(panel.name)}" for panel in panels[4:])
     return (
-        f'<details id="plots"><summary>Position, velocity, acceleration, jerk{_more(panels[4:])} over time</summary>'
-        f'<ul class="legend" aria-label="Colours of the joints">{names}</ul>'
-        f'<div class="panels">{figures}</div></details>'
+        f'<details id="chart" class="below"><summary>Position, velocity, acceleration, jerk{more} over time</summary>'
+        f'{legend(joints, "Colours of the joints")}<div class="panels">{"".join(_plot(p, times) for p in panels)}</div>'
+        "</details>"
     )
 
 
-def _more(panels: Sequence[Panel]) -> str:
-    return "".join(f", {escape(panel.name)}" for panel in panels)
-
-
-def _colour(index: int) -> str:
-    return SERIES[index % len(SERIES)]
-
-
-def _svg(panel: Panel, times: Array) -> str:
-    """One panel; its lines have titles with the range of the samples, which browsers show as tooltips."""
-    shares, limited = _shares(panel)
-    percent = bool(limited.any())
-    drawn = shares if percent else panel.values
-    columns = np.flatnonzero(limited) if percent else np.arange(len(panel.labels))
-    size = max(1.12 * LIMIT if percent else 0.0, 1.05 * float(np.abs(drawn[:, columns]).max(initial=0.0)))
-    size = size or 1.0
-    x = LEFT + (WIDTH - LEFT - RIGHT) * times / times[-1]
-
-    def height(value: Array | float) -> Array:
-        middle = 0.5 * (TOP + HEIGHT - BOTTOM)
-        return np.asarray(middle - 0.5 * (HEIGHT - TOP - BOTTOM) * np.asarray(value) / size)
-
-    ticks = (-LIMIT, 0.0, LIMIT) if percent else (-size / 1.05, 0.0, size / 1.05)
-    lines = "".join(
-        f'<line class="{"limit" if percent and tick else "zero"}" x1="{LEFT}" x2="{WIDTH - RIGHT}" '
-        f'y1="{float(height(tick)):.1f}" y2="{float(height(tick)):.1f}"/>'
-        f'<text class="tick" x="{LEFT - 5}" y="{float(height(tick)) + 3.5:.1f}">{_number(tick, percent)}</text>'
-        for tick in ticks
-    )
-    curves = "".join(
-        f'<polyline stroke="{_colour(k)}" points="{_points(x, height(drawn[:, k]))}">'
-        f"<title>{escape(_title(panel, k, shares[:, k] if limited[k] else None))}</title></polyline>"
-        for k in columns.tolist()
-    )
-    unit = panel.unit or UNITS.get(panel.name, "")
-    what = "% of the limit" if percent else unit
-    if percent and panel.name == "position":
-        what = "% between the limits"
-    head = f"{panel.name}, {what}" if what else panel.name
-    return (
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(head)}" '
-        f'data-left="{LEFT}" data-right="{RIGHT}"><text class="head" x="{LEFT}" y="14">{escape(head)}</text>'
-        f'{lines}{curves}<line class="now" x1="{LEFT}" x2="{LEFT}" y1="{TOP}" y2="{HEIGHT - BOTTOM}"/>'
-        f'<text class="tick start" x="{LEFT}" y="{HEIGHT - 4}">0</text>'
-        f'<text class="tick" x="{WIDTH - RIGHT}" y="{HEIGHT - 4}">{times[-1]:.3g} s</text></svg>'
-    )
-
-
-def _shares(panel: Panel) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """(N, m) the values as shares of their limits, from -1 to 1 within them, and (m,) which of them have limits."""
+def _plot(panel: Panel, times: Array) -> str:
+    """One plot; its lines have titles with the range of the samples, which browsers show as tooltips."""
+    # The values as shares of their limits, from -1 to 1 within them
     limited = np.isfinite(panel.lower) & np.isfinite(panel.upper) & (panel.upper > panel.lower)
     middle, half = np.zeros(len(limited)), np.ones(len(limited))
     lower, upper = panel.lower[limited], panel.upper[limited]
     middle[limited], half[limited] = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    return (panel.values - middle) / half, limited
-
-
-def _title(panel: Panel, k: int, share: Array | None) -> str:
-    values = panel.values[:, k]
+    shares = (panel.values - middle) / half
+    # If any line has a limit, those without one are left out
+    percent = bool(limited.any())
+    drawn, columns = (shares, np.flatnonzero(limited)) if percent else (panel.values, np.arange(len(panel.labels)))
+    largest = float(np.abs(drawn[:, columns]).max(initial=0.0))
+    size = max(1.12 * LIMIT if percent else 0.0, 1.05 * largest) or 1.0
+    x, y = WIDTH * times / times[-1], 0.5 * HEIGHT * (1.0 - drawn / size)
+    # The limits, or the largest value, and zero
+    marks = []
+    for tick in (-LIMIT, 0.0, LIMIT) if percent else (-size / 1.05, 0.0, size / 1.05):
+        share = 0.5 * (1.0 - tick / size)
+        kind, number = "limit" if percent and tick else "zero", f"{100.0 * tick:.0f}" if percent else f"{tick:.3g}"
+        line = f'<line class="{kind}" x1="0" x2="{WIDTH}" y1="{HEIGHT * share:.1f}" y2="{HEIGHT * share:.1f}"/>'
+        marks.append((line, f'<span class="tick" style="top:{100.0 * share:.1f}%">{number}</span>'))
     unit = panel.unit or UNITS.get(panel.name, "")
-    most = f"{panel.labels[k]}: {values.min():.3g} to {values.max():.3g} {unit}".rstrip()
-    return most if share is None else f"{most}, up to {100.0 * float(np.abs(share).max()):.0f} % of the limit"
-
-
-def _number(value: float, percent: bool) -> str:
-    return f"{100.0 * value:.0f}" if percent else f"{value:.3g}"
+    curves = []
+    for k in columns.tolist():
+        values = panel.values[:, k]
+        title = f"{panel.labels[k]}: {values.min():.3g} to {values.max():.3g} {unit}".rstrip()
+        if limited[k]:
+            title += f", up to {100.0 * float(np.abs(shares[:, k]).max()):.0f} % of the limit"
+        colour, points = SERIES[k % len(SERIES)], _points(x, y[:, k])
+        curves.append(f'<polyline stroke="{colour}" points="{points}"><title>{escape(title)}</title></polyline>')
+    what = ("% between the limits" if panel.name == "position" else "% of the limit") if percent else unit
+    head = escape(f"{panel.name}, {what}" if what else panel.name)
+    lines, ticks = ("".join(parts) for parts in zip(*marks, strict=True))
+    return (
+        f'<figure><figcaption>{head}</figcaption><div class="plot">'
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{head}">'
+        f"{lines}{''.join(curves)}</svg>{ticks}</div>"
+        f'<div class="ends"><span>0</span><span>{times[-1]:.3g} s</span></div></figure>'
+    )
 
 
 def _points(x: Array, y: Array) -> str:

@@ -40,6 +40,7 @@ from pinproof.collision.geometry.bodies import triangles_of
 from pinproof.collision.geometry.hulls import hull_triangles
 from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
 from pinproof.collision.geometry.triangles import connected_parts
+from pinproof.common import theme
 from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description import LinkGeometry, meshes
 from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, metres_per_unit, read_mesh, resolved, z_up
@@ -196,9 +197,7 @@ def _data_url(image: Any) -> str:
     return f"data:image/{'png' if transparent else 'jpeg'};base64,{b64encode(content.getvalue()).decode('ascii')}"
 
 
-LINK_GREY: Rgba = (0.72, 0.74, 0.77, 1.0)
-OBSTACLE_SAND: Rgba = (0.80, 0.70, 0.55, 1.0)
-COLLISION_AMBER: Rgba = (0.95, 0.62, 0.10, 0.45)
+LINK_GREY, OBSTACLE_SAND, COLLISION_AMBER = theme.rgba("link"), theme.rgba("obstacle"), theme.rgba("collision", 0.45)
 REFERENCE = re.compile(rb"\.(?:bin|bmp|gif|jpe?g|mtl|png|tga|tiff?|webp)\b", re.IGNORECASE)
 """The ends of the names of files in a mesh file."""
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common import theme
 from pinproof.spatial import Array
 from pinproof.viewer.surfaces import Surface
 
@@ -39,6 +41,7 @@ class Commands:
         self.pictures: dict[str, list[list[str]]] = {}
         """Nodes by the ``data:`` URL of their texture. The page applies them itself, because meshcat does so late."""
         self._blob = bytearray()
+        self._stored: dict[tuple[str, bytes], dict[str, Any]] = {}
         self._objects = 0
 
     def set_transform(self, path: str, a_from_b: Array) -> None:
@@ -75,7 +78,7 @@ class Commands:
         look = {
             "type": "MeshPhongMaterial",
             "color": r << 16 | g << 8 | b,
-            "specular": 0x1C1C1C,
+            "specular": theme.number("gloss"),
             "shininess": 28,
             "side": 2,  # both sides, because the triangles of some files are oriented inwards
             "opacity": rgba[3],
@@ -117,11 +120,18 @@ class Commands:
         self.items.append({"type": "set_object", "path": path, "object": {**thing, "object": inner}})
 
     def array(self, values: npt.NDArray[Any]) -> dict[str, Any]:
-        """Store an array and return a reference, which the script of the page replaces by a typed array."""
-        self._blob.extend(b"\0" * (-len(self._blob) % 4))  # the offset of a typed array is a multiple of its item size
-        reference = [TYPED_ARRAYS[values.dtype.name], len(self._blob), values.size]
-        self._blob.extend(np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False).tobytes())
-        return {"$buffer": reference}
+        """Store an array and return a reference, which the script of the page replaces by a typed array.
+
+        Equal arrays, such as the times of several tracks, are stored once.
+        """
+        content = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False).tobytes()
+        kind = TYPED_ARRAYS[values.dtype.name]
+        key = (kind, blake2b(content).digest())
+        if key not in self._stored:
+            self._blob.extend(b"\0" * (-len(self._blob) % 4))  # offsets of typed arrays are multiples of the item size
+            self._stored[key] = {"$buffer": [kind, len(self._blob), values.size]}
+            self._blob.extend(content)
+        return self._stored[key]
 
     def json(self) -> str:
         """The commands as JSON, escaped for a ``<script>`` element."""

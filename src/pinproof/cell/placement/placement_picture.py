@@ -13,7 +13,7 @@ from pinproof.cell.placement.region import Placement, PlacementRegion
 from pinproof.common import theme
 from pinproof.spatial import Array
 
-RED, GREY = theme.COLOURS["bad"], theme.COLOURS["line"]
+RED, GREY, WHITE, INK = (theme.COLOURS[name] for name in ("bad", "line", "paper", "ink"))
 
 
 def heat_map_picture(
@@ -47,7 +47,7 @@ def heat_map_picture(
                 figure.colorbar(image, ax=panel, label=label, shrink=0.85)
             else:
                 panel.text(0.5, 0.5, f"no {label.split(' [')[0]}", transform=panel.transAxes, ha="center", zorder=3,
-                           bbox={"facecolor": "white", "edgecolor": GREY})  # fmt: skip
+                           bbox={"facecolor": WHITE, "edgecolor": GREY})  # fmt: skip
             _mark(panel, [at for at in judged if at.choice == name], judged[0] if best else None)
             panel.set(
                 xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), aspect="equal", facecolor=GREY,
@@ -66,7 +66,7 @@ def _mark(panel: Any, judged: Sequence[Placement], best: Placement | None) -> No
     for at in judged:
         star = at is best
         panel.plot(
-            at.x, at.y, "*" if star else "o", color=RED if star else "white", markeredgecolor="black",
+            at.x, at.y, "*" if star else "o", color=RED if star else WHITE, markeredgecolor=INK,
             markersize=15 if star else 6, clip_on=False, zorder=3 if star else 2,
         )  # fmt: skip
 

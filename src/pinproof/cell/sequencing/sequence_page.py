@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from pinproof.cell.sequencing.cycle_time import cycle_time
 from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult
 from pinproof.collision.certificates.certificate import proven_millimetres
-from pinproof.common import theme
-from pinproof.common.files import os_errors, write_text_whole
+from pinproof.common.files import os_errors
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model import guess_mark, guess_note
-from pinproof.spatial import SE3, Array, matrix
-from pinproof.viewer.animation import Film, pose_tracks, tracks
+from pinproof.spatial import SE3
+from pinproof.viewer import panels
+from pinproof.viewer.animation import Film, Phase, film, tracks
 from pinproof.viewer.camera import choose_view, placed_points, tool_points
 from pinproof.viewer.overlays import ColouredPoints
-from pinproof.viewer.page import assemble, fill, part
 from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import Stage, box_corners, set_stage, simplified
-from pinproof.viewer.wire import Commands, node_path
-
-Riders = dict[str, list[tuple[float, Array]]]
-"""Key frames (time, ``root_from_object``) of carried parts by name."""
+from pinproof.viewer.wire import node_path
 
 RATE = 15.0
 """Key frames per second; the viewer interpolates between them."""
@@ -35,10 +32,117 @@ MOST_FRAMES = 6000
 """Largest number of key frames; longer sequences have fewer per second."""
 
 LAST = 1e-3
-"""Seconds after the last key frame at which a clip ends at the earliest."""
+"""Seconds after the last key frame at which the film ends at the earliest."""
 
 FRAMED = 200
 """Number of poses of the arm that the camera frames."""
+
+COLUMNS = ("#", "Pick", "Start", "Duration", "Clearance", "Limited by")
+
+
+@dataclass(frozen=True)
+class CellRow:
+    """A pick of the table: its times (s), its proven clearance (m), and what limits its duration."""
+
+    name: str
+    start: float
+    duration: float
+    clearance: float
+    limited_by: str
+
+
+@dataclass(frozen=True)
+class CellPage:
+    """The content of a page of a cell.
+
+    Parameters
+    ----------
+    title, summary, figures, notes
+        Texts; ``figures`` are pairs of a label and a figure.
+    duration
+        Seconds of the complete film.
+    rows
+        The picks in order.
+    left_out
+        The names of the picks that are not executed, with the reasons.
+    bars, lanes
+        The Gantt chart.
+    several
+        Whether each lane is an arm, not a phase.
+    """
+
+    title: str
+    summary: str
+    figures: Sequence[tuple[str, str]]
+    notes: Sequence[str]
+    duration: float
+    rows: Sequence[CellRow]
+    left_out: Sequence[tuple[str, str]]
+    bars: Sequence[panels.Bar]
+    lanes: Sequence[str]
+    several: bool = False
+
+    def write(
+        self,
+        path: str | Path,
+        stage: Stage,
+        shown: Film,
+        acceleration_source: str,
+        heat_map: ColouredPoints | None = None,
+    ) -> None:
+        """Write the page of a film, whose carried parts are obstacles of the stage.
+
+        Raises
+        ------
+        ViewerError
+            If the robot has nothing to draw, or the page cannot be written.
+        """
+        if not any(link.surfaces for link in stage.links):
+            raise ViewerError(f"robot {stage.arm.robot.name!r} has nothing to draw: no link has geometry")
+        # The camera frames the arms, the carried parts where they are picked and placed, and the points on the floor
+        few = shown.poses[:: -(-len(shown.times) // FRAMED)]
+        extra = [np.empty((0, 3)) if heat_map is None else heat_map.xyz]
+        carried = [thing for thing in stage.obstacles if thing.name in shown.riders and thing.surfaces]
+        extra += [placed_points(box_corners(thing.surfaces), shown.riders[thing.name][[0, -1]]) for thing in carried]
+        points = np.concatenate([*shown.tcps.swapaxes(0, 1), *extra])
+        view = choose_view(stage, few, points, tool=tool_points(stage, few))
+        commands = stage_commands(stage, Film(np.zeros(1), shown.poses[:1], shown.tcps[:1]), view)
+        if heat_map is not None:
+            heat_map.draw(commands)
+        places = {thing.name: node_path("scene", thing.name) for thing in stage.obstacles}
+        rest = max(self.duration - float(shown.times[-1]), LAST)
+        commands.set_animation(tracks(commands, stage, shown, places, rest=rest))
+        cells: list[tuple[object, ...]] = [
+            (
+                *(number, row.name, f"{row.start:.2f} s", f"{row.duration:.2f} s"),
+                *(proven_millimetres(row.clearance), row.limited_by),
+            )
+            for number, row in enumerate(self.rows, start=1)
+        ]
+        cells += [("", name, "left out", "", "", reason) for name, reason in self.left_out]
+        notes = [
+            "Motions are resampled for display; the proofs hold for the original motions.",
+            *self.notes,
+            guess_note(acceleration_source) or f"Acceleration limits: {acceleration_source}",
+            *stage.notes,
+        ]
+        chart = panels.gantt(self.bars, self.lanes, self.duration, named=self.several)
+        text = panels.page(
+            self.title,
+            "cell",
+            chart + panels.table("side", COLUMNS, cells, notes, numbers=("#", "Start", "Duration", "Clearance")),
+            {
+                **view.settings(),
+                "duration": self.duration,
+                "moments": [[row.start, row.start + row.duration] for row in self.rows],
+            },
+            commands,
+            label="The robot in its cell",
+            summary=escape(self.summary),
+            head=panels.figures(self.figures),
+            colours=() if heat_map is None else heat_map.legend,
+        )
+        panels.write_page(path, text)
 
 
 def write_sequence_page(
@@ -67,72 +171,60 @@ def write_sequence_page(
     if not result.steps:
         raise InputError("the sequence has no step that a page could show")
     setup = result.setup
-    arm, scene = setup.checker.arm, setup.checker.scene
-    stage = simplified(set_stage(arm, scene, setup.shared.open_tool))
-    texts = PageTexts(title or f"Cell of {arm.robot.name}", result.message, _figures(result), _notes(result, stage))
-    write_page(stage, *_film(stage, result), texts, {"duration": result.duration, **_content(result)}, path, heat_map)
-
-
-class PageTexts(NamedTuple):
-    """The texts of a page."""
-
-    title: str
-    summary: str
-    figures: list[tuple[str, str]]
-    """Pairs of a label and a figure."""
-    notes: list[str]
-
-
-def write_page(
-    stage: Stage,
-    shown: Film,
-    riders: Riders,
-    texts: PageTexts,
-    content: dict[str, Any],
-    path: str | Path,
-    heat_map: ColouredPoints | None = None,
-) -> None:
-    """Write the page of a film with carried parts; ``content`` has its duration, and the rows and bars of the chart.
-
-    Raises
-    ------
-    ViewerError
-        If the robot has nothing to draw, or the page cannot be written.
-    """
-    if not any(link.surfaces for link in stage.links):
-        raise ViewerError(f"robot {stage.arm.robot.name!r} has nothing to draw: no link has geometry")
-    few = slice(None, None, -(-len(shown.times) // FRAMED))
-    floor = np.empty((0, 3)) if heat_map is None else heat_map.xyz
-    points = np.concatenate([*shown.tcps.swapaxes(0, 1), _rider_points(stage, riders), floor])
-    view = choose_view(stage, shown.poses[few], points, tool=tool_points(stage, shown.poses[few]))
-    first = Film(np.zeros(1), shown.poses[:1], shown.tcps[:1])
-    commands = stage_commands(stage, first, view)
-    if heat_map is not None:
-        heat_map.draw(commands)
-    moving = _rider_tracks(commands, stage, riders, content["duration"])
-    commands.set_animation([*tracks(commands, stage, shown, rest=0.0), *moving])
-    legend = () if heat_map is None else heat_map.legend
-    body = fill(
-        part("sequence_page.html", __package__),
-        {
-            "title": escape(texts.title),
-            "summary": escape(texts.summary),
-            "chips": "".join(f"<li><b>{escape(text)}</b> {escape(label)}</li>" for label, text in texts.figures),
-            "legend": "".join(
-                f'<li><span class="swatch" style="background:rgb({r * 255:.0f},{g * 255:.0f},{b * 255:.0f})"></span>'
-                f"{escape(text)}</li>"
-                for text, (r, g, b) in legend
-            ),
-            "notes": "".join(f"<li>{escape(note)}</li>" for note in texts.notes),
-        },
+    arm = setup.checker.arm
+    stage = simplified(set_stage(arm, setup.checker.scene, setup.shared.open_tool))
+    # The film of all motions, with rests at dwell times
+    own = {thing.name for thing in setup.shared.open_tool}
+    pieces = [
+        (phase.start, motion)
+        for step in result.steps
+        for phase, motion in zip(
+            [phase for phase in step.phases if phase.name not in ("grip", "release")], step.verdict.motions, strict=True
+        )
+    ]
+    end = result.steps[-1].end
+    closing = [] if result.closing is None else [(end, result.closing)]
+    phases = [
+        Phase(
+            motion.trajectory,
+            tuple(thing for thing in motion.attached if thing.name not in own),
+            held=motion.held,
+            start=start,
+        )
+        for start, motion in [*pieces, *closing]
+    ]
+    # The rows of the table, and the bars of the chart
+    rows = [
+        CellRow(time.name, time.start, time.duration, step.verdict.clearance, time.limited_by)
+        for step, time in zip(result.steps, cycle_time(result).picks, strict=True)
+    ]
+    bars = [
+        panels.Bar(phase.name, phase.name, phase.start, phase.duration, f"{step.pick.name}, {phase.name}")
+        for step in result.steps
+        for phase in step.phases
+    ]
+    bars += [panels.Bar("transit", "transit", end, motion.trajectory.duration, "transit") for end, motion in closing]
+    free = "FREE" if all(motion.certificate.free for motion in result.motions) else "UNPROVEN"
+    page = CellPage(
+        title or f"Cell of {arm.robot.name}",
+        result.message,
+        [
+            (f"cycle{guess_mark(arm.limits.acceleration_source)}", f"{result.duration:.1f} s"),
+            ("parts per minute", f"{result.parts_per_minute:.1f}"),
+            ("above the lower bound", f"{100 * result.gap:.1f} %"),
+            (f"motions, smallest proven clearance {proven_millimetres(result.clearance)}", free),
+        ],
+        [
+            f"Not covered: {note}"
+            for note in setup.not_covered({step.pick.carried is not None for step in result.steps})
+        ],
+        result.duration,
+        rows,
+        [(pick.name, pick.reason) for pick in result.left_out],
+        bars,
+        PHASES,
     )
-    style = part("common.css") + part("sequence_page.css", __package__)
-    settings = {**view.settings(), **content}
-    text = assemble(texts.title, style, body, part("sequence_page.js", __package__), settings, commands)
-    try:
-        write_text_whole(path, text)
-    except FileError as error:
-        raise ViewerError(str(error)) from error
+    page.write(path, stage, film(stage, phases, rate=RATE, most=MOST_FRAMES), arm.limits.acceleration_source, heat_map)
 
 
 def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> ColouredPoints:
@@ -169,111 +261,3 @@ def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> Colour
     size = 0.5 * min((float(step.min()) for step in steps if len(step)), default=0.05)
     placed = points if root_from_cell is None else np.array([root_from_cell.act(point) for point in points])
     return ColouredPoints.of_values(placed, list(best.values()), label="share of picks:", size=min(size, 0.05))
-
-
-def _figures(result: SequenceResult) -> list[tuple[str, str]]:
-    free = all(motion.certificate.free for motion in result.motions)
-    return [
-        (f"cycle{guess_mark(result.setup.checker.arm.limits.acceleration_source)}", f"{result.duration:.1f} s"),
-        ("parts per minute", f"{result.parts_per_minute:.1f}"),
-        ("above the lower bound", f"{100 * result.gap:.1f} %"),
-        (
-            f"motions, smallest proven clearance {proven_millimetres(result.clearance)}",
-            "FREE" if free else "UNPROVEN",
-        ),
-    ]
-
-
-def _notes(result: SequenceResult, stage: Stage) -> list[str]:
-    source = result.setup.checker.arm.limits.acceleration_source
-    with_object = {step.pick.carried is not None for step in result.steps}
-    return [
-        "Motions are resampled for display; the proofs hold for the original motions.",
-        *(f"Not covered: {note}" for note in result.setup.not_covered(with_object)),
-        guess_note(source) or f"Acceleration limits: {source}",
-        *stage.notes,
-    ]
-
-
-def _content(result: SequenceResult) -> dict[str, Any]:
-    """The rows of the table and the bars of the chart."""
-    rows = []
-    for step, time in zip(result.steps, cycle_time(result).picks, strict=True):
-        rows.append(
-            {
-                "name": time.name,
-                "start": time.start,
-                "duration": time.duration,
-                "phases": [[phase.name, phase.start, phase.duration] for phase in step.phases],
-                "clearance": proven_millimetres(step.verdict.clearance),
-                "limit": time.limited_by,
-            }
-        )
-    end = result.steps[-1].end
-    closing = [] if result.closing is None else [["transit", end, result.closing.trajectory.duration]]
-    left_out = [vars(pick) for pick in result.left_out]
-    chart = {"closing": closing, "colours": theme.PHASES, "lanes": list(PHASES), "arms": False}
-    return {"rows": rows, "left_out": left_out, **chart}
-
-
-def _film(stage: Stage, result: SequenceResult) -> tuple[Film, Riders]:
-    """Key frames of all motions with rests at dwell times, and key frames (time, pose) of each carried part."""
-    rate = min(RATE, MOST_FRAMES / max(result.moving, 1e-9))
-    own = {thing.name for thing in result.setup.shared.open_tool}
-    times: list[float] = []
-    poses: list[Array] = []
-    tcps: list[Array] = []
-    riders: Riders = {}
-    pieces = [
-        (phase.start, motion)
-        for step in result.steps
-        for phase, motion in zip(
-            [each for each in step.phases if each.name not in ("grip", "release")], step.verdict.motions, strict=True
-        )
-    ]
-    if result.closing is not None:
-        pieces.append((result.steps[-1].end, result.closing))
-    for start, motion in pieces:
-        placed = Stage(stage.arm.with_held(motion.held), stage.links, stage.obstacles, stage.notes)
-        moved = motion.trajectory
-        instants = np.linspace(0.0, moved.duration, int(np.ceil(moved.duration * rate)) + 1)
-        for t, q in zip(instants.tolist(), np.asarray(moved(instants), dtype=float), strict=True):
-            now = start + t
-            (tcp,) = placed.tcp_poses(q)
-            if not times or now > times[-1]:
-                times.append(now)
-                poses.append(placed.link_poses(q))
-                tcps.append(tcp[None, :3, 3])
-            for thing in motion.attached:
-                if thing.name not in own:
-                    frames = riders.setdefault(thing.name, [])
-                    if not frames or now > frames[-1][0]:
-                        frames.append((now, tcp @ matrix(thing.pose)))
-    return Film(np.array(times), np.stack(poses), np.stack(tcps)), riders
-
-
-def _rider_tracks(commands: Commands, stage: Stage, riders: Riders, duration: float) -> list[dict[str, Any]]:
-    """The tracks of the carried parts. Before the first and after the last key frame, a part keeps its pose."""
-    drawn = {obstacle.name for obstacle in stage.obstacles}
-    found = []
-    for name, frames in riders.items():
-        if name not in drawn:
-            continue
-        # A clip is repeated after its last key frame, so all clips end at the same time.
-        keys = [*frames, (max(duration, frames[-1][0] + LAST), frames[-1][1])]
-        stamps = commands.array(np.array([time for time, _ in keys], dtype=np.float32))
-        made = pose_tracks(commands, stamps, np.stack([pose for _, pose in keys]))
-        if made:
-            clip = {"fps": 1, "name": "motion", "tracks": made}
-            found.append({"path": node_path("scene", name), "clip": clip})
-    return found
-
-
-def _rider_points(stage: Stage, riders: Riders) -> Array:
-    """(N, 3) the corners of the carried parts where they are picked and placed, for the camera."""
-    surfaces = {obstacle.name: obstacle.surfaces for obstacle in stage.obstacles}
-    found = [np.empty((0, 3))]
-    for name, frames in riders.items():
-        if surfaces.get(name):
-            found.append(placed_points(box_corners(surfaces[name]), np.stack([frames[0][1], frames[-1][1]])))
-    return np.concatenate(found)

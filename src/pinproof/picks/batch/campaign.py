@@ -265,13 +265,12 @@ class CampaignResult:
         FileError
             If the rows cannot be read or the page cannot be written.
         """
-        from pinproof.picks.report.page import PageContent, PageRow, write_page
+        from pinproof.picks.report.page import write_page
 
         if Path(path).suffix.lower() != ".html":
             raise InputError(f"{path}: the page of a campaign is a .html file; its rows are in {self.path}")
-        rows = (PageRow(row) for row in self.rows())
-        content = PageContent(rows, self.total, self.verdicts, self.summary, self.notes, self.acceleration_source)
-        write_page(path, content, self.setup, arm=arm, scene=scene, picks=picks, title=title)
+        rows = ((row, None) for row in self.rows())
+        write_page(path, self, rows, self.verdicts, arm=arm, scene=scene, picks=picks, title=title)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything except the rows, as plain values for JSON."""

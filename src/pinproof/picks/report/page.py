@@ -1,4 +1,4 @@
-"""The HTML page of a report: summary, table, a 3D view with every grasp, and the motions of the good picks.
+"""The page of a report: table, a 3D view with every grasp, and the captions and motions of the picks.
 
 The page is one file that opens offline in any browser. As it states, its motions are resampled for display; the proofs
 hold for the original motions, which the page does not contain. A pick is captioned FREE only if a
@@ -7,13 +7,12 @@ certificate matches exactly what is shown.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from pinproof.collision import Obstacle, Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.collision.checking.spec import CheckerSpec
 from pinproof.common import theme
+from pinproof.common.display import Html
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm, guess_mark, guess_note
@@ -28,41 +28,161 @@ from pinproof.picks.input.pick import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import Array, matrix, pose
+from pinproof.viewer import panels
 from pinproof.viewer.animation import Film, Phase, film, still, tracks
 from pinproof.viewer.camera import View, choose_view, extremes, placed_points, tool_points
 from pinproof.viewer.overlays import LONGEST, PoseMarkers, arrow
-from pinproof.viewer.page import assemble, fill, part
 from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import DrawnLink, Stage, box_corners, set_stage, simplified
 from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
 from pinproof.viewer.wire import Commands, node_path, transform_command
 
-DETAILS = ("stages", "motions", "refuted")
-
-MOST_DETAILS = 2_000_000
-"""Largest total number of characters of the details of entries, so that a page with thousands of rows opens quickly."""
-
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
+MOST_ROWS = 5000
+"""Largest number of rows, so that a browser scrolls and sorts the table without delay. Further rows are omitted, which
+the page states."""
 
-def entry(
-    row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks, *, source: str = ""
-) -> dict[str, Any]:
-    """The entry of a row for the table and the caption of the page; ``source`` of acceleration limits."""
-    kind = row["verdict"]
-    headline, tone, text = kind.upper(), kind.replace(" ", "-"), row.get("reason", "")
-    if kind == "good" and verdict is None:
-        text = "Judged good, with its motion proven. The rows of a campaign keep no motions, so none is played."
-    elif kind == "good" and verdict is not None:
-        if _proven(verdict, arm, scene, picks):
-            headline, tone, text = "FREE", "free", PROVEN
-        else:
-            headline, tone = "NOT VALIDATED", "open"
-            text = "The certificate belongs to another motion, arm, scene or tool than those of this page."
-    clearance, duration = row.get("clearance_proven"), row.get("duration")
-    proven = _proven_text(row)
+MOST_DETAILS = 2_000_000
+"""Largest number of characters of all captions with stages, so that a page with thousands of rows opens quickly."""
+
+COLUMNS = ("Pick", "Verdict", "Failed at", "Clearance", "Duration", "Reason and remedy")
+
+PageRow = tuple[dict[str, Any], "PickVerdict | None"]
+"""A row of plain values, and its verdict if it is known."""
+
+CARD = """<section class="side card" id="card" aria-label="The chosen pick"{hidden}><div id="choice">
+<button type="button" id="before" aria-label="Pick before">&#8249;</button>
+<select id="chosen" aria-label="Choose a pick">{options}</select>
+<button type="button" id="after" aria-label="Next pick">&#8250;</button></div>
+<div id="caption" aria-live="polite"></div><div id="captions" hidden>{captions}</div></section>"""
+
+
+class Result(Protocol):
+    """What a page shows of a report or of the result of a campaign besides its rows."""
+
+    @property
+    def summary(self) -> str:
+        """One line on all rows."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the verdicts do not cover."""
+
+    @property
+    def acceleration_source(self) -> str:
+        """The origin of the acceleration limits of the timing."""
+
+    @property
+    def setup(self) -> PickSetup | None:
+        """The setup that the picks were judged with."""
+
+
+def write_page(
+    path: str | Path,
+    result: Result,
+    rows: Iterable[PageRow],
+    counts: Mapping[str, int],
+    *,
+    arm: Arm | None = None,
+    scene: Scene | None = None,
+    picks: Picks | None = None,
+    title: str | None = None,
+) -> None:
+    """Write the page of a report or of a campaign, completely or not at all.
+
+    The arm, the scene, and the tool and home that the picks share are by default those of the setup of the result, with
+    which the picks were judged. ``counts`` are the numbers of rows with each verdict. The default of the title is the
+    name of the robot.
+
+    Raises
+    ------
+    InputError
+        If the result has no setup and one of ``arm``, ``scene`` and ``picks`` is missing.
+    ViewerError
+        If the robot has nothing to draw, or meshcat's viewer is not installed.
+    FileError
+        If the file cannot be written.
+    """
+    if (setup := result.setup) is not None:
+        checker = setup.checker
+        arm, scene, picks = arm or checker.arm, checker.scene if scene is None else scene, picks or setup.shared
+    if arm is None or scene is None or picks is None:
+        missing = [name for name, value in {"arm": arm, "scene": scene, "picks": picks}.items() if value is None]
+        raise InputError(
+            f"{path}: this result does not contain the {', '.join(missing)} of the 3D view; add to save(): "
+            f"{', '.join(f'{name}=...' for name in missing)}"
+        )
+    shown = list(islice(rows, MOST_ROWS))
+    stage = simplified(set_stage(arm, scene, picks.tool))
+    if not stage.links:
+        raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
+    settings, commands, notes = _animated(shown, stage, arm, scene, picks)
+    # The captions, without stages and parts once they are too long in total
+    source, budget, captions, shortened = result.acceleration_source, MOST_DETAILS, [], 0
+    for values, verdict in shown:
+        caption = _caption(values, verdict, arm, scene, picks, source=source)
+        text = caption.html()
+        budget -= len(text)
+        if budget < 0 and (caption.steps or caption.lists):
+            text, shortened = replace(caption, steps=(), lists=()).html(), shortened + 1
+        captions.append(f"<template>{text}</template>")
+    # What the page leaves out or the verdicts do not cover
+    total = sum(counts.values())
+    if len(shown) < total:
+        notes.append(f"This page shows the first {len(shown):,} of {total:,} rows.")
+    notes += [f"Not covered: {note}" for note in result.notes]
+    notes.append(guess_note(source) or f"Acceleration limits: {source}")
+    if shortened:
+        reason = "are omitted to limit the size of the page; JSON and CSV have them."
+        notes.append(f"The stages and parts of {shortened:,} rows {reason}")
+    cells = []
+    for values, _ in shown:
+        why = escape(values.get("reason", ""))
+        if values.get("remedy"):
+            why += f'<span class="try">Suggestion: {escape(values["remedy"])}</span>'
+        figures = (_proven_text(values), _seconds(values.get("duration")))
+        cells.append((values["name"], values["verdict"], values.get("failed_at") or "", *figures, Html(why)))
+    kinds = [values["verdict"] for values, _ in shown]
+    colours = [theme.VERDICTS.get(kind, theme.COLOURS["muted"]) for kind in kinds]
+    options = "".join(
+        f'<option value="{k}">{escape(values["name"])} ({escape(kind)})</option>'
+        for k, ((values, _), kind) in enumerate(zip(shown, kinds, strict=True))
+    )
+    card = CARD.format(hidden="" if shown else " hidden", options=options, captions="".join(captions))
+    text = panels.page(
+        title or f"Picks of {arm.robot.name}",
+        "picks",
+        card
+        + panels.table(
+            "below", COLUMNS, cells, [*notes, *stage.notes], colours=colours, numbers=("Clearance", "Duration")
+        ),
+        settings,
+        commands,
+        label="The robot in its scene, with an arrow at every grasp in the colour of its verdict",
+        summary=escape(result.summary),
+        head=panels.chips({name: counts.get(name, 0) for name in (*theme.VERDICTS, *counts)}, theme.VERDICTS),
+        script=panels.part("page.js", __package__),
+    )
+    write_text_whole(path, text)
+
+
+def _caption(
+    row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks, *, source: str
+) -> panels.Caption:
+    """The caption of a row; ``source`` is that of the acceleration limits."""
+    tone, reason = row["verdict"], row.get("reason", "")
+    headline = tone.upper() + (f" at {row['failed_at']}" if row.get("failed_at") else "")
+    if tone == "good" and verdict is None:
+        reason = "Judged good, with its motion proven. The rows of a campaign keep no motions, so none is played."
+    elif tone == "good" and verdict is not None and _proven(verdict, arm, scene, picks):
+        headline, tone, reason = "FREE", "free", PROVEN
+    elif tone == "good":
+        headline, tone = "NOT VALIDATED", "open"
+        reason = "The certificate belongs to another motion, arm, scene or tool than those of this page."
+    duration = row.get("duration")
     figures = {
-        "Proven clearance": proven,
+        "Proven clearance": _proven_text(row),
         "Duration": _seconds(duration) + ("" if duration is None else guess_mark(source)),
         "Grasp at": _seconds(row.get("grasp_time")),
         "Release at": _seconds(row.get("release_time")),
@@ -70,34 +190,23 @@ def entry(
         "In the frame": row.get("frame", ""),
         "Member": row.get("member", ""),
     }
-    return {
-        "name": row["name"],
-        "verdict": kind,
-        "failed": row.get("failed_at") or "",
-        "clearance": clearance,
-        "clearanceText": proven,
-        "duration": duration,
-        "reason": row.get("reason", ""),
-        "remedy": row.get("remedy", ""),
-        "headline": headline,
-        "tone": tone,
-        "said": text,
-        "figures": [[name, text] for name, text in figures.items() if text],
-        "stages": [[stage["stage"], stage["ok"], stage["message"]] for stage in row.get("stages", ())],
-        "motions": [[each["name"], _seconds(each["duration"]), _proven_text(each)] for each in row.get("motions", ())],
-        "refuted": list(row.get("refuted", ())),
-    }
-
-
-def without_more_details(entries: Iterable[dict[str, Any]]) -> tuple[list[dict[str, Any]], int]:
-    """The entries, without details once :data:`MOST_DETAILS` is exceeded, and the number of entries without details."""
-    kept, budget, shortened = [], MOST_DETAILS, 0
-    for each in entries:
-        budget -= len(json.dumps([each[name] for name in DETAILS]))
-        if budget < 0:
-            each, shortened = {**each, **dict.fromkeys(DETAILS, ())}, shortened + 1
-        kept.append(each)
-    return kept, shortened
+    steps = [
+        (panels.TICK if stage["ok"] else panels.CROSS, stage["stage"], stage["message"])
+        for stage in row.get("stages", ())
+    ]
+    if len(motions := row.get("motions", ())) > 1:
+        parts = [("\u25b8", motion["name"], _seconds(motion["duration"]), _proven_text(motion)) for motion in motions]
+        steps = [(mark, name, f"{seconds}, {clearance}") for mark, name, seconds, clearance in parts] + steps
+    refuted = tuple(row.get("refuted", ()))
+    return panels.Caption(
+        headline,
+        reason,
+        tone if tone in theme.TONES else "still",
+        tuple((name, text) for name, text in figures.items() if text),
+        ((f"{len(refuted)} refuted configurations", refuted),) if refuted else (),
+        row.get("remedy", ""),
+        tuple(steps),
+    )
 
 
 def _seconds(value: float | None) -> str:
@@ -117,6 +226,11 @@ def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
 
     The scenes of the parts may differ only by the carried objects.
     """
+
+    def without(scene: Scene, names: set[str]) -> str:
+        """The hash of the arm and the scene without the named obstacles."""
+        return CheckerSpec(arm, scene.remove(*names.intersection(scene))).setup_hash()
+
     motions = verdict.motions
     if not verdict.ok or not motions:
         return False
@@ -124,20 +238,15 @@ def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
     if not first.certificate.matches(first.trajectory, arm, scene, picks.open_tool, movers=first.movers):
         return False
     carried = {thing.name for motion in motions for thing in motion.attached} - own
-    around = _without(scene, carried, arm)
+    around = without(scene, carried)
     return all(
-        each.certificate.free
-        and each.certificate.matches(
-            each.trajectory, arm.with_held(each.held), each.scene, each.attached, movers=each.movers
+        motion.certificate.free
+        and motion.certificate.matches(
+            motion.trajectory, arm.with_held(motion.held), motion.scene, motion.attached, movers=motion.movers
         )
-        and _without(each.scene, carried, arm) == around
-        for each in motions
+        and without(motion.scene, carried) == around
+        for motion in motions
     )
-
-
-def _without(scene: Scene, names: set[str], arm: Arm) -> str:
-    """The hash of the arm and the scene without the named obstacles."""
-    return CheckerSpec(arm, scene.remove(*names.intersection(scene))).setup_hash()
 
 
 FRAMED = 1.3
@@ -152,31 +261,22 @@ def frame_picks(stage: Stage, poses: Array, tcp: Array, grasps: Array, tool: Arr
 
     ``tool`` (M, 3) are points of the tool and of carried parts; they and the obstacles near them are in the picture.
     """
-    near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * _extent(stage, poses)]
+    # An upper bound of the distance of any point of the robot from its root
+    sizes = [max(float(np.linalg.norm(part.vertices, axis=1).max()) for part in link.surfaces) for link in stage.links]
+    extent = float((np.linalg.norm(poses[:, :, :3, 3], axis=2) + sizes).max())
+    near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * extent]
     tails = near[:, :3, 3] - LONGEST * near[:, :3, 2]
-    groups = _groups(near)
+    # Arrows at grasps that are adjacent in angle about the root, as bodies whose visibility counts like that of links
+    groups = []
+    order = np.argsort(np.arctan2(near[:, 1, 3], near[:, 0, 3]), kind="stable")
+    for number, group in enumerate(group for group in np.array_split(near[order], GROUPS) if len(group)):
+        few = group[:: -(-len(group) // A_GROUP)]
+        surfaces = merge_by_colour([arrow(LONGEST).moved(grasp) for grasp in few])
+        groups.append(DrawnLink(f"grasps {number}", tuple(surfaces)))
     at_rest = np.broadcast_to(np.eye(4), (len(poses), len(groups), 4, 4))
     seen = replace(stage, links=(*stage.links, *groups))
     points = np.concatenate([tcp, near[:, :3, 3], tails])
     return choose_view(seen, np.concatenate([poses, at_rest], axis=1), points, tool=tool)
-
-
-def _extent(stage: Stage, poses: Array) -> float:
-    """Metres: upper bound of the distance of any point of the robot from its root."""
-    sizes = [max(float(np.linalg.norm(each.vertices, axis=1).max()) for each in link.surfaces) for link in stage.links]
-    return float((np.linalg.norm(poses[:, :, :3, 3], axis=2) + sizes).max())
-
-
-def _groups(grasps: Array) -> list[DrawnLink]:
-    """Arrows at grasps, as bodies whose visibility counts like that of links in the choice of the view."""
-    order = np.argsort(np.arctan2(grasps[:, 1, 3], grasps[:, 0, 3]), kind="stable")  # adjacent in angle about the root
-    parts = [group for group in np.array_split(grasps[order], GROUPS) if len(group)]
-    bodies = []
-    for number, group in enumerate(parts):
-        few = group[:: -(-len(group) // A_GROUP)]
-        surfaces = merge_by_colour([arrow(LONGEST).moved(each) for each in few])
-        bodies.append(DrawnLink(f"grasps {number}", tuple(surfaces)))
-    return bodies
 
 
 RATE, MIN_RATE = 30.0, 5.0
@@ -219,7 +319,13 @@ class PageMotions:
     ) -> PageMotions:
         """The motions of verdicts; ``tool`` are the bodies that the stage always draws attached to the tcp."""
         always = {thing.name for thing in tool}
-        parts = [_phases(verdict, always) for verdict in verdicts]
+        parts = [
+            [
+                Phase(part.trajectory, tuple(t for t in part.attached if t.name not in always), movers=part.movers)
+                for part in (() if verdict is None else verdict.motions)
+            ]
+            for verdict in verdicts
+        ]
         seconds = [sum(phase.trajectory.duration for phase in phases) for phases in parts]
         budget = MOST_BYTES / max(len(stage.links), 1)
         overhead = BYTES_A_LINK * np.array([bool(phases) for phases in parts])
@@ -286,8 +392,10 @@ class PageMotions:
                     "tracks": tracks(commands, self.stage, shown, places),
                     "path": commands.array(shown.tcps[:, 0].astype(np.float32).ravel()),
                     "riders": {
-                        **{places[name]: _column(poses[0]) for name, poses in shown.riders.items()},
-                        **{node_path("scene", name): _column(poses[0]) for name, poses in shown.moved.items()},
+                        **{places[name]: poses[0].T.ravel().tolist() for name, poses in shown.riders.items()},
+                        **{
+                            node_path("scene", name): poses[0].T.ravel().tolist() for name, poses in shown.moved.items()
+                        },
                     },
                 }
             )
@@ -318,15 +426,6 @@ class PageMotions:
         return drawn[key]
 
 
-def _phases(verdict: PickVerdict | None, always: set[str]) -> list[Phase]:
-    if verdict is None:
-        return []
-    return [
-        Phase(each.trajectory, tuple(t for t in each.attached if t.name not in always), movers=each.movers)
-        for each in verdict.motions
-    ]
-
-
 def surfaces_of(thing: Obstacle) -> list[Surface]:
     """The surfaces of a body for display; empty if its mesh cannot be read."""
     try:
@@ -335,169 +434,46 @@ def surfaces_of(thing: Obstacle) -> list[Surface]:
         return []
 
 
-def _column(a_from_b: Array) -> list[float]:
-    return [float(value) for value in a_from_b.T.ravel()]
-
-
 OPEN_HAND = "open hand"
 """The node of the fingers at home; the script of the page refers to this name."""
 
-MOST_ROWS = 5000
-"""Largest number of rows, so that a browser scrolls and sorts the table without delay. Further rows are omitted, which
-the page states."""
 
-
-@dataclass(frozen=True)
-class PageRow:
-    """A row of plain values, and its verdict if it is known."""
-
-    values: dict[str, Any]
-    verdict: PickVerdict | None = None
-
-
-@dataclass(frozen=True)
-class PageContent:
-    """What a page shows: the rows in order, their total number, and the number with each verdict.
-
-    ``summary`` is one line on all rows, ``notes`` state what the verdicts do not cover, and ``acceleration_source`` is
-    the origin of the acceleration limits of the timing.
-    """
-
-    rows: Iterable[PageRow]
-    total: int
-    verdicts: Mapping[str, int]
-    summary: str
-    notes: tuple[str, ...]
-    acceleration_source: str
-
-
-def write_page(
-    path: str | Path,
-    content: PageContent,
-    setup: PickSetup | None,
-    *,
-    arm: Arm | None = None,
-    scene: Scene | None = None,
-    picks: Picks | None = None,
-    title: str | None = None,
-) -> None:
-    """Write the page of a report or of a campaign, completely or not at all.
-
-    The arm, the scene, and the tool and home that the picks share are by default those of ``setup``, with which the
-    picks were judged. The default of the title is the name of the robot.
-
-    Raises
-    ------
-    InputError
-        If ``setup`` is not given and one of ``arm``, ``scene`` and ``picks`` is missing.
-    ViewerError
-        If the robot has nothing to draw, or meshcat's viewer is not installed.
-    FileError
-        If the file cannot be written.
-    """
-    if setup is not None:
-        checker = setup.checker
-        arm, scene, picks = arm or checker.arm, checker.scene if scene is None else scene, picks or setup.shared
-    if arm is None or scene is None or picks is None:
-        missing = [name for name, value in {"arm": arm, "scene": scene, "picks": picks}.items() if value is None]
-        raise InputError(
-            f"{path}: this result does not contain the {', '.join(missing)} of the 3D view; add to save(): "
-            f"{', '.join(f'{name}=...' for name in missing)}"
-        )
-    shown = list(islice(content.rows, MOST_ROWS))
-    notes = [f"Not covered: {note}" for note in content.notes]
-    notes.append(guess_note(content.acceleration_source) or f"Acceleration limits: {content.acceleration_source}")
-    if len(shown) < content.total:
-        notes.insert(0, f"This page shows the first {len(shown):,} of {content.total:,} rows.")
-    words = {"title": title or f"Picks of {arm.robot.name}", "summary": content.summary}
-    write_text_whole(
-        path, _render(shown, content.verdicts, arm, scene, picks, words, notes, source=content.acceleration_source)
-    )
-
-
-def _render(
-    rows: list[PageRow],
-    kinds: Mapping[str, int],
-    arm: Arm,
-    scene: Scene,
-    picks: Picks,
-    words: dict[str, str],
-    notes: list[str],
-    *,
-    source: str,
-) -> str:
-    stage = simplified(set_stage(arm, scene, picks.tool))
-    if not stage.links:
-        raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
-    verdicts = [row.verdict for row in rows]
+def _animated(
+    rows: Sequence[PageRow], stage: Stage, arm: Arm, scene: Scene, picks: Picks
+) -> tuple[dict[str, Any], Commands, list[str]]:
+    """The settings and commands of the film of all rows, and notes on what was changed for display."""
+    verdicts = [verdict for _, verdict in rows]
     home = next(
         (v.trajectory.start for v in verdicts if v is not None and v.trajectory is not None),
         np.array(picks.home_configuration(arm.joint_names, arm.home)),
     )
-    motions = PageMotions.of(stage, scene, picks.tool, verdicts)
-    rest = still(stage, home)
-    placed = [_root_from_tip(row.values, arm, scene, picks) for row in rows]
-    grasps = np.array([at for at in placed if at is not None]).reshape(-1, 4, 4)
+    motions, rest = PageMotions.of(stage, scene, picks.tool, verdicts), still(stage, home)
+    # The camera frames the robot at rest and during the motions, and the grasps
+    placed = [_root_from_tip(values, arm, scene, picks) for values, _ in rows]
+    grasps = np.array([grasp for grasp in placed if grasp is not None]).reshape(-1, 4, 4)
     poses = np.concatenate([rest.poses, motions.shown_poses])
     tool = np.concatenate([tool_points(stage, rest.poses), motions.tool])
     view = frame_picks(stage, poses, np.concatenate([rest.tcps[:, 0], motions.shown_points]), grasps, tool)
     commands = stage_commands(stage, rest, view)
-    _draw_open_hand(commands, stage, home, picks)
-    marked = [k for k, at in enumerate(placed) if at is not None]
-    index_of = {name: index for index, name in enumerate(theme.VERDICTS)}
-    colour_of = np.array([index_of.get(rows[k].values["verdict"], -1) for k in marked], dtype=np.int64)
-    markers = PoseMarkers(grasps, colour_of, tuple(map(theme.rgb, theme.VERDICTS.values())))
-    details = (entry(row.values, row.verdict, arm, scene, picks, source=source) for row in rows)
-    entries, shortened = without_more_details(details)
-    if shortened:
-        reason = "are omitted to limit the size of the page; JSON and CSV have them."
-        notes = [*notes, f"The stages and parts of {shortened:,} rows {reason}"]
-    settings = {
-        **view.settings(),
-        "entries": entries,
-        "kinds": theme.VERDICTS,
-        "marked": marked,
-        "markers": markers.settings(commands),
-        "motions": motions.add_to(commands),
-        "rest": motions.at_rest(rest),
-    }
-    body = fill(
-        part("page.html", __package__),
-        {
-            "title": escape(words["title"]),
-            "summary": escape(words["summary"]),
-            "chips": _chips(kinds),
-            "notes": _items([*motions.notes, *notes, *stage.notes]),
-        },
-    )
-    style = part("common.css") + part("page.css", __package__)
-    for name, colour in theme.VERDICTS.items():
-        style += f"#card .verdict.{name.replace(' ', '-')} {{ background: {colour}; }}\n"
-    return assemble(words["title"], style, body, part("page.js", __package__), settings, commands)
-
-
-def _chips(kinds: Mapping[str, int]) -> str:
-    """A button for each verdict that occurs, with its colour and number of rows; it filters the table."""
-    known = [name for name in dict.fromkeys((*theme.VERDICTS, *kinds)) if kinds.get(name)]
-    return "".join(
-        f'<button type="button" class="chip" data-verdict="{escape(name)}" aria-pressed="false">'
-        f'<span class="swatch" style="background:{theme.VERDICTS.get(name, theme.COLOURS["muted"])}"></span>'
-        f"{kinds[name]:,} {escape(name)}</button>"
-        for name in known
-    )
-
-
-def _items(texts: Iterable[str]) -> str:
-    return "".join(f"<li>{escape(text)}</li>" for text in texts)
-
-
-def _draw_open_hand(commands: Commands, stage: Stage, home: Array, picks: Picks) -> None:
-    """Draw the open fingers at home; the page shows them unless a motion with its own fingers is played."""
+    # The open fingers at home, which the page shows unless a motion with its own fingers is played
     for thing in picks.fingers.apart() if picks.fingers is not None else ():
         path = node_path(OPEN_HAND, thing.name)
         for number, surface in enumerate(surfaces_of(thing)):
             commands.set_surface(f"{path}/{number}", surface)
         commands.set_transform(path, stage.tcp_poses(home)[0] @ matrix(thing.pose))
+    # An arrow at every grasp
+    marked = [k for k, grasp in enumerate(placed) if grasp is not None]
+    index_of = {name: index for index, name in enumerate(theme.VERDICTS)}
+    colour_of = np.array([index_of.get(rows[k][0]["verdict"], -1) for k in marked], dtype=np.int64)
+    markers = PoseMarkers(grasps, colour_of, tuple(map(theme.rgb, theme.VERDICTS.values())))
+    settings = {
+        **view.settings(),
+        "marked": marked,
+        "markers": markers.settings(commands),
+        "motions": motions.add_to(commands),
+        "rest": motions.at_rest(rest),
+    }
+    return settings, commands, list(motions.notes)
 
 
 def _root_from_tip(values: dict[str, Any], arm: Arm, scene: Scene, picks: Picks) -> Array | None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pinproof.collision import Scene
 from pinproof.collision.certificates.certificate import proven_millimetres
@@ -20,9 +20,6 @@ from pinproof.picks.input.pick import PickProblem, Picks
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage
 from pinproof.picks.report.report_keys import REPORT, VERDICT
-
-if TYPE_CHECKING:
-    from pinproof.picks.report.page import PageContent
 
 
 def problem_row(problem: PickProblem) -> dict[str, Any]:
@@ -186,9 +183,12 @@ class PickReport:
         """
 
         def page() -> None:
-            from pinproof.picks.report.page import write_page
+            from pinproof.picks.report.page import PageRow, write_page
 
-            write_page(path, self._page_content(), self.setup, arm=arm, scene=scene, picks=picks, title=title)
+            rows: list[PageRow] = [(VERDICT.write(verdict), verdict) for verdict in self.verdicts]
+            rows += [(problem_row(problem), None) for problem in self.problems]
+            counts = Counter(values["verdict"] for values, _ in rows)
+            write_page(path, self, rows, counts, arm=arm, scene=scene, picks=picks, title=title)
 
         save_as(path, {**{suffix: partial(text, self) for suffix, text in TEXTS.items()}, ".html": page})
 
@@ -218,14 +218,6 @@ class PickReport:
         for path, program in zip(paths, programs, strict=True):
             program.save(path)
         return paths
-
-    def _page_content(self) -> PageContent:
-        from pinproof.picks.report.page import PageContent, PageRow
-
-        rows = [PageRow(VERDICT.write(verdict), verdict) for verdict in self.verdicts]
-        rows += [PageRow(problem_row(problem)) for problem in self.problems]
-        verdicts = Counter(row.values["verdict"] for row in rows)
-        return PageContent(rows, len(rows), verdicts, self.summary, self.notes, self.acceleration_source)
 
 
 TEXTS: dict[str, Callable[[PickReport], str]] = {

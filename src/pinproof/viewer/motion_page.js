@@ -1,9 +1,8 @@
-// Transparent copies of links, frames, bodies in contact, and the switches of the layers.
-const THREE = MeshCat.THREE;
+// The page of one motion or configuration: copies of links, frames, contacts, the switches of the layers, and live views.
 const meshesUnder = (path) => {
-  const found = [];
-  viewer.scene_tree.find(path).object.traverse((thing) => { if (thing.isMesh) found.push(thing); });
-  return found;
+  const meshes = [];
+  viewer.scene_tree.find(path).object.traverse((thing) => { if (thing.isMesh) meshes.push(thing); });
+  return meshes;
 };
 
 // --- ghosts and the swept tool ---
@@ -32,10 +31,9 @@ settings.copies.forEach((copy, number) => {
 });
 
 // --- frames: red x, green y, blue z, and the name ---
-const hues = [0xd62728, 0x2ca02c, 0x1f5fd0];
 for (const [node, name, below] of settings.frames.names) {
   const size = settings.frames.length, group = new THREE.Group();
-  hues.forEach((color, axis) => {
+  settings.theme.axes.forEach((color, axis) => {
     const rod = new THREE.Mesh(new THREE.CylinderGeometry(0.025 * size, 0.025 * size, size, 8),
       new THREE.MeshBasicMaterial({ color, depthTest: false, transparent: true }));
     rod.position.setComponent(axis, size / 2);
@@ -49,7 +47,7 @@ for (const [node, name, below] of settings.frames.names) {
 }
 
 function label(text, size, below) {
-  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), font = "600 40px system-ui, sans-serif";
+  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), font = `600 40px ${settings.theme.font}`;
   pen.font = font;
   canvas.width = Math.ceil(pen.measureText(text).width) + 24;
   canvas.height = 56;
@@ -70,14 +68,14 @@ function label(text, size, below) {
 
 // --- the bodies of a contact are red while contacts are visible ---
 const touching = settings.touching.flatMap(meshesUnder).map((mesh) => [mesh.material, mesh.material.color.clone()]);
-const alarm = new THREE.Color(0xd01515);
+const alarm = new THREE.Color(settings.theme.alarm);
 function redden(on) {
   for (const [material, own] of touching) material.color.copy(own).lerp(alarm, on ? 0.78 : 0);
 }
 
 // --- switches ---
 function setLayer(name, shown) {
-  const layer = settings.layers.find((each) => each.name === name);
+  const layer = settings.layers.find((candidate) => candidate.name === name);
   for (const node of layer.nodes) viewer.scene_tree.find(node).object.visible = shown;
   if (name === "contact") redden(shown);
   layer.shown = shown;
@@ -85,12 +83,28 @@ function setLayer(name, shown) {
   viewer.set_dirty();
 }
 for (const layer of settings.layers) {
-  const line = document.createElement("label"), box = document.createElement("input");
-  Object.assign(box, { type: "checkbox", id: "layer-" + layer.name });
+  const line = make("label"), box = Object.assign(make("input"), { type: "checkbox", id: "layer-" + layer.name });
   box.addEventListener("change", () => setLayer(layer.name, box.checked));
-  const note = document.createElement("small");
-  note.textContent = layer.note;
-  line.append(box, layer.label, " ", note);
+  line.append(box, layer.label, " ", make("small", layer.note));
   byId("layers").append(line);
   setLayer(layer.name, layer.shown);
 }
+
+const moment = byId("moment");
+moment.hidden = settings.start === null;
+moment.addEventListener("click", () => seek(settings.start));
+
+// --- a live page receives commands; it reconnects by itself, and reloads if the identifier of the page has changed ---
+let source = null;
+if (settings.live !== null) {
+  const away = byId("away");
+  source = new EventSource("events");
+  source.onmessage = (event) => { for (const command of JSON.parse(event.data)) viewer.handle_command(command); };
+  source.onerror = () => { away.hidden = false; };
+  source.addEventListener("page", (event) => {
+    away.hidden = true;
+    if (event.data !== settings.live) location.reload();
+  });
+  source.addEventListener("closed", () => { away.hidden = false; });
+}
+Object.assign(window.pinproof, { setLayer, events: source });

@@ -42,7 +42,7 @@ def test_a_configuration_in_a_scene_is_checked_and_its_contacts_marked(run: Run)
 def test_a_motion_is_certified_for_its_caption(run: Run) -> None:
     code, _, _ = run("arm.urdf", "motion.json", "--scene", "scene.yaml", "--html", "a.html")
     assert code == 0
-    assert '<p class="verdict free" id="verdict">FREE</p>' in Path("a.html").read_text(encoding="utf-8")
+    assert 'id="verdict">FREE</p>' in Path("a.html").read_text(encoding="utf-8")
 
 
 def test_layers_are_shown_as_stated_and_an_unknown_one_is_refused(run: Run) -> None:

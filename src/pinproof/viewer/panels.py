@@ -70,7 +70,7 @@ class Caption:
             cells = "".join(f"<td>{escape(text)}</td>" for text in step)
             steps += f'<tr class="no">{cells}</tr>' if step[0] == CROSS else f"<tr>{cells}</tr>"
         return (
-            f'<p class="verdict" id="verdict" style="background:{theme.TONES[self.tone]}">{escape(self.headline)}</p>'
+            f'<p class="verdict" style="background:{theme.TONES[self.tone]}" id="verdict">{escape(self.headline)}</p>'
             f'<p id="reason">{escape(self.reason)}</p>'
             + (f'<p class="remedy">Suggestion: {escape(self.remedy)}</p>' if self.remedy else "")
             + (f"<dl>{pairs}</dl>" if pairs else "")

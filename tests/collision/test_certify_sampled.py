@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.model.robot import load_robot_from_text
 from pinproof.motion import CubicPath
 
 STATUS = pp.CertificateStatus
@@ -29,7 +28,7 @@ def crane() -> pp.Arm:
         text += f'<link name="l{k + 1}"><collision name="c{k}">{shape}</collision></link>'
         text += f'<joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/><origin xyz="{xyz}"/>'
         text += f'<axis xyz="{axis}"/><limit lower="-9" upper="9" velocity="9" effort="1"/>{extra}</joint>'
-    return load_robot_from_text(f'<robot name="crane">{text}</robot>').arm(tcp="l4")
+    return pp.load_robot(f'<robot name="crane">{text}</robot>').arm(tcp="l4")
 
 
 ARM = crane()

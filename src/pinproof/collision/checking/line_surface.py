@@ -112,11 +112,12 @@ class LineSurface:
         start = np.broadcast_to(np.asarray(after, dtype=float), (len(origins),))
         if self.triangles is not None:
             return _enter_triangles(self.triangles, origins, direction, start)
-        depth, out, normals = self._span(origins, direction)
+        depth, out, normals = self.span(origins, direction)
         return SurfacePoints(np.where((depth <= out) & (out > start), depth, np.inf), normals)
 
     @cached_property
-    def _span(self) -> Span:
+    def span(self) -> Span:
+        """Where lines enter and leave a convex body."""
         return _convex_span(_support(self.body))
 
 
@@ -174,7 +175,9 @@ def point_distance(surface: LineSurface, point: Array) -> float:
     directions = _unit(many[many.any(axis=1)])
     if surface.triangles is not None:
         return min(float(surface.enter(point[None], each, 0.0).depth[0]) for each in directions)
-    return min(abs(float(surface.enter(point[None], each).depth[0])) for each in directions)
+    # a line through a convex body gives the distances in two opposite directions, of which the first half has one each
+    lines = [surface.span(point[None], direction) for direction in directions[: len(directions) // 2]]
+    return min(abs(float(end[0])) for into, out, _ in lines for end in (into, out))
 
 
 def depth_along(surface: LineSurface, point: Array, direction: Array, length: float) -> float:

@@ -47,6 +47,9 @@ MOST_PIECES = 8
 RENEWED = 0.2
 """Share of the allowed depth: another displacement is searched where the displaced body is nearer to the part."""
 
+DISPLACEMENT_DIGITS = 9
+"""Displacements are rounded to nanometres, so that grasps with equal displacements share a checker."""
+
 FACE = "the face of the cup"
 """The name of the face of the cup."""
 
@@ -172,7 +175,7 @@ def _depth(
     name: str, surface: LineSurface, at: SE3, limit: float, part: HeldPart, directions: Array, *, only: bool = False
 ) -> BodyDepth:
     found = penetration(surface, at, part.surface, part.pose, directions, limit + TOUCH, only=only)
-    x, y, z = found.by.tolist()
+    x, y, z = np.round(found.by, DISPLACEMENT_DIGITS).tolist()
     return BodyDepth(name, found.depth, limit, found.least, (x, y, z), found.clearance)
 
 

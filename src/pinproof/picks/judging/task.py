@@ -214,6 +214,7 @@ class Task:
         self.name = pick.object_name
         self.place = None if pick.place is None else self._place_of_tip(pick.place)
         self.kept: dict[tuple[Hashable, ...], Any] = {}
+        self._open_hands: dict[Hashable, OpenHand] = {}
 
     @property
     def sampled(self) -> bool:
@@ -462,7 +463,11 @@ class Task:
         palm, hand = self.cell.palm_bodies, self.cell.hand
         if not palm and not hand:
             return None
-        return OpenHand(self.outside, part, self._surface, palm, self.depths(member), hand)
+        depths = self.depths(member)
+        key = matrix(part.pose).tobytes(), tuple(depth.displacement for depth in depths[: len(palm)])
+        if key not in self._open_hands:  # rotations about the approach often have the same displacements
+            self._open_hands[key] = OpenHand(self.outside, part, self._surface, palm, depths, hand)
+        return self._open_hands[key]
 
     def _place_of_tip(self, place: PlaceTarget) -> PlaceTarget:
         """The place with the pose of the tip in the root frame, at the nominal grasp."""

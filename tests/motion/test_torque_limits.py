@@ -215,3 +215,13 @@ def test_generated_masses_are_stated_in_the_notes(panda):
     generated = TorqueLimits(pp.load_robot("gen3_lite").arm(), PART).notes
     assert any("generated" in note for note in generated)
     assert not any("generated" in note for note in TorqueLimits(panda, PART).notes)
+
+
+def test_a_torque_at_its_limit_holds_the_arm(panda):
+    still = np.zeros((1, panda.dof))
+    needed = np.abs(TorqueLimits(panda)._tree.torques(panda.home[None], still, still)[1][0])
+    limits = np.where(needed > 1e-3, needed, 1.0)
+    assert TorqueLimits(panda, limits=limits).standstill(panda.home) == ""
+    for joint in np.flatnonzero(needed > 1e-3):
+        less = limits * np.where(np.arange(panda.dof) == joint, 1.0 - 1e-12, 1.0)
+        assert panda.joint_names[joint] in TorqueLimits(panda, limits=less).standstill(panda.home)

@@ -188,6 +188,8 @@ def test_joined_motions_run_one_after_the_other(first, second):
     joined = Trajectory.join(first, second)
     assert joined.duration == pytest.approx(first.duration + second.duration, abs=1e-12)
     assert joined.limits_note == "b"
+    noted = Trajectory(first.times, first.q, first.velocities, NAMES, "a")
+    assert Trajectory.join(noted, second).limits_note == "a; b"
     t = np.linspace(0, first.duration, 20)
     np.testing.assert_array_equal(joined(t)[:-1], first(t)[:-1])
     t = np.linspace(0, second.duration, 20)

@@ -74,6 +74,7 @@ def test_a_grasp_that_holds_the_cube_is_good(arm) -> None:
 def test_a_grasp_that_holds_nothing_fails_at_the_grip(arm, pick: pp.Pick) -> None:
     verdict = judge(arm, pick)
     assert verdict.failed is Stage.GRIP
+    assert [stage.ok for stage in verdict.stages] == [True] * (len(verdict.stages) - 1) + [False]
 
 
 @pytest.mark.parametrize("height", [0.05, 0.08, 0.12])

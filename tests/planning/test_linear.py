@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.planning import LinearStatus
+from pinproof.ik import IkTask
+from pinproof.planning import LinearStatus, cartesian
+from pinproof.planning.follow import RouteFollower
+from pinproof.planning.route import Route
 from pinproof.spatial import interpolate, twist_size
 
 from .arms import assert_free, ball_arm
@@ -380,3 +383,32 @@ def test_a_continuous_joint_moves_beyond_pi() -> None:
 def test_a_task_that_no_line_leads_to_is_refused(ur5: pp.Arm, free: pp.CollisionChecker, task: object) -> None:
     with pytest.raises(pp.PinproofError):
         pp.plan_linear(free, READY, ur5.forward_kinematics(READY), task=task)
+
+
+@pytest.mark.parametrize("gap", [1e-7, -1e-4])
+def test_a_line_stops_where_it_is_no_longer_proven(gantry: pp.Arm, gap: float) -> None:
+    """A small ball is beside the line; whether it is touched is not decided at 0.1 um."""
+    post = pp.Obstacle("post", pp.Sphere(0.01), pp.pose((0.09, 0.06 + gap, 0)))
+    checker = pp.CollisionChecker(gantry, pp.Scene([post]))
+    path = pp.JointPath([(-0.4, 0.0), (0.4, 0.0)], gantry.joint_names)
+    certificate = pp.certify(path, checker)
+    status, until = cartesian._stop(certificate)
+    if gap > 0:
+        assert (status, until) == (LinearStatus.UNDECIDED, certificate.undecided.start)
+    else:
+        assert (status, until) == (LinearStatus.CONTACT, certificate.first_contact.proven_free_until)
+    assert 0.45 < until < 0.49 / 0.8
+    assert checker.is_free_batch(path(np.linspace(0.0, until, 500))).all()
+
+
+def test_the_reason_of_a_stop_is_that_of_the_task() -> None:
+    """Four joints reach the next position with a larger step, but not the next pose."""
+    arm = pp.load_robot("ur5").arm(tcp="wrist_1_link")
+    start = READY[:4]
+    route = Route.straight(arm.forward_kinematics(start), _moved(arm, start, (0.05, 0.1, 0.1)))
+    settings = {"deviation": 1e-3, "rotation_deviation": 1e-2, "translation_step": 0.05, "rotation_step": 0.2}
+    statuses = []
+    for task in (IkTask(rx=False, ry=False, rz=False), IkTask()):
+        follower = RouteFollower(arm=arm, task=task, max_joint_step=0.3, **settings)
+        statuses.append(follower._reason(route, 0.0, 0.3, start, np.zeros(4, dtype=bool))[0])
+    assert statuses == [LinearStatus.JUMP, LinearStatus.UNREACHABLE]

@@ -71,6 +71,17 @@ def test_torque_limits_hold_between_samples(arm) -> None:
     assert motion.duration > free.duration
 
 
+def test_a_motion_may_end_beyond_a_tolerance_and_is_nowhere_farther_beyond_it(arm) -> None:
+    upright = pp.Upright.keeping(arm, START, tolerance=0.05)
+    ends, _ = between(arm, constraints=[upright])
+    tilted = START + np.array([0.3, 0, 0, 0.2, 0, 0])
+    for first, last in ((START, tilted), (tilted, START)):
+        motion = ends.direct(rest(first), rest(last), 10.0)
+        errors = [upright.error(arm, q) for q in motion(np.linspace(0.0, motion.duration, 200))]
+        assert max(errors) <= max(errors[0], errors[-1]) + 1e-9
+        assert max(errors) > 0.15
+
+
 def test_a_constraint_of_the_tcp_holds_at_every_sample_of_a_motion(arm) -> None:
     """Upright motions, whose ends may use all of the tolerance, and none where every fast motion tilts the tool."""
     first, last = np.array([-1.0, -1.2, 1.6, -1.97, -1.57, 0.0]), np.array([1.0, -1.2, 1.6, -1.97, -1.57, 0.5])

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.motion.limits import RATE_TOLERANCE
+from pinproof.motion.limits import RATE_TOLERANCE, Bounds
 from pinproof.motion.steering import Steering
 from pinproof.planning import optimise
+from pinproof.planning.optimisation import _goals, _Search
 
 
 def limits_of(arm: pp.Arm, acceleration: float = 15.0) -> SimpleNamespace:
@@ -260,3 +262,54 @@ def test_a_constraint_is_kept(around_the_wall: tuple[pp.CollisionChecker, pp.Joi
     assert speeds[1] <= constraint.most * (1 + RATE_TOLERANCE)
     assert kept.certificate.free
     assert kept.duration <= kept.duration_before
+
+
+def test_the_lower_bound_is_that_of_the_nearest_goal(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
+    checker, path = around_the_wall
+    limits = limits_of(checker.arm)
+    goals = np.array([path.end, (0.7, 0.6), (0.9, -0.2)])
+    far = np.abs(goals - path.start)
+    v, a = limits.velocity, limits.acceleration
+    times = np.where(far >= v**2 / a, far / v + v / a, 2.0 * np.sqrt(far / a)).max(axis=1)
+    result = optimise(path, checker, goals=goals, limits=limits, budget=0)
+    assert result.lower_bound == pytest.approx(times.min(), rel=1e-6)
+    assert times.min() < 0.95 * times.max()
+
+
+@pytest.mark.parametrize("with_end", [False, True])
+def test_goals_are_those_that_are_free_inside_the_limits_and_the_end_of_the_path(
+    around_the_wall: tuple[pp.CollisionChecker, pp.JointPath], with_end: bool
+) -> None:
+    checker, path = around_the_wall
+    limits, rng = checker.arm.limits, np.random.default_rng(2)
+    rows = rng.uniform(-1.3, 1.3, (60, 2)) * np.where(rng.random((60, 1)) < 0.4, [0.03, 1.0], 1.0)
+    if with_end:
+        rows[17] = path.end
+    bounds = Bounds.of(limits, checker.arm.joint_names)
+    found = _goals(rows, path.end, bounds, checker, None, np.empty(0))
+    expected = [q for q in rows if limits.contains(q) and checker.is_free(q)]
+    np.testing.assert_array_equal(found, expected if with_end else [path.end, *expected])
+    assert 10 < len(expected) < 50
+    assert any(limits.contains(q) and not checker.is_free(q) for q in rows)
+
+
+def test_further_paths_lead_from_the_start_to_their_goal_on_free_edges(
+    around_the_wall: tuple[pp.CollisionChecker, pp.JointPath], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checker, path = around_the_wall
+    goals, paths, plan = np.array([path.end, (0.7, 0.6), (0.9, -0.2)]), [], _Search._plan
+
+    def recorded(search: _Search, chosen: list[int]) -> object:
+        paths.append(plan(search, chosen))
+        return paths[-1]
+
+    monkeypatch.setattr(_Search, "_plan", recorded)
+    for seed in range(6):
+        optimise(path, checker, goals=goals, limits=limits_of(checker.arm), budget=300, rng=seed)
+    paths = [each for each in paths if each is not None]
+    assert len(paths) > 5
+    for q, goal in paths:
+        np.testing.assert_array_equal(q[[0, -1]], [path.start, goals[goal]])
+        for a, b in pairwise(q):
+            edge = a + np.linspace(0.0, 1.0, 100)[:, None] * (b - a)
+            assert min(checker.clearance(each) for each in edge) > -0.01  # only samples are free

@@ -116,6 +116,7 @@ def test_start_is_goal(gantry: pp.Arm, slotted: pp.Scene) -> None:
 def test_start_in_contact_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
     plan = QUICK.plan(pp.CollisionChecker(gantry, slotted), (0.03, 0.0), (0.5, 0.5))
     assert plan.status is pp.planning.PlanStatus.START_INVALID
+    assert (plan.nodes, plan.cut, plan.samples) == (0, 0, 0)
     assert "below" in plan.message
     assert "l2" in plan.message
     assert not plan.ok

@@ -101,3 +101,23 @@ def test_a_panda_s_plan(panda: pp.Arm) -> None:
     assert found.before is plan.certificate
     assert found.length_after <= found.length_before
     assert_free(found.path, checker)
+
+
+def test_a_path_along_a_line_is_shortened_along_it_and_one_that_leaves_it_is_not_proven(ur5: pp.Arm) -> None:
+    start = np.array([0.3, -1.4, 1.7, -1.9, -1.57, 0.2])
+    here = ur5.forward_kinematics(start)
+    checker = pp.CollisionChecker(ur5, pp.Scene())
+    line = pp.plan_linear(checker, start, pp.pose((0, 0.35, 0)) * here).path
+    within = [pp.Within.line(tuple(here.translation), (0, 1, 0), tolerance=0.002)]
+    shares = np.concatenate([np.linspace(0, 0.6, 13), np.linspace(0.55, 0.2, 8), np.linspace(0.25, 1, 16)])
+    path = pp.JointPath(line(shares), ur5.joint_names)
+    found = pp.simplify(path, checker, blend=False, constraints=within).or_raise()
+    assert found.length_after < 0.7 * found.length_before
+    away = [np.linalg.norm((ur5.forward_kinematics(found.path(t)).translation - here.translation)[[0, 2]]) for t in
+            np.linspace(*found.path.domain, 400)]  # fmt: skip
+    assert max(away) <= 0.002
+    straight = pp.JointPath(path.q[[0, -1]], ur5.joint_names)
+    assert pp.certify(straight, checker).free
+    refused = pp.simplify(straight, checker, blend=False, constraints=within)
+    assert not refused.ok
+    assert refused.certificate.violation is not None

@@ -354,3 +354,38 @@ def test_a_lowered_support_touches_what_the_support_may_touch() -> None:
             if name in pair:
                 assert frozenset(copy.name if each == name else each for each in pair) in named
     assert intercept._with_lowered(checker, ()) is checker
+
+
+def test_a_motion_after_the_known_end_of_the_belt_is_not_proven_while_parts_are_on_it() -> None:
+    arm, _, picks = cell()
+    task = Task(picks.picks[0], setup().cell)
+    still = pp.Trajectory.at_rest(task.cell.home, arm.joint_names, 1.0)
+    for start, raises in ((3.9, False), (4.1, True)):
+        timeline = intercept._Timeline(replace(picks.conveyor, duration=5.0), start)
+        if raises:
+            with pytest.raises(intercept._BeltEnds):
+                timeline.prove(still, task.outside)
+        else:
+            assert timeline.prove(still, task.outside).free
+
+
+def test_the_depth_of_the_palm_in_a_part_on_the_belt_is_that_where_the_part_is() -> None:
+    """The hand rests 10 mm too low, and the belt brings the part to it."""
+    arm, _, picks = cell()
+    belt, task = picks.conveyor, Task(picks.picks[0], setup().cell)
+    there = intercept._at_time(task, belt, 3.5)
+    member = task.nearest_group[0]
+    low = translated(there.grasp(member), belt.travel(1.0) + (0.0, 0.0, -0.05))
+    many = configurations(arm, task.targets([low]), task.cell.home, 0)[1]
+    still = pp.Trajectory.at_rest(many[0], arm.joint_names, 2.0)
+    hand = there.passing(member)
+    failure = hand.prove(
+        still,
+        None,
+        movers=(replace(belt, parts=("block_1",)).mover(("block_1",)),),
+        part_at=lambda time: translated(hand.part.pose, belt.travel(time)),
+        closing=True,
+    )
+    assert failure is not None
+    assert failure.depth == pytest.approx(0.01, abs=1e-3)
+    assert "hand" in failure.reason

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 import pinproof as pp
 from pinproof.model import load_robot
-from pinproof.picks.judging.grip import SAGITTA, fingers_of
+from pinproof.picks.judging.grip import FLAT, SAGITTA, _hull, fingers_of
 
 FINGER = """
 <link name="{side}_knuckle"><collision><origin xyz="0 0 0.03"/><geometry><box size="0.01 0.012 0.06"/></geometry>
@@ -107,3 +107,14 @@ def test_rotating_fingers_hold_a_part_between_their_pads(arm) -> None:
         part = HeldPart(block, pp.pose((0, 0, height)))
         result = grip_by_fingers(found, part, np.array([0.0, 0.0, 1.0]), pp.picks.GripLimits())
         assert result.held is held, result.message
+
+
+@pytest.mark.parametrize("offset", [(0, 0, 0), (0.1, 0.2, 0.3), (-0.3, 0.05, -0.2)])
+@pytest.mark.parametrize("axis", range(3))
+def test_the_hull_of_a_flat_body_is_somewhat_thicker(offset, axis: int) -> None:
+    points = np.insert(np.array([(0, 0), (0.02, 0), (0, 0.03), (0.02, 0.03)]), axis, 0.0, axis=1) + offset
+    vertices = _hull(points, 0.0).points
+    for thick, wide in zip(np.ptp(vertices, axis=0), np.ptp(points, axis=0), strict=True):
+        assert thick == pytest.approx(wide + 2 * FLAT, abs=1e-9)
+    solid = np.concatenate([points, points + 0.01])
+    np.testing.assert_allclose(np.ptp(_hull(solid, 0.0).points, axis=0), np.ptp(solid, axis=0), atol=1e-12)

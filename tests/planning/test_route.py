@@ -144,3 +144,12 @@ def test_roundings_and_legs_together_are_twice_differentiable() -> None:
     second = np.diff(route.poses(s)[:, :3, :], 2, axis=0) / (s[1] - s[0]) ** 2
     jumps = np.abs(np.diff(second, axis=0)).max()
     assert jumps < 0.02 * np.abs(second).max()  # a jump of the second derivative would be of its own size
+
+
+def test_a_rounding_uses_all_of_its_allowance_on_long_segments() -> None:
+    corners = [pp.pose((0, 0, 0)), pp.pose((1, 0, 0)), pp.pose((1, 1, 0)), pp.pose((2, 1, 0.5))]
+    for rounding in (0.005, 0.02):
+        (route,) = routes_through(corners, rounding, 1.0)
+        for at, corner in zip(route.passes, corners[1:-1], strict=False):
+            missed = np.linalg.norm(route.poses(np.array([at]))[0][:3, 3] - corner.translation)
+            assert missed == pytest.approx(rounding, rel=1e-6)

@@ -90,10 +90,10 @@ def test_arguments_that_make_no_sense(checker: pp.CollisionChecker, detour: pp.J
         pp.shortcut(detour, checker, resolution=0.0)
 
 
-def test_waypoints_move_towards_the_line_between_their_neighbours(gantry: pp.Arm, slotted: pp.Scene) -> None:
-    """No waypoint can be left out, and none is on the shortest path; no random shortcut is tried."""
-    checker = pp.CollisionChecker(gantry, slotted)
-    path = pp.JointPath([(-0.8, -0.6), (-0.5, 0.6), (0.5, 0.6), (0.8, -0.6)], gantry.joint_names)
-    short = pp.shortcut(path, checker, attempts=0)
+def test_a_waypoint_moves_towards_the_line_between_its_neighbours(gantry: pp.Arm) -> None:
+    """It cannot be left out, because of a post; the shortest path passes the post closely."""
+    checker = pp.CollisionChecker(gantry, pp.Scene([pp.Obstacle("post", pp.Sphere(0.05), pp.pose((0.0, 0.0, 0.0)))]))
+    path = pp.JointPath([(-0.8, 0.0), (0.0, 0.8), (0.8, 0.0)], gantry.joint_names)
+    short = pp.shortcut(path, checker, attempts=1)
     assert pp.certify(short, checker).free
-    assert short.length < 0.9 * path.length
+    assert short.length < 1.75 < path.length

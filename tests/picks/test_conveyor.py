@@ -16,6 +16,7 @@ from pinproof.picks import Conveyor, PickSetup, PickStatus, Stage, pick_from_bel
 from pinproof.picks.judging import following, intercept
 from pinproof.picks.judging.configurations import configurations
 from pinproof.picks.judging.following import _Phases
+from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.task import Task
 from pinproof.spatial import translated
 
@@ -88,6 +89,20 @@ def test_tool_follows_the_block_within_the_reported_deviation_and_the_limits_of_
     assert (motion.max_acceleration() <= arm.limits.acceleration * (1 + 1e-6)).all()
     assert not motion.velocities[[0, -1]].any()
     assert verdict.grasp_time == pytest.approx(met.time + belt.dwell - met.start_time)
+
+
+@pytest.mark.slow
+def test_the_open_hand_is_proven_against_the_block_as_it_moves(monkeypatch) -> None:
+    seen, prove = {}, OpenHand.prove
+
+    def recorded(hand: OpenHand, curve: object, grasp: object, **settings: object) -> object:
+        if "part_at" in settings:
+            seen[settings["closing"]] = {name for each in settings["movers"] for name in each.obstacles}
+        return prove(hand, curve, grasp, **settings)
+
+    monkeypatch.setattr(OpenHand, "prove", recorded)
+    assert setup().judge(0, cell()[2].picks[0]).ok
+    assert seen == {False: {"block_1"}, True: {"block_1"}}
 
 
 @pytest.mark.slow
@@ -375,7 +390,7 @@ def test_the_depth_of_the_palm_in_a_part_on_the_belt_is_that_where_the_part_is()
     belt, task = picks.conveyor, Task(picks.picks[0], setup().cell)
     there = intercept._at_time(task, belt, 3.5)
     member = task.nearest_group[0]
-    low = translated(there.grasp(member), belt.travel(1.0) + (0.0, 0.0, -0.05))
+    low = translated(there.grasp(member), belt.travel(1.0) + np.array((0.0, 0.0, -0.05)))
     many = configurations(arm, task.targets([low]), task.cell.home, 0)[1]
     still = pp.Trajectory.at_rest(many[0], arm.joint_names, 2.0)
     hand = there.passing(member)

@@ -149,3 +149,24 @@ def test_a_small_residual_asks_for_more_attempts() -> None:
     assert not found.ok
     assert "restarts" in found.message
     assert "out of reach" not in found.message
+
+
+@pytest.mark.parametrize("selected", [(0, 1, 1, 1, 1, 1), (1, 0, 1, 0, 1, 0), (0, 0, 1, 1, 1, 1), (1, 1, 0, 0, 0, 0)])
+def test_the_errors_of_a_solution_are_those_of_the_selected_coordinates(ur5, selected):
+    mask = np.array(selected, dtype=bool)
+    task, rng = (
+        IkTask(**dict(zip(("x", "y", "z", "rx", "ry", "rz"), mask.tolist(), strict=True))),
+        np.random.default_rng(1),
+    )
+    free = []
+    for seed in range(6):
+        target = ur5.forward_kinematics(rng.uniform(-2, 2, 6))
+        result = pp.Clik().solve(ur5, target, rng.uniform(-2, 2, 6), task=task, rng=seed)
+        seen = target.actInv(ur5.forward_kinematics(result.q))
+        assert result.ok
+        assert result.position_error == pytest.approx(np.linalg.norm(seen.translation[mask[:3]]), abs=1e-9)
+        if mask[3:].any():
+            angles = rotation_vector(seen.rotation)[mask[3:]]
+            assert result.orientation_error == pytest.approx(np.linalg.norm(angles), abs=1e-8)
+        free.append(np.linalg.norm(seen.translation[~mask[:3]]))
+    assert max(free) > 0.05

@@ -193,3 +193,12 @@ def test_steps_along_the_constraints_are_proven_and_end_at_the_target(ur5: pp.Ar
             dense = first + np.linspace(0.0, 1.0, 40)[:, None] * (last - first)
             assert max(upright.error(ur5, q) for q in dense) <= upright.tolerance
     assert reached > 5
+
+
+def test_a_configuration_whose_joints_cannot_move_is_not_projected(ur5: pp.Arm) -> None:
+    upright = pp.Upright.keeping(ur5, START, tolerance=0.05)
+    for tilt in (0.0, 0.2):
+        q = START + np.array([0, 0, 0, tilt, 0, 0])
+        arm = ur5.with_limits(replace(ur5.limits, lower=q, upper=q))
+        found = manifold_of(arm, [upright]).project(q, 0.5)
+        assert (found is None) == (tilt > 0)

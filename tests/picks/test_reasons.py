@@ -159,23 +159,6 @@ def test_contact_of_the_hand_excludes_every_solution_of_seven_joints(arms) -> No
         assert any("stone" in one.bodies and one.bodies[0] in reason for one in contacts)
 
 
-def test_slight_contact_of_the_hand_excludes_every_solution_of_seven_joints(arms) -> None:
-    arm, pick = arms["panda"], pp.Pick("p", pp.pose((0.5, 0.0, 0.3), DOWN))
-    q = pp.AnalyticIk().solve_all(arm, pick.pose).branches[0]
-
-    def scene(z: float) -> pp.Scene:
-        return pp.Scene([pp.Obstacle("stone", pp.Sphere(0.05), pp.pose((0.5, 0.0, z)))])
-
-    low, high = 0.1, 0.3
-    for _ in range(30):  # the hand enters the stone by 0.1 mm
-        middle = 0.5 * (low + high)
-        deep = min((c.distance for c in pp.CollisionChecker(arm, scene(middle)).check(q).contacts), default=1.0)
-        low, high = (low, middle) if deep < -1e-4 else (middle, high)
-    budget = pp.picks.PickBudget(remedies=0)
-    (verdict,) = pp.validate_picks(arm, scene(high), pp.Picks((pick,), margin=0.0), budget=budget).verdicts
-    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP), verdict.reason
-
-
 def test_links_that_the_self_motion_moves_exclude_every_solution_of_seven_joints(arms) -> None:
     arm = arms["panda"]
     wall = pp.Obstacle("wall", pp.Box(0.3, 1.6, 0.02), pp.pose((0.5, 0.0, 0.4)))

@@ -39,7 +39,7 @@ def test_a_mesh_that_is_too_large_is_simplified_until_it_fits_and_keeps_its_shap
     globe: Scene, max_bytes: float
 ) -> None:
     stage, surface = drawn(globe, max_bytes)
-    assert stage_module._size_in_bytes(stage) <= max_bytes
+    assert stage_module.size_in_bytes(stage) <= max_bytes
     cell = float(stage.notes[0].split("details of ")[1].split()[0]) * 1e-3
     assert np.abs(np.linalg.norm(surface.vertices, axis=1) - 0.2).max() < cell
     assert np.linalg.norm(surface.vertices.max(axis=0) - surface.vertices.min(axis=0)) == pytest.approx(

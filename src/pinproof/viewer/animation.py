@@ -160,11 +160,12 @@ def film_of_elbow(stage: Stage, curve: SelfMotionCurve, frames: Sequence[str] = 
     for low, high, before, after in zip(curve.values, curve.values[1:], curve.q, curve.q[1:], strict=False):
         parts = int(np.ceil(np.abs(after - before).max() / ELBOW_STEP))
         values.append(np.linspace(low, high, max(parts, 1) + 1)[1:])
-    at = np.concatenate(values)
-    many = [curve.at(value) for value in at.tolist()]
+    parameters = np.concatenate(values)
+    many = [curve.at(value) for value in parameters.tolist()]
     named = dict(zip(frames, np.stack([stage.frame_poses(q, frames) for q in many]).swapaxes(0, 1), strict=True))
     poses = np.stack([stage.link_poses(q) for q in many])
-    return Film(at - curve.lower, poses, np.stack([stage.tcp_poses(q)[:, :3, 3] for q in many]), frames=named)
+    tcps = np.stack([stage.tcp_poses(q)[:, :3, 3] for q in many])
+    return Film(parameters - curve.lower, poses, tcps, frames=named)
 
 
 def still(stage: Stage, q: Array, *, frames: Sequence[str] = ()) -> Film:

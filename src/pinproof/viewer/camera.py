@@ -28,6 +28,13 @@ FIELD_OF_VIEW = 30.0
 ASPECT = 4 / 3
 """Aspect ratio (width / height) for which directions are compared."""
 
+DIRECTIONS_COMPARED = [
+    np.array([np.cos(up) * np.cos(azimuth), np.cos(up) * np.sin(azimuth), np.sin(up)])
+    for up in np.deg2rad((24.0, 12.0, 38.0, 58.0))
+    for azimuth in np.deg2rad((-45, 45, -30, 30, -60, 60, -15, 15, -90, 90, -120, 120, -150, 150, 180))
+]
+"""Three-quarter views in order of preference; the first is from the front right and above."""
+
 GRID = (60, 45)
 """Cells of the picture for which directions are compared."""
 
@@ -132,26 +139,37 @@ def choose_view(
     """
     rng = np.random.default_rng(0)
     drawn = [k for k, link in enumerate(stage.links) if link.surfaces]
-    poses = poses[:, drawn]
-    links = [_samples(stage.links[k].surfaces, SAMPLES, rng) for k in drawn]
-    owner = np.repeat(np.arange(len(links)), SAMPLES)
-    outlines = [extremes(np.concatenate([s.vertices for s in stage.links[k].surfaces]), OUTLINE) for k in drawn]
-    framed = poses[:: -(-len(poses) // MOST_INSTANTS)]
+    poses, count = poses[:, drawn], len(poses)
+    # What the picture must contain: the outlines of all links over the motion, the tool and what is near it
+    framed = poses[:: -(-count // MOST_INSTANTS)]
     framed = np.concatenate([framed, poses[-1:], *([] if also is None else [also[:, drawn]])])
-    points = extremes(np.concatenate([points, *_swept(outlines, framed)]))
+    swept = []
+    samples = [_samples(stage.links[k].surfaces, SAMPLES, rng) for k in drawn]
+    for number, k in enumerate(drawn):
+        outline = extremes(np.concatenate([surface.vertices for surface in stage.links[k].surfaces]), OUTLINE)
+        swept.append(extremes(placed_points(outline, framed[:, number])))
+    points = extremes(np.concatenate([points, *swept]))
     if tool is not None and len(tool):
         radius = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
         points = extremes(np.concatenate([points, tool, near_obstacles(stage, tool, NEAR_SHARE * radius)]))
-    shown = [_placed(links, poses[i]) for i in _compared(poses)]
-    boxes = _Boxes.around(stage.obstacles)
-
-    is_tool = stage.tool[drawn]
-
-    def cells_seen(direction: Array) -> Array:
-        return np.array([_cells_of_links(p, owner, boxes, direction, points) for p in shown])
-
-    directions = _directions()
-    cells = np.array([cells_seen(direction) for direction in directions])
+    # Directions are compared at the start, the middle and the end, and where the robot is slowest in between
+    instants = {round(i) for i in np.linspace(0, count - 1, COMPARED_INSTANTS)}
+    if count > FEW_INSTANTS:
+        inner = slice(count // 10, count - count // 10)
+        speed = np.abs(np.diff(poses[inner, :, :3, 3], axis=0)).sum(axis=(1, 2))
+        instants.add(inner.start + int(speed.argmin()))
+    shown = [
+        np.concatenate([placed_points(sample, poses[i, number, None]) for number, sample in enumerate(samples)])
+        for i in sorted(instants)
+    ]
+    # The cells in which each link is in front, for each direction and instant
+    owner, boxes, is_tool = np.repeat(np.arange(len(drawn)), SAMPLES), _Boxes.around(stage.obstacles), stage.tool[drawn]
+    cells = np.array(
+        [
+            [_cells_of_links(placed, owner, boxes, direction, points) for placed in shown]
+            for direction in DIRECTIONS_COMPARED
+        ]
+    )
     seen = (cells >= SEEN_CELLS).sum(axis=2).min(axis=1)
     # Every link of the tool counts: a large one must not make up for a hidden one.
     tool_seen = cells[:, :, is_tool].min(axis=2, initial=np.inf).min(axis=1)
@@ -159,47 +177,23 @@ def choose_view(
     # Square roots favour a view that shows every link well over one that shows a single link very large.
     merit = np.sqrt(cells).sum(axis=(1, 2))
     good = tool_seen >= ENOUGH_TOOL * tool_seen.max()
-    for each, least in ((seen, 1.0), (share, 1.0), (merit, SIMILAR_MERIT)):
-        good &= each >= least * each[good].max()
-    return View(directions[int(np.flatnonzero(good)[0])], points, MARGIN if len(poses) == 1 else MOVING_MARGIN)
-
-
-def _compared(poses: Array) -> list[int]:
-    """The instants at which directions are compared: start, middle, end, and where the robot is slowest in between."""
-    count = len(poses)
-    instants = {round(i) for i in np.linspace(0, count - 1, COMPARED_INSTANTS)}
-    inner = slice(count // 10, count - count // 10)
-    if count > FEW_INSTANTS:
-        speed = np.abs(np.diff(poses[inner, :, :3, 3], axis=0)).sum(axis=(1, 2))
-        instants.add(inner.start + int(speed.argmin()))
-    return sorted(instants)
+    for figure, least in ((seen, 1.0), (share, 1.0), (merit, SIMILAR_MERIT)):
+        good &= figure >= least * figure[good].max()
+    direction = DIRECTIONS_COMPARED[int(np.flatnonzero(good)[0])]
+    return View(direction, points, MARGIN if count == 1 else MOVING_MARGIN)
 
 
 def fit(points: Array, direction: Array, aspect: float, margin: float = MARGIN) -> tuple[Array, Array, Array]:
     """Axes (3, 3) (rows right, up, towards the camera), tangents (2,) and camera position (3,) in those axes."""
-    axes = _axes(direction)
+    right = np.cross((0.0, 0.0, 1.0), direction)
+    right /= np.linalg.norm(right)
+    axes = np.array([right, np.cross(direction, right), direction])
     tangent = np.tan(np.deg2rad(FIELD_OF_VIEW / 2)) * np.array([aspect, 1.0])
     x = points @ axes.T
     reach = tangent * (1 - margin)
     high, low = (x[:, :2] + x[:, 2:] * reach).max(axis=0), (x[:, :2] - x[:, 2:] * reach).min(axis=0)
     depth = max(((high - low) / (2 * reach)).max(), x[:, 2].max() + LEAST_DISTANCE * np.ptp(x[:, 2]))
     return axes, tangent, np.array([*((high + low) / 2), depth])
-
-
-def _axes(direction: Array) -> Array:
-    right = np.cross((0.0, 0.0, 1.0), direction)
-    right /= np.linalg.norm(right)
-    return np.array([right, np.cross(direction, right), direction])
-
-
-def _directions() -> list[Array]:
-    """Three-quarter views in order of preference; the first is from the front right and above."""
-    choices = []
-    for elevation in np.deg2rad((24.0, 12.0, 38.0, 58.0)):
-        for azimuth in np.deg2rad((-45, 45, -30, 30, -60, 60, -15, 15, -90, 90, -120, 120, -150, 150, 180)):
-            level = np.cos(elevation)
-            choices.append(np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]))
-    return choices
 
 
 def _cells_of_links(
@@ -231,8 +225,8 @@ class _Boxes:
 
     @classmethod
     def around(cls, obstacles: Sequence[DrawnObstacle]) -> _Boxes:
-        corners = [box_corners(each.surfaces) for each in obstacles if each.surfaces]
-        poses = [np.linalg.inv(each.pose) for each in obstacles if each.surfaces]
+        corners = [box_corners(obstacle.surfaces) for obstacle in obstacles if obstacle.surfaces]
+        poses = [np.linalg.inv(obstacle.pose) for obstacle in obstacles if obstacle.surfaces]
         obstacle_from_root = np.array(poses).reshape(-1, 4, 4)
         bounds = np.array(corners).reshape(-1, 8, 3)
         return cls(obstacle_from_root[:, :3, :3], obstacle_from_root[:, :3, 3], bounds.min(axis=1), bounds.max(axis=1))
@@ -243,17 +237,16 @@ class _Boxes:
         end = self.rotation @ camera + self.shift
         with np.errstate(divide="ignore", invalid="ignore"):  # a ray along a face gives 0 / 0, which is not hidden
             scale = 1.0 / (end[:, :, None] - start)
-            one, other = (self.low[:, :, None] - start) * scale, (self.high[:, :, None] - start) * scale
-        enter, leave = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
+            low, high = (self.low[:, :, None] - start) * scale, (self.high[:, :, None] - start) * scale
+        enter, leave = np.minimum(low, high).max(axis=1), np.maximum(low, high).min(axis=1)
         return np.asarray((np.maximum(enter, 0.0) + MIN_OCCLUSION < np.minimum(leave, 1.0)).any(axis=0))
 
 
 def tool_points(stage: Stage, poses: Array) -> Array:
     """(N, 3) points around the tool at all poses (F, L, 4, 4) of the links: the corners of the boxes of its links."""
-    found = [np.empty((0, 3))]
-    for k in np.flatnonzero(stage.tool):
-        found.append(placed_points(box_corners(stage.links[k].surfaces), poses[:, k]))
-    return np.concatenate(found)
+    tool = np.flatnonzero(stage.tool)
+    corners = [placed_points(box_corners(stage.links[k].surfaces), poses[:, k]) for k in tool]
+    return np.concatenate([np.empty((0, 3)), *corners])
 
 
 def placed_points(points: Array, poses: Array) -> Array:
@@ -280,15 +273,6 @@ def near_obstacles(stage: Stage, tool: Array, reach: float) -> Array:
             small = np.linalg.norm(np.ptp(corners, axis=0)) <= 2 * reach
             found.append(corners if small else samples[close])
     return np.concatenate(found)
-
-
-def _placed(links: Sequence[Array], poses: Array) -> Array:
-    return np.concatenate([p @ t[:3, :3].T + t[:3, 3] for p, t in zip(links, poses, strict=True)])
-
-
-def _swept(outlines: Sequence[Array], poses: Array) -> list[Array]:
-    """The extreme points of bodies, each with its outline (N, 3), over poses (F, L, 4, 4)."""
-    return [extremes(placed_points(outline, poses[:, k])) for k, outline in enumerate(outlines)]
 
 
 def _samples(surfaces: Sequence[Surface], count: int, rng: np.random.Generator) -> Array:

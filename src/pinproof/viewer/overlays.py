@@ -58,26 +58,23 @@ class PoseMarkers:
 
     def settings(self, commands: Commands) -> dict[str, Any]:
         """The settings from which the script of the page draws the arrows; arrays are stored in ``commands``."""
-        shape = arrow(self._length())
+        from scipy.spatial import cKDTree
+
+        places, length = np.unique(np.round(self.poses[:, :3, 3], 4), axis=0), LONGEST
+        if len(places) > 1:
+            gaps = cKDTree(places).query(places, k=2)[0][:, 1]
+            length = float(np.clip(SPACING_SHARE * np.median(gaps), SHORTEST, LONGEST))
+        shape = arrow(length)
         columns = np.swapaxes(self.poses, 1, 2).astype(np.float32)  # three.js reads matrices by columns
         rgb = np.array(self.colours, dtype=float).reshape(-1, 3)[self.kinds]
         return {
-            "length": round(self._length(), 4),
+            "length": round(length, 4),
             "vertices": commands.array(shape.vertices.astype(np.float32).ravel()),
             "normals": commands.array(shape.normals.astype(np.float32).ravel()),
             "triangles": commands.array(shape.triangles.astype(np.uint16).ravel()),
             "poses": commands.array(columns.ravel()),
             "rgb": commands.array(rgb.astype(np.float32).ravel()),
         }
-
-    def _length(self) -> float:
-        from scipy.spatial import cKDTree
-
-        places = np.unique(np.round(self.poses[:, :3, 3], 4), axis=0)
-        if len(places) < 2:
-            return LONGEST
-        gaps = cKDTree(places).query(places, k=2)[0][:, 1]
-        return float(np.clip(SPACING_SHARE * np.median(gaps), SHORTEST, LONGEST))
 
 
 @lru_cache(maxsize=4)
@@ -122,7 +119,9 @@ def add_frames(commands: Commands, placed: Mapping[str, Array], reach: float) ->
     names = []
     for number, name in enumerate(placed):
         # The labels of frames with the same origin are stacked.
-        below = sum(bool(np.linalg.norm(each - origins[number]) < LABEL_DISTANCE * length) for each in origins[:number])
+        below = sum(
+            bool(np.linalg.norm(origin - origins[number]) < LABEL_DISTANCE * length) for origin in origins[:number]
+        )
         names.append([node_path("frames", name).removeprefix("/frames/"), name, below])
     return {"names": names, "length": length}
 
@@ -173,18 +172,17 @@ def marks_of(found: FirstContact | CheckResult | None) -> list[Mark]:
     if found is None:
         return []
     if isinstance(found, CheckResult):
-        return [Mark(each.bodies, each.points, _direction(each.normal)) for each in found.contacts[:MAX_MARKS]]
+        # The normal is zero for a sphere whose centre is on the axis of a cylinder, among others
+        return [
+            Mark(contact.bodies, contact.points, contact.normal if np.linalg.norm(contact.normal) > 0.5 else None)
+            for contact in found.contacts[:MAX_MARKS]
+        ]
     # A certificate has no normal. It is the direction from the first point to the second, reversed if the bodies
     # penetrate; points that coincide give no direction.
     gap = found.points[1] - found.points[0]
     apart = float(np.linalg.norm(gap))
     normal = None if apart < 1e-7 else np.sign(found.distance or 1.0) * gap / apart
     return [Mark(found.bodies, found.points, normal)]
-
-
-def _direction(normal: Array) -> Array | None:
-    """The normal, or None if it is zero, as for a sphere whose centre is on the axis of a cylinder."""
-    return normal if np.linalg.norm(normal) > 0.5 else None
 
 
 def mark_radius(reach: float) -> float:
@@ -216,7 +214,7 @@ SAME_POSE = 1e-4
 
 def ghosts_at(stage: Stage, q: Array) -> Array:
     """(k, L, 4, 4) ``root_from_link`` at the configurations q (m, n), without duplicates."""
-    poses = np.array([stage.link_poses(each) for each in q]).reshape(-1, len(stage.links), 4, 4)
+    poses = np.array([stage.link_poses(configuration) for configuration in q]).reshape(-1, len(stage.links), 4, 4)
     return poses[_different(poses)] if len(poses) else poses
 
 
@@ -358,25 +356,17 @@ def add_surroundings(commands: Commands, view: View, floor: float) -> None:
     commands.set_property("/Background", "bottom_color", [*theme.rgb(theme.PICTURE["sky-bottom"])])
     for unused in ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX"):
         commands.set_property(unused, "visible", False)
-    _light(commands, view, float(np.linalg.norm(centre)) + 1.5 * radius)
-    _floor(commands, centre[:2], floor - FLOOR_GAP, max(2.0, np.ceil(2 * radius)))
-
-
-def _light(commands: Commands, view: View, reach: float) -> None:
     commands.set_property("/Lights/AmbientLight/<object>", "intensity", 0.14)
     # The hemisphere light keeps shapes visible in the shadow: it is brighter from above than from below.
-    above = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 1, 1]
-    sky = {
-        "color": 0xFFFFFF,
-        "groundColor": theme.number("ground-light"),
-        "intensity": 0.38,
-        "matrix": above,
-    }
+    from_above = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 1, 1]
+    ground = theme.number("ground-light")
+    sky = {"color": 0xFFFFFF, "groundColor": ground, "intensity": 0.38, "matrix": from_above}
     commands.set_object("/Lights/SkyLight", "HemisphereLight", {}, **sky)
     commands.set_property("/Lights/SkyLight/<object>", "castShadow", False)
     commands.set_property("/Lights/FillLight/<object>", "intensity", 0.15)
     commands.set_property("/Lights/FillLight/<object>", "position", [float(v) for v in (*(-view.direction[:2]), 0.4)])
     # A directional light points at the origin. Its shadow is computed in a box that must contain all objects.
+    reach = float(np.linalg.norm(centre)) + 1.5 * radius
     left = np.cross(view.direction, (0.0, 0.0, 1.0))
     source = 0.55 * view.direction + 0.45 * left + (0.0, 0.0, 0.9)
     source *= 2 * reach / np.linalg.norm(source)
@@ -386,16 +376,14 @@ def _light(commands: Commands, view: View, reach: float) -> None:
     shadow = {"mapSize": [2048, 2048], "bias": -0.0005, "normalBias": 0.01, "radius": 2.5, "camera": box}
     look = {"color": 0xFFFFFF, "intensity": 0.52, "matrix": matrix, "shadow": shadow}
     commands.set_object("/Lights/KeyLight", "DirectionalLight", {}, **look)
-
-
-def _floor(commands: Commands, centre: np.ndarray, height: float, half: float) -> None:
-    root_from_floor = np.eye(4)
-    root_from_floor[:3, 3] = (*(np.round(centre / SQUARE) * SQUARE), height)
+    # The floor is a disc with a grid, which is clipped at its edge
+    root_from_floor, half = np.eye(4), max(2.0, np.ceil(2 * radius))
+    root_from_floor[:3, 3] = (*(np.round(centre[:2] / SQUARE) * SQUARE), floor - FLOOR_GAP)
     disc = {"type": "CircleGeometry", "radius": half * 1.05, "segments": 96}
     commands.set_mesh("/floor/disc", disc, theme.rgba("floor"), specular=0, shininess=0)
     commands.set_transform("/floor", root_from_floor)
     lines, above = [], FLOOR_GAP / 4
     for offset in np.arange(-half, half + SQUARE / 2, SQUARE):
-        reach = np.sqrt(max(half**2 - offset**2, 0.0))
-        lines += [(offset, -reach, above), (offset, reach, above), (-reach, offset, above), (reach, offset, above)]
+        end = np.sqrt(max(half**2 - offset**2, 0.0))
+        lines += [(offset, -end, above), (offset, end, above), (-end, offset, above), (end, offset, above)]
     commands.set_lines("/floor/lines", np.array(lines), theme.rgba("floor-lines", 0.35))

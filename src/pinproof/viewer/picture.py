@@ -22,7 +22,7 @@ from pinproof.errors import InputError, UnknownNameError, ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup, guess_mark
 from pinproof.motion import Trajectory, check_limits
-from pinproof.spatial import SE3, Array, finite, matrix, rigid
+from pinproof.spatial import SE3, finite, matrix, rigid
 from pinproof.viewer.animation import Film, Phase, checked_motion, film, film_of_elbow, still, tracks
 from pinproof.viewer.camera import View, choose_view, tool_points
 from pinproof.viewer.overlays import (
@@ -121,46 +121,6 @@ LAYERS = {
 """The layers of a page by name, with the label of their switch."""
 
 
-@dataclass(frozen=True)
-class Layer:
-    """A part of the picture that can be shown and hidden.
-
-    Parameters
-    ----------
-    name
-        One of :data:`LAYERS`.
-    nodes
-        Its nodes in meshcat's tree.
-    shown
-        Whether it is visible when the page opens.
-    note
-        Text after the label, such as a number of items.
-    """
-
-    name: str
-    nodes: tuple[tuple[str, ...], ...]
-    shown: bool
-    note: str = ""
-
-    def settings(self) -> dict[str, Any]:
-        """The layer as the script of the page needs it."""
-        return {
-            "name": self.name,
-            "label": LAYERS[self.name],
-            "note": self.note,
-            "nodes": [list(node) for node in self.nodes],
-            "shown": self.shown,
-        }
-
-
-def checked_layers(names: Collection[str]) -> frozenset[str]:
-    """Names of layers as a set; UnknownNameError if a name is not in :data:`LAYERS`."""
-    for name in [names] if isinstance(names, str) else names:
-        if name not in LAYERS:
-            raise UnknownNameError("layer", name, LAYERS, "layers")
-    return frozenset([names] if isinstance(names, str) else names)
-
-
 PATH_RADIUS, PATH_SHARE = 0.004, 0.006
 """Radius of the drawn tcp path: metres, and the largest fraction of the radius of the picture."""
 
@@ -218,13 +178,30 @@ class Picture:
         if self.trajectory is not None and (self.q is not None or self.check is not None):
             given = "q" if self.q is not None else "check"
             raise InputError(f"trajectory and {given} cannot be combined; remove one of them")
+        # Everything that can be refused, before anything is loaded
         curve = self._curve()
-        wanted, ghosts = checked_layers(self.layers), self._ghosts()
+        wanted = [self.layers] if isinstance(self.layers, str) else self.layers
+        for name in wanted:
+            if name not in LAYERS:
+                raise UnknownNameError("layer", name, LAYERS, "layers")
+        ghosts = np.empty((0, self.arm.dof))
+        if self.ghosts is not None:
+            ghosts = finite("ghosts", np.atleast_2d(np.asarray(self.ghosts, dtype=float)), (None, self.arm.dof))
         stage = simplified(set_stage(self.arm, self.scene, self.attached, bodies=True))
         if not any(link.surfaces for link in stage.links):
             why = "; ".join(stage.notes) or "no link has geometry"
             raise ViewerError(f"robot {self.arm.robot.name!r} cannot be drawn: {why}")
-        shown = self._key_frames(stage, curve)
+        # The key frames of the motion, of the self-motion, or of one configuration
+        names = [name for name in frame_names(stage) if name not in self.frames]
+        q = self.arm.home if self.q is None else self.arm.configuration(self.q)
+        if curve is not None:
+            shown = film_of_elbow(stage, curve, names)
+        elif self.trajectory is not None:
+            shown = film(stage, [Phase(checked_motion(self.arm, self.trajectory))], frames=names)
+        else:
+            shown = still(stage, q, frames=names)
+        # The caption, and the slider of a self-motion, which opens at the solution closest to q
+        parameter = None
         caption = caption_of(self.arm, self.scene, self.trajectory, self.certificate, self.attached, self.check)
         if curve is not None:
             reason = (
@@ -233,6 +210,11 @@ class Picture:
             )
             span = (curve.parameter, f"{curve.lower:.3f} to {curve.upper:.3f}")
             caption = replace(caption, reason=reason, figures=(*caption.figures, span))
+            joint = self.arm.joint_names.index(curve.parameter)
+            opened = float(np.clip(curve.nearest(q)[joint], curve.lower, curve.upper))
+            unit = "rad" if self.arm.angular[joint] else "m"
+            parameter = {"name": curve.parameter, "unit": unit, "first": curve.lower, "shown": opened}
+        # What is drawn besides the robot and the scene, and the camera that frames all of it
         contact = None
         if self.trajectory is not None and self.certificate is not None and caption.tone == "colliding":
             contact = self.certificate.first_contact
@@ -242,6 +224,7 @@ class Picture:
         points = np.concatenate([*shown.tcps.swapaxes(0, 1), *extra])
         view = choose_view(stage, shown.poses, points, also=ghost_poses, tool=tool_points(stage, shown.poses))
         commands, radius = stage_commands(stage, shown, view), view.radius
+        # The commands and settings for the page
         if self.points is not None:
             self.points.draw(commands)
             if self.trajectory is None and self.check is None:
@@ -252,28 +235,19 @@ class Picture:
         steps = swept(stage, shown, radius) if curve is None else swept(stage, still(stage, curve.q[0]), radius)
         frames = {name: poses[0] for name, poses in shown.frames.items()}
         frames |= {name: matrix(rigid(f"frames[{name!r}]", pose)) for name, pose in self.frames.items()}
-        layers = self._layers(stage, shown, wanted, marks=len(marks), steps=len(steps), ghosts=len(ghost_poses))
-        own = shown.poses[0]
+        look = {"opacity": GHOST_OPACITY, "hues": [*map(theme.rgb, theme.GHOSTS)], "own": shown.poses[0]}
         settings = {
             **view.settings(),
             "duration": float(shown.times[-1]),
             "start": None if contact is None else contact.time,
-            "parameter": None if curve is None else self._parameter(curve),
+            "parameter": parameter,
             "frames": add_frames(commands, frames, radius),
             "copies": [
-                *copies(
-                    commands,
-                    stage,
-                    ghost_poses,
-                    "ghosts",
-                    opacity=GHOST_OPACITY,
-                    hues=[*map(theme.rgb, theme.GHOSTS)],
-                    own=own,
-                ),
+                *copies(commands, stage, ghost_poses, "ghosts", **look),
                 *copies(commands, stage, steps, "sweep", opacity=SWEEP_OPACITY),
             ],
             "touching": body_nodes(stage, marks),
-            "layers": [each.settings() for each in layers],
+            "layers": self._layers(stage, shown, wanted, len(marks), len(steps), len(ghost_poses), len(ghosts)),
         }
         moving = self.trajectory is not None or curve is not None
         return RenderedPicture(stage, commands, settings, caption, moving, tuple(shown.frames))
@@ -292,52 +266,36 @@ class Picture:
             )
         return curve
 
-    def _parameter(self, curve: SelfMotionCurve) -> dict[str, Any]:
-        """The settings of a slider for the redundant joint; ``shown`` is the value that is closest to q."""
-        nearest = curve.nearest(self.arm.home if self.q is None else self.arm.configuration(self.q))
-        joint = self.arm.joint_names.index(curve.parameter)
-        angular = bool(self.arm.angular[joint])
-        shown = float(np.clip(nearest[joint], curve.lower, curve.upper))
-        return {"name": curve.parameter, "unit": "rad" if angular else "m", "first": curve.lower, "shown": shown}
-
-    def _key_frames(self, stage: Stage, curve: SelfMotionCurve | None) -> Film:
-        names = [name for name in frame_names(stage) if name not in self.frames]
-        if curve is not None:
-            return film_of_elbow(stage, curve, names)
-        if self.trajectory is not None:
-            return film(stage, [Phase(checked_motion(self.arm, self.trajectory))], frames=names)
-        return still(stage, self.arm.home if self.q is None else self.arm.configuration(self.q), frames=names)
-
-    def _ghosts(self) -> Array:
-        """The ghost configurations (k, n), checked."""
-        if self.ghosts is None:
-            return np.empty((0, self.arm.dof))
-        return finite("ghosts", np.atleast_2d(np.asarray(self.ghosts, dtype=float)), (None, self.arm.dof))
-
     def _layers(
-        self, stage: Stage, shown: Film, wanted: Collection[str], *, marks: int, steps: int, ghosts: int
-    ) -> list[Layer]:
-        """The layers that are not empty."""
-        visual = tuple(("robot", node_name(link.name), "visual") for link in stage.links if link.surfaces)
-        collision = tuple(("robot", node_name(link.name), "collision") for link in stage.links if link.bodies)
-        given = len(self._ghosts())
-        found: list[tuple[str, tuple[tuple[str, ...], ...], bool, str]] = [
-            ("robot", visual, True, ""),
-            ("collision", collision, False, ""),
-            ("scene", (("scene",),) if stage.obstacles else (), True, ""),
-            ("path", (("tcp path",),) if np.ptp(shown.tcps, axis=0).any() else (), True, ""),
-            ("sweep", (("sweep",),) if steps else (), False, f"{steps} steps"),
-            (
-                "ghosts",
-                (("ghosts",),) if ghosts else (),
-                True,
-                f"{ghosts}" if ghosts == given else f"{ghosts} of {given}",
-            ),
-            ("frames", (("frames",),), bool(self.frames), ""),
-            ("contact", (("contact",),) if marks else (), True, str(marks) if marks > 1 else ""),
-            ("points", (("points",),) if self.points is not None else (), True, ""),
+        self,
+        stage: Stage,
+        shown: Film,
+        wanted: Collection[str],
+        marks: int,
+        steps: int,
+        ghosts: int,
+        given: int,
+    ) -> list[dict[str, Any]]:
+        """The layers that are not empty, as the script of the page needs them."""
+        links = [(node_name(link.name), link.surfaces, link.bodies) for link in stage.links]
+        copied = f"{ghosts}" if ghosts == given else f"{ghosts} of {given}"
+        # Nodes in meshcat's tree, whether they are visible when the page opens, and a note after the label
+        layers: dict[str, tuple[list[list[str]], bool, str]] = {
+            "robot": ([["robot", name, "visual"] for name, surfaces, _ in links if surfaces], True, ""),
+            "collision": ([["robot", name, "collision"] for name, _, bodies in links if bodies], False, ""),
+            "scene": ([["scene"]] if stage.obstacles else [], True, ""),
+            "path": ([["tcp path"]] if np.ptp(shown.tcps, axis=0).any() else [], True, ""),
+            "sweep": ([["sweep"]] if steps else [], False, f"{steps} steps"),
+            "ghosts": ([["ghosts"]] if ghosts else [], True, copied),
+            "frames": ([["frames"]], bool(self.frames), ""),
+            "contact": ([["contact"]] if marks else [], True, str(marks) if marks > 1 else ""),
+            "points": ([["points"]] if self.points is not None else [], True, ""),
+        }
+        return [
+            {"name": name, "label": LAYERS[name], "nodes": nodes, "shown": visible or name in wanted, "note": note}
+            for name, (nodes, visible, note) in layers.items()
+            if nodes
         ]
-        return [Layer(name, nodes, on or name in wanted, note) for name, nodes, on, note in found if nodes]
 
 
 def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
@@ -356,17 +314,14 @@ def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
         for number, surface in enumerate(obstacle.surfaces):
             commands.set_surface(node_path("scene", obstacle.name, str(number)), surface)
         commands.set_transform(node_path("scene", obstacle.name), obstacle.pose)
-    add_path(commands, shown, min(PATH_RADIUS, PATH_SHARE * view.radius))
-    if animations := tracks(commands, stage, shown):
-        commands.set_animation(animations)
-    return commands
-
-
-def add_path(commands: Commands, shown: Film, radius: float) -> None:
-    """Draw the path of each tcp as a tube from a white sphere at its start to an orange one at its end."""
+    # The path of each tcp, from a white sphere at its start to an orange one at its end
+    radius = min(PATH_RADIUS, PATH_SHARE * view.radius)
     for number, tcp in enumerate(shown.tcps.swapaxes(0, 1)):
         line, node = tube(tcp, radius, PATH_ORANGE), f"/tcp path/{number}"
         if line is not None:
             commands.set_surface(f"{node}/line", line)
             commands.set_surface(f"{node}/start", ball(tcp[0], 2.5 * radius, START_WHITE))
             commands.set_surface(f"{node}/end", ball(tcp[-1], 2.5 * radius, PATH_ORANGE))
+    if animations := tracks(commands, stage, shown):
+        commands.set_animation(animations)
+    return commands

@@ -74,16 +74,12 @@ FLAGS = (
 
 def find_browser() -> str:
     """The path of a Chromium-based browser; ViewerError if no browser is found."""
-    stated = os.environ.get(BROWSER_VARIABLE)
-    if stated:
-        found = shutil.which(stated)
-        if found is None:
-            raise ViewerError(f"{BROWSER_VARIABLE} names {stated}, which is not an executable program")
-        return found
-    for name in (*BROWSERS, *APPLICATIONS):
-        found = shutil.which(name)
-        if found is not None:
-            return found
+    name = os.environ.get(BROWSER_VARIABLE)
+    for candidate in [name] if name else [*BROWSERS, *APPLICATIONS]:
+        if (executable := shutil.which(candidate)) is not None:
+            return executable
+    if name:
+        raise ViewerError(f"{BROWSER_VARIABLE} names {name}, which is not an executable program")
     raise ViewerError(
         f"a PNG picture needs a Chromium-based browser, and none of {', '.join(BROWSERS)} is on PATH. Install "
         f"Chromium, set {BROWSER_VARIABLE} to such a browser, or write a page with write_html (--html)"
@@ -105,36 +101,32 @@ def screenshot(html: str, fragment: str, size: tuple[int, int], browser: str, fa
         options = [f"--user-data-dir={folder}/profile", f"--screenshot={picture}", f"--window-size={size[0]},{size[1]}"]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             options.append("--no-sandbox")  # Chromium refuses to run as root with a sandbox
-        output = _run([browser, *FLAGS, *options, page.as_uri() + fragment])
+        command = [browser, *FLAGS, *options, page.as_uri() + fragment]
+        try:
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise ViewerError(f"{browser} cannot be run: {error.strerror or error}") from error
+        with process:
+            try:
+                output = process.communicate(timeout=TIMEOUT)[1].decode("utf-8", "replace")
+            except BaseException as error:  # kill the browser and all processes that it has started
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+                if isinstance(error, subprocess.TimeoutExpired):
+                    raise ViewerError(f"{browser} did not produce a picture within {TIMEOUT:.0f} s") from error
+                raise
         if DRAWN_MESSAGE not in output or not picture.is_file():
             messages = [line for line in output.splitlines() if "CONSOLE" in line or "ERROR" in line]
             last = messages[-1].strip()[:300] if messages else "none"
             raise ViewerError(f"{browser} did not produce a picture; its last message: {last}")
         return picture.read_bytes()
-
-
-def _run(command: list[str]) -> str:
-    """Run a program and return its stderr; after :data:`TIMEOUT`, kill it and all processes it has started."""
-    try:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-    except OSError as error:
-        raise ViewerError(f"{command[0]} cannot be run: {error.strerror or error}") from error
-    with process:
-        try:
-            return process.communicate(timeout=TIMEOUT)[1].decode("utf-8", "replace")
-        except BaseException as error:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-            if isinstance(error, subprocess.TimeoutExpired):
-                raise ViewerError(f"{command[0]} did not produce a picture within {TIMEOUT:.0f} s") from error
-            raise
 
 
 def write_png(

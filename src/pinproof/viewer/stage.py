@@ -109,8 +109,8 @@ class Stage:
 
 def box_corners(surfaces: Iterable[Surface]) -> Array:
     """(8, 3) the corners of the box around surfaces, with edges along the axes."""
-    bounds = [(each.vertices.min(axis=0), each.vertices.max(axis=0)) for each in surfaces]
-    low, high = np.min([b[0] for b in bounds], axis=0), np.max([b[1] for b in bounds], axis=0)
+    points = np.concatenate([surface.vertices for surface in surfaces])
+    low, high = points.min(axis=0), points.max(axis=0)
     return np.where(np.indices((2, 2, 2)).reshape(3, 8).T == 0, low, high)
 
 
@@ -173,6 +173,14 @@ def _load_surfaces(items: Sequence[object], draw: Callable[..., list[Surface]]) 
     return surfaces, problem
 
 
+def size_in_bytes(stage: Stage) -> float:
+    """Size of the surfaces in a page: 15 bytes for each vertex, 2 or 4 for each index, in base64."""
+    drawn = [surface for link in stage.links for surface in (*link.surfaces, *link.bodies)]
+    drawn += [surface for obstacle in stage.obstacles for surface in obstacle.surfaces]
+    wide = [4 if len(surface.vertices) > np.iinfo(np.uint16).max else 2 for surface in drawn]
+    return 4 / 3 * sum(15 * len(s.vertices) + index * s.triangles.size for s, index in zip(drawn, wide, strict=True))
+
+
 def simplified(stage: Stage, max_bytes: float = MAX_BYTES) -> Stage:
     """The stage with surfaces that together fit into ``max_bytes``; a note states the simplification.
 
@@ -180,11 +188,37 @@ def simplified(stage: Stage, max_bytes: float = MAX_BYTES) -> Stage:
     removed (J. Rossignac and P. Borrel, 1993, "Multi-resolution 3D approximations for rendering complex scenes").
     Collision checks always use the original meshes.
     """
+
+    def merged(surface: Surface, cell: float) -> Surface:
+        if len(surface.triangles) < MIN_TRIANGLES or surface.image is not None:  # it would distort a texture
+            return surface
+        grid = np.floor(surface.vertices / cell).astype(np.int64)
+        _, cell_of, count = np.unique(grid, axis=0, return_inverse=True, return_counts=True)
+        cell_of = cell_of.reshape(-1)
+        means = np.column_stack([np.bincount(cell_of, surface.vertices[:, axis]) for axis in range(3)])
+        corners = cell_of[surface.triangles]
+        proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+        _, first = np.unique(np.sort(corners[proper], axis=1), axis=0, return_index=True)
+        kept = corners[proper][first]
+        return shade(means / count[:, None], kept, surface.rgba) if len(kept) else surface
+
     result, used_cell = stage, 0.0
     for cell in CELLS:
-        if _size_in_bytes(result) <= max_bytes:
+        if size_in_bytes(result) <= max_bytes:
             break
-        result, used_cell = _coarser(stage, cell), cell
+        links = [
+            replace(
+                link,
+                surfaces=tuple(merged(surface, cell) for surface in link.surfaces),
+                bodies=tuple(merged(surface, cell) for surface in link.bodies),
+            )
+            for link in stage.links
+        ]
+        obstacles = [
+            replace(thing, surfaces=tuple(merged(surface, cell) for surface in thing.surfaces))
+            for thing in stage.obstacles
+        ]
+        result, used_cell = replace(stage, links=tuple(links), obstacles=tuple(obstacles)), cell
     if result is stage:
         return stage
     note = (
@@ -192,45 +226,3 @@ def simplified(stage: Stage, max_bytes: float = MAX_BYTES) -> Stage:
         "meshes."
     )
     return replace(result, notes=(*stage.notes, note))
-
-
-def _size_in_bytes(stage: Stage) -> float:
-    """Size of the surfaces in a page: 15 bytes for each vertex, 2 or 4 for each index, in base64."""
-    return (
-        4
-        / 3
-        * sum(
-            15 * len(each.vertices) + (4 if len(each.vertices) > np.iinfo(np.uint16).max else 2) * each.triangles.size
-            for each in _surfaces(stage)
-        )
-    )
-
-
-def _surfaces(stage: Stage) -> Iterable[Surface]:
-    for link in stage.links:
-        yield from (*link.surfaces, *link.bodies)
-    for obstacle in stage.obstacles:
-        yield from obstacle.surfaces
-
-
-def _coarser(stage: Stage, cell: float) -> Stage:
-    def merged(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
-        return tuple(_merged(each, cell) for each in surfaces)
-
-    links = tuple(replace(link, surfaces=merged(link.surfaces), bodies=merged(link.bodies)) for link in stage.links)
-    obstacles = tuple(replace(each, surfaces=merged(each.surfaces)) for each in stage.obstacles)
-    return replace(stage, links=links, obstacles=obstacles)
-
-
-def _merged(surface: Surface, cell: float) -> Surface:
-    if len(surface.triangles) < MIN_TRIANGLES or surface.image is not None:  # it would distort a texture
-        return surface
-    grid = np.floor(surface.vertices / cell).astype(np.int64)
-    _, cell_of, count = np.unique(grid, axis=0, return_inverse=True, return_counts=True)
-    cell_of = cell_of.reshape(-1)
-    means = np.column_stack([np.bincount(cell_of, surface.vertices[:, axis]) for axis in range(3)]) / count[:, None]
-    corners = cell_of[surface.triangles]
-    proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
-    _, first = np.unique(np.sort(corners[proper], axis=1), axis=0, return_index=True)
-    kept = corners[proper][first]
-    return shade(means, kept, surface.rgba) if len(kept) else surface

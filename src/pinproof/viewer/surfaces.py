@@ -32,7 +32,6 @@ from pinproof.collision import (
     Obstacle,
     OccupancyGrid,
     PointCloud,
-    Shape,
     Sphere,
 )
 from pinproof.collision.geometry import triangles as triangles_module
@@ -179,22 +178,16 @@ def _texture(part: Any) -> tuple[npt.NDArray[np.float64] | None, str | None]:
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None or uv is None or np.shape(uv) != (len(part.vertices), 2) or not np.isfinite(uv).all():
         return None, None
+    transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+    kind, content = "PNG" if transparent else "JPEG", BytesIO()
     try:
-        return np.asarray(uv, dtype=float), _data_url(image)
+        small = image.convert("RGBA" if transparent else "RGB")
+        small.thumbnail((MAX_TEXTURE_SIZE, MAX_TEXTURE_SIZE))
+        small.save(content, kind, **({} if transparent else {"quality": JPEG_QUALITY}))
     except (OSError, ValueError, SyntaxError):  # Pillow raises these for damaged files
         return None, None
-
-
-def _data_url(image: Any) -> str:
-    transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
-    small = image.convert("RGBA" if transparent else "RGB")
-    small.thumbnail((MAX_TEXTURE_SIZE, MAX_TEXTURE_SIZE))
-    content = BytesIO()
-    if transparent:
-        small.save(content, "PNG")
-    else:
-        small.save(content, "JPEG", quality=JPEG_QUALITY)
-    return f"data:image/{'png' if transparent else 'jpeg'};base64,{b64encode(content.getvalue()).decode('ascii')}"
+    url = f"data:image/{kind.lower()};base64,{b64encode(content.getvalue()).decode('ascii')}"
+    return np.asarray(uv, dtype=float), url
 
 
 LINK_GREY, OBSTACLE_SAND, COLLISION_AMBER = theme.rgba("link"), theme.rgba("obstacle"), theme.rgba("collision", 0.45)
@@ -234,7 +227,14 @@ def body_surfaces(geometry: LinkGeometry) -> list[Surface]:
         surface = shade(*_primitive(geometry), COLLISION_AMBER)
     else:
         mesh = read_mesh(_file_of(geometry), _three(geometry.size))
-        (surface,) = _stored("hull", content_digest(mesh.vertices, mesh.triangles), lambda: [_hull_surface(mesh)])
+
+        def hull() -> list[Surface]:
+            try:
+                return [shade(*_hull(ConvexHull(mesh.vertices)), COLLISION_AMBER)]
+            except InputError:  # a flat mesh has no hull
+                return [shade(mesh.vertices, mesh.triangles, COLLISION_AMBER)]
+
+        (surface,) = _stored("hull", content_digest(mesh.vertices, mesh.triangles), hull)
     return [surface.moved(geometry.origin)]
 
 
@@ -245,19 +245,16 @@ def _file_of(geometry: LinkGeometry) -> Path:
     return resolved(geometry.mesh, geometry.link)
 
 
-def _hull_surface(mesh: TriangleMesh) -> Surface:
-    try:
-        return shade(*_hull(ConvexHull(mesh.vertices)), COLLISION_AMBER)
-    except InputError:  # a flat mesh has no hull
-        return shade(mesh.vertices, mesh.triangles, COLLISION_AMBER)
-
-
 def obstacle_surfaces(obstacle: Obstacle) -> list[Surface]:
     """Surfaces of an obstacle in its own frame; MeshError if its mesh is missing, ViewerError for an unknown shape."""
     shape, rgba = obstacle.shape, obstacle.rgba
     if isinstance(shape, Mesh) and shape.path is not None:
         return _mesh(Path(shape.path), _three(shape.scale), rgba, OBSTACLE_SAND, own_colours=rgba is None)
-    return [shade(*_triangles(shape), rgba or OBSTACLE_SAND)]
+    draw = SHAPES.get(type(shape))
+    if draw is None:
+        known = ", ".join(kind.__name__ for kind in SHAPES)
+        raise ViewerError(f"the viewer cannot draw a {type(shape).__name__}; it can draw {known}")
+    return [shade(*draw(shape), rgba or OBSTACLE_SAND)]
 
 
 def tube(points: Array, radius: float, rgba: Rgba) -> Surface | None:
@@ -360,24 +357,11 @@ def _capsule(radius: float, length: float) -> Triangles:
     return revolved(radii, heights)
 
 
-def _ellipsoid(shape: Ellipsoid) -> Triangles:
-    vertices, triangles = _sphere(1.0)
-    return vertices * [shape.rx, shape.ry, shape.rz], triangles
-
-
-def _half_space(_: HalfSpace) -> Triangles:
-    vertices, triangles = box_triangles(PLATE_SIZE, PLATE_SIZE, PLATE_THICKNESS)
-    return vertices - [0.0, 0.0, PLATE_THICKNESS / 2], triangles
-
-
 def _hull(shape: ConvexHull) -> Triangles:
     return shape.points, hull_triangles(shape.points)
 
 
-def _mesh_triangles(shape: Mesh) -> Triangles:
-    mesh = triangles_of(shape)
-    return mesh.vertices, mesh.triangles
-
+PLATE = box_triangles(PLATE_SIZE, PLATE_SIZE, PLATE_THICKNESS)
 
 SHAPES: dict[type, Callable[[Any], Triangles]] = {
     Box: lambda shape: box_triangles(shape.x, shape.y, shape.z),
@@ -385,10 +369,10 @@ SHAPES: dict[type, Callable[[Any], Triangles]] = {
     Cylinder: lambda shape: _cylinder(shape.radius, shape.length),
     Capsule: lambda shape: _capsule(shape.radius, shape.length),
     Cone: lambda shape: _cone(shape.radius, shape.length),
-    Ellipsoid: _ellipsoid,
-    HalfSpace: _half_space,
+    Ellipsoid: lambda shape: (_sphere(1.0)[0] * [shape.rx, shape.ry, shape.rz], _sphere(1.0)[1]),
+    HalfSpace: lambda _: (PLATE[0] - [0.0, 0.0, PLATE_THICKNESS / 2], PLATE[1]),
     ConvexHull: _hull,
-    Mesh: _mesh_triangles,
+    Mesh: lambda shape: (triangles_of(shape).vertices, triangles_of(shape).triangles),
     PointCloud: cell_faces,
     OccupancyGrid: cell_faces,
     HeightMap: ground_surface,
@@ -402,15 +386,6 @@ PRIMITIVES: dict[str, Callable[..., Triangles]] = {
     "capsule": _capsule,
 }
 """How each primitive of a robot description is drawn; the arguments are the numbers of ``LinkGeometry.size``."""
-
-
-def _triangles(shape: Shape) -> Triangles:
-    """Triangles of a shape; see :data:`SHAPES`."""
-    draw = SHAPES.get(type(shape))
-    if draw is None:
-        known = ", ".join(kind.__name__ for kind in SHAPES)
-        raise ViewerError(f"the viewer cannot draw a {type(shape).__name__}; it can draw {known}")
-    return draw(shape)
 
 
 def _primitive(geometry: LinkGeometry) -> Triangles:
@@ -474,7 +449,7 @@ def _stored(kind: str, key: str, make: Callable[[], list[Surface]]) -> list[Surf
         kind,
         key,
         arrays,
-        code=[__file__, *meshes.MESH_CODE, triangles_module.__file__],
+        code=[__file__, theme.__file__, *meshes.MESH_CODE, triangles_module.__file__],
         libraries=["trimesh", "pycollada", "pillow"],
     )
     surfaces = []
@@ -508,7 +483,17 @@ def _coloured(
             continue
         vertices = np.asarray(part.vertices) @ scene_from_node[:3, :3].T + scene_from_node[:3, 3]
         vertices = vertices @ z_up(path).T * factor
-        colour = _own_colour(part, linear=path.suffix.lower() == ".dae") or stated or default
+        # The colour that the file states for the part. COLLADA files of robots are mostly written by Blender, with
+        # linear colours; without conversion they appear black.
+        material = getattr(part.visual, "material", None)
+        source = part.visual if material is None else material
+        raw = getattr(source, "main_color", None) if part.visual.defined else None
+        colour = stated or default
+        if raw is not None:
+            r, g, b, a = (float(component) / 255.0 for component in raw)
+            if path.suffix.lower() == ".dae":
+                r, g, b = (12.92 * c if c <= 0.0031308 else 1.055 * c ** (1 / 2.4) - 0.055 for c in (r, g, b))
+            colour = (r, g, b, a if a > 0 else 1.0)
         uv, image = _texture(part)
         triangles = np.array(part.faces, dtype=np.int64)[:, ::order]
         drawn.append(vertices[triangles].reshape(-1, 3))
@@ -520,24 +505,6 @@ def _coloured(
     ):
         return plain
     return merge_by_colour(surfaces)
-
-
-def _own_colour(part: Any, *, linear: bool) -> Rgba | None:
-    """The colour that a mesh file states for a part, or None.
-
-    COLLADA files of robots are mostly written by Blender, with linear colours; without conversion they appear black.
-    """
-    visual = part.visual
-    if not visual.defined:
-        return None
-    material = getattr(visual, "material", None)
-    raw = getattr(visual, "main_color", None) if material is None else material.main_color
-    if raw is None:
-        return None
-    r, g, b, a = (float(v) / 255.0 for v in raw)
-    if linear:
-        r, g, b = (12.92 * c if c <= 0.0031308 else 1.055 * c ** (1 / 2.4) - 0.055 for c in (r, g, b))
-    return (r, g, b, a if a > 0 else 1.0)
 
 
 def _three(values: Any) -> tuple[float, float, float]:

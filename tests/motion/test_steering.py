@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import pinproof as pp
 from pinproof.motion import CubicPath, JointPath, time_parametrise
 from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import MoveSequence, Steering, rate_excess, rest, rest_to_rest_times
+from pinproof.motion.steering import MoveSequence, Steering, least_times, rate_excess, rest, rest_to_rest_times
 
 NAMES = ("a", "b", "c")
 V, A, J = np.array([2.0, 1.0, 3.0]), np.array([15.0, 4.0, 9.0]), np.array([500.0, 60.0, 90.0])
@@ -102,3 +103,17 @@ def test_a_straight_move_is_straight() -> None:
 def test_a_state_beyond_the_limits_is_not_reached() -> None:
     steering = Steering(bounds_with())
     assert steering.move(rest(np.ones(3)), ([0.0] * 3, [2.5, 0.0, 0.0], [0.0] * 3)) is None
+
+
+def test_no_motion_is_faster_than_the_least_times() -> None:
+    """At full speed, and from rest to rest, against time-optimal motions over random distances."""
+    arm, generator = pp.load_robot("ur5").arm(tcp="tool0"), np.random.default_rng(3)
+    bounds = Bounds.of(arm.limits, arm.joint_names)
+    distances = generator.uniform(-2.0, 2.0, (20, arm.dof))
+    full_speed, from_rest = arm.limits.least_time(distances), least_times(distances, bounds)
+    assert (full_speed < from_rest).all()
+    for distance, most, least in zip(distances, full_speed, from_rest, strict=True):
+        assert most == max(abs(d) / v for d, v in zip(distance, arm.limits.velocity, strict=True))
+        straight = pp.JointPath([-distance / 2, distance / 2], arm.joint_names)
+        assert pp.time_parametrise(straight, arm.limits).duration >= least * (1 - 1e-9)
+    assert arm.limits.least_time(np.zeros((0, arm.dof))).shape == (0,)

@@ -370,11 +370,16 @@ def inside_position_limits(trajectory: Trajectory, bounds: Bounds) -> bool:
     return bool(inside.all())
 
 
+def least_times(distance: Array, bounds: Bounds) -> Array:
+    """Lower bounds (...,) of the times (s) of all motions over distances (..., n) from rest to rest."""
+    return np.asarray(rest_to_rest_times(distance, bounds).max(axis=-1))
+
+
 def rest_to_rest_times(distance: Array, bounds: Bounds) -> Array:
     """The shortest times (s) in which single joints move by ``distance`` (..., n) from rest to rest.
 
-    The largest of a row is a lower bound of the duration of every motion between its ends. (L. Biagiotti, C.
-    Melchiorri, "Trajectory Planning for Automatic Machines and Robots", 2008, section 3.4, for rest at both ends.)
+    (L. Biagiotti, C. Melchiorri, "Trajectory Planning for Automatic Machines and Robots", 2008, section 3.4, for rest
+    at both ends.)
     """
     d, v, a = np.abs(distance), bounds.velocity, bounds.acceleration
     if bounds.jerk is None:

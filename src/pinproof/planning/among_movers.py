@@ -351,22 +351,17 @@ class _Roadmap:
         near = np.clip(near + NEARBY * rng.standard_normal(near.shape), low, high)
         drawn = np.where(rng.random((count, 1)) < 0.5, near, low + (high - low) * rng.random(near.shape))
         for q in drawn[self._steering.is_free_batch(drawn)]:
-            nearest = np.argsort(self._least(np.array(self.q), q), kind="stable")[:NEIGHBOURS].tolist()
+            nearest = np.argsort(self._limits.least_time(np.array(self.q) - q), kind="stable")[:NEIGHBOURS].tolist()
             new = self._add(q)
             for other in nearest:
                 self._connect(new, other)
         return count
 
-    def _least(self, q: Array, to: Array) -> Array:
-        """(k,) lower bounds (s) of the time from each of q (k, n) to ``to`` (n,)."""
-        velocity = np.where(np.isfinite(self._limits.velocity), self._limits.velocity, 1.0)
-        return np.asarray((np.abs(q - to) / velocity).max(axis=-1))
-
     @property
     def least_time(self) -> float:
         """Lower bound (s) of the time from the start to the nearest goal."""
         goals = np.array([self.q[goal] for goal in self._goals])
-        return float(self._least(goals, self.q[self._start]).min())
+        return float(self._limits.least_time(goals - self.q[self._start]).min())
 
     # -- the search ---------------------------------------------------------------------------------------------------
 
@@ -379,7 +374,7 @@ class _Roadmap:
         """The motion that ends first at a goal within the window; None if the roadmap has none."""
         times, grid = self._times, self._times.grid
         goals = np.array([self.q[goal] for goal in self._goals])
-        bound = [float(self._least(goals, q).min()) for q in self.q]
+        bound = [float(self._limits.least_time(goals - q).min()) for q in self.q]
         if not self._free[self._start][0]:
             return None
         self._reached = set()

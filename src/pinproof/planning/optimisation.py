@@ -39,9 +39,9 @@ from pinproof.motion.steering import (
     State,
     Steering,
     inside_position_limits,
+    least_times,
     rate_excess,
     rest,
-    rest_to_rest_times,
 )
 from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
@@ -215,7 +215,7 @@ def optimise(
     manifold, tolerances = manifold_of(checker.arm, kept) if kept else None, np.array([each.tolerance for each in kept])
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
-    lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
+    lower_bound = float(least_times(ends - path.start, bounds).min())
     task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
     useful = budget > 0 and (further or before.duration > lower_bound * (1.0 + CLOSE_ENOUGH))
     trajectory, certificate, evaluations = _shortest(task, np.random.default_rng(rng), int(budget) if useful else 0)
@@ -347,7 +347,7 @@ class _Search:
         self._best, self._goal = self._given()
         self._found: list[tuple[MoveSequence, int]] = []
         self.proven: list[tuple[MoveSequence, int]] = []
-        self._bound_of = rest_to_rest_times(task.goals - task.path.start, task.bounds).max(axis=1)
+        self._bound_of = least_times(task.goals - task.path.start, task.bounds)
         self._enough = float(self._bound_of.min()) * (1.0 + CLOSE_ENOUGH)
         self._per_velocity = (1.0 / task.bounds.velocity).tolist()
         self._step = SAMPLE_TIME

@@ -21,6 +21,8 @@ from pinproof.collision import CollisionChecker, Obstacle
 from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
+from pinproof.motion.limits import Bounds
+from pinproof.motion.steering import least_times
 from pinproof.picks.batch.screening import ScreenStatus, code_of
 from pinproof.picks.input.pick import Member, Picks
 from pinproof.picks.judging.configurations import TURN, manipulability
@@ -54,13 +56,6 @@ joint differs by more."""
 
 ROWS = 8192
 """Number of poses that are screened at a time."""
-
-
-def rest_to_rest(distance: Array, velocity: Array, acceleration: Array) -> Array:
-    """Least time (s) in which the slowest joint moves by ``distance`` (..., n) from rest to rest; (...)."""
-    ramp = velocity**2 / acceleration
-    fast = distance / velocity + velocity / acceleration
-    return np.asarray(np.where(distance >= ramp, fast, 2.0 * np.sqrt(distance / acceleration)).max(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,10 +319,9 @@ class PlacementScreening:
         return free
 
     def _move(self, here: Array, there: Array) -> Array:
-        limits, periodic = self.placed.original.limits, self.placed.original.periodic
-        distance = np.abs(here - there)
-        distance = np.where(periodic, np.abs(distance - TURN * np.round(distance / TURN)), distance)
-        return rest_to_rest(distance, limits.velocity, limits.acceleration)
+        arm, distance = self.placed.original, here - there
+        distance = np.where(arm.periodic, distance - TURN * np.round(distance / TURN), distance)
+        return least_times(distance, Bounds.of(arm.limits, arm.joint_names))
 
     def _matched(self, q: Array, end: Array) -> Array:
         """(N, k, n) for each solution q (N, k, n) the nearest of the solutions ``end`` (N, m, n) on the same branch."""

@@ -13,10 +13,10 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.sequencing.options import Job, PickOption, least_times
+from pinproof.cell.sequencing.options import Job, PickOption
 from pinproof.collision import CollisionChecker
 from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import rest_to_rest_times
+from pinproof.motion.steering import least_times, rest_to_rest_times
 from pinproof.picks import PickSetup
 from pinproof.picks.judging.lines import shifted, span
 from pinproof.planning import make_planner

@@ -12,7 +12,7 @@ from pinproof.collision import Obstacle, Scene
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import CubicPath, time_parametrise
 from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import rest_to_rest_times
+from pinproof.motion.steering import least_times
 from pinproof.picks import Pick, PickSetup, PickVerdict
 from pinproof.picks.judging.grasp import Candidate, reach, screen
 from pinproof.picks.judging.judge import judge
@@ -28,11 +28,6 @@ RELEASES = 2
 
 SAME_PLACE = 6
 """Decimals (m) of the poses of parts by which two places are distinguished."""
-
-
-def least_times(distance: Array, bounds: Bounds) -> Array:
-    """Lower bounds (...,) of the times (s) from rest to rest over distances (..., n), without obstacles."""
-    return np.asarray(rest_to_rest_times(distance, bounds).max(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 
 from pinproof.cell.sequencing.blocking import geometric_precedence
 from pinproof.cell.sequencing.connection import connected
-from pinproof.cell.sequencing.options import Job, least_times, options_of, part_names, resolved
+from pinproof.cell.sequencing.options import Job, options_of, part_names, resolved
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult, SequenceStep
 from pinproof.cell.sequencing.tour import ROUNDS, SEARCH, Tour, TourProblem
@@ -23,6 +23,7 @@ from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, NoAnswer
 from pinproof.motion import Trajectory
 from pinproof.motion.limits import Bounds
+from pinproof.motion.steering import least_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 from pinproof.spatial import Array
 from pinproof.work import Runner

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinproof.cell.sequencing.options import Job, PickOption, least_times
+from pinproof.cell.sequencing.options import Job, PickOption
 from pinproof.collision import Certificate, Scene
 from pinproof.errors import TimingError
 from pinproof.motion import BlendedPath, JointPath, MotionLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import Bounds
+from pinproof.motion.steering import least_times
 from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, StageResult
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.lines import Attempt, shortened, transit

@@ -122,11 +122,10 @@ def at_full_speed(arm: Arm, points: Array) -> float:
     For the control points of a curve this is an upper bound of the time of the curve at full speed, and at least
     :func:`least_seconds` between its ends.
     """
-    return float((np.abs(points[1:] - points[:-1]) / arm.limits.velocity).max(axis=1, initial=0.0).sum())
+    return float(arm.limits.least_time(np.diff(points, axis=0)).sum())
 
 
 def least_seconds(arm: Arm, here: Array, there: Array) -> Array:
     """(k, m) lower bound (s) of the time of any motion from each of (k, n) to each of (m, n) modulo full rotations."""
-    distance = np.abs(here[:, None, :] - there[None, :, :])
-    nearest = np.abs(distance - TURN * np.round(distance / TURN))
-    return np.asarray((np.where(arm.periodic, nearest, distance) / arm.limits.velocity).max(axis=2))
+    distance = here[:, None, :] - there[None, :, :]
+    return arm.limits.least_time(np.where(arm.periodic, distance - TURN * np.round(distance / TURN), distance))

@@ -314,7 +314,7 @@ def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
 def rank(task: Task, q: Array, members: list[Member]) -> list[Candidate]:
     """The collision-free configurations q (k, n), ordered by score with the weights of the cell."""
     arm, home = task.arm, task.cell.home
-    seconds = (np.abs(q - home) / arm.limits.velocity).max(axis=1)
+    seconds = arm.limits.least_time(q - home)
     if len(q) > RANKED:
         near = np.sort(np.argsort(seconds, kind="stable")[:RANKED])
         q, members, seconds = q[near], [members[i] for i in near], seconds[near]

@@ -19,7 +19,7 @@ from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm
 from pinproof.motion import CubicPath, RateConstraint, Trajectory, time_parametrise
 from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import State, rest, rest_to_rest_times
+from pinproof.motion.steering import State, least_times, rest
 from pinproof.planning.moving_ends import MovingEnds
 from pinproof.spatial import Array
 
@@ -125,7 +125,7 @@ class JoinedMotion:
                 if line is not None and moving is not None
             )
             if stopping is None:  # the fastest move is certainly an improvement if it is faster than any with stops
-                least = float(rest_to_rest_times(self.stops[1] - self.stops[0], self.bounds).max())
+                least = float(least_times(self.stops[1] - self.stops[0], self.bounds))
                 found = self._proven(partial(self.ends.direct, *states), least + saved, chosen)
                 if found is not None:
                     return found

@@ -297,8 +297,7 @@ class BestFirst:
     def _bounds(self, attempt: Attempt, shifts: Array) -> Array:
         """(k,) upper bounds of the score of complete motions with the lines of an attempt, at full rotations (k, n)."""
         arm, (low, high) = self._task.arm, attempt.span()
-        far = np.abs(attempt.entrance + shifts - self._task.cell.home)
-        seconds = (far / arm.limits.velocity).max(axis=1) + self._rest(attempt)
+        seconds = arm.limits.least_time(attempt.entrance + shifts - self._task.cell.home) + self._rest(attempt)
         seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, attempt.approach, attempt.retreat))
         margins = limit_margin(arm, low + shifts, high + shifts)
         clearance = min(attempt.candidate.clearance, attempt.clearance)

@@ -129,6 +129,28 @@ def test_hulls_of_random_points_are_measured_from_any_start(count):
     assert apart >= 15
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-17, 1e-16, 1e-15, 1e-13, 1e-11, 1e-9])
+def test_bounds_hold_for_points_that_almost_coincide(noise):
+    """Copies of the points of a hull, moved by about the rounding of numbers, give flat triangles and tetrahedra."""
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        few = [rng.normal(size=(int(rng.integers(1, 5)), 3)) * rng.choice([1.0, 1e-6], 3) for _ in range(2)]
+        own = [np.concatenate([points + noise * rng.normal(size=points.shape) for _ in range(6)]) for points in few]
+        at = rng.normal(size=3) * rng.choice([1.0, 3.0])
+        shapes = [(points, 0.0, 0.0, 0.0) for points in own]
+        lower, upper, u, weights, nearest = bounds(shapes, placed(at), rng.normal(size=3) * rng.integers(2))
+        assert lower == pytest.approx((own[1] @ u).min() + at @ u - (own[0] @ u).max(), abs=1e-12)
+        assert lower <= upper + 1e-12
+        assert sum(weights) == pytest.approx(1.0, abs=1e-9)
+        if upper > 0:
+            assert np.linalg.norm(nearest) == pytest.approx(upper, abs=1e-9)
+            assert upper - lower <= 1e-6
+        turned = np.roll(np.arange(len(own[0])), 7)
+        other = bounds([(own[0][turned], 0.0, 0.0, 0.0), shapes[1]], placed(at))
+        assert other[0] <= upper + 1e-12
+        assert other[1] >= lower - 1e-12
+
+
 @pytest.mark.parametrize("thin", [0.0, 1e-300, 1e-160, 1e-12, 1e-9])
 @pytest.mark.parametrize("apart", [0.0, 1e-9, 1e-3, 1.0])
 def test_bounds_hold_for_flat_and_tiny_bodies(thin, apart):

@@ -321,6 +321,26 @@ def checker() -> pp.CollisionChecker:
     return pp.CollisionChecker(pp.load_robot("ur5").arm())
 
 
+@pytest.mark.parametrize("blends", [(None, None, None), (0.5, None, None), (0.5, 0.5, None), (None, 0.5, None)])
+def test_only_moves_from_or_to_a_stop_are_made_longer(checker, blends) -> None:
+    """A move between two blends keeps its duration; the others take at least as long as from rest to rest."""
+    arm = checker.arm
+    points = [arm.home + x * np.eye(6)[k] for x, k in ((0, 0), (0.5, 0), (0.4, 3), (0.0, 3))]
+    shares = [None if share is None else Blend(share=share) for share in (None, *blends)]
+    steps = [JointMove(q, 0.01, blend) for q, blend in zip(points, shares, strict=True)]
+    made = feasible(steps, arm)
+    assert made[0] == steps[0]
+    for k in range(1, 4):
+        path = pp.JointPath(np.stack([points[k - 1], points[k]]), arm.joint_names)
+        whole = pp.time_parametrise(path, arm.limits).duration
+        assert made[k].duration == pytest.approx(0.01 if shares[k - 1] and shares[k] else whole)
+    slow = [replace(step, duration=50.0) for step in steps]
+    assert [step.duration for step in feasible(slow, arm)] == [50.0] * 4
+    resting = [JointMove(points[0]), JointMove(points[0], 0.01), JointMove(points[1], 0.01)]
+    assert feasible(resting, arm)[1].duration == 0.01
+    assert feasible([steps[0], JointMove(points[1])], arm)[1].duration is None
+
+
 class TestSpeeds:
     """FREE includes that the joints can follow: stated durations, and the set points of a stream."""
 

@@ -77,6 +77,15 @@ def test_distance_of_curved_bodies_to_a_point_is_exact(at):
             assert upper - lower <= 1e-7
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_ellipsoids_without_thickness_are_measured_across_it(axis):
+    semi = np.roll([0.0, 0.2, 0.3], axis)
+    for distance in (0.5, 2.0):
+        at = distance * np.eye(3)[axis]
+        lower, upper, _, _, _ = bounds([([[0, 0, 0]], 0.0, 0.0, semi), POINT], placed(at), at)
+        assert (lower, upper) == pytest.approx((distance, distance), abs=1e-9)
+
+
 @examples(150)
 @given(data=st.data())
 def test_support_gap_and_witness_points_equal_the_bounds(data):

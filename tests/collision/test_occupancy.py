@@ -147,6 +147,19 @@ def test_space_in_front_of_a_table_is_free_and_hidden_space_is_not():
     assert states_at(grid, np.array([[0.99, 0.49, 0.59]])) == UNKNOWN  # outside the view
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_grid_of_few_cells_along_two_axes_is_the_part_of_a_large_one(axis):
+    whole = view([TABLE, PART])
+    low, high = np.array([0.44, -0.04, 0.08]), np.array([0.46, -0.02, 0.10])
+    low[axis], high[axis] = np.array(BOUNDS)[:, axis] + [0.04, -0.04]
+    column = view([TABLE, PART], bounds=[tuple(low), tuple(high)])
+    first = np.array(column.low) - whole.low
+    last = first + column.cells.shape
+    assert max(column.cells.shape) > 20
+    assert (column.cells == whole.cells[tuple(slice(a, b) for a, b in zip(first, last, strict=True))]).all()
+    assert len(np.unique(column.cells)) > 1
+
+
 def test_pixels_without_a_measurement_prove_nothing():
     image = depth_image(CAMERA, ABOVE, [TABLE])
     holes = image.copy()

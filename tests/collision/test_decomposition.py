@@ -85,7 +85,20 @@ def test_a_concave_mesh_is_covered_closely(name, most):
 
 
 def test_a_convex_mesh_remains_one_body():
-    assert len(cover(SHAPES["box"]())) == 1
+    for mesh in (SHAPES["box"](), trimesh.creation.icosphere(2, 0.1)):
+        assert len(cover(mesh)) == 1
+        mesh.invert()
+        assert len(cover(mesh)) == 1
+
+
+@pytest.mark.slow
+def test_a_fine_mesh_is_contained_in_its_decomposition():
+    """More triangles than are used to choose a cut."""
+    mesh = trimesh.creation.torus(0.2, 0.05, 21, 10)
+    parts = cover(mesh, 4)
+    assert 1 < len(parts) <= 4
+    assert held(mesh.triangles.reshape(-1, 3), parts).all()
+    assert held(trimesh.sample.sample_surface(mesh, 500, seed=0)[0], parts).all()
 
 
 @pytest.mark.slow

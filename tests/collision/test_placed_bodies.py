@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 import pinproof as pp
+from pinproof import _core
 from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.collision.checking.overlaps import Overlaps, _configuration, _touch
 from pinproof.collision.checking.placed_bodies import CoalJudge
@@ -22,7 +23,8 @@ def mesh_of(mesh: trimesh.Trimesh, **settings: bool) -> pp.Mesh:
 
 def gantry(extra: str = "", base: str = "0.4 0.4 0.4") -> pp.Arm:
     """A ball of 0.1 m on three prismatic joints, and a box as base."""
-    text = f'<link name="base"><collision><geometry><box size="{base}"/></geometry></collision></link>'
+    shape = f'<collision><geometry><box size="{base}"/></geometry></collision>' if base else ""
+    text = f'<link name="base">{shape}</link>'
     for k, name in enumerate("xyz"):
         ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>' if name == "z" else ""
         axis = " ".join("1" if i == k else "0" for i in range(3))
@@ -44,8 +46,9 @@ def signed(q: np.ndarray, middle: float, solid: bool) -> float:
     return outside - 0.1 if outside > 0 else -abs(inside - 0.1) if solid else inside - 0.1
 
 
-def test_contacts_that_coal_judges_for_the_core_are_those_of_the_formula() -> None:
-    checker = pp.CollisionChecker(gantry(), pp.Scene([ROOM, SHELL]), margin=0.02)
+@pytest.mark.parametrize("base", ["0.4 0.4 0.4", ""])
+def test_contacts_that_coal_judges_for_the_core_are_those_of_the_formula(base) -> None:
+    checker = pp.CollisionChecker(gantry(base=base), pp.Scene([ROOM, SHELL]), margin=0.02)
     pairs = {checker.bodies[j].owner: k for k, (i, j) in enumerate(checker.pairs) if checker.bodies[i].owner == "z"}
     judge, rng = CoalJudge(checker.placed(np.zeros(3))), np.random.default_rng(0)
     seen = set()
@@ -70,6 +73,25 @@ def test_contacts_that_coal_judges_for_the_core_are_those_of_the_formula() -> No
         assert checker.is_free(q) is not any(near.values())
         seen.add(tuple(near.values()))
     assert seen == {(False, False), (True, False), (False, True)}
+
+
+def test_an_audit_finds_a_body_that_is_inside_another_from_the_start() -> None:
+    checker = pp.CollisionChecker(gantry(), pp.Scene([ROOM]))
+    for at, clean in (((3.0, 0, 0), False), ((4.0, 0, 0), True), ((3.45, 0, 0), False)):
+        for last in (at, np.add(at, 1e-3)):
+            assert pp.audit(pp.JointPath([at, last], checker.arm.joint_names), checker).clean is clean
+
+
+def test_points_are_judged_without_those_that_were_judged_before() -> None:
+    """Coal judges the mesh last, so a path that collides with the base leaves points that are not judged."""
+    checker = pp.CollisionChecker(gantry(), pp.Scene([ROOM, pp.Obstacle("ball", pp.Sphere(0.1), pp.pose((0, 3, 0)))]))
+    edges = _core.EdgeChecker(checker.world, CoalJudge(checker.workspace), 0.05)
+    near, free, blocked = np.array([2.95, 0, 0]), np.array([0, 0, 2.0]), np.array([0, 3.0, 0])
+    for judge in (lambda a, b: edges.points_free(np.array([a, b])), edges.samples_free, edges.proven_free):
+        for _ in range(2):
+            assert not judge(near, blocked)
+            assert not judge(blocked, near)
+            assert judge(free, free + 0.1)
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import os
+import runpy
+import sys
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from pinproof.verifier import Proof, Refused, body_digest, load, verify
-from pinproof.verifier.parts import Body, Curve
+from pinproof.verifier.parts import Body, Curve, halves
 
 
 def body(points, discs, radius, semi) -> Body:
@@ -120,6 +123,31 @@ def test_limits_hold_in_every_piece_of_a_curve_of_any_degree(degree: int, piece:
         check(1.0, 2.0 * (1 - 1e-5))
 
 
+@pytest.mark.parametrize("rates", [(1.0, 0.5), (0.5, 1.0), (-0.5, -1.0), (0.5, 0.5)])
+def test_a_jump_of_the_velocity_keeps_no_limit_of_acceleration(rates) -> None:
+    at = np.cumsum([0.0, *rates]).tolist()
+    control = [[[at[k], 0.0], [at[k + 1], 0.0]] for k in range(2)]
+    curve = Curve({"joint_names": ["a", "b"], "knots": [0.0, 1.0, 2.0], "control": control})
+    wide, known = np.full(2, 10.0), np.array([5.0, np.inf])
+    limits = {"position": (-wide, wide), "velocity": (-wide, wide), "acceleration": (-known, known)}
+    if rates[0] == rates[1]:
+        assert curve.check_limits(limits) == ("position", "velocity", "acceleration")
+    else:
+        with pytest.raises(Refused, match="acceleration"):
+            curve.check_limits(limits)
+
+
+@pytest.mark.parametrize("degree", range(5))
+def test_halves_are_parts_of_the_same_curve(degree) -> None:
+    control = np.random.default_rng(degree).normal(size=(3, degree + 1, 2))
+    left, right = np.split(halves(control), 2)
+    for t in np.linspace(0, 1, 7):
+        weights = np.array([math.comb(degree, r) * t**r * (1 - t) ** (degree - r) for r in range(degree + 1)])
+        for part, share in ((left, t / 2), (right, (1 + t) / 2)):
+            there = [math.comb(degree, r) * share**r * (1 - share) ** (degree - r) for r in range(degree + 1)]
+            np.testing.assert_allclose(weights @ part, np.array(there) @ control, atol=1e-12)
+
+
 @pytest.mark.parametrize("names", [[], ["a", "a", "b"], ["a", "", "b"], ["a", "b\n", "c"], ["a", "b", 3], "abc"])
 def test_joint_names_are_different_printable_texts(tampered, names) -> None:
     tampered["curve"]["joint_names"] = names
@@ -143,3 +171,14 @@ def test_only_files_are_read(tmp_path, proof) -> None:
             load(place)
     (tmp_path / "proof.json").write_text(json.dumps(proof))
     assert load(tmp_path / "proof.json") == proof
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_the_module_is_a_command(tmp_path, proof, monkeypatch, capsys) -> None:
+    (tmp_path / "proof.json").write_text(json.dumps(proof))
+    for words, code in (([str(tmp_path / "proof.json")], 0), ([], 2), (["a", "b"], 2), ([str(tmp_path / "none")], 2)):
+        monkeypatch.setattr(sys, "argv", ["verifier", *words])
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_module("pinproof.verifier", run_name="__main__")
+        assert ended.value.code == code
+        assert bool(capsys.readouterr().out) is (code == 0)

@@ -9,6 +9,7 @@ import trimesh
 import pinproof as pp
 from pinproof import _core
 from pinproof.collision.checking.coal_checks import PlainCoal
+from pinproof.collision.checking.movers import with_movers
 from pinproof.collision.checking.overlaps import Overlaps, _configuration, _touch
 from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.collision.geometry.bodies import shape_body
@@ -78,8 +79,8 @@ def test_contacts_that_coal_judges_for_the_core_are_those_of_the_formula(base) -
 def test_an_audit_finds_a_body_that_is_inside_another_from_the_start() -> None:
     checker = pp.CollisionChecker(gantry(), pp.Scene([ROOM]))
     for at, clean in (((3.0, 0, 0), False), ((4.0, 0, 0), True), ((3.45, 0, 0), False)):
-        for last in (at, np.add(at, 1e-3)):
-            assert pp.audit(pp.JointPath([at, last], checker.arm.joint_names), checker).clean is clean
+        for path in ([at], [at, np.add(at, 1e-3)]):
+            assert pp.audit(pp.JointPath(path, checker.arm.joint_names), checker).clean is clean
 
 
 def test_points_are_judged_without_those_that_were_judged_before() -> None:
@@ -227,3 +228,16 @@ def test_overlaps_of_bodies_count_the_samples_in_which_they_touch() -> None:
     assert (always.touching, always.samples, always.always) == (400, 400, True)
     assert overlaps.always_touch("base", "base")
     assert not overlaps.always_touch("base", "z")
+
+
+def test_joints_that_are_held_keep_their_values_among_movers() -> None:
+    extra = "".join(
+        f'<link name="{name}"/><joint name="j_{name}" type="revolute"><parent link="base"/><child link="{name}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        for name in ("first", "last")
+    )
+    arm = gantry(extra).with_held({"j_first": 0.2, "j_last": 0.3})
+    checker = pp.CollisionChecker(arm, pp.Scene([ROOM]))
+    motion = pp.time_parametrise(pp.JointPath([[0, 0, 2], [0, 0, 2.1]], arm.joint_names), arm.limits)
+    belt = pp.Mover.constant("belt", ["room"], 0.1, 10.0)
+    assert dict(with_movers(motion, checker, [belt]).checker.group.held) == {"j_first": 0.2, "j_last": 0.3}

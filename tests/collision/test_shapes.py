@@ -122,3 +122,14 @@ def test_half_spaces_are_equal():
 def test_wrong_arguments_are_answered_with_the_right_call(create, named: str):
     with pytest.raises(InputError, match=named):
         create()
+
+
+@pytest.mark.parametrize("scale", [0.0, (1.0, 0.0, 1.0), np.inf, (1.0, 1.0, np.nan)])
+def test_a_factor_of_a_mesh_is_finite_and_not_zero(scale):
+    with pytest.raises(InputError, match="scale"):
+        Mesh("part.stl", scale)
+
+
+def test_a_mesh_of_arrays_has_no_scale():
+    with pytest.raises(InputError, match="scale"):
+        Mesh(None, 2.0, vertices=np.eye(4, 3), triangles=[[0, 1, 2]])

@@ -137,6 +137,22 @@ def test_a_jump_of_the_velocity_keeps_no_limit_of_acceleration(rates) -> None:
             curve.check_limits(limits)
 
 
+@pytest.mark.parametrize(("jumps", "kept"), [(1, True), (8, False)])
+def test_small_jumps_of_the_velocity_count_together(jumps, kept) -> None:
+    """Each is below what rounding may change in all, 0.011 rad/s."""
+    rates = 0.5 + 0.005 * (np.arange(jumps + 1) % 2)
+    at = np.cumsum([0.0, *rates]).tolist()
+    control = [[[at[k], 0.0], [at[k + 1], 0.0]] for k in range(jumps + 1)]
+    curve = Curve({"joint_names": ["a", "b"], "knots": [float(k) for k in range(jumps + 2)], "control": control})
+    wide = np.full(2, 10.0)
+    limits = {"position": (-wide, wide), "velocity": (-wide, wide), "acceleration": (-wide, wide)}
+    if kept:
+        assert "acceleration" in curve.check_limits(limits)
+    else:
+        with pytest.raises(Refused, match="acceleration"):
+            curve.check_limits(limits)
+
+
 @pytest.mark.parametrize("degree", range(5))
 def test_halves_are_parts_of_the_same_curve(degree) -> None:
     control = np.random.default_rng(degree).normal(size=(3, degree + 1, 2))

@@ -23,12 +23,12 @@ FORMATS = {
     "library": ("pinproof.execution.library_file", "LIBRARY"),
     "program": ("pinproof.motion.motion_keys", "PROGRAM"),
     "report": ("pinproof.picks.report.report_keys", "REPORT"),
-    "sequence": ("pinproof.cell.sequencing.sequence_keys", "SEQUENCE"),
-    "allocation": ("pinproof.cell.allocation.allocation_keys", "ALLOCATION"),
+    "sequence": ("pinproof.cell.sequencing.sequence_report", "SEQUENCE"),
+    "allocation": ("pinproof.cell.allocation.allocation_result", "AllocationResult"),
     "proof": ("pinproof.collision.certificates.proof_keys", "PROOF"),
-    "placement": ("pinproof.cell.placement.placement_keys", "PLACEMENT"),
-    "comparison": ("pinproof.cell.placement.placement_keys", "COMPARISON"),
-    "tolerance": ("pinproof.cell.placement.placement_keys", "TOLERANCE"),
+    "placement": ("pinproof.cell.placement.placement_result", "PlacementResult"),
+    "comparison": ("pinproof.cell.comparison", "CellComparison"),
+    "tolerance": ("pinproof.cell.tolerance", "ToleranceStudy"),
 }
 """Module and name of the struct, or the table of keys, of each format."""
 

@@ -8,7 +8,7 @@ time.
 
 from pinproof.cell.allocation.allocate import allocate
 from pinproof.cell.allocation.allocation_page import write_allocation_page
-from pinproof.cell.allocation.allocation_report import ALLOCATION_SUFFIXES, allocation_dict, save_allocation
+from pinproof.cell.allocation.allocation_report import ALLOCATION_SUFFIXES, save_allocation
 from pinproof.cell.allocation.allocation_result import AllocationResult, ArmTime, OneArm, PartState
 from pinproof.cell.allocation.arm_program import Piece
 from pinproof.cell.allocation.common_clock import CommonInterval, Timing
@@ -59,7 +59,6 @@ __all__ = [
     "Timing",
     "ToleranceStudy",
     "allocate",
-    "allocation_dict",
     "compare",
     "cycle_time",
     "place_base",

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
-from pinproof.cell.placement.placement_keys import COMPARISON_SCHEMA
 from pinproof.cell.placement.placement_result import total_time
 from pinproof.common.display import html_block, html_table, markdown_table, outline
 from pinproof.common.files import csv_text, figure, json_text, save_as
+from pinproof.common.structs import (
+    ANY_TEXT,
+    COUNT,
+    OPTIONAL_NUMBER,
+    TEXT,
+    Written,
+    choice,
+    key,
+    mapping_to,
+    optional,
+    report_table,
+    reported,
+    required,
+    struct,
+)
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.picks.judging.verdict import PickStatus, PickVerdict
 from pinproof.picks.report.report import PickReport
 
 
@@ -34,15 +47,31 @@ class PickChange(Enum):
     """The pick is good neither before nor after the change."""
 
 
-@dataclass(frozen=True, eq=False)
-class PickDifference:
-    """The verdicts on one pick before and after a change."""
+SIDE = report_table(
+    "compared_verdict",
+    "The verdict on a pick in one set-up.",
+    required(
+        "verdict",
+        choice(*(status.value for status in PickStatus)),
+        "the verdict",
+        get=lambda verdict: verdict.status,
+    ),
+    required("failed_at", optional(ANY_TEXT), "the stage that failed; null for a good pick", get=attrgetter("failed")),
+    required("duration", OPTIONAL_NUMBER, "duration of the motion", "s", lambda verdict: _seconds(verdict)),
+    required("reason", ANY_TEXT, "why it failed"),
+)
 
-    change: PickChange
-    before: PickVerdict
-    after: PickVerdict
+
+@struct("difference", first=("name", "change"), more=True, written=True, eq=False)
+class PickDifference:
+    """One pick in both set-ups, before and after a change."""
+
+    change: PickChange = key("how the verdict changes")
+    before: PickVerdict = key("in the first set-up", kind=SIDE)
+    after: PickVerdict = key("in the second set-up", kind=SIDE)
 
     @property
+    @reported(kind=TEXT)
     def name(self) -> str:
         """The name of the pick."""
         return self.before.pick.name
@@ -73,24 +102,21 @@ def _seconds(verdict: PickVerdict) -> float | None:
     return None if verdict.trajectory is None else verdict.trajectory.duration
 
 
-@dataclass(frozen=True, eq=False)
-class CellComparison:
-    """The differences between two reports on the same picks.
+@struct(
+    "comparison",
+    first=("ok", "summary", "counts", "seconds_before", "seconds_after", "cycle_time_before", "cycle_time_after"),
+    more=True,
+    written=True,
+    version="pinproof/comparison/1",
+    eq=False,
+)
+class CellComparison(Written):
+    """Two set-ups compared pick by pick. Readers must accept unknown keys: they are additions of the same version."""
 
-    Parameters
-    ----------
-    before, after
-        The reports.
-    differences
-        One for each pick, in the order of the first report.
-    least
-        Seconds: the smallest difference that counts as faster or slower.
-    """
-
-    before: PickReport
-    after: PickReport
-    differences: tuple[PickDifference, ...]
-    least: float
+    before: PickReport = key("the first report", hidden=True)
+    after: PickReport = key("the second report, on the same picks", hidden=True)
+    differences: tuple[PickDifference, ...] = key("the picks, in the order of the first report", name="picks")
+    least: float = key("the smallest difference that counts as faster or slower", "s", hidden=True)
 
     def of(self, change: PickChange) -> tuple[PickDifference, ...]:
         """The picks with one kind of change."""
@@ -103,11 +129,43 @@ class CellComparison:
         return sum(each.seconds[0] or 0.0 for each in both), sum(each.seconds[1] or 0.0 for each in both)
 
     @property
+    @reported("s", minimum=0)
+    def seconds_before(self) -> float:
+        """Sum of the times of the picks that are good in both, in the first."""
+        return self.seconds[0]
+
+    @property
+    @reported("s", minimum=0)
+    def seconds_after(self) -> float:
+        """The same in the second."""
+        return self.seconds[1]
+
+    @property
+    @reported("s", minimum=0)
+    def cycle_time_before(self) -> float:
+        """Sum of the times of all good picks of the first."""
+        return total_time(self.before)
+
+    @property
+    @reported("s", minimum=0)
+    def cycle_time_after(self) -> float:
+        """Sum of the times of all good picks of the second."""
+        return total_time(self.after)
+
+    @property
+    @reported(kind=mapping_to(COUNT))
+    def counts(self) -> dict[str, int]:
+        """Number of picks by kind of change."""
+        return {change.value: len(self.of(change)) for change in PickChange}
+
+    @property
+    @reported()
     def ok(self) -> bool:
         """Whether no pick is lost."""
         return not self.of(PickChange.LOST)
 
     @property
+    @reported()
     def summary(self) -> str:
         """The number of picks with each change, and the change of the time."""
         counts = ", ".join(f"{len(found)} {change.value}" for change in PickChange if (found := self.of(change)))
@@ -128,30 +186,6 @@ class CellComparison:
             (each.name, each.change.value, *("" if s is None else f"{s:.3f}" for s in each.seconds), each.reason)
             for each in self.differences
         ]
-
-    def to_dict(self) -> dict[str, Any]:
-        """The comparison as plain values for JSON."""
-        rows = [
-            {
-                "name": each.name,
-                "change": each.change.value,
-                "before": _verdict(each.before),
-                "after": _verdict(each.after),
-            }
-            for each in self.differences
-        ]
-        before, after = self.seconds
-        return {
-            "schema": COMPARISON_SCHEMA,
-            "ok": self.ok,
-            "summary": self.summary,
-            "counts": {change.value: len(self.of(change)) for change in PickChange},
-            "seconds_before": before,
-            "seconds_after": after,
-            "cycle_time_before": total_time(self.before),
-            "cycle_time_after": total_time(self.after),
-            "picks": rows,
-        }
 
     def to_csv(self) -> str:
         """One row for each pick."""
@@ -180,15 +214,6 @@ class CellComparison:
 
 
 _COLUMNS = ("pick", "change", "before [s]", "after [s]", "reason")
-
-
-def _verdict(verdict: PickVerdict) -> dict[str, Any]:
-    return {
-        "verdict": verdict.status.value,
-        "failed_at": None if verdict.failed is None else verdict.failed.value,
-        "duration": _seconds(verdict),
-        "reason": verdict.reason,
-    }
 
 
 def compare(before: PickReport, after: PickReport, *, least: float = 0.01) -> CellComparison:

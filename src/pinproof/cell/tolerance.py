@@ -20,15 +20,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from pinproof.cell.placement.placement_keys import TOLERANCE_SCHEMA
 from pinproof.collision import Obstacle
 from pinproof.collision.checking.line_surface import LineSurface, outer_points
 from pinproof.common.display import html_block, html_table, markdown_table, outline
 from pinproof.common.files import csv_text, json_text, save_as
+from pinproof.common.structs import OPTIONAL_NUMBER, TEXT, Written, key, reported, struct
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
 from pinproof.picks.batch.screen_picks import screen_picks
@@ -50,81 +50,71 @@ WITHIN = 2.0
 """The stated tolerance is this multiple of the standard deviation of a normal distribution: 95 % of the values."""
 
 
-@dataclass(frozen=True)
+@struct("pick_tolerance", more=True, written=True)
 class PickTolerance:
-    """How inaccurate the pose of the part of one pick may be.
+    """How inaccurate the pose of the part of one pick may be."""
 
-    Parameters
-    ----------
-    name
-        The pick.
-    good
-        Whether the pick is good at its stated pose; the other values are 0 if it is not.
-    proven
-        Whether the unchanged motions are certified for the whole tolerance.
-    factor
-        The largest multiple of the tolerance that is certified, up to ``largest``.
-    displacement
-        Metres: the displacement of any point of the part that the tolerance allows.
-    limited_by
-        The part of the motion that cannot be certified beyond ``factor``, and why; empty if nothing does.
-    share
-        Share of the sampled poses at which the grasp is free, if it is planned again.
-    """
-
-    name: str
-    good: bool
-    proven: bool
-    factor: float
-    displacement: float
-    limited_by: str
-    share: float
+    name: str = key("name of the pick", kind=TEXT)
+    good: bool = key("whether the pick is good at its stated pose; the other values are 0 if it is not")
+    proven: bool = key("whether the unchanged motions are certified for the whole tolerance", default=False)
+    factor: float = key(
+        "the largest multiple of the tolerance that is certified, up to `largest`", default=0.0, minimum=0
+    )
+    displacement: float = key(
+        "the displacement of any point of the part that the tolerance allows", "m", default=0.0, minimum=0
+    )
+    limited_by: str = key("what cannot be certified beyond the factor, and why; empty if nothing", default="")
+    share: float = key(
+        "share of the sampled poses at which the grasp is free, if it is planned again; null without samples",
+        default=0.0,
+        kind=OPTIONAL_NUMBER,
+    )
+    largest_position: float = key("the factor times the position tolerance", "m", default=0.0, minimum=0)
+    largest_rotation: float = key("the factor times the rotation tolerance", "rad", default=0.0, minimum=0)
 
 
-@dataclass(frozen=True, eq=False)
-class ToleranceStudy:
-    """The tolerances of all picks.
+@struct(
+    "tolerance",
+    first=("ok", "summary", "position", "rotation", "distribution", "samples", "largest", "proven_share",
+           "sampled_share", "notes"),
+    more=True,
+    written=True,
+    version="pinproof/tolerance/1",
+    eq=False,
+)  # fmt: skip
+class ToleranceStudy(Written):
+    """A study of the tolerance of picks. Readers must accept unknown keys: they are additions of the same version."""
 
-    Parameters
-    ----------
-    position, rotation
-        The tolerance: m along each axis, and rad.
-    distribution, samples
-        How poses were sampled, and how many for each pick.
-    largest
-        The largest multiple of the tolerance that was tried.
-    picks
-        The result of each pick.
-    notes
-        What the study does not cover.
-    """
-
-    position: float
-    rotation: float
-    distribution: str
-    samples: int
-    largest: float
-    picks: tuple[PickTolerance, ...]
-    notes: tuple[str, ...]
+    position: float = key("tolerance of the position along each axis", "m", minimum=0)
+    rotation: float = key("tolerance of the rotation about any axis", "rad", minimum=0)
+    distribution: Distribution = key("of the sampled poses")
+    samples: int = key("number of sampled poses for each pick", minimum=0)
+    largest: float = key("the largest multiple of the tolerance that was tried", minimum=0)
+    picks: tuple[PickTolerance, ...] = key("the picks")
+    notes: tuple[str, ...] = key("what is not covered")
 
     @property
+    @reported(minimum=0, maximum=1)
     def proven_share(self) -> float:
         """Share of the picks whose unchanged motions are certified for the whole tolerance."""
         return sum(each.proven for each in self.picks) / max(len(self.picks), 1)
 
     @property
+    @reported(minimum=0, maximum=1)
     def sampled_share(self) -> float:
         """Share of the picks whose grasp is free at every sampled pose, if it is planned again."""
         return sum(each.share == 1.0 for each in self.picks) / max(len(self.picks), 1)
 
     @property
+    @reported()
     def ok(self) -> bool:
         """Whether every pick is certified for the whole tolerance."""
         return bool(self.picks) and all(each.proven for each in self.picks)
 
     @property
+    @reported()
     def summary(self) -> str:
-        """The shares in one sentence."""
+        """The result in one line."""
         proven = sum(each.proven for each in self.picks)
         sampled = sum(each.share == 1.0 for each in self.picks)
         return (
@@ -145,42 +135,19 @@ class ToleranceStudy:
             (
                 each.name,
                 "proven" if each.proven else "not proven" if each.good else "not good",
-                f"{each.factor * self.position * 1e3:.2f}",
-                f"{np.degrees(each.factor * self.rotation):.2f}",
+                f"{each.largest_position * 1e3:.2f}",
+                f"{np.degrees(each.largest_rotation):.2f}",
                 f"{each.share:.0%}",
                 each.limited_by,
             )
             for each in self.picks
         ]
 
-    def to_dict(self) -> dict[str, Any]:
-        """The study as plain values for JSON."""
-        rows = [
-            {
-                **vars(each),
-                "share": None if np.isnan(each.share) else each.share,
-                "largest_position": each.factor * self.position,
-                "largest_rotation": each.factor * self.rotation,
-            }
-            for each in self.picks
-        ]
-        head = {name: getattr(self, name) for name in ("position", "rotation", "distribution", "samples", "largest")}
-        return {
-            "schema": TOLERANCE_SCHEMA,
-            "ok": self.ok,
-            "summary": self.summary,
-            **head,
-            "proven_share": self.proven_share,
-            "sampled_share": self.sampled_share,
-            "notes": list(self.notes),
-            "picks": rows,
-        }
-
     def to_csv(self) -> str:
         """One row for each pick."""
         rows = []
         for each in self.picks:
-            figures = (each.factor * self.position, each.factor * self.rotation, each.share)
+            figures = (each.largest_position, each.largest_rotation, each.share)
             cells = (f"{value:.9g}" for value in figures)
             rows.append((each.name, int(each.good), int(each.proven), *cells, each.limited_by))
         columns = ("name", "good", "proven", "largest_position", "largest_rotation", "share", "limited_by")
@@ -259,9 +226,8 @@ def tolerance_study(
     task = _ToleranceTask(setup, position, rotation, distribution, samples, largest, part_radius, rng)
     with Runner(executor=executor, workers=workers, in_flight=in_flight, progress=progress) as runner:
         rows = runner.run("tolerance", task, report.verdicts, 4)
-    picks = tuple(PickTolerance(**row) for row in rows)
     notes = _not_covered(report, part_radius)
-    return ToleranceStudy(position, float(rotation), distribution, samples, largest, picks, notes)
+    return ToleranceStudy(position, float(rotation), distribution, samples, largest, tuple(rows), notes)
 
 
 def _valid_setup(report: PickReport) -> PickSetup:
@@ -308,15 +274,13 @@ class _ToleranceTask:
     part_radius: float
     rng: int
 
-    def __call__(self, start: int, part: Sequence[PickVerdict]) -> list[dict[str, Any]]:
+    def __call__(self, start: int, part: Sequence[PickVerdict]) -> list[PickTolerance]:
         return [self._row(index, verdict) for index, verdict in enumerate(part, start)]
 
-    def _row(self, index: int, verdict: PickVerdict) -> dict[str, Any]:
+    def _row(self, index: int, verdict: PickVerdict) -> PickTolerance:
         name = verdict.pick.name
         if not verdict.ok:
-            reason = f"the pick is {verdict.status.value}"
-            return {"name": name, "good": False, "proven": False, "factor": 0.0, "displacement": 0.0,
-                    "limited_by": reason, "share": 0.0}  # fmt: skip
+            return PickTolerance(name, good=False, limited_by=f"the pick is {verdict.status.value}")
         radius = self._radius(verdict.pick)
         proven, why = self._certified(verdict, radius, 1.0)
         low, high, limited = (1.0, self.largest, "") if proven else (0.0, 1.0, why)
@@ -328,15 +292,17 @@ class _ToleranceTask:
                 middle = 0.5 * (low + high)
                 found, why = self._certified(verdict, radius, middle)
                 low, high, limited = (middle, high, limited) if found else (low, middle, why)
-        return {
-            "name": name,
-            "good": True,
-            "proven": proven,
-            "factor": low,
-            "displacement": self._displacement(radius, 1.0),
-            "limited_by": limited,
-            "share": self._sampled(index, verdict.pick),
-        }
+        return PickTolerance(
+            name,
+            good=True,
+            proven=proven,
+            factor=low,
+            displacement=self._displacement(radius, 1.0),
+            limited_by=limited,
+            share=self._sampled(index, verdict.pick),
+            largest_position=low * self.position,
+            largest_rotation=low * self.rotation,
+        )
 
     def _displacement(self, radius: float, factor: float) -> float:
         """The largest displacement (m) of a point of the part for a multiple of the tolerance."""

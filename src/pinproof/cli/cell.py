@@ -235,4 +235,4 @@ def cell_allocate(
         *(f"not covered: {note}" for note in result.notes),
         *written(*outputs),
     ]
-    print_result(pp.cell.allocation_dict(result), lines, as_json=as_json, ok=result.ok)
+    print_result(result.to_dict(), lines, as_json=as_json, ok=result.ok)

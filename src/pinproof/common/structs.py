@@ -26,6 +26,7 @@ from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path, PurePath
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -576,10 +577,19 @@ class Table:
 
     def write(self, result: Any) -> dict[str, Any]:
         """The values of a result as a mapping for JSON."""
-        return {
-            key.name: key.kind.write(key.get(result) if key.get else getattr(result, key.argument or key.name))
-            for key in self.flat
-        }
+        written: dict[str, Any] = {}
+        for key in self.keys:
+            value = key.kind.write(key.get(result) if key.get else getattr(result, key.argument or key.name))
+            written |= value if key.inline else {key.name: value}
+        return written
+
+
+class Written:
+    """A struct that is written as JSON."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The values for JSON; the keys are those of the schema."""
+        return table_of(type(self)).write(self)
 
 
 def report_table(title: str, text: str, *keys: Key, rules: Schema | None = None) -> Table:
@@ -695,6 +705,24 @@ def key(
     return field(metadata={"declared": declared}, **options)
 
 
+def reported(
+    unit: str = "", *, name: str = "", kind: Kind | Table | None = None, **bounds: Any
+) -> Callable[[Callable[[Any], Any]], Any]:
+    """Declare that a property of a :func:`struct` is written as a key, whose text is the docstring.
+
+    The decorator is below that of the property. The parameters are those of :func:`key`.
+    """
+
+    def decorated(function: Any) -> Any:
+        text = " ".join(inspect.cleandoc(function.__doc__).split()).removesuffix(".")
+        text = text if text[1:2].isupper() else text[:1].lower() + text[1:]
+        function.declared = _Declared(text.replace("``", "`"), unit, name, kind, None, False, True, MISSING, bounds)
+        function.__doc__ = f"{unit}: {function.__doc__}" if unit else function.__doc__
+        return function
+
+    return decorated
+
+
 @dataclass(frozen=True, eq=False)
 class Rule:
     """A relation of several keys.
@@ -722,6 +750,7 @@ def struct(
     first: Sequence[str] = (),
     more: bool = False,
     written: bool = False,
+    version: str = "",
     **options: Any,
 ) -> Callable[[Class], Class]:
     """Make a class a frozen dataclass whose fields are declared with :func:`key`.
@@ -740,7 +769,10 @@ def struct(
     more
         Whether other keys are allowed, as additions of the same version.
     written
-        Whether such mappings are only written, in JSON; values are then not checked.
+        Whether such mappings are only written, in JSON; values are then not checked. Properties may be
+        :func:`reported` as well.
+    version
+        The value of the key ``schema``, which comes first; empty for none.
     **options
         Those of :func:`dataclasses.dataclass`.
     """
@@ -770,7 +802,7 @@ def struct(
             cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
         made: Any = dataclass(frozen=True, **options)(cls)
         about, made.__doc__ = _documented(made)
-        made._struct = _Struct(made, title, about, rules, first, more, written)
+        made._struct = _Struct(made, title, about, rules, first, version, more, written)
         return made
 
     return decorated
@@ -780,9 +812,17 @@ class _Struct:
     """What follows from the declaration of a class; made when needed, because annotations may name later classes."""
 
     def __init__(
-        self, cls: Any, title: str, about: str, rules: Sequence[Rule | Schema], first: Sequence[str], *how: bool
+        self,
+        cls: Any,
+        title: str,
+        about: str,
+        rules: Sequence[Rule | Schema],
+        first: Sequence[str],
+        version: str,
+        *how: bool,
     ) -> None:
         self._cls, self._title, self._about, self._rules, self._first = cls, title, about, rules, first
+        self._version = version
         self._more, self._written = how
         self._declared = {each.name: own for each in fields(cls) if (own := each.metadata.get("declared"))}
 
@@ -816,10 +856,18 @@ class _Struct:
                 shown if own.shown is MISSING else own.shown, needed, each.name, own.inline is not None,
             )  # fmt: skip
             keys.append(key)
+        for name, value in vars(self._cls).items():
+            function = getattr(value, "fget", None) or getattr(value, "func", None)  # property or cached_property
+            if own := getattr(function, "declared", None):
+                hint = get_type_hints(function, include_extras=True)["return"]
+                kind = _kind_of(hint, own, written=True)
+                keys.append(required(own.name or name, kind, own.text, own.unit, attrgetter(name)))
         keys.sort(key=lambda key: self._first.index(key.name) if key.name in self._first else len(self._first))
         schemas = [rule.schema if isinstance(rule, Rule) else rule for rule in self._rules]
         rules = {name: rule for schema in schemas for name, rule in schema.items()}
         text = " ".join(self._about.replace("``", "`").split())
+        if self._version:
+            keys.insert(0, schema_version(self._version))
         return Table(self._title, text, *keys, rules=rules, more=self._more, make=self._cls)
 
 
@@ -852,6 +900,8 @@ def _kind_of(hint: Any, own: _Declared, *, written: bool) -> Any:
         return mapping_to(_kind_of(inner[1], own, written=written))
     if origin is Literal:
         return choice(*inner)
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return choice(*(member.value for member in hint))
     if hint is float:
         return number(own.unit, plain=written, **own.bounds)
     kinds = {SE3: TRANSFORM, bool: BOOLEAN, str: ANY_TEXT if written else TEXT, int: integer(own.bounds.get("minimum"))}

@@ -5,13 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 from pinproof.cell.allocation.arm_program import WAIT, Piece
 from pinproof.cell.allocation.common_clock import CommonInterval, Timing
 from pinproof.cell.sequencing.blocking import AT_PLACE
-from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
+from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult
 from pinproof.collision import Obstacle, Scene
 from pinproof.common.display import outline
+from pinproof.common.structs import (
+    ANY_TEXT,
+    COUNT,
+    NOT_NEGATIVE,
+    OPTIONAL_NUMBER,
+    TEXT,
+    Written,
+    choice,
+    key,
+    list_of,
+    report_table,
+    reported,
+    required,
+    struct,
+)
 from pinproof.errors import NoAnswer
 from pinproof.model import JointGroup, guess_mark
 from pinproof.motion import Trajectory
@@ -22,48 +38,51 @@ SAME_PLACE = 1e-6
 """Relative difference of poses below which a part is where it was assumed to be."""
 
 
-@dataclass(frozen=True)
+@struct("one_arm", more=True, written=True)
 class OneArm:
-    """The time that one arm alone takes for all picks.
+    """All picks executed by one arm, with the others at home."""
 
-    Parameters
-    ----------
-    arm
-        The arm.
-    duration
-        Seconds; None if it cannot execute all picks.
-    reason
-        Why it cannot.
-    """
-
-    arm: str
-    duration: float | None
-    reason: str
+    arm: str = key("name of the arm", kind=TEXT)
+    duration: float | None = key("duration; null if it cannot execute all picks", "s")
+    reason: str = key("why it cannot")
 
 
-@dataclass(frozen=True)
+PHASE = report_table(
+    "arm_phase",
+    "A motion, a dwell time or a wait of an arm.",
+    required("name", choice(*PHASES, WAIT), f"a phase of a [sequence](sequence.md), or `{WAIT}`"),
+    required("pick", ANY_TEXT, "name of the pick; empty for the motion to home"),
+    required("start", NOT_NEGATIVE, "from the start of the common clock", "s"),
+    required("duration", NOT_NEGATIVE, "duration", "s"),
+)
+
+INTERVAL = report_table(
+    "common_interval",
+    "The certificate of the arms against each other in an interval in which no part is gripped or released.",
+    required("start", NOT_NEGATIVE, "from the start of the common clock", "s"),
+    required("duration", NOT_NEGATIVE, "duration", "s", lambda interval: interval.end - interval.start),
+    required("status", ANY_TEXT, "`FREE`, or why it is not", get=attrgetter("certificate.status.name")),
+    required(
+        "clearance_proven",
+        OPTIONAL_NUMBER,
+        "proven lower bound of the distance of the arms",
+        "m",
+        attrgetter("certificate.clearance"),
+    ),
+    required("pairs_proven", COUNT, "pairs of bodies proven", get=attrgetter("certificate.pairs")),
+)
+
+
+@struct("arm_program", more=True, written=True)
 class ArmTime:
-    """The time of one arm.
+    """The program of one arm."""
 
-    Parameters
-    ----------
-    arm
-        The arm.
-    picks
-        Its picks in order.
-    duration
-        Seconds until it is at home again.
-    waiting
-        Seconds that it waits for other arms.
-    utilisation
-        The share of the makespan in which it executes its sequence.
-    """
-
-    arm: str
-    picks: tuple[str, ...]
-    duration: float
-    waiting: float
-    utilisation: float
+    arm: str = key("name of the arm", name="name", kind=TEXT)
+    picks: tuple[str, ...] = key("its picks in order")
+    duration: float = key("until it is at home again", "s", minimum=0)
+    waiting: float = key("waiting for other arms", "s", minimum=0)
+    utilisation: float = key("share of the makespan in which it executes its sequence", minimum=0)
+    phases: tuple[Piece, ...] = key("motions, dwell times and waits in order", kind=list_of(PHASE))
 
 
 @dataclass(frozen=True)
@@ -88,39 +107,35 @@ class PartState:
     released: float
 
 
-@dataclass(frozen=True, eq=False)
-class AllocationResult:
-    """Picks of several arms with certified motions on a common clock.
+@struct(
+    "allocation",
+    first=("robot", "summary", "ok", "free", "reason", "makespan", "clearance_proven", "ratio", "arms", "intervals",
+           "alone", "left_out", "notes"),
+    more=True,
+    written=True,
+    version="pinproof/allocation/1",
+    eq=False,
+)  # fmt: skip
+class AllocationResult(Written):
+    """Picks of several arms on a common clock.
 
-    Parameters
-    ----------
-    group
-        The arms.
-    scene
-        The obstacles before the first pick.
-    picks
-        The picks as given.
-    timing
-        The pieces of each arm on the common clock, the motion of the group, and the certificates of the arms against
-        each other.
-    sequences
-        The sequence of each arm that has a pick, on its own clock.
-    left_out
-        The picks that no arm can execute.
-    alone
-        The time of each arm for all picks, if it was computed.
-    tools
-        The open tools of all arms; each names its arm.
+    Readers must accept unknown keys: they are additions of the same version.
     """
 
-    group: JointGroup
-    scene: Scene
-    picks: Picks
-    timing: Timing
-    sequences: Mapping[str, SequenceResult]
-    left_out: tuple[LeftOut, ...]
-    alone: tuple[OneArm, ...] = ()
-    tools: tuple[Obstacle, ...] = ()
+    group: JointGroup = key("the arms", hidden=True)
+    scene: Scene = key("the obstacles before the first pick", hidden=True)
+    picks: Picks = key("the picks as given", hidden=True)
+    timing: Timing = key(
+        "the pieces of each arm on the common clock, the motion of the group, and the certificates of the arms "
+        "against each other",
+        hidden=True,
+    )
+    sequences: Mapping[str, SequenceResult] = key(
+        "the sequence of each arm that has a pick, on its own clock", hidden=True
+    )
+    left_out: tuple[LeftOut, ...] = key("the picks that no arm can execute", hidden=True)
+    alone: tuple[OneArm, ...] = key("the time of each arm alone, if it was computed", default=())
+    tools: tuple[Obstacle, ...] = key("the open tools of all arms; each names its arm", default=(), hidden=True)
 
     def __repr__(self) -> str:
         rows = (
@@ -128,6 +143,12 @@ class AllocationResult:
             for each in self.arms
         )
         return outline(f"AllocationResult({self.message})", rows)
+
+    @property
+    @reported()
+    def robot(self) -> str:
+        """Name of the cell."""
+        return self.group.robot.name
 
     @property
     def programs(self) -> Mapping[str, list[Piece]]:
@@ -140,18 +161,21 @@ class AllocationResult:
         return self.timing.trajectory
 
     @property
+    @reported(kind=list_of(INTERVAL))
     def intervals(self) -> tuple[CommonInterval, ...]:
         """The certificates of the arms against each other."""
         return self.timing.intervals
 
     @property
+    @reported("s", minimum=0)
     def makespan(self) -> float:
-        """Seconds until all arms are at home again."""
+        """Until all arms are at home again."""
         return self.trajectory.duration
 
     @cached_property
+    @reported()
     def arms(self) -> tuple[ArmTime, ...]:
-        """The time of each arm of the group."""
+        """The program of each arm."""
         found = []
         for name in self.group.ends:
             pieces = self.programs.get(name, [])
@@ -159,12 +183,15 @@ class AllocationResult:
             waiting = sum(piece.duration for piece in pieces if piece.name == WAIT)
             duration = pieces[-1].end if pieces else 0.0
             share = (duration - waiting) / self.makespan if self.makespan else 0.0
-            found.append(ArmTime(name, () if sequence is None else sequence.order, duration, waiting, share))
+            found.append(
+                ArmTime(name, () if sequence is None else sequence.order, duration, waiting, share, tuple(pieces))
+            )
         return tuple(found)
 
     @property
+    @reported(name="left_out")
     def missing(self) -> tuple[LeftOut, ...]:
-        """The picks that are not executed, with the reasons: those that no arm can do, and those left out later."""
+        """Picks that are not executed, with the reasons: those that no arm can do, and those left out later."""
         more = (
             LeftOut(each.name, f"{arm}: {each.reason}")
             for arm, sequence in self.sequences.items()
@@ -179,29 +206,34 @@ class AllocationResult:
         return min(able, key=lambda each: each.duration or 0.0, default=None)
 
     @property
+    @reported(kind=OPTIONAL_NUMBER)
     def ratio(self) -> float:
-        """The makespan divided by the time of one arm for all picks; NaN if it is not known."""
+        """The makespan divided by the time of the fastest single arm for all picks; not finite if it is not known."""
         one = self.one_arm
         return float("nan") if one is None or not one.duration else self.makespan / one.duration
 
     @property
+    @reported()
     def free(self) -> bool:
         """Whether every motion is certified, and the arms are proven not to meet."""
         own = all(motion.certificate.free for each in self.sequences.values() for motion in each.motions)
         return own and self.timing.free and not self.misplaced
 
     @property
+    @reported()
     def ok(self) -> bool:
         """Whether every pick is executed and everything is certified."""
         return self.free and not self.missing
 
     @property
+    @reported("m", name="clearance_proven", kind=OPTIONAL_NUMBER)
     def clearance(self) -> float:
-        """Metres: the smallest proven clearance, between the arms and of each of them."""
+        """Smallest proven clearance, between the arms and of each of them."""
         own = [motion.certificate.clearance for each in self.sequences.values() for motion in each.motions]
         return min([*own, *(each.certificate.clearance for each in self.intervals)], default=float("nan"))
 
     @property
+    @reported(name="summary")
     def message(self) -> str:
         """The result in one line."""
         count = sum(len(each.picks) for each in self.arms)
@@ -217,6 +249,7 @@ class AllocationResult:
         return text if self.free else f"{text}; NOT PROVEN: {self.reason}"
 
     @property
+    @reported()
     def reason(self) -> str:
         """Why not everything is certified; empty if it is."""
         if self.timing.problem or self.misplaced:
@@ -228,6 +261,7 @@ class AllocationResult:
         return "" if motion is None else motion.certificate.message
 
     @property
+    @reported()
     def notes(self) -> tuple[str, ...]:
         """What the certificates do not cover, one sentence each."""
         with_object = {pick.carried is not None for pick in self.picks}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy.typing as npt
 
 from pinproof.cell.placement.region import AXES
 from pinproof.common.files import csv_text, figure
+from pinproof.common.structs import OPTIONAL_NUMBER, PLAIN_NUMBER, Written, key, list_of, reported, struct
 from pinproof.common.validation import freeze_arrays
 from pinproof.spatial import Array
 from pinproof.viewer import ColouredPoints
@@ -17,42 +17,37 @@ from pinproof.viewer import ColouredPoints
 Mask = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
-class PlacementMap:
-    """The screened grid of placements.
+GRID = list_of(list_of(OPTIONAL_NUMBER))
 
-    Parameters
-    ----------
-    placements
-        (N, 4) x, y, z, yaw.
-    choices
-        The names of the discrete choices.
-    choice
-        (N,) index of the choice of each placement.
-    axes
-        The values of x, y, z and yaw of the grid, in which yaw varies fastest.
-    base
-        (N,) whether the base and the arm at home are free.
-    codes
-        (N, P) codes of :class:`~pinproof.picks.ScreenStatus` of each pick at its worst pose: grasp, release, and the
-        ends of the straight lines.
-    share
-        (N,) share of the picks that pass the screening, from 0 to 1.
-    seconds
-        (N,) estimated cycle time; NaN where a pick does not pass.
-    estimate
-        (N,) estimated value of the objective; NaN where a pick does not pass.
-    """
 
-    placements: Array
-    choices: tuple[str, ...]
-    choice: npt.NDArray[np.int64]
-    axes: tuple[Array, Array, Array, Array]
-    base: Mask
-    codes: npt.NDArray[np.int8]
-    share: Array
-    seconds: Array
-    estimate: Array
+@struct("floor_map", more=True, written=True, eq=False)
+class FloorMap:
+    """The best values over z and yaw at each x and y, for one choice; null where no value exists."""
+
+    choice: str = key("name of the discrete choice")
+    share: Array = key("share of the picks that pass the screening, for each x a list over y", kind=GRID)
+    seconds: Array = key("estimated cycle time", "s", kind=GRID)
+
+
+@struct("placement_map", more=True, written=True, eq=False)
+class PlacementMap(Written):
+    """The heat map over the floor: the screened grid of placements."""
+
+    placements: Array = key("(N, 4) x, y, z, yaw", hidden=True)
+    choices: tuple[str, ...] = key("the names of the discrete choices", hidden=True)
+    choice: npt.NDArray[np.int64] = key("(N,) index of the choice of each placement", hidden=True)
+    axes: tuple[Array, Array, Array, Array] = key(
+        "the values of x, y, z and yaw of the grid, in which yaw varies fastest", hidden=True
+    )
+    base: Mask = key("(N,) whether the base and the arm at home are free", hidden=True)
+    codes: npt.NDArray[np.int8] = key(
+        "(N, P) codes of :class:`~pinproof.picks.ScreenStatus` of each pick at its worst pose: grasp, release, and the "
+        "ends of the straight lines",
+        hidden=True,
+    )
+    share: Array = key("(N,) share of the picks that pass the screening, from 0 to 1", hidden=True)
+    seconds: Array = key("(N,) estimated cycle time; NaN where a pick does not pass", "s", hidden=True)
+    estimate: Array = key("(N,) estimated value of the objective; NaN where a pick does not pass", hidden=True)
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "placements", "choice", "base", "codes", "share", "seconds", "estimate")
@@ -62,6 +57,27 @@ class PlacementMap:
 
     def __repr__(self) -> str:
         return f"PlacementMap({len(self):,} placements, all picks pass the screening at {self.feasible.sum():,})"
+
+    @property
+    @reported("m", kind=list_of(PLAIN_NUMBER))
+    def x(self) -> Array:
+        """The x of the grid."""
+        return self.axes[0]
+
+    @property
+    @reported("m", kind=list_of(PLAIN_NUMBER))
+    def y(self) -> Array:
+        """The y of the grid."""
+        return self.axes[1]
+
+    @property
+    @reported(name="choices")
+    def floors(self) -> tuple[FloorMap, ...]:
+        """The maps of all choices."""
+        return tuple(
+            FloorMap(name, self.over_floor(self.share, number), self.over_floor(self.seconds, number, np.nanmin))
+            for number, name in enumerate(self.choices)
+        )
 
     @property
     def feasible(self) -> Mask:
@@ -110,27 +126,3 @@ class PlacementMap:
             for number, values, base, row in zip(*columns, strict=True)
         )
         return csv_text(("choice", *AXES, "base_free", "share", "estimated_seconds", "estimate"), rows)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The map over the floor for each choice, the best over z and yaw, as plain values for a page."""
-        return {
-            "x": self.axes[0].tolist(),
-            "y": self.axes[1].tolist(),
-            "choices": [
-                {
-                    "choice": name,
-                    "share": _listed(self.over_floor(self.share, number)),
-                    "seconds": _listed(self.over_floor(self.seconds, number, np.nanmin)),
-                }
-                for number, name in enumerate(self.choices)
-            ],
-        }
-
-
-def _listed(values: Array) -> list[list[float | None]]:
-    return [[finite_or_none(value) for value in row] for row in values.tolist()]
-
-
-def finite_or_none(value: float) -> float | None:
-    """The value for JSON, which has no NaN and no infinity."""
-    return float(value) if np.isfinite(value) else None

@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pinproof.cell.placement.heat_map import PlacementMap, finite_or_none
+from pinproof.cell.placement.heat_map import PlacementMap
 from pinproof.cell.placement.placed_robot import PlacedRobot
-from pinproof.cell.placement.placement_keys import PLACEMENT_SCHEMA
 from pinproof.cell.placement.placement_picture import heat_map_picture
 from pinproof.cell.placement.region import AXES, Placement, PlacementRegion
 from pinproof.collision import Scene
 from pinproof.common.answer import Answer
 from pinproof.common.display import html_block, html_list, html_table, markdown_table, outline
 from pinproof.common.files import json_text, save_as
+from pinproof.common.structs import (
+    OPTIONAL_NUMBER,
+    PLAIN_NUMBER,
+    Kind,
+    Written,
+    choice,
+    key,
+    list_of,
+    mapping_to,
+    report_table,
+    reported,
+    required,
+    struct,
+    table_of,
+    vector,
+)
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Picks
@@ -28,27 +41,43 @@ MOST_FAILING = 20
 """Largest number of failing picks that are listed in text; JSON has all of them."""
 
 
-@dataclass(frozen=True, eq=False)
-class CertifiedPlacement:
-    """A placement at which every pick was judged completely.
+REGION = Kind(
+    mapping_to(list_of(PLAIN_NUMBER, 2, 2)).schema,
+    lambda _, region: region,
+    write=lambda region: {axis: list(getattr(region, axis)) for axis in AXES},
+)
 
-    Parameters
-    ----------
-    placement
-        The placement.
-    report
-        The verdicts on all picks, in the frame of the cell, with certificates of the good ones.
-    estimate
-        The value of the objective that the screening estimated; NaN without an estimate.
-    score
-        The value of the objective, to be minimised: the cycle time (s), or minus the clearance (m) or manipulability.
-    """
+PLACED_POSE = report_table(
+    "placed_pose",
+    "The pose of the root link of the robot in the cell.",
+    required("xyz", vector(3, PLAIN_NUMBER), "position", "m", lambda place: xyz_rpy(place)[:3] + 0.0),
+    required(
+        "rpy",
+        vector(3, PLAIN_NUMBER),
+        "orientation about fixed axes: R = Rz Ry Rx",
+        "rad",
+        lambda place: xyz_rpy(place)[3:] + 0.0,
+    ),
+)
 
-    placement: Placement
-    report: PickReport
-    estimate: float
-    score: float
-    placed: PlacedRobot = field(repr=False)
+
+@struct(
+    "placed",
+    first=("placement", "cell_from_root", "good", "picks", "cycle_time", "clearance_proven"),
+    more=True,
+    written=True,
+    eq=False,
+)
+class CertifiedPlacement(Written):
+    """A placement at which all picks were judged."""
+
+    placement: Placement = key("the placement", inline=table_of(Placement))
+    report: PickReport = key(
+        "the verdicts on all picks, in the frame of the cell, with certificates of the good ones", hidden=True
+    )
+    estimate: float = key("the value of the objective that the screening estimated", kind=OPTIONAL_NUMBER)
+    score: float = key("the certified value of the objective, which is minimised", kind=OPTIONAL_NUMBER)
+    placed: PlacedRobot = key("the robot, its tool and the scene at any placement", hidden=True)
 
     @property
     def ok(self) -> bool:
@@ -56,13 +85,27 @@ class CertifiedPlacement:
         return self.report.ok
 
     @property
+    @reported(minimum=0)
+    def good(self) -> int:
+        """Number of good picks."""
+        return len(self.report.good)
+
+    @property
+    @reported(name="picks", minimum=0)
+    def judged(self) -> int:
+        """Number of picks."""
+        return len(self.report.verdicts)
+
+    @property
+    @reported("s", minimum=0)
     def cycle_time(self) -> float:
-        """Seconds: the sum of the times of all good picks."""
+        """Sum of the times of all good picks."""
         return total_time(self.report)
 
     @property
+    @reported("m", name="clearance_proven", kind=OPTIONAL_NUMBER)
     def clearance(self) -> float:
-        """Metres: the smallest proven clearance of all motions."""
+        """Smallest proven clearance of all motions."""
         return min((verdict.clearance for verdict in self.report.good), default=float("nan"))
 
     @property
@@ -76,8 +119,9 @@ class CertifiedPlacement:
         return self.placed.scene
 
     @property
+    @reported(kind=PLACED_POSE)
     def cell_from_root(self) -> SE3:
-        """The pose of the root link of the original robot in the cell."""
+        """The pose of the root link of the original robot in the cell, with the mounting."""
         return rigid("cell_from_root", self.placed.cell_from_root(self.placement.values[None])[0])
 
     @property
@@ -88,23 +132,9 @@ class CertifiedPlacement:
         """
         return self.cell_from_root.inverse()
 
-    def to_dict(self) -> dict[str, Any]:
-        """The placement as plain values for JSON."""
-        pose = (xyz_rpy(self.cell_from_root) + 0.0).tolist()
-        return {
-            **placement_dict(self.placement),
-            "cell_from_root": {"xyz": pose[:3], "rpy": pose[3:]},
-            "good": len(self.report.good),
-            "picks": len(self.report.verdicts),
-            "cycle_time": self.cycle_time,
-            "clearance_proven": finite_or_none(self.clearance),
-            "estimate": finite_or_none(self.estimate),
-            "score": finite_or_none(self.score),
-        }
-
     def __repr__(self) -> str:
-        good, total = len(self.report.good), len(self.report.verdicts)
-        return f"CertifiedPlacement({self.placement}: {good} of {total} picks good, {self.cycle_time:.3f} s)"
+        count = f"{self.good} of {self.judged} picks good"
+        return f"CertifiedPlacement({self.placement}: {count}, {self.cycle_time:.3f} s)"
 
 
 def total_time(report: PickReport) -> float:
@@ -112,47 +142,23 @@ def total_time(report: PickReport) -> float:
     return float(sum(verdict.trajectory.duration for verdict in report.good if verdict.trajectory is not None))
 
 
-def placement_dict(placement: Placement) -> dict[str, Any]:
-    """A placement as plain values for JSON."""
-    values = {name: float(value) + 0.0 for name, value in zip(AXES, placement.values, strict=True)}
-    return {**values, "choice": placement.choice}
-
-
-@dataclass(frozen=True)
+@struct("sensitivity", more=True, written=True)
 class PlacementSensitivity:
-    """How far the base may be off along one axis, the others being exact, before a pick fails in any stage.
+    """How far the base may be off along one axis, the others being exact, if the robot plans again.
 
-    Parameters
-    ----------
-    axis
-        ``"x"``, ``"y"``, ``"z"`` or ``"yaw"``.
-    below, above
-        The largest judged deviations (m or rad) in both directions up to which all picks are good at every judged
-        deviation, if the robot plans again for its actual placement. What is between judged deviations is not proven.
-    first_below, first_above
-        What fails first beyond them: a pick, or the base. Empty if nothing fails up to ``searched``.
-    why_below, why_above
-        The stage at which this pick fails, or ``out of reach`` or ``in contact`` if it does not pass the screening.
-    searched
-        The largest deviation (m or rad) that was tried in both directions.
-    judged_below, judged_above
-        The number of deviations up to ``below`` and ``above`` at which all picks were judged good in all stages.
+    What is between the judged deviations is not proven.
     """
 
-    axis: str
-    below: float
-    above: float
-    first_below: str
-    first_above: str
-    why_below: str
-    why_above: str
-    searched: float
-    judged_below: int
-    judged_above: int
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return dict(vars(self))
+    axis: str = key("the axis", kind=choice(*AXES))
+    below: float = key("lower values up to which all picks are good at every judged deviation", "m or rad", minimum=0)
+    above: float = key("the same to higher values", "m or rad", minimum=0)
+    first_below: str = key("what fails first at lower values: a pick, or the base; empty if nothing does")
+    first_above: str = key("what fails first at higher values")
+    why_below: str = key("the stage that fails there, or why the screening is not passed")
+    why_above: str = key("the same at higher values")
+    searched: float = key("the largest deviation that was tried", "m or rad", minimum=0)
+    judged_below: int = key("the number of lower values at which all picks were judged good", minimum=0)
+    judged_above: int = key("the number of higher values at which all picks were judged good", minimum=0)
 
     @property
     def range(self) -> str:
@@ -174,60 +180,64 @@ class PlacementSensitivity:
         )  # type: ignore[return-value]  # five
 
 
-@dataclass(frozen=True, eq=False)
-class PlacementResult(Answer):
-    """The result of :func:`pinproof.place_base`.
+@struct(
+    "placement",
+    first=("ok", "objective", "message", "interrupted", "evaluations", "region", "forbidden", "placements",
+           "sensitivity", "tolerance", "failing", "map"),
+    more=True,
+    written=True,
+    version="pinproof/placement/1",
+    eq=False,
+)  # fmt: skip
+class PlacementResult(Answer, Written):
+    """The result of a search for a placement. Readers must accept unknown keys: they are additions of the same version.
 
-    Parameters
-    ----------
-    candidates
-        The placements that were judged completely, the best first; those with a pick that fails are last.
-    map
-        The screened grid.
-    region
-        The region that was searched.
-    objective
-        ``"cycle_time"``, ``"clearance"`` or ``"manipulability"``.
-    sensitivity
-        How far the base may be off at the best placement, for each axis of the region.
-    tolerance
-        Metres: the unchanged motions of the best placement are proven to stay free if the base is displaced by no more
-        than this; 0 without a good placement. Contact that is allowed, such as that of hand and part, is not covered.
-    failing
-        The reason for each pick that is good at no placement, by name.
-    message
-        The result in sentences.
-    interrupted
-        Whether the search was interrupted; the result then has what was found before.
+    Notes
+    -----
+    It is returned by :func:`pinproof.place_base`.
     """
 
-    candidates: tuple[CertifiedPlacement, ...]
-    map: PlacementMap | None
-    region: PlacementRegion
-    picks: Picks = field(repr=False)
-    objective: str
-    sensitivity: tuple[PlacementSensitivity, ...] = ()
-    tolerance: float = 0.0
-    failing: Mapping[str, str] = field(default_factory=dict)
-    message: str = ""
-    evaluations: int = 0
-    interrupted: bool = False
+    candidates: tuple[CertifiedPlacement, ...] = key(
+        "the placements that were judged completely, the best first; those with a pick that fails are last",
+        name="placements",
+    )
+    map: PlacementMap | None = key("the heat map: the screened grid; null if the search was interrupted before")
+    region: PlacementRegion = key("the ranges of x, y, z (m) and yaw (rad)", kind=REGION)
+    picks: Picks = key("the picks as given", hidden=True)
+    objective: str = key("what was optimised", kind=choice("cycle_time", "clearance", "manipulability"))
+    sensitivity: tuple[PlacementSensitivity, ...] = key("how far the base may be off at the best placement", default=())
+    tolerance: float = key(
+        "displacement of the base for which the unchanged motions of the best placement are proven to stay free; 0 "
+        "without a good placement. Contact that is allowed, such as that of hand and part, is not covered",
+        "m",
+        default=0.0,
+        minimum=0,
+    )
+    failing: Mapping[str, str] = key(
+        "the reason for each pick that is good at no placement, by name", default_factory=dict
+    )
+    message: str = key("the result in sentences", default="")
+    evaluations: int = key("number of placements that were screened", default=0, minimum=0)
+    interrupted: bool = key(
+        "whether the search was interrupted; the result then has what was found before", default=False
+    )
 
     @property
+    @reported()
     def ok(self) -> bool:
         """Whether a placement was found at which every pick is good."""
         return bool(self.candidates) and self.candidates[0].ok
 
     @property
-    def best(self) -> CertifiedPlacement:
-        """The best placement at which every pick is good.
+    @reported()
+    def forbidden(self) -> tuple[str, ...]:
+        """The names of the forbidden zones."""
+        return tuple(zone.name for zone in self.region.forbidden)
 
-        Raises
-        ------
-        NoAnswer
-            If no such placement was found; the message states which picks fail and why.
-        """
-        return self.or_raise().candidates[0]
+    @property
+    def best(self) -> CertifiedPlacement | None:
+        """The best placement at which every pick is good; None without one."""
+        return self.candidates[0] if self.ok else None
 
     @property
     def least_failing(self) -> CertifiedPlacement | None:
@@ -245,30 +255,12 @@ class PlacementResult(Answer):
             (
                 each.placement.choice,
                 *each.placement.values.tolist(),
-                f"{len(each.report.good)} of {len(each.report.verdicts)}",
+                f"{each.good} of {each.judged}",
                 each.cycle_time,
                 each.clearance * 1e3,
             )
             for each in self.candidates
         ]
-
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain values for JSON."""
-        return {
-            "schema": PLACEMENT_SCHEMA,
-            "ok": self.ok,
-            "objective": self.objective,
-            "message": self.message,
-            "interrupted": self.interrupted,
-            "evaluations": self.evaluations,
-            "region": {name: list(getattr(self.region, name)) for name in AXES},
-            "forbidden": [zone.name for zone in self.region.forbidden],
-            "placements": [each.to_dict() for each in self.candidates],
-            "sensitivity": [each.to_dict() for each in self.sensitivity],
-            "tolerance": self.tolerance,
-            "failing": dict(self.failing),
-            "map": None if self.map is None else self.map.to_dict(),
-        }
 
     def to_markdown(self) -> str:
         """The tables of placements and of the sensitivity, and the picks that fail."""

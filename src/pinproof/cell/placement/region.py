@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Obstacle
+from pinproof.common.structs import key, struct
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
@@ -54,20 +55,20 @@ def mounting_pose(mounting: str | SE3 | npt.ArrayLike) -> SE3:
     return pose(rpy=MOUNTINGS[mounting])
 
 
-@dataclass(frozen=True)
+@struct(more=True, written=True)
 class Placement:
-    """The placement of a base: metres and radians in the frame of the cell, and the name of the discrete choice."""
+    """The placement of a base in the frame of the cell."""
 
-    x: float
-    y: float
-    z: float = 0.0
-    yaw: float = 0.0
-    choice: str = ""
+    x: float = key("position of the base", "m")
+    y: float = key("position of the base", "m")
+    z: float = key("position of the base", "m", default=0.0)
+    yaw: float = key("rotation of the base about z", "rad", default=0.0)
+    choice: str = key("name of the discrete choice; empty if there is only one", default="")
 
     @classmethod
     def of(cls, values: Array, choice: str = "") -> Placement:
         """The placement with x, y, z and yaw (4,)."""
-        x, y, z, yaw = map(float, values)
+        x, y, z, yaw = map(float, values + 0.0)  # no negative zero
         return cls(x, y, z, yaw, choice)
 
     @property

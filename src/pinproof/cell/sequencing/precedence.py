@@ -46,6 +46,11 @@ class Precedence:
             raise UnknownNameError("pick", name, self.names, where)
         return self.names.index(name)
 
+    @property
+    def rows(self) -> list[tuple[str, str, str]]:
+        """The names of the first and the second pick of each pair, and the reason."""
+        return [(self.names[a], self.names[b], reason) for (a, b), reason in self.reasons.items()]
+
     def with_pairs(self, reasons: Mapping[Pair, str]) -> Precedence:
         """The precedence with more pairs; the reasons of existing pairs are kept."""
         return Precedence(self.names, {**reasons, **self.reasons})

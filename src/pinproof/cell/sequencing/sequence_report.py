@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any
 
 from pinproof.cell.sequencing.cycle_time import cycle_time
-from pinproof.cell.sequencing.sequence_keys import SCHEMA
 from pinproof.cell.sequencing.sequence_page import write_sequence_page
-from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult, SequenceStep
+from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult
 from pinproof.common.files import csv_text, json_text, save_as
+from pinproof.common.structs import (
+    ANY_TEXT,
+    BOOLEAN,
+    INTEGER,
+    NOT_NEGATIVE,
+    OPTIONAL_NUMBER,
+    PLAIN_NUMBER,
+    TEXT,
+    choice,
+    list_of,
+    mapping_to,
+    optional,
+    report_table,
+    required,
+    schema_version,
+    table_of,
+)
 
 COLUMNS = ("position", "pick", "start", "duration", *PHASES, "shortest", "clearance_proven", "limited_by", "left_out")
 """The columns of the table; times in seconds, the clearance in metres."""
@@ -32,65 +48,113 @@ def save_sequence(result: SequenceResult, path: str | Path) -> None:
     save_as(path, {**{suffix: partial(text, result) for suffix, text in _TEXTS.items()}, ".html": page})
 
 
+PHASE = report_table(
+    "sequence_phase",
+    "A motion or a dwell time.",
+    required(
+        "name",
+        choice(*PHASES),
+        f"one of {', '.join(f'`{name}`' for name in PHASES)}; `grip` and `release` are dwell times",
+    ),
+    required("start", NOT_NEGATIVE, "from the start of the sequence", "s"),
+    required("duration", NOT_NEGATIVE, "duration", "s"),
+    required(
+        "clearance_proven",
+        OPTIONAL_NUMBER,
+        "proven lower bound of every distance; null for a dwell time",
+        "m",
+        lambda phase: None if phase.certificate is None else phase.certificate.clearance,
+    ),
+    required(
+        "pairs_proven",
+        optional(INTEGER),
+        "pairs of bodies proven; null for a dwell time",
+        get=lambda phase: None if phase.certificate is None else phase.certificate.pairs,
+    ),
+)
+
+STEP = report_table(
+    "sequence_step",
+    "One pick of the sequence.",
+    required("name", TEXT, "name of the pick", get=lambda row: row[1].name),
+    required("start", NOT_NEGATIVE, "from the start of the sequence", "s", lambda row: row[1].start),
+    required("duration", NOT_NEGATIVE, "transit, all motions and dwell times", "s", lambda row: row[1].duration),
+    required(
+        "shortest", NOT_NEGATIVE, "lower bound of the duration, without obstacles", "s", lambda row: row[1].shortest
+    ),
+    required("limited_by", ANY_TEXT, "what limits its longest motion", get=lambda row: row[1].limited_by),
+    required("member", ANY_TEXT, "how the grasp differs from the nominal one", get=lambda row: row[0].verdict.member),
+    required(
+        "q_grasp",
+        list_of(PLAIN_NUMBER),
+        "configuration at the grasp",
+        "rad or m",
+        lambda row: () if row[0].verdict.q_grasp is None else row[0].verdict.q_grasp,
+    ),
+    required("phases", list_of(PHASE), "the motions and dwell times in order", get=lambda row: row[0].phases),
+)
+"""Of a step and its time."""
+
+PRECEDENCE = report_table(
+    "precedence",
+    "A pair of picks in a fixed order.",
+    required("before", TEXT, "name of the pick that is executed first", get=itemgetter(0)),
+    required("after", TEXT, "name of the other pick", get=itemgetter(1)),
+    required("reason", TEXT, "`stated`, or what geometry demands", get=itemgetter(2)),
+)
+
+SEQUENCE = report_table(
+    "sequence",
+    "A sequence of picks. Readers must accept unknown keys: they are additions of the same version.",
+    schema_version("pinproof/sequence/1"),
+    required("robot", ANY_TEXT, "name of the robot", get=attrgetter("setup.checker.arm.robot.name")),
+    required("summary", ANY_TEXT, "the result in one line", get=attrgetter("message")),
+    required("ok", BOOLEAN, "whether every pick is part of the sequence, and every motion is certified"),
+    required("interrupted", BOOLEAN, "whether the search was interrupted"),
+    required(
+        "acceleration_source",
+        ANY_TEXT,
+        "source of the acceleration limits",
+        get=attrgetter("setup.checker.arm.limits.acceleration_source"),
+    ),
+    required(
+        "notes",
+        list_of(ANY_TEXT),
+        "what the certificates do not cover",
+        get=lambda result: result.setup.not_covered({step.pick.carried is not None for step in result.steps}),
+    ),
+    required("duration", NOT_NEGATIVE, "all motions and dwell times", "s"),
+    required("moving", NOT_NEGATIVE, "all motions", "s"),
+    required("lower_bound", OPTIONAL_NUMBER, "lower bound of the time of all motions", "s"),
+    required("gap", OPTIONAL_NUMBER, "`moving` divided by `lower_bound`, minus 1"),
+    required("file_order", OPTIONAL_NUMBER, "lower bound of the time of all motions in the given order", "s"),
+    required("nearest_neighbour", OPTIONAL_NUMBER, "the same in the order of the nearest neighbour", "s"),
+    required("parts_per_minute", OPTIONAL_NUMBER, "number of picks in a minute"),
+    required(
+        "clearance_proven", OPTIONAL_NUMBER, "smallest proven clearance of all motions", "m", attrgetter("clearance")
+    ),
+    required(
+        "by_phase",
+        mapping_to(NOT_NEGATIVE),
+        "time of all picks by phase",
+        "s",
+        lambda result: cycle_time(result).by_phase,
+    ),
+    required("closing", NOT_NEGATIVE, "the motion to the end", "s", lambda result: cycle_time(result).closing),
+    required(
+        "steps",
+        list_of(STEP),
+        "the picks in order",
+        get=lambda result: zip(result.steps, cycle_time(result).picks, strict=True),
+    ),
+    required("left_out", list_of(table_of(LeftOut)), "picks that cannot be executed"),
+    required("precedence", list_of(PRECEDENCE), "pairs of picks in a fixed order", get=attrgetter("precedence.rows")),
+)
+
+
 def sequence_dict(result: SequenceResult) -> dict[str, Any]:
     """The sequence as plain values for JSON; see the manual page of the format."""
-    times = cycle_time(result)
-    arm = result.setup.checker.arm
-    names = result.precedence.names
-    with_object = {step.pick.carried is not None for step in result.steps}
-    return {
-        "schema": SCHEMA,
-        "robot": arm.robot.name,
-        "summary": result.message,
-        "ok": result.ok,
-        "interrupted": result.interrupted,
-        "acceleration_source": arm.limits.acceleration_source,
-        "notes": list(result.setup.not_covered(with_object)),
-        "duration": result.duration,
-        "moving": result.moving,
-        "lower_bound": number_or_none(result.lower_bound),
-        "gap": number_or_none(result.gap),
-        "file_order": number_or_none(result.file_order),
-        "nearest_neighbour": number_or_none(result.nearest_neighbour),
-        "parts_per_minute": number_or_none(result.parts_per_minute),
-        "clearance_proven": number_or_none(result.clearance),
-        "by_phase": times.by_phase,
-        "closing": times.closing,
-        "steps": [
-            {
-                "name": step.pick.name,
-                "start": step.start,
-                "duration": step.duration,
-                "shortest": time.shortest,
-                "limited_by": time.limited_by,
-                "member": step.verdict.member,
-                "q_grasp": [] if step.verdict.q_grasp is None else step.verdict.q_grasp.tolist(),
-                "phases": _phases(step),
-            }
-            for step, time in zip(result.steps, times.picks, strict=True)
-        ],
-        "left_out": [{"name": each.name, "reason": each.reason} for each in result.left_out],
-        "precedence": [
-            {"before": names[a], "after": names[b], "reason": why} for (a, b), why in result.precedence.reasons.items()
-        ],
-    }
-
-
-def _phases(step: SequenceStep) -> list[dict[str, Any]]:
-    certificates = {motion.name: motion.certificate for motion in step.verdict.motions}
-    rows = []
-    for phase in step.phases:
-        proof = certificates.get(phase.name)
-        rows.append(
-            {
-                "name": phase.name,
-                "start": phase.start,
-                "duration": phase.duration,
-                "clearance_proven": None if proof is None else number_or_none(proof.clearance),
-                "pairs_proven": None if proof is None else proof.pairs,
-            }
-        )
-    return rows
+    return SEQUENCE.write(result)
 
 
 def sequence_csv(result: SequenceResult) -> str:
@@ -98,7 +162,7 @@ def sequence_csv(result: SequenceResult) -> str:
     rows: list[tuple[object, ...]] = []
     for number, (step, time) in enumerate(zip(result.steps, cycle_time(result).picks, strict=True), start=1):
         phases = (time.phases.get(name, "") for name in PHASES)
-        clearance = number_or_none(step.verdict.clearance)
+        clearance = OPTIONAL_NUMBER.write(step.verdict.clearance)
         rows.append(
             (number, time.name, time.start, time.duration, *phases, time.shortest, clearance, time.limited_by, "")
         )
@@ -118,16 +182,11 @@ def sequence_markdown(result: SequenceResult) -> str:
     return "\n".join(lines) + "\n"
 
 
-def number_or_none(value: float) -> float | None:
-    """The value, or None if it is not finite, which JSON cannot hold."""
-    return value if math.isfinite(value) else None
-
-
-def _json(result: SequenceResult) -> str:
-    return json_text(sequence_dict(result), indent=2)
-
-
-_TEXTS: dict[str, Callable[[SequenceResult], str]] = {".json": _json, ".csv": sequence_csv, ".md": sequence_markdown}
+_TEXTS: dict[str, Callable[[SequenceResult], str]] = {
+    ".json": lambda result: json_text(sequence_dict(result), indent=2),
+    ".csv": sequence_csv,
+    ".md": sequence_markdown,
+}
 
 SEQUENCE_SUFFIXES = (*_TEXTS, ".html")
 """The file types of :func:`save_sequence`."""

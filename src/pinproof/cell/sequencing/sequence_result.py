@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from pinproof.cell.sequencing.precedence import Precedence
-from pinproof.collision import Scene
+from pinproof.collision import Certificate, Scene
 from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.structs import TEXT, key, struct
 from pinproof.errors import NoAnswer
 from pinproof.model import guess_mark
 from pinproof.motion import MotionProgram
@@ -18,21 +19,22 @@ PHASES = ("transit", "approach", "grip", "retreat", "transfer", "place", "releas
 """The phases of a step in order: motions, and the dwell times grip and release."""
 
 
-@dataclass(frozen=True)
+@struct("left_out", more=True, written=True)
 class LeftOut:
-    """A pick that is not part of the sequence, with the reason."""
+    """A pick that is not part of the sequence."""
 
-    name: str
-    reason: str
+    name: str = key("name of the pick", kind=TEXT)
+    reason: str = key("why it cannot be executed", kind=TEXT)
 
 
 @dataclass(frozen=True)
 class Phase:
-    """A part of the cycle: a motion or a dwell time, with its start and its duration (s)."""
+    """A part of the cycle: a motion with its certificate, or a dwell time, with its start and its duration (s)."""
 
     name: str
     start: float
     duration: float
+    certificate: Certificate | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +72,15 @@ class SequenceStep:
         grip_after = max(k for k, motion in enumerate(motions) if motion.name in ("transit", "approach"))
         released = [k for k, motion in enumerate(motions) if motion.name in ("transfer", "place")]
         for k, motion in enumerate(motions):
-            parts = [(motion.name, motion.trajectory.duration)]
+            parts = [Phase(motion.name, now, motion.trajectory.duration, motion.certificate)]
             if k == grip_after:
-                parts.append(("grip", self.grip_dwell))
+                parts.append(Phase("grip", 0.0, self.grip_dwell, None))
             if released and k == released[-1]:
-                parts.append(("release", self.release_dwell))
-            for name, duration in parts:
-                if duration > 0.0 or name not in ("grip", "release"):
-                    found.append(Phase(name, now, duration))
-                    now += duration
+                parts.append(Phase("release", 0.0, self.release_dwell, None))
+            for phase in parts:
+                if phase.certificate is not None or phase.duration > 0.0:
+                    found.append(replace(phase, start=now))
+                    now += phase.duration
         return tuple(found)
 
     @property

@@ -71,7 +71,7 @@ def test_a_wrong_configuration_is_refused_and_names_the_joints(ur5):
                 ask(q)
 
 
-@pytest.mark.parametrize("margin", [-1e-9, float("nan"), float("inf")])
+@pytest.mark.parametrize("margin", [-1e-9, float("nan"), float("inf"), 10**400])
 def test_a_margin_that_makes_no_sense_is_refused(slider, margin):
     with pytest.raises(InputError, match="margin"):
         CollisionChecker(slider, margin=margin)

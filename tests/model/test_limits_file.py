@@ -146,13 +146,16 @@ def test_joints_outside_the_arm_are_ignored_and_unknown_joints_refused(tmp_path)
     [
         ("joints: {}", "unknown key 'joints'.*joint_limits"),
         ("joint_limits: []", "key joint_limits"),
-        ("joint_limits:\n  j: 3", "'j' must be a name with a mapping"),
-        ("joint_limits:\n  j: {max_velocty: 3}", "line 2, column 3, joint j: unknown key 'max_velocty'"),
+        ("joint_limits:\n  j: 3", "key joint_limits.j: j holds 3, not a mapping"),
+        (
+            "joint_limits:\n  j: {max_velocty: 3}",
+            "line 2, column 7, key joint_limits.j.max_velocty: unknown key 'max_velocty'",
+        ),
         (
             "joint_limits:\n  j: {max_velocity: 3}",
-            "line 2, column 3, joint j: max_velocity requires has_velocity_limits",
+            "line 2, column 3, key joint_limits.j: max_velocity requires has_velocity_limits",
         ),
-        ("joint_limits:\n  j: {has_velocity_limits: 1, max_velocity: 3}", "true or false, not 1"),
+        ("joint_limits:\n  j: {has_velocity_limits: 1, max_velocity: 3}", "is 1; it must be true or false"),
         ("joint_limits:\n  j: {has_velocity_limits: true}", "has_velocity_limits: true requires max_velocity"),
         ("joint_limits:\n  j: {has_velocity_limits: true, max_velocity: .inf}", "finite number, not inf"),
         ("joint_limits:\n  j: {has_jerk_limits: true, max_jerk: 0}", "max_jerk must be above 0"),

@@ -82,12 +82,12 @@ def test_a_checker_without_the_recorded_body_is_noted_in_the_certificate(
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (lambda r: r.clear(), "lacks"),
+        (lambda r: r.clear(), "does not state name and start"),
         (lambda r: r.update(extra=1), "extra"),
         (lambda r: r.update(margin=True), "margin"),
         (lambda r: r.update(margin=None), "margin"),
         (lambda r: r.update(end=10**400), "end"),
-        (lambda r: r.update(pairs=1.0), "pairs"),
+        (lambda r: r.update(pairs=1.5), "pairs"),
         (lambda r: r.update(status=1), "status"),
         (lambda r: r.update(attached=["ball"]), "attached"),
         (lambda r: r.update(attached={"ball": 1}), "1"),

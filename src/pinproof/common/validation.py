@@ -6,6 +6,7 @@ import functools
 import inspect
 import math
 import operator
+import sys
 from collections.abc import Callable, Mapping
 from numbers import Integral, Real
 from typing import Any, NoReturn, TypeVar
@@ -49,7 +50,8 @@ def require_number(name: str, value: Any, unit: str = "", **bounds: float) -> fl
 
     InputError for anything else; for numbers that are too large it mentions degrees or millimetres.
     """
-    number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    beyond = isinstance(value, int) and abs(value) > sys.float_info.max  # math.isfinite raises OverflowError
+    number = isinstance(value, Real) and not isinstance(value, bool) and not beyond and math.isfinite(value)
     if number and all(_WITHIN[bound](value, limit) for bound, limit in bounds.items()):
         return float(value)
     valid = " and ".join(

@@ -13,37 +13,48 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.common.file_keys import PLAIN_NUMBER, KeyTable, fault_in, list_of, required
 from pinproof.common.files import read_text, unknown_suffix, write_text_whole
+from pinproof.common.structs import (
+    ANY_TEXT,
+    NOT_NEGATIVE,
+    PLAIN_NUMBER,
+    Kind,
+    Table,
+    errors_of,
+    list_of,
+    required,
+    schema_version,
+)
 from pinproof.errors import FileError
 from pinproof.motion import Trajectory
-from pinproof.motion.motion_keys import MOTION
-from pinproof.motion.trajectory_files import Reader, from_message, to_message
+from pinproof.motion.trajectory_files import MOTION, Reader, from_message, to_message
 
 SCHEMA = "pinproof/library/1"
 """The version of the format, raised by breaking changes."""
 
-NAME: dict[str, Any] = {"type": "string"}
-
-STORED = KeyTable(
+STORED = Table(
     "stored_motion",
     "A motion of the library.",
-    required("name", NAME, "name of the motion"),
-    required("sha256", NAME, "hash (SHA-256, hexadecimal) of its curve"),
-    required("motion", MOTION, "the motion, as in a motion file"),
+    required("name", ANY_TEXT, "name of the motion"),
+    required("sha256", ANY_TEXT, "hash (SHA-256, hexadecimal) of its curve"),
+    required(
+        "motion",
+        Kind(MOTION, lambda _, motion: motion, lambda _, message, path: from_message(Reader(path), message)),
+        "the motion, as in a motion file",
+    ),
 )
 
-LIBRARY = KeyTable(
+LIBRARY = Table(
     "library",
     "A library of motions. A file contains no proofs: the motions are certified again when it is read.",
-    required("schema", {"const": SCHEMA}, "name and version of this format"),
-    required("made_by", NAME, "the program that wrote the file"),
-    required("robot", NAME, "name of the robot"),
-    required("robot_sha256", NAME, "hash of kinematics, joints, held joints and link geometry"),
-    required("tool_sha256", NAME, "hash of the attached objects"),
+    schema_version(SCHEMA),
+    required("made_by", ANY_TEXT, "the program that wrote the file"),
+    required("robot", ANY_TEXT, "name of the robot"),
+    required("robot_sha256", ANY_TEXT, "hash of kinematics, joints, held joints and link geometry"),
+    required("tool_sha256", ANY_TEXT, "hash of the attached objects"),
     required("margin", PLAIN_NUMBER, "required distance between any two bodies", "m"),
-    required("joint_tolerance", list_of(PLAIN_NUMBER, 1), "deviation of each joint that is covered", "rad or m"),
-    required("obstacle_tolerance", PLAIN_NUMBER, "displacement of obstacles that is covered", "m"),
+    required("joint_tolerance", list_of(NOT_NEGATIVE, 1), "deviation of each joint that is covered", "rad or m"),
+    required("obstacle_tolerance", NOT_NEGATIVE, "displacement of obstacles that is covered", "m"),
     required("motions", list_of(STORED), "the motions"),
 )
 
@@ -51,7 +62,7 @@ LIBRARY = KeyTable(
 class LibraryContent(NamedTuple):
     """The content of a file."""
 
-    joint_tolerance: list[float]
+    joint_tolerance: tuple[float, ...]
     """The deviation (rad or m) of each joint that certificates cover."""
     obstacle_tolerance: float
     """The displacement (m) of obstacles that they cover."""
@@ -98,17 +109,16 @@ def read(path: Path, checker: CollisionChecker) -> LibraryContent:
     FileError
         If it cannot be read, is not structured as described by :data:`LIBRARY`, was changed, or is for another setup.
     """
-    reader = Reader(path)
-    data = reader.json(read_text(path, FileError))
-    if fault := fault_in(LIBRARY, data):
-        _fail(path, fault[1], fault[0])
+    content = Reader(path).json(read_text(path, FileError))
+    with errors_of(path, FileError):
+        data = LIBRARY.parse("the file", content, path)
     _refuse_other_setup(path, data, checker)
     motions: dict[str, Trajectory] = {}
     for i, row in enumerate(data["motions"]):
         place = f"motions[{i}]"
         if row["name"] in motions:
             _fail(path, f"has two motions named {row['name']!r}", place)
-        trajectory = Trajectory.of_record(from_message(reader, row["motion"]))
+        trajectory = Trajectory.of_record(row["motion"])
         if trajectory.digest() != row["sha256"]:
             _fail(path, f"the motion {row['name']!r} was changed: its hash differs from sha256", place)
         if trajectory.joint_names != checker.group.joint_names:
@@ -127,10 +137,8 @@ def _refuse_other_setup(path: Path, data: Mapping[str, Any], checker: CollisionC
     for key, text in what.items():
         if data[key] != own[key]:
             _fail(path, f"its motions were certified for {text}; certify and store them again", key)
-    if len(data["joint_tolerance"]) != checker.group.dof or min(data["joint_tolerance"]) < 0:
-        _fail(path, f"must have {checker.group.dof} numbers, 0 or more", "joint_tolerance")
-    if data["obstacle_tolerance"] < 0:
-        _fail(path, "must be 0 or more", "obstacle_tolerance")
+    if len(data["joint_tolerance"]) != checker.group.dof:
+        _fail(path, f"must have {checker.group.dof} numbers, one for each joint", "joint_tolerance")
 
 
 def _setup(checker: CollisionChecker) -> dict[str, Any]:

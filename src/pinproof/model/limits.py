@@ -15,9 +15,20 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.display import html_block, html_list, html_table, outline
-from pinproof.common.file_keys import BOOLEAN, PLAIN_NUMBER, FileKey, KeyTable, mapping_to, required
+from pinproof.common.structs import (
+    ANYTHING,
+    BOOLEAN,
+    PLAIN_NUMBER,
+    Key,
+    Kind,
+    Misread,
+    Table,
+    errors_of,
+    mapping_to,
+    required,
+)
 from pinproof.common.validation import named_arguments
-from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown
+from pinproof.common.yaml_file import read_yaml
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.spatial import Array
 
@@ -260,84 +271,92 @@ def _array(name: str, value: object) -> Array:
 
 
 KINDS = {
-    "position": ("min_position", "max_position"),
-    "velocity": ("max_velocity",),
-    "acceleration": ("max_acceleration",),
-    "deceleration": ("max_deceleration",),
-    "jerk": ("max_jerk",),
-    "effort": ("max_effort",),
-}
-_SIZE = {
-    "velocity": {"exclusiveMinimum": 0},
-    "acceleration": {"exclusiveMinimum": 0},
-    "deceleration": {"not": {"const": 0}},
-    "jerk": {"exclusiveMinimum": 0},
-    "effort": {"exclusiveMinimum": 0},
-}
-
-LIMITS = KeyTable(
-    "limits_of_a_joint",
-    "The limits of one joint. A limit is used if its `has_...` key is true; limits that are not stated are unchanged.",
-    FileKey("has_position_limits", BOOLEAN, "whether `min_position` and `max_position` are used"),
-    FileKey("min_position", PLAIN_NUMBER, "lower limit of the position", "rad or m"),
-    FileKey("max_position", PLAIN_NUMBER, "upper limit of the position", "rad or m"),
-    FileKey("has_velocity_limits", BOOLEAN, "whether `max_velocity` is used"),
-    FileKey("max_velocity", PLAIN_NUMBER, "largest velocity, above 0", "rad/s or m/s"),
-    FileKey("has_acceleration_limits", BOOLEAN, "whether `max_acceleration` is used"),
-    FileKey("max_acceleration", PLAIN_NUMBER, "largest acceleration, above 0", "rad/s² or m/s²"),
-    FileKey("has_deceleration_limits", BOOLEAN, "whether `max_deceleration` is used"),
-    FileKey(
-        "max_deceleration",
-        PLAIN_NUMBER,
-        "largest deceleration, of either sign; the smaller of `max_deceleration` and `max_acceleration` is used "
-        "for both",
-        "rad/s² or m/s²",
-    ),
-    FileKey("has_jerk_limits", BOOLEAN, "whether `max_jerk` is used"),
-    FileKey("max_jerk", PLAIN_NUMBER, "largest jerk, above 0", "rad/s³ or m/s³"),
-    FileKey("has_effort_limits", BOOLEAN, "whether `max_effort` is used"),
-    FileKey(
-        "max_effort",
-        PLAIN_NUMBER,
-        "largest torque, or force of a prismatic joint, above 0; used where torques are limited",
-        "N m or N",
-    ),
-    FileKey("angle_wraparound", {}, "ignored"),
-    rules={
-        "allOf": [
-            rule
-            for kind, keys in KINDS.items()
-            for rule in (
-                {
-                    "if": {"anyOf": [{"required": [key]} for key in keys]},
-                    "then": {"required": [f"has_{kind}_limits"]},
-                },
-                {
-                    "if": {
-                        "required": [f"has_{kind}_limits"],
-                        "properties": {f"has_{kind}_limits": {"const": True}},
-                    },
-                    "then": {
-                        "required": list(keys),
-                        "properties": {} if kind == "position" else dict.fromkeys(keys, _SIZE[kind]),
-                    },
-                },
-            )
-        ]
+    "position": {
+        "min_position": ("lower limit of the position", "rad or m"),
+        "max_position": ("upper limit of the position", "rad or m"),
     },
-)
-"""The keys of one joint."""
+    "velocity": {"max_velocity": ("largest velocity, above 0", "rad/s or m/s")},
+    "acceleration": {"max_acceleration": ("largest acceleration, above 0", "rad/s² or m/s²")},
+    "deceleration": {
+        "max_deceleration": (
+            "largest deceleration, of either sign; the smaller of it and `max_acceleration` is used for both",
+            "rad/s² or m/s²",
+        )
+    },
+    "jerk": {"max_jerk": ("largest jerk, above 0", "rad/s³ or m/s³")},
+    "effort": {
+        "max_effort": (
+            "largest torque, or force of a prismatic joint, above 0; used where torques are limited",
+            "N m or N",
+        )
+    },
+}
+"""The kinds of limits of a file, each with its keys, their meaning and unit."""
 
-FILE = KeyTable(
+
+def _keys_of(kind: str) -> list[Key]:
+    """The keys of one kind of limit."""
+    names = " and ".join(f"`{key}`" for key in KINDS[kind])
+    flag = Key(f"has_{kind}_limits", BOOLEAN, f"whether {names} {'are' if len(KINDS[kind]) > 1 else 'is'} used")
+    return [flag, *(Key(key, PLAIN_NUMBER, *meaning) for key, meaning in KINDS[kind].items())]
+
+
+def _rules_of(kind: str) -> list[dict[str, Any]]:
+    """The rules of one kind of limit: a limit has its flag; if the flag is true, its values exist and are above 0."""
+    flag, size = f"has_{kind}_limits", {"not": {"const": 0}} if kind == "deceleration" else {"exclusiveMinimum": 0}
+    used = {"required": [flag], "properties": {flag: {"const": True}}}
+    sizes = {} if kind == "position" else dict.fromkeys(KINDS[kind], size)
+    return [
+        {"if": {"anyOf": [{"required": [key]} for key in KINDS[kind]]}, "then": {"required": [flag]}},
+        {"if": used, "then": {"required": list(KINDS[kind]), "properties": sizes}},
+    ]
+
+
+def _used_limits(**stated: Any) -> dict[str, tuple[float, ...]]:
+    """The limits of a joint by kind whose flags are true."""
+    used: dict[str, tuple[float, ...]] = {}
+    for kind, keys in KINDS.items():
+        flag = f"has_{kind}_limits"
+        if flag not in stated and (given := [key for key in keys if key in stated]):
+            raise InputError(f"{given[0]} requires {flag}: true (or false to ignore it)")
+        if not stated.get(flag):
+            continue
+        if missing := [key for key in keys if key not in stated]:
+            raise InputError(f"{flag}: true requires {' and '.join(missing)}")
+        values = tuple(abs(stated[key]) if kind == "deceleration" else stated[key] for key in keys)
+        if kind == "position" and values[0] > values[1]:
+            raise InputError(f"min_position {values[0]} is above max_position {values[1]}")
+        if kind != "position" and not values[0] > 0.0:
+            raise InputError(f"{next(iter(keys))} must be above 0, not {values[0]}")
+        used[kind] = values
+    if "deceleration" in used and "acceleration" not in used:
+        raise InputError("has a deceleration limit but no acceleration limit")
+    return used
+
+
+LIMITS = mapping_to(
+    Table(
+        "limits_of_a_joint",
+        "The limits of one joint. A limit is used if its `has_...` key is true; limits that are not stated are "
+        "unchanged.",
+        *(key for kind in KINDS for key in _keys_of(kind)),
+        Key("angle_wraparound", ANYTHING, "ignored"),
+        rules={"allOf": [rule for kind in KINDS for rule in _rules_of(kind)]},
+        make=_used_limits,
+    ),
+    "joint names to limits",
+)
+
+FILE = Table(
     "limits",
     "Joint limits in the format of `joint_limits.yaml` of MoveIt.",
     required(
         "joint_limits",
-        {**mapping_to(LIMITS), "minProperties": 1},
+        Kind({**LIMITS.schema, "minProperties": 1}, LIMITS.check, LIMITS.parse),
         "the limits by name of the joint",
     ),
-    FileKey("default_velocity_scaling_factor", {}, "not a limit; ignored"),
-    FileKey("default_acceleration_scaling_factor", {}, "not a limit; ignored"),
+    Key("default_velocity_scaling_factor", ANYTHING, "not a limit; ignored"),
+    Key("default_acceleration_scaling_factor", ANYTHING, "not a limit; ignored"),
 )
 
 
@@ -434,59 +453,21 @@ def _read_limits(path: str | Path) -> LimitsFile:
     """The limits that a file states; see :meth:`JointLimits.load`."""
     path = Path(path)
     content = read_yaml(path, FILE.names, FileError)
-    refuse_unknown(FileError, path, "key", content, FILE.names, "")
-    joints = content.get("joint_limits")
-    if not isinstance(joints, LinedMapping) or not joints:
-        raise FileError(path, "must be a mapping of joint names to limits", "key joint_limits")
-    found: dict[str, dict[str, list[float]]] = {kind: {} for kind in KINDS}
-    for name, stated in joints.items():
-        if not isinstance(name, str) or not isinstance(stated, LinedMapping):
-            raise FileError(path, f"joint {name!r} must be a name with a mapping of limits", "key joint_limits")
-        place = joints.place(name, "joint")
-        refuse_unknown(FileError, path, "key", stated, LIMITS.names, place)
-        for kind, keys in KINDS.items():
-            values = _stated(path, place, stated, kind, keys)
-            if values is not None:
-                found[kind][name] = values
-    acceleration = {name: value for name, (value,) in found["acceleration"].items()}
-    for name, (value,) in found["deceleration"].items():
-        if name not in acceleration:
-            raise FileError(path, "has a deceleration limit but no acceleration limit", joints.place(name, "joint"))
-        acceleration[name] = min(acceleration[name], value)
+    with errors_of(path, FileError):
+        joints = FILE.parse("the file", content, path)["joint_limits"]
+        if not joints:
+            raise Misread("must be a mapping of joint names to limits", (".joint_limits",))
+
+    def of(kind: str) -> dict[str, float]:
+        return {name: used[kind][0] for name, used in joints.items() if kind in used}
+
+    acceleration, deceleration = of("acceleration"), of("deceleration")
     return LimitsFile(
         path,
-        {name: (low, high) for name, (low, high) in found["position"].items()},
-        {name: value for name, (value,) in found["velocity"].items()},
-        acceleration,
-        {name: value for name, (value,) in found["jerk"].items()},
-        {name: value for name, (value,) in found["effort"].items()},
-        {name: joints.place(name, "joint") for name in joints},
+        {name: used["position"] for name, used in joints.items() if "position" in used},
+        of("velocity"),
+        {name: min(value, deceleration.get(name, value)) for name, value in acceleration.items()},
+        of("jerk"),
+        of("effort"),
+        {str(name): content["joint_limits"].place(name, "joint") for name in content["joint_limits"]},
     )
-
-
-def _stated(path: Path, place: str, stated: LinedMapping, kind: str, keys: tuple[str, ...]) -> list[float] | None:
-    """Return the numbers of one kind of limit, or None if the joint does not have it."""
-    flag = f"has_{kind}_limits"
-    has = stated.get(flag)
-    given = [key for key in keys if key in stated]
-    if flag not in stated:
-        if given:
-            raise FileError(path, f"{given[0]} requires {flag}: true (or false to ignore it)", place)
-        return None
-    if not isinstance(has, bool):
-        raise FileError(path, f"{flag} must be true or false, not {has!r}", place)
-    if not has:
-        return None
-    if missing := [key for key in keys if key not in stated]:
-        raise FileError(path, f"{flag}: true requires {' and '.join(missing)}", place)
-    values = []
-    for key in keys:
-        value = stated[key]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(float(value)):
-            raise FileError(path, f"{key} must be a finite number, not {value!r}", place)
-        values.append(abs(float(value)) if kind == "deceleration" else float(value))
-    if kind == "position" and values[0] > values[1]:
-        raise FileError(path, f"min_position {values[0]} is above max_position {values[1]}", place)
-    if kind != "position" and not values[0] > 0.0:
-        raise FileError(path, f"{keys[0]} must be above 0, not {values[0]}", place)
-    return values

@@ -9,25 +9,45 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import read_text, write_text_whole
+from pinproof.common.structs import (
+    ANY_TEXT,
+    PLAIN_NUMBER,
+    Key,
+    Misread,
+    Table,
+    choice,
+    errors_of,
+    list_of,
+    mapping_to,
+    required,
+    schema_version,
+    table_of,
+)
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import MEET_TOLERANCE, ends_meet
-from pinproof.motion.motion_keys import EVENT_KINDS, INTERPOLANTS, PROGRAM, PROGRAM_SCHEMA, PROGRAM_UNITS
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.trajectory import Trajectory
-from pinproof.motion.trajectory_files import NANO, RATES, Reader, stamp
+from pinproof.motion.trajectory_files import INTERPOLANTS, NANO, RATES, TIME, UNITS, Reader, stamp
 from pinproof.spatial import Array
 
 EventKind = Literal["grip", "release"]
+EVENT_KINDS = get_args(EventKind)
+
+PROGRAM_UNITS = {**{key: unit for key, unit in UNITS.items() if key != "time_from_start"}, "time": "s and ns"}
+"""The units that a program states."""
+
+PROGRAM_SCHEMA = "pinproof/program/1"
+"""The version of the format of programs, raised by breaking changes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,13 +212,10 @@ class MotionProgram:
         data = reader.json(read_text(source, TrajectoryError))
         if isinstance(data, dict) and data.get("schema", PROGRAM_SCHEMA) != PROGRAM_SCHEMA:
             reader.fail(f"is {data['schema']!r}; this version reads {PROGRAM_SCHEMA!r}", "schema")
-        reader.agrees(PROGRAM, data)
-        try:
-            program = _from_dict(reader, data)
+        with errors_of(source, TrajectoryError):
+            program: MotionProgram = PROGRAM.parse("the file", data, source)
             with np.errstate(over="ignore", invalid="ignore"):  # numbers near the largest double; never certified
                 changed = program.changed
-        except InputError as error:
-            reader.fail(str(error))
         if changed and not allow_changes:
             names = ", ".join(changed)
             reader.fail(f"differs from the motion that was certified: {names}; certify it again")
@@ -317,55 +334,114 @@ def _segment_json(segment: ProgramSegment) -> str:
     return f'  {json.dumps(head)[:-1]}, "points": [\n    {lines}\n  ]}}'
 
 
-def _from_dict(reader: Reader, data: Mapping[str, Any]) -> MotionProgram:
-    names, note = tuple(data["joint_names"]), data["limits_note"]
-    quintic = data["interpolant"] == INTERPOLANTS["quintic"]
-    segments = []
-    for number, stated in enumerate(data["segments"]):
-        place = f"segments[{number}]"
-        segments.append(_segment(reader, place, stated, names, note, quintic=quintic))
-        if _read_time(reader, f"{place}.end", stated["end"]) != _clock(segments[-1].end):
-            reader.fail("is not the time of the last point", f"{place}.end")
-    events = [_event(reader, f"events[{number}]", stated) for number, stated in enumerate(data["events"])]
-    records = {name: MotionRecord(**stated) for name, stated in data["certificates"].items()}
-    program = MotionProgram(
-        data["name"], tuple(segments), tuple(events), records, data["robot"], data["tcp"], data["member"]
-    )
-    if _read_time(reader, "duration", data["duration"]) != _clock(program.duration):
-        reader.fail("is not the end of the segments and events", "duration")
+PROGRAM_POINT = Table(
+    "program_point",
+    "The state of all joints at one time.",
+    required("time", TIME, "time from the start of the program; strictly increasing"),
+    required("positions", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad or m"),
+    required("velocities", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s"),
+    Key(
+        "accelerations",
+        list_of(PLAIN_NUMBER, 1),
+        "one for each joint; required in quintic programs, refused in cubic ones",
+        "rad/s² or m/s²",
+    ),
+)
+
+SEGMENT = Table(
+    "segment",
+    "A motion between two events or certificates. The arm rests at events; at other ends it may move, with the "
+    "velocity of the next segment.",
+    required("name", ANY_TEXT, "name, such as `transit`"),
+    required("certificate", ANY_TEXT, "hash that names the certificate under `certificates`"),
+    required("start", TIME, "time of the first point: the end of the previous segment and of the dwell time after it"),
+    required("end", TIME, "time of the last point"),
+    required("points", list_of(PROGRAM_POINT, 1), "the points in the order of time"),
+)
+
+EVENT = Table(
+    "event",
+    "What happens while the arm rests at the end of a segment.",
+    required("kind", choice(*EVENT_KINDS), "what the gripper does"),
+    required("time", TIME, "time of the event from the start of the program"),
+    required("dwell", TIME, "how long the arm then rests"),
+    required("object", ANY_TEXT, "object that is gripped or released; empty if the pick states none"),
+    required(
+        "joints",
+        mapping_to(PLAIN_NUMBER),
+        "values of the gripper joints after the event, by name; empty for a gripper that is not a joint",
+        "rad or m",
+    ),
+    make=lambda time, dwell, **stated: ProgramEvent(time=time / NANO, dwell=dwell / NANO, **stated),
+)
+
+PROGRAM = Table(
+    "program",
+    "A motion program: certified segments with events, on one clock.",
+    schema_version(PROGRAM_SCHEMA),
+    required("name", ANY_TEXT, "name of the program, such as the name of its pick"),
+    required("robot", ANY_TEXT, "the robot; empty if it is not known"),
+    required("tcp", ANY_TEXT, "the tcp frame; empty if it is not known"),
+    required("member", ANY_TEXT, "how the grasp differs from the nominal one; empty if it does not"),
+    required(
+        "units",
+        choice(PROGRAM_UNITS),
+        "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in PROGRAM_UNITS.items()),
+    ),
+    required("interpolant", choice(*INTERPOLANTS.values()), "the curve between points"),
+    required("limits_note", ANY_TEXT, "where the limits of the timing come from"),
+    required("joint_names", list_of(ANY_TEXT, 1), "names of the joints"),
+    required("duration", TIME, "time of the end of the program, with all dwell times"),
+    required("events", list_of(EVENT), "the events in the order of time"),
+    required(
+        "certificates",
+        mapping_to(table_of(MotionRecord)),
+        "the records of the certificates by their hash (SHA-256, hexadecimal)",
+    ),
+    required("segments", list_of(SEGMENT, 1), "the motions in order"),
+    make=lambda **stated: _program(**stated),
+)
+
+
+def _program(
+    *,
+    schema: str,  # noqa: ARG001  # checked, as are the units
+    units: Mapping[str, str],  # noqa: ARG001
+    joint_names: tuple[str, ...],
+    interpolant: str,
+    limits_note: str,
+    duration: int,
+    segments: Sequence[Mapping[str, Any]],
+    **stated: Any,
+) -> MotionProgram:
+    """The program of the values of a file, whose times are in nanoseconds from its start."""
+    quintic = interpolant == INTERPOLANTS["quintic"]
+    made = []
+    for number, segment in enumerate(segments):
+        points, start = segment["points"], segment["start"]
+        columns: list[list[Any]] = []
+        for kind in ("positions", *RATES[: 1 + quintic]):
+            columns.append([point.get(kind, ()) for point in points])
+            for k, row in enumerate(columns[-1]):
+                if len(row) != len(joint_names) and kind in points[k]:
+                    reason = f"must be a list of {len(joint_names)} numbers, one per joint; it has {len(row)}"
+                    raise Misread(reason, (".segments", number, ".points", k, f".{kind}"))
+        for k, point in enumerate(points):
+            if ("accelerations" in point) is not quintic:
+                reason = "accelerations are required in a quintic program and refused in a cubic one"
+                raise Misread(reason, (".segments", number, ".points", k))
+        if points[0]["time"] != start:
+            raise Misread("is not the start of the segment", (".segments", number, ".points", 0, ".time"))
+        times = np.array([point["time"] - start for point in points]) / NANO
+        q, velocities, *rest = columns
+        try:
+            motion = Trajectory(times, q, velocities, joint_names, limits_note, accelerations=rest[0] if rest else None)
+        except InputError as error:
+            raise Misread(str(error), (".segments", number)) from error
+        made.append(ProgramSegment(segment["name"], start / NANO, motion, segment["certificate"]))
+        if segment["end"] != _clock(made[-1].end):
+            raise Misread("is not the time of the last point", (".segments", number, ".end"))
+    program = MotionProgram(segments=tuple(made), **stated)
+    if duration != _clock(program.duration):
+        raise Misread("is not the end of the segments and events", (".duration",))
     return program
-
-
-def _segment(
-    reader: Reader, place: str, stated: Mapping[str, Any], names: tuple[str, ...], note: str, *, quintic: bool
-) -> ProgramSegment:
-    """A segment; the times of its points become times from its start."""
-    start = _read_time(reader, f"{place}.start", stated["start"])
-    kinds = ("positions", "velocities", "accelerations") if quintic else ("positions", "velocities")
-    columns: dict[str, list[list[float]]] = {kind: [] for kind in kinds}
-    clock = []
-    for number, point in enumerate(stated["points"]):
-        where = f"{place}.points[{number}]"
-        if ("accelerations" in point) is not quintic:
-            reader.fail("accelerations are required in a quintic program and refused in a cubic one", where)
-        clock.append(_read_time(reader, f"{where}.time", point["time"]) - start)
-        for kind, column in columns.items():
-            column.append(reader.numbers(point[kind], len(names), f"{where}.{kind}"))
-    if clock[0] != 0:
-        reader.fail("is not the start of the segment", f"{place}.points[0].time")
-    curvature = columns["accelerations"] if quintic else None
-    try:
-        q, velocities = columns["positions"], columns["velocities"]
-        motion = Trajectory(np.array(clock) / NANO, q, velocities, names, note, accelerations=curvature)
-    except InputError as error:
-        reader.fail(str(error), place)
-    return ProgramSegment(stated["name"], start / NANO, motion, stated["certificate"])
-
-
-def _event(reader: Reader, place: str, stated: Mapping[str, Any]) -> ProgramEvent:
-    time, dwell = (_read_time(reader, f"{place}.{key}", stated[key]) / NANO for key in ("time", "dwell"))
-    return ProgramEvent(stated["kind"], time, dwell, stated["object"], stated["joints"])
-
-
-def _read_time(reader: Reader, place: str, stated: Mapping[str, int]) -> int:
-    return reader.nanoseconds(stated["sec"], stated["nanosec"], place)

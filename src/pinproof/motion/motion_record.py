@@ -3,69 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol
+from typing import Annotated, Protocol
 
+from pinproof.common.structs import (
+    ANY_TEXT,
+    OPTIONAL_NUMBER,
+    PLAIN_NUMBER,
+    Written,
+    key,
+    list_of,
+    mapping_to,
+    struct,
+)
 from pinproof.errors import InputError
 
 
-@dataclass(frozen=True)
-class MotionRecord:
-    """The setup with which a motion, or a part of it, was certified.
+@struct("record")
+class MotionRecord(Written):
+    """The setup with which a motion, or a part of it, was certified. A record is not a proof.
 
-    A record is not a proof. It allows a later certification to detect differences of the setup. A proof that can be
-    verified independently is written by :meth:`pinproof.Certificate.save`.
-
-    Parameters
-    ----------
-    name
-        The name of the part, such as ``"transit"``; ``"motion"`` if there is only one.
-    start, end
-        Start and end time of the part in seconds from the start of the trajectory.
-    status
-        The status of the certificate: ``"FREE"``, ``"COLLIDING"``, ``"VIOLATED"`` or ``"UNDECIDED"``.
-    clearance
-        The proven clearance (m); None if no clearance was proven or no obstacle exists.
-    margin
-        The required distance (m) between any two bodies.
-    pairs
-        Number of pairs of bodies that were checked.
-    curve, setup
-        Hashes of the certified curve, and of the arm, the scene and the attached bodies.
-    attached
-        The bodies attached to the tcp: a hash of shape and pose by name.
-    held
-        Values (rad or m) of the joints outside the arm, by name.
-    obstacles
-        The names of the obstacles of the scene.
-    constraints
-        The constraints of the tcp that were certified, each as a text with all its numbers.
+    Notes
+    -----
+    It allows a later certification to detect differences of the setup. A proof that can be verified independently is
+    written by :meth:`pinproof.Certificate.save`.
     """
 
-    name: str
-    start: float
-    end: float
-    status: str
-    clearance: float | None
-    margin: float
-    pairs: int
-    curve: str
-    setup: str
-    attached: Mapping[str, str] = field(default_factory=dict)
-    held: Mapping[str, float] = field(default_factory=dict)
-    obstacles: tuple[str, ...] = ()
-    constraints: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for key in ("attached", "held"):
-            object.__setattr__(self, key, dict(getattr(self, key)))
-        for key in ("obstacles", "constraints"):
-            object.__setattr__(self, key, tuple(getattr(self, key)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """The record as a dictionary for JSON."""
-        lists = {"obstacles": list(self.obstacles), "constraints": list(self.constraints)}
-        return {**asdict(self), **lists}
+    name: str = key("name of the part, such as `transit`; `motion` if there is only one", kind=ANY_TEXT)
+    start: float = key("start of the part from the start of the motion", "s", kind=PLAIN_NUMBER)
+    end: float = key("end of the part", "s", kind=PLAIN_NUMBER)
+    status: str = key("status of the certificate: `FREE`, `COLLIDING`, `VIOLATED` or `UNDECIDED`", kind=ANY_TEXT)
+    clearance: Annotated[float | None, OPTIONAL_NUMBER] = key(
+        "proven clearance; null if none was proven or no obstacle exists", "m"
+    )
+    margin: float = key("required distance between any two bodies", "m", kind=PLAIN_NUMBER)
+    pairs: int = key("number of pairs of bodies that were checked")
+    curve: str = key("hash of the certified curve", kind=ANY_TEXT)
+    setup: str = key("hash of the arm, the scene and the attached bodies", kind=ANY_TEXT)
+    attached: Mapping[str, str] = key(
+        "the bodies attached to the tcp: a hash of shape and pose by name",
+        default_factory=dict,
+        required=True,
+        kind=mapping_to(ANY_TEXT),
+    )
+    held: Mapping[str, float] = key(
+        "values of joints outside the arm, by name",
+        "rad or m",
+        default_factory=dict,
+        required=True,
+        kind=mapping_to(PLAIN_NUMBER),
+    )
+    obstacles: tuple[str, ...] = key(
+        "names of the obstacles of the scene", default=(), required=True, kind=list_of(ANY_TEXT)
+    )
+    constraints: tuple[str, ...] = key(
+        "the certified constraints of the tcp, with all their numbers", default=(), kind=list_of(ANY_TEXT)
+    )
 
     def same_setup(self, other: MotionRecord) -> bool:
         """Whether both were made with the same attached bodies, held joints, scene and margin."""

@@ -20,11 +20,26 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.file_keys import KeyTable, Schema, fault_in, list_of
 from pinproof.common.files import csv_text, other_separator, read_text, unknown_suffix, write_text_whole
+from pinproof.common.structs import (
+    ANY_TEXT,
+    ANYTHING,
+    COUNT,
+    NOT_NEGATIVE,
+    PLAIN_NUMBER,
+    Key,
+    Misread,
+    Table,
+    any_of,
+    choice,
+    integer,
+    list_of,
+    required,
+    step,
+    table_of,
+)
 from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
-from pinproof.errors import TrajectoryError
-from pinproof.motion.motion_keys import CUBIC_UNITS, INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
+from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.spatial import Array
 
@@ -34,6 +49,110 @@ NANO = 1_000_000_000
 LONGEST = 2.0**50 / NANO
 """Longest duration (s, 13 days), up to which ``whole_nanoseconds(seconds(k)) == k``: the rounding errors of k / NANO
 and of its product with NANO are each half a unit of a 53-bit mantissa at most, together less than half a nanosecond."""
+
+INTERPOLANTS = {"cubic": "cubic Hermite between points", "quintic": "quintic Hermite between points"}
+"""The names of the interpolants in the metadata of a file."""
+
+UNITS = {
+    "positions": "rad or m",
+    "velocities": "rad/s or m/s",
+    "time_from_start": "s and ns",
+    "accelerations": "rad/s^2 or m/s^2",
+}
+"""The units in the metadata of a file."""
+
+CUBIC_UNITS = {key: unit for key, unit in UNITS.items() if key != "accelerations"}
+"""The units of a cubic, which has no accelerations."""
+
+WRITTEN, READ = (".json", ".csv"), (".json", ".csv", *YAML_SUFFIXES)
+"""The suffixes of motion files that are written and read."""
+
+
+def checked_nanoseconds(sec: int, nanosec: int) -> int:
+    """The time in nanoseconds; InputError if doubles do not represent it exactly."""
+    if not 0 <= sec <= LONGEST or not 0 <= nanosec < NANO:
+        valid = f"sec must be from 0 to {LONGEST:.0f} and nanosec from 0 to {NANO - 1}"
+        raise InputError(f"{sec} s and {nanosec} ns: {valid}")
+    return sec * NANO + nanosec
+
+
+def _time_of(seconds: str, nanoseconds: str, of: str) -> Table:
+    return Table(
+        f"time_of_{of}",
+        f"A time as in {of.upper().replace('ROS', 'ROS ')}.",
+        required(seconds, COUNT, "whole seconds", "s"),
+        required(nanoseconds, integer(0, NANO - 1), "nanoseconds", "ns"),
+        make=lambda **stated: checked_nanoseconds(*stated.values()),
+    )
+
+
+TIME = _time_of("sec", "nanosec", "ros2")
+
+POINT = Table(
+    "point",
+    "The state of all joints at one time. Either all points have accelerations, or none has.",
+    required("positions", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad or m"),
+    required("velocities", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s"),
+    Key(
+        "accelerations",
+        list_of(PLAIN_NUMBER),
+        "one for each joint, for quintic interpolation; by default none",
+        "rad/s² or m/s²",
+    ),
+    Key("effort", list_of(PLAIN_NUMBER, 0, 0), "not supported; must be empty"),
+    required(
+        "time_from_start",
+        any_of(NOT_NEGATIVE, TIME, _time_of("secs", "nsecs", "ros1")),
+        "time from the start of the motion; 0 for the first point, then strictly increasing",
+        "s",
+    ),
+)
+
+RECORDS = list_of(table_of(MotionRecord))
+
+META = Table(
+    "metadata",
+    "What a message does not state. The values are checked, because another interpolation is another motion.",
+    required("version", choice(1), "version of this format"),
+    required(
+        "interpolant",
+        choice(*INTERPOLANTS.values()),
+        "the curve between points; quintic with accelerations, otherwise cubic",
+    ),
+    required(
+        "units",
+        choice(CUBIC_UNITS, UNITS),
+        "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in UNITS.items()),
+    ),
+    Key("limits_note", ANY_TEXT, "where the limits of the timing come from", "", ""),
+    Key("certified", RECORDS, "how the motion was certified", "", []),
+)
+
+
+def _metadata_of(kind: str, units: dict[str, str]) -> dict[str, Any]:
+    stated = {"interpolant": {"const": INTERPOLANTS[kind]}, "units": {"const": units}}
+    return {"properties": {"pinproof": {"properties": stated}}}
+
+
+MOTION = Table(
+    "motion",
+    "A timed motion: a message trajectory_msgs/JointTrajectory, with metadata of pinproof.",
+    Key("header", ANYTHING, "header of the message; ignored"),
+    required("joint_names", list_of(ANY_TEXT, 1), "names of the joints"),
+    required("points", list_of(POINT, 1), "the points in the order of time"),
+    Key("pinproof", META, "metadata; a message of another program has none"),
+    rules={
+        "if": {
+            "properties": {
+                "points": {
+                    "contains": {"required": ["accelerations"], "properties": {"accelerations": {"minItems": 1}}}
+                }
+            }
+        },
+        "then": _metadata_of("quintic", UNITS),
+        "else": _metadata_of("cubic", CUBIC_UNITS),
+    },
+)
 
 RATES = ("velocities", "accelerations")
 _TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
@@ -121,17 +240,12 @@ class Reader:
         """Refuse the JSON tokens NaN and Infinity."""
         self.fail(f"holds {token}; all numbers must be finite")
 
-    def known_keys(self, data: dict[str, Any], table: KeyTable, place: str) -> None:
+    def known_keys(self, data: dict[str, Any], table: Table, place: str) -> None:
         """Check that all required keys and no unknown keys exist."""
         if missing := [key for key in table.required if key not in data]:
             self.fail(f"lacks {', '.join(missing)}", place)
         if unknown := sorted(str(key) for key in data if key not in table.names):
             self.fail(f"has unknown keys {', '.join(unknown)}; valid: {', '.join(table.names)}", place)
-
-    def agrees(self, schema: KeyTable | Schema, value: Any, place: str = "") -> None:
-        """Check the keys and types of a part of the file."""
-        if fault := fault_in(schema, value, place):
-            self.fail(fault[1], fault[0])
 
     def json(self, text: str) -> Any:
         """Parse JSON; numbers that are not finite and duplicate keys are refused."""
@@ -171,11 +285,10 @@ class Reader:
 
     def nanoseconds(self, sec: int, nanosec: int, place: str) -> int:
         """The time in nanoseconds, if doubles represent it exactly."""
-        if not 0 <= sec <= LONGEST or not 0 <= nanosec < NANO:
-            self.fail(
-                f"{sec} s and {nanosec} ns: sec must be from 0 to {LONGEST:.0f} and nanosec from 0 to {NANO - 1}", place
-            )
-        return sec * NANO + nanosec
+        try:
+            return checked_nanoseconds(sec, nanosec)
+        except InputError as error:
+            self.fail(str(error), place)
 
     def record(self, names: list[str], points: Points, meta: Any, meta_place: str, time: str = "") -> Record:
         """Create a record, after checking the order of the points and the metadata, if there are any.
@@ -215,9 +328,11 @@ class Reader:
         return note
 
     def _certified(self, meta: Any, place: str) -> tuple[MotionRecord, ...]:
-        stated = [] if meta is None else meta.get("certified", [])
-        self.agrees(list_of(RECORD), stated, f"{place}.certified" if place == "pinproof" else f"{place}, certified")
-        return tuple(MotionRecord(**each) for each in stated)
+        where = f"{place}.certified" if place == "pinproof" else f"{place}, certified"
+        try:
+            return tuple(step(where, "", RECORDS.read, "certified", (meta or {}).get("certified", []), self.path))
+        except Misread as error:
+            self.fail(error.reason, error.place.removeprefix("key "))
 
 
 def to_message(record: Record) -> dict[str, Any]:

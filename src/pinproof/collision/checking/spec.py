@@ -174,7 +174,7 @@ def checked_margin(name: str, margin: float) -> float:
     """Return a margin as a number; InputError if it is negative, not finite, or not a number."""
     try:
         value = float(margin)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         value = math.nan
     if not math.isfinite(value) or value < 0:
         raise InputError(f"{name} = {margin}; it must be a distance in metres, 0 or more")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -117,3 +118,9 @@ def test_no_motion_is_faster_than_the_least_times() -> None:
         straight = pp.JointPath([-distance / 2, distance / 2], arm.joint_names)
         assert pp.time_parametrise(straight, arm.limits).duration >= least * (1 - 1e-9)
     assert arm.limits.least_time(np.zeros((0, arm.dof))).shape == (0,)
+
+
+def test_a_joint_without_a_velocity_limit_needs_no_time_at_full_speed() -> None:
+    limits = replace(pp.load_robot("ur5").arm(tcp="tool0").limits, velocity=np.array([np.inf] * 5 + [2.0]))
+    assert limits.least_time(np.full((2, 6), 3.0)).tolist() == [1.5, 1.5]
+    assert limits.least_time(np.array([3.0] * 5 + [0.0])) == 0.0

@@ -65,12 +65,12 @@ class Caption:
             f"<div{' class=wide' if len(value) > WIDE else ''}><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
             for name, value in self.figures
         )
-        steps = ""
+        colour, steps = theme.TONES[self.tone], ""
         for step in self.steps:
             cells = "".join(f"<td>{escape(text)}</td>" for text in step)
-            steps += f'<tr class="no">{cells}</tr>' if step[0] == CROSS else f"<tr>{cells}</tr>"
+            steps += f'<tr class="no" style="color:{colour}">{cells}</tr>' if step[0] == CROSS else f"<tr>{cells}</tr>"
         return (
-            f'<p class="verdict" style="background:{theme.TONES[self.tone]}" id="verdict">{escape(self.headline)}</p>'
+            f'<p class="verdict" style="background:{colour}" id="verdict">{escape(self.headline)}</p>'
             f'<p id="reason">{escape(self.reason)}</p>'
             + (f'<p class="remedy">Suggestion: {escape(self.remedy)}</p>' if self.remedy else "")
             + (f"<dl>{pairs}</dl>" if pairs else "")

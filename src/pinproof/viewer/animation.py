@@ -146,6 +146,7 @@ def film(
         for tcp, held in zip(root_from_tcp[:, 0], holding, strict=True):
             track.append(tcp @ held[name] if name in held else track[-1])
         riders[name] = np.array(track[1:])
+    # The frames of further links, for the layer of frames
     named = dict(zip(frames, np.stack(axes).swapaxes(0, 1), strict=True))
     return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :, :3, 3], riders, named, moved)
 
@@ -156,6 +157,7 @@ ELBOW_STEP = 0.03
 
 def film_of_elbow(stage: Stage, curve: SelfMotionCurve, frames: Sequence[str] = ()) -> Film:
     """Key frames along a curve of IK solutions; the times are the values of its parameter minus the smallest one."""
+    # Between the solutions of the curve, as many key frames as the fastest joint needs
     values = [curve.values[:1]]
     for low, high, before, after in zip(curve.values, curve.values[1:], curve.q, curve.q[1:], strict=False):
         parts = int(np.ceil(np.abs(after - before).max() / ELBOW_STEP))

@@ -185,6 +185,7 @@ def choose_view(
 
 def fit(points: Array, direction: Array, aspect: float, margin: float = MARGIN) -> tuple[Array, Array, Array]:
     """Axes (3, 3) (rows right, up, towards the camera), tangents (2,) and camera position (3,) in those axes."""
+    # The axes of the camera, with z up in the picture
     right = np.cross((0.0, 0.0, 1.0), direction)
     right /= np.linalg.norm(right)
     axes = np.array([right, np.cross(direction, right), direction])
@@ -267,6 +268,7 @@ def near_obstacles(stage: Stage, tool: Array, reach: float) -> Array:
             continue
         corners = placed_points(box_corners(obstacle.surfaces), obstacle.pose[None])
         samples = placed_points(_samples(obstacle.surfaces, NEAR_SAMPLES, rng), obstacle.pose[None])
+        # Squared distances of all pairs of points, without the differences in memory
         squares = (samples**2).sum(axis=1)[:, None] + (kept**2).sum(axis=1) - 2 * samples @ kept.T
         close = squares.min(axis=1) <= reach**2
         if close.any():
@@ -281,6 +283,7 @@ def _samples(surfaces: Sequence[Surface], count: int, rng: np.random.Generator) 
     a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = np.linalg.norm(np.cross(ab, ac), axis=1)
     chosen = rng.choice(len(area), size=count, p=area / area.sum())
+    # Points of the parallelogram outside the triangle are folded into it
     u, v = rng.random((2, count, 1))
     folded = u + v > 1
     u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
@@ -290,6 +293,7 @@ def _samples(surfaces: Sequence[Surface], count: int, rng: np.random.Generator) 
 def extremes(points: Array, directions: int = DIRECTIONS) -> Array:
     """The extreme points in some directions, which are distributed over the sphere by a Fibonacci spiral."""
     outward = spiral_directions(directions)
+    # Chunk by chunk, because the products of all points would not fit into memory
     while len(points) > CHUNK:
         parts = (points[start : start + CHUNK] for start in range(0, len(points), CHUNK))
         points = np.concatenate([part[np.unique((outward @ part.T).argmax(axis=1))] for part in parts])

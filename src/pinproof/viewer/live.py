@@ -107,6 +107,7 @@ class LiveView:
         self._listeners: set[queue.SimpleQueue[Event]] = set()
         self._lock = threading.Lock()
         self._closed = threading.Event()
+        # The server starts at once, so that a port that is in use is an error of the caller
         try:
             self._server = _Server((LOOPBACK, port), self)
         except (OSError, OverflowError) as error:
@@ -125,6 +126,7 @@ class LiveView:
     def move_to(self, q: npt.ArrayLike) -> None:
         """Show the arm at the configuration q (n,). A motion or a collision check shown before is removed."""
         configuration = self._picture.arm.configuration(q)
+        # A page of a motion or a check would contradict the new configuration, so it is replaced
         if self._page.shown.moving or self._picture.check is not None:
             self._show(
                 replace(self._picture, trajectory=None, certificate=None, check=None, q=configuration, elbow=None)

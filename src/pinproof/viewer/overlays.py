@@ -60,6 +60,7 @@ class PoseMarkers:
         """The settings from which the script of the page draws the arrows; arrays are stored in ``commands``."""
         from scipy.spatial import cKDTree
 
+        # Arrows at neighbouring grasps must not overlap
         places, length = np.unique(np.round(self.poses[:, :3, 3], 4), axis=0), LONGEST
         if len(places) > 1:
             gaps = cKDTree(places).query(places, k=2)[0][:, 1]
@@ -234,6 +235,7 @@ def copies(
     parent node of the copies. ``hues`` are the colours of the k copies, used cyclically, by default those of the links.
     A copy with the same pose as another copy, or as its link at ``own`` (L, 4, 4), is left out.
     """
+    # Copies that coincide with others, or with the arm itself, would only flicker
     found = []
     rgb = np.array([hues[k % len(hues)] for k in range(len(poses))], dtype=np.float32) if hues else None
     for number, link in enumerate(stage.links):
@@ -264,6 +266,7 @@ def swept(stage: Stage, shown: Film, reach: float) -> Array:
     tool = stage.tool
     if len(shown.times) < 2 or not tool.any():
         return np.empty((0, len(stage.links), 4, 4))
+    # The steps are evenly spaced in rotation and displacement of the tool, not in time
     rotation = shown.poses[:, tool, :3, :3]
     cosine = np.clip((np.einsum("flij,flij->fl", rotation[:-1], rotation[1:]).min(axis=1) - 1) / 2, -1.0, 1.0)
     shift = np.linalg.norm(np.diff(shown.tcps, axis=0), axis=2).max(axis=1)
@@ -326,6 +329,7 @@ class ColouredPoints:
 
         colormap = colormaps[colours]
         share = (finite("values", values, (None,)) - low) / (high - low)
+        # A legend of a few colours
         steps = np.linspace(0.0, 1.0, LEGEND_STEPS)
         colours_at = [colormap(step) for step in steps]
         legend = [

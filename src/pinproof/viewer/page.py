@@ -127,6 +127,7 @@ def render_page(picture: Picture, *, live: str | None = None, plot: PlotLimits |
     shown = [f"{name.lower()} {value}" for name, value in caption.figures if name in SUMMARY_FIGURES]
     headline = f'<b style="color:{theme.TONES[caption.tone]}">{escape(caption.headline)}</b>'
     summary = " \u00b7 ".join([*([] if caption.tone == "still" else [headline]), *map(escape, shown)])
+    # Only a motion has plots over time
     plots = "" if motion is None else plots_html(motion, plot or PlotLimits.of(picture.arm))
     text = panels.page(
         picture.title or picture.arm.robot.name,

@@ -216,6 +216,7 @@ def page(
     live
         Whether the page may receive events from the server that sent it.
     """
+    # The colours that the scripts draw with
     bundle, licences = _viewer_bundle()
     drawing = {**theme.COLOURS, **theme.PICTURE, "axes": theme.AXES, "font": theme.FONT}
     values = {

@@ -80,6 +80,7 @@ def plots_html(trajectory: Trajectory, drawn: PlotLimits) -> str:
     """The panel of the plots, which is closed at first; empty without a motion."""
     if not trajectory.duration > 0.0:
         return ""
+    # Enough samples for smooth lines, whatever the number of pieces
     samples = int(np.clip(TOTAL // (len(trajectory.times) - 1), FEWEST, MOST))
     times, panels = panels_of(trajectory, drawn.limits, jerk=drawn.jerk, rate_limits=drawn.rate_limits, samples=samples)
     joints = [(name, SERIES[k % len(SERIES)]) for k, name in enumerate(trajectory.joint_names)]

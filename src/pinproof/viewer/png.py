@@ -98,6 +98,7 @@ def screenshot(html: str, fragment: str, size: tuple[int, int], browser: str, fa
     ) as folder:
         page, picture = Path(folder) / "page.html", Path(folder) / "picture.png"
         page.write_text(html, encoding="utf-8")
+        # A profile of its own, so that no other browser is affected
         options = [f"--user-data-dir={folder}/profile", f"--screenshot={picture}", f"--window-size={size[0]},{size[1]}"]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             options.append("--no-sandbox")  # Chromium refuses to run as root with a sandbox

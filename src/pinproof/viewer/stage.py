@@ -81,6 +81,7 @@ class Stage:
         own = np.array([name in arm.robot.urdf.links for name in names])  # a page also draws groups of arrows
         drawn = np.array([bool(link.surfaces) for link in self.links]) & own
         low, high = np.maximum(arm.limits.lower, arm.home - 1.0), np.minimum(arm.limits.upper, arm.home + 1.0)
+        # Three configurations tell apart what moves with the tcp and what does not
         samples = [arm.home, *(low + rng.random((2, arm.dof)) * (high - low))]
         moving = [name for name, is_own in zip(names, own, strict=True) if is_own]
         poses = np.stack([self.frame_poses(q, moving) for q in samples])
@@ -91,6 +92,7 @@ class Stage:
             fixed = np.zeros(len(names), dtype=bool)
             fixed[own] = (np.abs(tcp_from_link - tcp_from_link[0]) < RIGID_TOLERANCE).all(axis=(0, 2, 3))
             fixed, joint = fixed & drawn, arm.robot.urdf.parent_joint(tcp)
+            # Nothing is drawn at the tcp itself: the nearest drawn link before it is the tool
             while not fixed.any() and joint is not None:
                 fixed = np.array([name == joint.parent for name in names]) & drawn
                 joint = arm.robot.urdf.parent_joint(joint.parent)
@@ -127,6 +129,7 @@ def set_stage(
     links = []
     for name in arm.robot.urdf.links:
         surfaces, problem = _load_surfaces(visuals.get(name, ()), link_surfaces)
+        # Without a visual, the collision geometry is better than nothing
         if not surfaces and (not visuals or problem):
             surfaces, second_problem = _load_surfaces(collisions.get(name, ()), link_surfaces)
             if surfaces and problem:
@@ -134,16 +137,19 @@ def set_stage(
             problem = second_problem if surfaces else problem or second_problem
         if problem:
             notes.append(f"{name} is {'only partly' if surfaces else 'not'} drawn: {problem}")
+        # Objects in the hand of an arm are drawn with the link of its tcp
         for item in (item for item in attached if arm.tcp_of(item.arm) == name):
             parts, problem = _load_surfaces((item,), obstacle_surfaces)
             surfaces = [*surfaces, *(part.moved(matrix(item.pose)) for part in parts)]
             if problem:
                 notes.append(f"attached {item.name} is not drawn: {problem}")
+        # The collision geometry is a layer of its own
         collision, problem = _load_surfaces(collisions.get(name, ()) if bodies else (), body_surfaces)
         if problem:
             notes.append(f"the collision geometry of {name} is not drawn: {problem}")
         if surfaces or collision:
             links.append(DrawnLink(name, tuple(merge_by_colour(surfaces)), tuple(merge_by_colour(collision))))
+    # An obstacle whose mesh is missing is left out, which a note states
     obstacles = []
     for obstacle in scene.obstacles if scene is not None else ():
         surfaces, problem = _load_surfaces((obstacle,), obstacle_surfaces)
@@ -197,6 +203,7 @@ def simplified(stage: Stage, max_bytes: float = MAX_BYTES) -> Stage:
         cell_of = cell_of.reshape(-1)
         means = np.column_stack([np.bincount(cell_of, surface.vertices[:, axis]) for axis in range(3)])
         corners = cell_of[surface.triangles]
+        # Triangles with two corners in one cell have no area, and equal ones are drawn once
         proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
         _, first = np.unique(np.sort(corners[proper], axis=1), axis=0, return_index=True)
         kept = corners[proper][first]

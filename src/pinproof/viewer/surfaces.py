@@ -104,6 +104,7 @@ def shade(
     Its normal is the mean of the normals of its faces, weighted by area. With a texture (``uv`` (V, 2) and ``image``),
     vertices on a seam of the texture are duplicated too.
     """
+    # Vertices at the same place become one point
     grid = np.rint(vertices / WELD_GRID).astype(np.int64)
     _, first, welded = np.unique(grid, axis=0, return_index=True, return_inverse=True)
     points, faces = vertices[first], welded.reshape(-1)[triangles]
@@ -133,6 +134,7 @@ def shade(
     label = connected_parts(3 * count, rows, columns)
     total = int(label.max(initial=-1)) + 1
 
+    # The normal of a vertex is the sum of those of its faces, each as long as twice its area
     normals = np.zeros((total, 3))
     np.add.at(normals, label, np.repeat(cross, 3, axis=0))
     size = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -141,6 +143,7 @@ def shade(
     positions[label] = points[faces.ravel()]
     if uv is None or image is None:
         return Surface(positions, normals, label.reshape(count, 3).astype(np.int64), rgba)
+    # A vertex with several texture coordinates is duplicated
     vertex_uv = np.column_stack([label, np.rint(uv[triangles[valid]].reshape(-1, 2) / UV_GRID).astype(np.int64)])
     vertex_uv, vertex = np.unique(vertex_uv, axis=0, return_inverse=True)
     source = vertex_uv[:, 0]
@@ -281,6 +284,7 @@ def tube(points: Array, radius: float, rgba: Rgba) -> Surface | None:
         outward = np.cos(angles) * side + np.sin(angles) * np.cross(along, side)
         outwards.append(outward)
         rings.append(corner + radius * outward)
+    # Two triangles between neighbouring corners of neighbouring rings
     ring = np.arange(TUBE_SIDES)
     quad = np.column_stack([ring, np.roll(ring, -1), ring + TUBE_SIDES, np.roll(ring, -1) + TUBE_SIDES])
     quads = (quad + TUBE_SIDES * np.arange(len(corners) - 1)[:, None, None]).reshape(-1, 4)
@@ -452,6 +456,7 @@ def _stored(kind: str, key: str, make: Callable[[], list[Surface]]) -> list[Surf
         code=[__file__, theme.__file__, *meshes.MESH_CODE, triangles_module.__file__],
         libraries=["trimesh", "pycollada", "pillow"],
     )
+    # Back from the arrays of the cache
     surfaces = []
     for number in sorted({name.split()[0] for name in found}):
         values = {name.split()[1]: value for name, value in found.items() if name.startswith(f"{number} ")}
@@ -473,6 +478,7 @@ def _coloured(
         scene = trimesh.load(path, force="scene", process=False)
     except Exception:  # noqa: BLE001  # trimesh raises whatever its many readers raise
         return plain
+    # trimesh ignores the unit and the up axis of a COLLADA file
     factor = np.asarray(scale) * metres_per_unit(path)
     order = -1 if np.prod(scale) < 0 else 1  # a mirrored mesh needs its triangles reversed
     surfaces, drawn = [], []
@@ -498,6 +504,7 @@ def _coloured(
         triangles = np.array(part.faces, dtype=np.int64)[:, ::order]
         drawn.append(vertices[triangles].reshape(-1, 3))
         surfaces.append(shade(vertices, triangles, colour, uv, image))
+    # The drawn triangles must be those that are checked: equally many, and with the same bounds
     corners = checked.vertices[checked.triangles].reshape(-1, 3)
     near = 1e-5 * np.abs(corners).max()
     if sum(map(len, drawn)) != len(corners) or any(

@@ -74,6 +74,7 @@ class Commands:
 
     def set_mesh(self, path: str, geometry: dict[str, Any], rgba: tuple[float, ...], **material: Any) -> None:
         """Draw a geometry of three.js."""
+        # three.js takes a colour as one number
         r, g, b = (round(255 * min(max(c, 0.0), 1.0)) for c in rgba[:3])
         look = {
             "type": "MeshPhongMaterial",

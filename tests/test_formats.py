@@ -25,7 +25,7 @@ from pinproof.common.yaml_file import parse_number, read_yaml
 from pinproof.errors import FileError
 from pinproof.formats import FORMATS
 from pinproof.model import JointLimits
-from pinproof.picks.input.picks_file import CELL_ROBOT
+from pinproof.picks.input.picks import CELL_ROBOT
 from pinproof.picks.input.sources import COLUMNS
 from pinproof.verifier import proof as verifier_proof
 from pinproof.verifier.parts import Body, Curve, Joint

@@ -13,7 +13,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import CampaignError, FileError, InputError
-from pinproof.picks.input.pick import PickProblem
+from pinproof.picks.input.picks import PickProblem
 from pinproof.work import JOURNAL, Journal
 
 

@@ -7,7 +7,7 @@ import pickle
 import pytest
 
 import pinproof as pp
-from pinproof.picks.input.pick import NamedFrame
+from pinproof.picks.input.picks import NamedFrame
 
 
 def test_poses_of_picks_places_and_frames_are_copied_and_read_only() -> None:

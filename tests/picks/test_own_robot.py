@@ -12,7 +12,8 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.errors import FileError, PicksError
 from pinproof.picks import open_picks
-from pinproof.picks.input.pick import NamedFrame, PlaceTarget
+from pinproof.picks.input.pick import PlaceTarget
+from pinproof.picks.input.picks import NamedFrame
 
 GENERIC = robots_folder() / "generic_6dof"
 LIMITS = "joint_limits:\n  joint_1: {has_velocity_limits: true, max_velocity: 0.25}\n"

@@ -11,7 +11,7 @@ import pytest
 import pinproof as pp
 from pinproof.collision import remove_robot
 from pinproof.picks import PickStatus, Stage, StageResult
-from pinproof.picks.input.pick import PickProblem
+from pinproof.picks.input.picks import PickProblem
 from pinproof.picks.report.report import CSV_COLUMNS, REPORT_SUFFIXES
 from pinproof.picks.report.report_keys import SCHEMA
 

@@ -9,7 +9,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.model import JointLimits
-from pinproof.picks.input.pick import PickProblem
+from pinproof.picks.input.picks import PickProblem
 from pinproof.picks.judging.configurations import limit_margin
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.task import Cell, Task

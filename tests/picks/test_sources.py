@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof.errors import InputError, PicksError
 from pinproof.picks import PickList
-from pinproof.picks.input.pick import PickProblem
+from pinproof.picks.input.picks import PickProblem
 
 HEADER = "name,x,y,z,roll,pitch,yaw,approach,retreat,retreat_x,retreat_y,retreat_z\n"
 

@@ -14,7 +14,7 @@ from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.model import load_robot
 from pinproof.picks import Stage
-from pinproof.picks.input.pick import PickProblem
+from pinproof.picks.input.picks import PickProblem
 from pinproof.picks.judging.configurations import turned_inside
 from pinproof.picks.report.report import COLUMNS
 

@@ -24,7 +24,7 @@ from pinproof.picks import (
     Stage,
     StageResult,
 )
-from pinproof.picks.input.pick import GripperFingers, NamedFrame, PickProblem
+from pinproof.picks.input.picks import GripperFingers, NamedFrame, PickProblem
 from pinproof.picks.report import page as page_module
 from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, PageMotions
 from pinproof.picks.report.report_keys import VERDICT

@@ -13,19 +13,8 @@ from pinproof.picks.batch.screen_picks import screen_picks
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
 from pinproof.picks.batch.validate import validate_picks
 from pinproof.picks.input.conveyor import Conveyor
-from pinproof.picks.input.pick import (
-    CellRobot,
-    GraspSpin,
-    GraspTolerance,
-    GripperFingers,
-    NamedFrame,
-    Pick,
-    PickProblem,
-    Picks,
-    PlaceTarget,
-    SuctionCup,
-    ToolSpeed,
-)
+from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Pick, PlaceTarget, ToolSpeed
+from pinproof.picks.input.picks import CellRobot, GripperFingers, NamedFrame, PickProblem, Picks, SuctionCup
 from pinproof.picks.input.picks_file import open_picks, read_picks
 from pinproof.picks.input.settings import GripLimits, PickBudget, PickWeights
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable

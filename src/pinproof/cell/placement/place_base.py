@@ -38,7 +38,8 @@ from pinproof.common.content_hash import code_here, digest
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.model import Arm
-from pinproof.picks.input.pick import Pick, Picks
+from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.setup import PickSetup, check_held_joints
 from pinproof.picks.judging.task import Cell

@@ -23,7 +23,8 @@ from pinproof.description.packages import MeshFile
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Robot
-from pinproof.picks.input.pick import Pick, Picks
+from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.picks import Picks
 from pinproof.spatial import Array, matrix
 
 FARTHEST = 1e3

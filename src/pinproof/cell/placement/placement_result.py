@@ -33,7 +33,7 @@ from pinproof.common.structs import (
 )
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.picks.input.pick import Picks
+from pinproof.picks.input.picks import Picks
 from pinproof.picks.report.report import PickReport
 from pinproof.spatial import SE3, rigid, xyz_rpy
 

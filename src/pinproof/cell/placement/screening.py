@@ -24,7 +24,8 @@ from pinproof.model import Arm
 from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import least_times
 from pinproof.picks.batch.screening import ScreenStatus, code_of
-from pinproof.picks.input.pick import Member, Picks
+from pinproof.picks.input.pick import Member
+from pinproof.picks.input.picks import Picks
 from pinproof.picks.judging.configurations import TURN, manipulability
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import Array, matrix

@@ -18,7 +18,7 @@ from pinproof.cell.placement.placement_result import total_time
 from pinproof.cell.placement.region import METRES_PER_RADIAN, PlacementRegion
 from pinproof.cell.placement.screening import FREE, REACH, PlacementScores, PlacementScreening
 from pinproof.errors import InputError
-from pinproof.picks.input.pick import Picks
+from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickWeights
 from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.setup import PickSetup

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from pinproof.collision import Scene
 from pinproof.model import Arm
-from pinproof.picks.input.pick import NamedFrame, Pick, Picks, root_from_frame, support_names
+from pinproof.picks.input.pick import Pick, support_names
+from pinproof.picks.input.picks import NamedFrame, Picks, root_from_frame
 
 
 def without_parts(arm: Arm, scene: Scene, picks: Picks) -> tuple[Scene, Picks]:

@@ -27,7 +27,8 @@ from pinproof.common.files import os_errors, write_bytes_whole
 from pinproof.common.validation import require_integer
 from pinproof.errors import CampaignError, FileError, InputError, RunInterrupted
 from pinproof.model import Arm
-from pinproof.picks.input.pick import Pick, PickProblem, Picks
+from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.input.sources import PickSource, as_source
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus

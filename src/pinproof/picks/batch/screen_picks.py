@@ -15,7 +15,8 @@ from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.picks.batch.screening import ScreenedPoses, Screening, ScreenResult, ScreenStatus, code_of, in_chunks
-from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Pick, PickProblem, Picks, family
+from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Pick, family
+from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.input.sources import PickSource, as_source
 from pinproof.picks.judging.configurations import limit_margin
 from pinproof.picks.judging.grasp import reach, screen

@@ -13,7 +13,8 @@ from pinproof.collision import Scene
 from pinproof.common.validation import Rng, require_type, seed_sequence
 from pinproof.errors import CampaignError, RunInterrupted
 from pinproof.model import Arm
-from pinproof.picks.input.pick import Pick, Picks
+from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.input.sources import PickList
 from pinproof.picks.judging.setup import PickSetup

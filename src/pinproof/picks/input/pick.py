@@ -1,41 +1,34 @@
-"""Picks: grasps with approach and retreat, families of grasps, named frames, grippers, and lists of picks."""
+"""Picks: grasps with approach and retreat, families of grasps, places, and how a row of a file states them."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from pinproof.collision import Mesh, Obstacle, Scene
+from pinproof.collision import Obstacle
 from pinproof.collision.certificates.path_constraints import SMALLEST
-from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.display import html_block, html_table
 from pinproof.common.structs import (
     ANGLE,
-    ANY_TEXT,
     NUMBER,
     ONE_ORIENTATION,
     POSE,
     TEXT,
-    TRANSFORM,
-    Accepting,
     Direction,
     Key,
-    Kind,
-    Rule,
     Table,
     any_of,
     choice,
-    file_of,
     integer,
     key,
     list_of,
-    mapping_to,
     number,
     parsed,
     pose_of,
@@ -47,23 +40,17 @@ from pinproof.common.structs import (
     without,
 )
 from pinproof.common.validation import ReadOnlyDict, require_number, unique_names
-from pinproof.description.meshes import COLOURED_SUFFIXES
-from pinproof.description.urdf import moved_by
-from pinproof.errors import InputError, PicksError, UnknownNameError
-from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, load_robot
-from pinproof.model.dynamics import checked_payloads
+from pinproof.common.yaml_file import LinedMapping
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm, Payload
 from pinproof.motion import ToolLimits
-from pinproof.picks.input.conveyor import Conveyor
-from pinproof.picks.input.settings import GripLimits, PickBudget
-from pinproof.spatial import SE3, Array, finite, frozen, pose, rigid, rotation_about, translated, xyz_rpy
+from pinproof.spatial import SE3, Array, finite, pose, rotation_about, translated, xyz_rpy
 from pinproof.units import (
     ANGLE_UNITS,
-    MOST_MARGIN,
     MOST_REACH,
     parse_angle,
     refuse_degrees,
     refuse_millimetres,
-    warn_of_millimetres,
 )
 
 STEPS = 24
@@ -216,127 +203,6 @@ def pose_in_reach(most: float = MOST_REACH) -> Table:
 
 
 POSE_IN_REACH = pose_in_reach()
-
-
-@struct("frame", eq=False)
-class NamedFrame:
-    """A named frame in which picks can be stated: parent_from_frame."""
-
-    pose: SE3 = key("its pose in the parent", inline=POSE_IN_REACH)
-    frame: str = key(
-        "the parent: another frame, an obstacle, or a link that does not move", default="", kind=ANY_TEXT, shown=""
-    )
-
-
-def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, arm: Arm) -> SE3:
-    """``root_from_frame`` of a named frame; ``""`` is the frame of the robot's root link.
-
-    A name is looked up first in ``frames``, then in the obstacles, then in the links.
-
-    Raises
-    ------
-    UnknownNameError
-        If no frame, obstacle or link has this name.
-    InputError
-        If the frames form a cycle, or the arm moves the link.
-    """
-    placement, seen = SE3.Identity(), list[str]()
-    while name in frames:
-        if name in seen:
-            raise InputError(f"the frames {', '.join(seen)} form a cycle")
-        seen.append(name)
-        placement, name = frames[name].pose * placement, frames[name].frame
-    if name in ("", arm.robot.urdf.root):
-        return placement
-    if name in scene:
-        return scene[name].pose * placement
-    if name not in arm.robot.urdf.links:
-        raise UnknownNameError("frame", name, [*frames, *scene, *arm.robot.urdf.links])
-    if moving := moved_by(arm.robot.urdf, name, (*arm.joint_names, *arm.followers)):
-        raise InputError(f"the frame {name!r} is a link that joint {moving} moves; picks need a fixed frame")
-    return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
-
-
-def bodies(least: int = 0, most: int | None = None) -> Kind:
-    """Bodies with different names; in a file, they are grey if neither they nor their mesh state a colour."""
-    obstacles = list_of(table_of(Obstacle), least, most, named="body")
-
-    def parse(name: str, stated: object, path: Path) -> list[Obstacle]:
-        found: list[Obstacle] = []
-        for body in obstacles.parse(name, stated, path):
-            coloured = isinstance(body.shape, Mesh) and str(body.shape.path).lower().endswith(COLOURED_SUFFIXES)
-            found.append(body if body.rgba or coloured else replace(body, rgba=TOOL_GREY))
-        return found
-
-    return Kind(obstacles.schema, obstacles.check, parse)
-
-
-@struct(
-    "fingers",
-    first=("opening", "grip", "axis"),
-    rules=[
-        Rule(
-            ("grip", "opening"),
-            lambda fingers: (
-                f"open to {fingers.opening} m and grip at {fingers.grip} m; required: 0 <= grip <= opening"
-                if fingers.grip > fingers.opening
-                else ""
-            ),
-        )
-    ],
-    eq=False,
-)
-class GripperFingers:
-    """Two fingers of a parallel gripper that are not part of the robot."""
-
-    bodies: tuple[Obstacle, Obstacle] = key("the two fingers, fully closed; poses are tcp_from_body", kind=bodies(2, 2))
-    opening: float = key("distance between their faces before the grasp", "m", minimum=0)
-    grip: float = key("distance between their faces on the object, at most `opening`", "m", minimum=0)
-    axis: Direction = key(
-        "opening direction of the first finger, in the tcp frame; the second moves in the opposite direction",
-        default=(0.0, 1.0, 0.0),
-    )
-
-    def apart(self) -> tuple[Obstacle, Obstacle]:
-        """The open fingers, before the grasp."""
-        return self._at(self.opening)
-
-    def gripping(self) -> tuple[Obstacle, Obstacle]:
-        """The fingers on the object."""
-        return self._at(self.grip)
-
-    def _at(self, gap: float) -> tuple[Obstacle, Obstacle]:
-        aside = SE3(np.eye(3), gap / 2 * np.array(self.axis))
-        first, second = self.bodies
-        return replace(first, pose=aside * first.pose), replace(second, pose=aside.inverse() * second.pose)
-
-
-@struct("cup", kw_only=True)
-class SuctionCup:
-    """The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip."""
-
-    radius: float = key("radius of the face, above 0", "m", above=0)
-    gap: float = key(
-        "largest distance of any point of the rim from the surface of the object along the axis, in front of the face "
-        "or behind it; the default suits a flat cup, and bellows allow more",
-        "m",
-        default=1e-3,
-        above=0,
-    )
-    tilt: float = key(
-        "largest angle between the face and the surface at its rim", "rad", default=0.1, above=0, below=np.pi / 2
-    )
-    rise: float | None = key(
-        "how far the object may protrude into the cup, inside the rim and beyond the face; by default `gap`",
-        "m",
-        default=None,
-        above=0,
-    )
-
-    @property
-    def highest(self) -> float:
-        """Metres: how far the object may protrude into the cup."""
-        return self.gap if self.rise is None else self.rise
 
 
 TIP, ROOT, OBJECT = "tip", "root", "object"
@@ -722,355 +588,72 @@ def _transformed(target: _Target, placement: SE3) -> _Target:
     return replace(target, pose=pose, **directions)  # type: ignore[arg-type]  # three numbers each
 
 
-@struct("problem", more=True, written=True)
-class PickProblem:
-    """A row of the picks file that could not be read; the other rows are judged."""
+LARGEST_PATTERN = 100_000
+"""Largest number of picks of one row; :class:`pinproof.picks.PickGrid` generates more on demand."""
 
-    row: int = key("number of the row")
-    name: str = key("name of the pick, if it is known")
-    reason: str = key("why it could not be read", kind=TEXT)
+GRID = Table(
+    "grid",
+    "The grid of a pattern, along the axes of the pick's frame.",
+    required("counts", list_of(integer(1), 3, 3), "number of picks along x, y, z"),
+    required("step", vector(), "distance of neighbours along x, y, z", "m"),
+)
 
+PATTERN = Table(
+    "pattern",
+    "Copies of a pick; they are named `part[0,0]`, `part[0,1]`, ..., or with three indices if there are layers.",
+    required("grid", GRID, "a regular grid"),
+)
 
-@dataclass(frozen=True, eq=False)
-class CellRobot:
-    """One of the robots of a picks file for several robots.
+DEFAULTS = Table(
+    "defaults",
+    "Keys of a pick that apply where a pick does not state them.",
+    *(key for key in table_of(Pick).keys if key.name != "name"),
+    rules=ONE_ORIENTATION,
+)
 
-    Parameters
-    ----------
-    world_from_base
-        The pose of the base link of its arm in the cell.
-    settings
-        What the file states of the robot, its hand and its home, here or for all robots; without picks.
-    """
-
-    world_from_base: SE3
-    settings: Picks
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "world_from_base", frozen(rigid("world_from_base", self.world_from_base)))
-
-
-MOST_TOOL = 5.0
-"""Metres. A longer tool is stated in millimetres."""
-
-TOOL_GREY = (0.30, 0.32, 0.36, 1.0)
-"""The colour of tools and fingers without ``rgba``, so that they differ from obstacles in pictures."""
-
-HELD = Table(
-    "open_and_grip",
-    "Two values of a finger joint of the robot.",
-    required("open", NUMBER, "before the grasp and after the release", "rad or m"),
-    required("grip", NUMBER, "from the grasp to the release", "rad or m"),
+PICK = Table(
+    "pick",
+    "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
+    "`defaults`; an `object` is required for `support`, `place` and `upright`.",
+    *table_of(Pick).keys,
+    Key("pattern", PATTERN, "copies of this pick on a grid"),
+    rules=ONE_ORIENTATION,
+    make=Pick,
 )
 
 
-def _joint_values(when: str) -> Kind:
-    """Values of joints by name; of those with two values, the one of the open or of the gripping hand."""
-    stated = mapping_to(any_of(NUMBER, HELD), "joint names to values, or to open and grip")
-
-    def parse(name: str, values: object, path: Path) -> dict[str, float]:
-        return {
-            joint: value[when] if isinstance(value, dict) else value
-            for joint, value in stated.parse(name, values, path).items()
-            if when == "open" or isinstance(value, dict)
-        }
-
-    return Kind(stated.schema, mapping_to(NUMBER).check, parse)
+def completed(defaults: Mapping[str, Any], row: Mapping[str, Any]) -> LinedMapping:
+    """A row with the defaults that it does not state; its orientation, in either notation, replaces theirs."""
+    turned = {"rpy", "quat_xyzw"}
+    given = {key: value for key, value in defaults.items() if not (key in turned and turned & row.keys())}
+    whole = LinedMapping({**given, **row})
+    whole.line, whole.column = getattr(row, "line", 0), getattr(row, "column", 0)
+    whole.positions = {**getattr(defaults, "positions", {}), **getattr(row, "positions", {})}
+    return whole
 
 
-def _robot(_: str, stated: object, path: Path) -> str:
-    """A catalogue name, or a path relative to the picks file."""
-    name: str = TEXT.check("robot", stated)
-    return str(path.parent / name) if Path(name).suffix or "/" in name else name
-
-
-def _scene(name: str, stated: object, path: Path) -> Path:
-    return path.parent / TEXT.check(name, stated)
-
-
-def _margin(name: str, value: object) -> float:
-    margin = require_number(name, value, "m", minimum=0)
-    warn_of_millimetres(name, [margin], most=MOST_MARGIN)
-    return margin
-
-
-def _argument(name: str, value: Any) -> str:
-    if isinstance(value, (dict, list)) or value is None:
-        raise InputError(f"argument {name!r} is {value!r}; it must be a number or a text")
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-FOLDER = file_of("folder")
-
-
-def _folders(_: str, value: Any) -> tuple[Path, ...]:
-    return (value,) if isinstance(value, Path) else tuple(value)
-
-
-@struct(
-    eq=False,
-    repr=False,
-    rules=[
-        Rule(
-            ("cup",),
-            lambda picks: (
-                "state a cup and fingers; a part is held by one of them"
-                if picks.cup is not None and (picks.fingers is not None or picks.grip)
-                else ""
-            ),
-        )
-    ],
-    first=(
-        "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "home", "tip",
-        "tool", "fingers", "cup", "gripper", "payload", "torque_limits", "conveyor", "grip_limits", "optimise",
-        "straight", "robots", "frames",
-    ),
-)  # fmt: skip
-class Picks:
-    """A list of picks and their shared settings."""
-
-    picks: Accepting[tuple[Pick, ...], Iterable[Pick]] = key("the picks in order; their names are unique", hidden=True)
-    problems: tuple[PickProblem, ...] = key("rows of the file that could not be read", default=(), hidden=True)
-    tip: SE3 = key(
-        "tcp_from_tip: the frame that is moved to the poses of picks",
-        default_factory=SE3.Identity,
-        kind=Kind(POSE, TRANSFORM.check, pose_in_reach(MOST_TOOL).parse),
-    )
-    tool: Accepting[tuple[Obstacle, ...], Iterable[Obstacle]] = key(
-        "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body", default=(), kind=bodies()
-    )
-    fingers: GripperFingers | None = key(
-        "two moving fingers that are not part of the robot, open before the grasp and closed on the object after it",
-        default=None,
-    )
-    cup: SuctionCup | None = key(
-        "a suction cup at the tip, instead of fingers; its body is one of `tool`", default=None
-    )
-    conveyor: Conveyor | None = key("a belt that moves objects of picks", default=None)
-    gripper: tuple[str, ...] = key(
-        "more links of the robot that may touch the object during and after the approach, as `tool` and `fingers` may",
-        default=(),
-        kind=list_of(ANY_TEXT),
-    )
-    held: Mapping[str, float] = key(
-        "values of joints outside the arm, by name; two values for finger joints of the robot, whose links may touch "
-        "the object",
-        "rad or m",
-        default_factory=dict,
-        kind=_joint_values("open"),
-    )
-    grip: Mapping[str, float] = key(
-        "the values of those joints that differ while an object is held, from the grasp to the release",
-        "rad or m",
-        default_factory=dict,
-        name="held",
-        kind=_joint_values("grip"),
-    )
-    grip_limits: GripLimits = key("the criteria for holding an object", default_factory=GripLimits)
-    optimise: int | None = key(
-        "number of evaluations to shorten each transit and each transfer; 0 to follow the planned paths. A budget that "
-        "a caller states overrides it",
-        default=None,
-        minimum=0,
-        shown=PickBudget().motion,
-    )
-    straight: float = key(
-        "share of each approach and retreat, next to the part, that is a straight line; the arm may leave out the rest "
-        "to pass without a stop, where a certified motion does. All of it is straight where `speed` limits the stage",
-        default=0.5,
-        above=0,
-        maximum=1,
-    )
-    frames: Mapping[str, NamedFrame] = key("named frames for the poses of picks and places", default_factory=dict)
-    margin: float = key(
-        "smallest allowed distance between any two bodies",
-        "m",
-        default=0.0,
-        kind=simple(number(minimum=0).schema, _margin, parsed),
-    )
-    payload: Accepting[tuple[Payload, ...], Payload | Iterable[Payload]] = key(
-        "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
-        default=(),
-        kind=any_of(table_of(Payload), list_of(table_of(Payload)), check=lambda _, value: checked_payloads(value)),
-        shown=None,
-    )
-    torque_limits: bool = key(
-        "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",
-        default=False,
-    )
-    robot: str | None = key(
-        "a name of the catalogue, or a robot file (URDF, xacro, MJCF, DH table)",
-        default=None,
-        kind=Kind(TEXT.schema, TEXT.check, _robot),
-    )
-    tcp: str | None = key("the tcp frame of the arm; by default that of the robot", default=None)
-    scene: Path | None = key(
-        "a [scene file](scene.md); by default an empty scene",
-        default=None,
-        kind=Kind(TEXT.schema, lambda _, value: Path(value), _scene),
-    )
-    home: Mapping[str, float] = key(
-        "joint values, by name, where motions start; by default the robot's own",
-        "rad or m",
-        default_factory=dict,
-        kind=mapping_to(NUMBER, "joint names to values"),
-        shown=None,
-    )
-    srdf: Path | None = key("an SRDF file of the robot", default=None, kind=file_of())
-    package_dirs: tuple[Path, ...] = key(
-        "a folder, or a list of folders, that contain ROS packages",
-        default=(),
-        kind=any_of(FOLDER, list_of(FOLDER), check=_folders),
-    )
-    xacro_args: Mapping[str, str] = key(
-        "values of the arguments of a xacro file",
-        default_factory=dict,
-        kind=mapping_to(simple({"type": ["string", "number", "boolean"]}, _argument), "argument names to values"),
-    )
-    limits: Path | None = key("a file of [joint limits](limits.md)", default=None, kind=file_of())
-    source: Path | None = key("the file they were read from", default=None, hidden=True)
-    places: Mapping[str, str] = key(
-        "positions in that file of the keys that name something of the robot, for messages",
-        default_factory=dict,
-        hidden=True,
-    )
-    robots: Mapping[str, CellRobot] = key(
-        "the robots of a cell by name, if the file is for several; poses are then in the frame ``world``",
-        default_factory=dict,
-        hidden=True,
-    )
-
-    def __repr__(self) -> str:
-        return outline(f"Picks({self._headline})", map(repr, self.picks), total=len(self.picks))
-
-    def _repr_html_(self) -> str:
-        rows = ([each.name, *each.pose.translation, each.frame, each.approach, each.retreat] for each in self.picks)
-        columns = ("pick", "x", "y", "z", "frame", "approach", "retreat")
-        problems = html_list(f"unreadable: {each.name}: {each.reason}" for each in self.problems)
-        return html_block(f"{self._headline} (m)", html_table(columns, rows, total=len(self.picks)), problems)
-
-    @property
-    def _headline(self) -> str:
-        count = len(self.picks)
-        unreadable = f", {len(self.problems)} unreadable" if self.problems else ""
-        source = "" if self.source is None else f", from {self.source.name}"
-        return f"{count} pick{'' if count == 1 else 's'}{unreadable}{source}"
-
-    def __post_init__(self) -> None:
-        for name in ("picks", "problems"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        names = Counter(pick.name for pick in self.picks)
-        doubled = sorted(name for name, count in names.items() if count > 1)
-        if doubled:
-            raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
-
-    def __len__(self) -> int:
-        return len(self.picks)
-
-    def __iter__(self) -> Iterator[Pick]:
-        return iter(self.picks)
-
-    @property
-    def open_tool(self) -> tuple[Obstacle, ...]:
-        """The bodies attached to the tcp before the grasp: the tool and the open fingers."""
-        return self.tool if self.fingers is None else (*self.tool, *self.fingers.apart())
-
-    def refuse_conveyor(self, what: str) -> None:
-        """Raise InputError if the picks have a conveyor, which ``what`` does not support."""
-        if self.conveyor is not None:
-            raise InputError(f"{what} does not support picks from a conveyor; use validate_picks or pinproof pick")
-
-    def load_arm(self) -> Arm:
-        """Load the arm that the file states, with its limits and held joints.
-
-        Raises
-        ------
-        InputError
-            If the file states no robot; also for the reasons of :func:`pinproof.load_robot` and
-            :meth:`pinproof.Robot.arm`.
-        PicksError
-            If a name in the file does not exist: a robot, a xacro argument, a tcp or a held joint.
-        """
-        if self.robots:
-            raise InputError(
-                f"{self.source or 'picks'}: is for several robots ({', '.join(self.robots)}), not for a single arm; "
-                "use pinproof cell allocate"
-            )
-        if self.robot is None:
-            raise InputError(f"{self.source or 'picks'}: states no robot; add 'robot: ur5' or the path of a robot file")
-        try:
-            robot = load_robot(
-                self.robot, srdf=self.srdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args or None
-            )
-            limits = None if self.limits is None else JointLimits.load(self.limits)
-            return robot.arm(self.tcp, limits=limits, held=self.held)
-        except UnknownNameError as error:
-            keys = {"robot": "robot", "frame": "tcp"}
-            key = keys.get(error.kind) or f"{'held' if error.kind == 'joint' else 'xacro_args'}.{error.name}"
-            if self.source is None or key not in self.places:
-                raise
-            raise PicksError(self.source, str(error), self.places[key]) from error
-
-    def load_scene(self) -> Scene:
-        """Load the scene that the file states; an empty one if it states none."""
-        return Scene() if self.scene is None else Scene.load(self.scene)
-
-    def load_cell(self) -> JointGroup:
-        """Load the robots that the file states, and assemble them at their poses.
-
-        Raises
-        ------
-        InputError
-            If the file is for one robot; also for the reasons of :func:`pinproof.assemble` and :meth:`load_arm`.
-        PicksError
-            If a name in the file does not exist.
-        """
-        if not self.robots:
-            raise InputError(
-                f"{self.source or 'picks'}: is for one robot; a cell needs the key robots, such as "
-                "'robots: {left: {base: {xyz: [-0.5, 0, 0]}}, right: {base: {xyz: [0.5, 0, 0]}}}'"
-            )
-        return assemble({name: (each.settings.load_arm(), each.world_from_base) for name, each in self.robots.items()})
-
-    def transformed(self, root_from_picks: SE3 | npt.ArrayLike) -> Picks:
-        """Return the picks, stated in the frame of a cell, in the frame of a robot that is placed in it.
-
-        Poses that name no frame, named frames without a parent, and directions in the root frame are transformed.
-        Poses in the frame of an obstacle follow their obstacle (:meth:`pinproof.Scene.transformed`); those in the frame
-        of a robot link are unchanged.
-
-        Parameters
-        ----------
-        root_from_picks
-            The pose of the cell in the root frame of the robot, SE3 or (4, 4).
-        """
-        placement = rigid("root_from_picks", root_from_picks)
-        frames = {
-            name: frame if frame.frame else NamedFrame(placement * frame.pose) for name, frame in self.frames.items()
-        }
-        belt = self.conveyor
-        if belt is not None:
-            belt = replace(belt, direction=tuple((placement.rotation @ belt.direction).tolist()))
-        picks = tuple(pick.transformed(placement) for pick in self.picks)
-        return replace(self, picks=picks, frames=frames, conveyor=belt)
-
-    def tcp_target(self, root_from_tip: SE3, root_from_base: SE3) -> SE3:
-        """``base_from_tcp`` that places the tip at a pose in the root frame."""
-        return root_from_base.actInv(root_from_tip * self.tip.inverse())
-
-    def home_configuration(self, joint_names: Iterable[str], default: npt.NDArray[np.float64]) -> list[float]:
-        """The home configuration of the file, or ``default`` (n,) if it states none.
-
-        Raises
-        ------
-        InputError
-            If the file states only some of the joints, or a joint that the arm does not have.
-        """
-        names = list(joint_names)
-        if not self.home:
-            return [float(value) for value in default]
-        missing, foreign = [n for n in names if n not in self.home], [n for n in self.home if n not in names]
-        if missing or foreign:
-            what = f"lacks {', '.join(missing)}" if missing else f"names {', '.join(foreign)}"
-            raise InputError(f"the home of the picks {what}; the arm's joints are {', '.join(names)}")
-        return [float(self.home[name]) for name in names]
+def picks_of_row(row: Any, defaults: Mapping[str, Any], path: Path) -> list[Pick]:
+    """The pick of a row of a file at a path, or the picks of its pattern; InputError if it is invalid."""
+    if not isinstance(row, dict):
+        raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK.names)}")
+    if "name" not in row:
+        raise InputError("states no name; a pick needs a name")
+    whole = completed(defaults, row)
+    values = PICK.values("the pick", whole, path)
+    pattern = values.pop("pattern", None)
+    first: Pick = PICK.made(whole, values)
+    if pattern is None:
+        return [first]
+    counts, step = pattern["grid"]["counts"], pattern["grid"]["step"]
+    if prod(counts) > LARGEST_PATTERN:
+        raise InputError(f"pattern.grid has {prod(counts)} picks; at most {LARGEST_PATTERN} are allowed")
+    made = []
+    for index in product(*map(range, counts)):
+        own = index if counts[2] > 1 else index[:2]
+        carried = first.carried
+        if isinstance(carried, str):
+            for letter, place in zip("ijk", own, strict=False):
+                carried = carried.replace(f"{{{letter}}}", str(place))
+        placed = translated(first.pose, [k * d for k, d in zip(index, step, strict=True)])
+        made.append(replace(first, name=f"{first.name}[{','.join(map(str, own))}]", pose=placed, carried=carried))
+    return made

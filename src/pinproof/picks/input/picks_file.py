@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from pinproof.common.structs import (
     Key,
-    Kind,
     Misread,
     Table,
     any_of,
@@ -23,35 +22,14 @@ from pinproof.common.structs import (
     required,
     simple,
     step,
-    table_of,
 )
-from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml
+from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
-from pinproof.picks.input.pick import POSE_IN_REACH, CellRobot, Pick, PickProblem, Picks
-from pinproof.picks.input.sources import (
-    DEFAULTS,
-    PICK,
-    TABLE_SUFFIX,
-    PickList,
-    PickSource,
-    PickTable,
-    completed,
-    picks_of_row,
-)
+from pinproof.picks.input.pick import DEFAULTS, PICK, Pick, completed, picks_of_row
+from pinproof.picks.input.picks import CELL_ROBOT, SETTINGS, PickProblem, Picks, read_settings
+from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 
 SUFFIXES = (*YAML_SUFFIXES, ".json", TABLE_SUFFIX)
-
-SETTINGS = table_of(Picks)
-
-OF_ALL = ("scene", "margin", "torque_limits", "conveyor", "grip_limits", "optimise", "straight", "frames")
-"""The settings that all robots of a file share; each robot may state the others."""
-
-CELL_ROBOT = Table(
-    "cell_robot",
-    "One of several robots. A key that it does not state is that of the file.",
-    required("base", POSE_IN_REACH, "the pose of the base link of its arm in the frame `world`"),
-    *(key for key in SETTINGS.keys if key.name not in OF_ALL),
-)
 
 PICKS = Table(
     "picks",
@@ -123,14 +101,7 @@ def open_picks(path: str | Path) -> PickSource:
             raise InputError("contains no picks; add a list under 'picks:'")
         # The defaults are read as those of a pick, because an error in them would recur in every row.
         defaults = step(".defaults", position(content, "defaults"), _defaults, content.get("defaults", {}), path)
-        settings = SETTINGS.values("the file", content, path, part=True)
-        shared = SETTINGS.made(content, {"picks": (), **settings, "source": path, "places": _places(content)})
-        robots = step(".robots", position(content, "robots"), _robots, content.get("robots", {}), shared, path)
-        shared = replace(shared, robots=robots)
-        for each in [robot.settings for robot in shared.robots.values()] or [shared]:
-            if each.xacro_args and not (each.robot or "").endswith(".xacro"):
-                reason = "is valid only if the robot is a file that ends in .xacro"
-                raise PicksError(path, reason, each.places["xacro_args"])
+        shared = read_settings(content, path)
     if table:
         return PickTable(path.parent / rows, shared=shared, defaults=defaults)
     return _list(path, rows, shared, defaults)
@@ -143,18 +114,6 @@ def _defaults(stated: Any, path: Path) -> Mapping[str, Any]:
     turned = {} if {"rpy", "quat_xyzw"} & stated.keys() else {"rpy": [0, 0, 0]}
     picks_of_row(completed({"name": "defaults", "xyz": [0, 0, 0], "object": "any", **turned}, stated), {}, path)
     return stated
-
-
-def _robots(stated: Any, shared: Picks, path: Path) -> dict[str, CellRobot]:
-    """The robots of a cell; settings that a robot does not state are those of the file."""
-
-    def parse(name: str, own: Any, path: Path) -> CellRobot:
-        values = CELL_ROBOT.values(name, own, path)
-        base = values.pop("base")
-        return CellRobot(base, replace(shared, **values, places={**shared.places, **_places(own)}))
-
-    robots = mapping_to(Kind({}, lambda _, robot: robot, parse), "names to robots")
-    return cast("dict[str, CellRobot]", robots.parse("robots", stated, path))
 
 
 def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any]) -> PickList:
@@ -183,13 +142,3 @@ def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any
                 PickProblem(number, str(name or f"row {number}"), f"{where}: {reason}" if where else reason)
             )
     return PickList(replace(shared, picks=tuple(picks), problems=tuple(problems)))
-
-
-def _places(content: LinedMapping) -> dict[str, str]:
-    """The positions of what can be checked only together with the robot."""
-    found = {key: content.place(key) for key in ("robot", "tcp", "xacro_args") if key in content}
-    for key in ("xacro_args", "held"):
-        inner = content.get(key)
-        if isinstance(inner, LinedMapping):
-            found.update({f"{key}.{name}": inner.place(name, f"key {key},") for name in inner})
-    return found

@@ -21,7 +21,6 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
-from itertools import product
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -30,57 +29,10 @@ import numpy as np
 
 from pinproof.common.content_hash import digest, digest_many
 from pinproof.common.files import os_errors, other_separator, refuse_unreadable
-from pinproof.common.structs import (
-    ONE_ORIENTATION,
-    Key,
-    Table,
-    integer,
-    list_of,
-    required,
-    table_of,
-    vector,
-)
-from pinproof.common.yaml_file import LinedMapping
 from pinproof.errors import InputError, PicksError, UnknownNameError
-from pinproof.picks.input.pick import Pick, PickProblem, Picks
+from pinproof.picks.input.pick import Pick, picks_of_row
+from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.spatial import SE3, finite, frozen, rigid, translated
-
-# -- rows -------------------------------------------------------------------------------------------------------------
-
-LARGEST_PATTERN = 100_000
-"""Largest number of picks of one row; :class:`pinproof.picks.PickGrid` generates more on demand."""
-
-GRID = Table(
-    "grid",
-    "The grid of a pattern, along the axes of the pick's frame.",
-    required("counts", list_of(integer(1), 3, 3), "number of picks along x, y, z"),
-    required("step", vector(), "distance of neighbours along x, y, z", "m"),
-)
-
-PATTERN = Table(
-    "pattern",
-    "Copies of a pick; they are named `part[0,0]`, `part[0,1]`, ..., or with three indices if there are layers.",
-    required("grid", GRID, "a regular grid"),
-)
-
-_PICK = table_of(Pick)
-
-DEFAULTS = Table(
-    "defaults",
-    "Keys of a pick that apply where a pick does not state them.",
-    *(key for key in _PICK.keys if key.name != "name"),
-    rules=ONE_ORIENTATION,
-)
-
-PICK = Table(
-    "pick",
-    "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
-    "`defaults`; an `object` is required for `support`, `place` and `upright`.",
-    *_PICK.keys,
-    Key("pattern", PATTERN, "copies of this pick on a grid"),
-    rules=ONE_ORIENTATION,
-    make=Pick,
-)
 
 COLUMNS = {
     "name": ("name",),
@@ -112,44 +64,6 @@ COLUMNS = {
     "arm": ("arm",),
 }
 """The keys that a row of a table can state, and their columns."""
-
-
-def completed(defaults: Mapping[str, Any], row: Mapping[str, Any]) -> LinedMapping:
-    """A row with the defaults that it does not state; its orientation, in either notation, replaces theirs."""
-    turned = {"rpy", "quat_xyzw"}
-    given = {key: value for key, value in defaults.items() if not (key in turned and turned & row.keys())}
-    whole = LinedMapping({**given, **row})
-    whole.line, whole.column = getattr(row, "line", 0), getattr(row, "column", 0)
-    whole.positions = {**getattr(defaults, "positions", {}), **getattr(row, "positions", {})}
-    return whole
-
-
-def picks_of_row(row: Any, defaults: Mapping[str, Any], path: Path) -> list[Pick]:
-    """The pick of a row of a file at a path, or the picks of its pattern; InputError if it is invalid."""
-    if not isinstance(row, dict):
-        raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK.names)}")
-    if "name" not in row:
-        raise InputError("states no name; a pick needs a name")
-    whole = completed(defaults, row)
-    values = PICK.values("the pick", whole, path)
-    pattern = values.pop("pattern", None)
-    first: Pick = PICK.made(whole, values)
-    if pattern is None:
-        return [first]
-    counts, step = pattern["grid"]["counts"], pattern["grid"]["step"]
-    if prod(counts) > LARGEST_PATTERN:
-        raise InputError(f"pattern.grid has {prod(counts)} picks; at most {LARGEST_PATTERN} are allowed")
-    made = []
-    for index in product(*map(range, counts)):
-        own = index if counts[2] > 1 else index[:2]
-        carried = first.carried
-        if isinstance(carried, str):
-            for letter, place in zip("ijk", own, strict=False):
-                carried = carried.replace(f"{{{letter}}}", str(place))
-        placed = translated(first.pose, [k * d for k, d in zip(index, step, strict=True)])
-        made.append(replace(first, name=f"{first.name}[{','.join(map(str, own))}]", pose=placed, carried=carried))
-    return made
-
 
 # -- sources ----------------------------------------------------------------------------------------------------------
 

@@ -41,7 +41,7 @@ from pinproof.collision.checking.links import link_bodies
 from pinproof.description import UrdfJoint
 from pinproof.description.urdf import moved_by
 from pinproof.model import Arm
-from pinproof.picks.input.pick import GripperFingers
+from pinproof.picks.input.picks import GripperFingers
 from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3, Array, translated
 

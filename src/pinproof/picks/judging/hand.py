@@ -28,7 +28,7 @@ from pinproof.model import Arm
 from pinproof.motion import Curve
 from pinproof.motion.bezier import split
 from pinproof.motion.curve import BezierCurve
-from pinproof.picks.input.pick import Picks, SuctionCup
+from pinproof.picks.input.picks import Picks, SuctionCup
 from pinproof.picks.judging.grip import HeldPart, MovingFinger
 from pinproof.spatial import SE3, Array, pose, translated
 

@@ -8,7 +8,8 @@ from pinproof.collision import CollisionChecker
 from pinproof.errors import InputError
 from pinproof.model import Arm, Payload
 from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
-from pinproof.picks.input.pick import Member, Pick, Picks
+from pinproof.picks.input.pick import Member, Pick
+from pinproof.picks.input.picks import Picks
 from pinproof.picks.judging.task import Task
 from pinproof.spatial import Array
 

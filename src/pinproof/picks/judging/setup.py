@@ -21,7 +21,8 @@ from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.motion import MotionProgram
-from pinproof.picks.input.pick import Pick, Picks
+from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import contact_words
 from pinproof.picks.judging.judge import judge

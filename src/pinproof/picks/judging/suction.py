@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinproof.picks.input.pick import SuctionCup
+from pinproof.picks.input.picks import SuctionCup
 from pinproof.picks.judging.grip import CupContact, GripResult, HeldPart
 from pinproof.spatial import SE3, Array
 

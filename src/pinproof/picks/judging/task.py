@@ -16,17 +16,8 @@ from pinproof.collision.checking.separation import directions_to_facets
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
-from pinproof.picks.input.pick import (
-    OBJECT,
-    TIP,
-    Member,
-    Pick,
-    Picks,
-    PlaceTarget,
-    family,
-    root_from_frame,
-    support_names,
-)
+from pinproof.picks.input.pick import OBJECT, TIP, Member, Pick, PlaceTarget, family, support_names
+from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip

@@ -24,7 +24,7 @@ from pinproof.common.display import Html
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm, guess_mark, guess_note
-from pinproof.picks.input.pick import Picks, root_from_frame
+from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import Array, matrix, pose

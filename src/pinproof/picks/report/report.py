@@ -16,7 +16,7 @@ from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import csv_text, file_stems, json_text, save_as
 from pinproof.model import Arm, guess_note
 from pinproof.motion import MotionProgram
-from pinproof.picks.input.pick import PickProblem, Picks
+from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage
 from pinproof.picks.report.report_keys import REPORT, VERDICT

@@ -28,7 +28,7 @@ from pinproof.common.structs import (
     table_of,
 )
 from pinproof.motion import TorquePeak
-from pinproof.picks.input.pick import PickProblem
+from pinproof.picks.input.picks import PickProblem
 from pinproof.picks.judging.verdict import Intercept, PickStatus, PickVerdict, StageResult
 from pinproof.spatial import xyz_rpy
 

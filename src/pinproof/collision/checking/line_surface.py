@@ -169,14 +169,14 @@ def point_distance(surface: LineSurface, point: Array) -> float:
     apart = body_distance(ball, SE3(np.eye(3), point), surface, SE3.Identity()) + POINT_RADIUS
     if apart > POINT_RADIUS:
         return apart
-    many = np.array([*np.ndindex(3, 3, 3)]) - 1.0
-    across = point * [1.0, 1.0, 0.0]
-    many = np.concatenate([many, [point, -point, across, -across]])
+    many = np.array([*np.ndindex(3, 3, 3)])[14:] - 1.0  # one of each two opposite directions
+    many = np.concatenate([many, [point, point * [1.0, 1.0, 0.0]]])
     directions = _unit(many[many.any(axis=1)])
     if surface.triangles is not None:
-        return min(float(surface.enter(point[None], each, 0.0).depth[0]) for each in directions)
-    # a line through a convex body gives the distances in two opposite directions, of which the first half has one each
-    lines = [surface.span(point[None], direction) for direction in directions[: len(directions) // 2]]
+        both = np.concatenate([directions, -directions])
+        return min(float(surface.enter(point[None], each, 0.0).depth[0]) for each in both)
+    # A line through a convex body gives the distances in two opposite directions.
+    lines = [surface.span(point[None], direction) for direction in directions]
     return min(abs(float(end[0])) for into, out, _ in lines for end in (into, out))
 
 

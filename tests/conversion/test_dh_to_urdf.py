@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pinproof.conversion import dh_to_urdf, write_urdf
 from pinproof.description import DhRow, DhTable
 from pinproof.description.dh_urdf import urdf_text
-from pinproof.description.urdf_elements import rpy_of
+from pinproof.description.xml_reader import rpy_of
 from pinproof.errors import ConversionError, FileError, InputError
 from pinproof.model import load_robot
 from pinproof.spatial import pose

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, urdf_to_dh
-from pinproof.conversion.to_dh import COINCIDENT, FARTHEST, PARALLEL, Axis, frame_on
+from pinproof.conversion.dh_tables import COINCIDENT, FARTHEST, PARALLEL, Axis, frame_on
 from pinproof.description import DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm, load_robot

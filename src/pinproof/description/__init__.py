@@ -1,8 +1,14 @@
 """Robot descriptions without kinematics: DH tables, URDF, xacro, MJCF, SRDF, and the catalogue of robots."""
 
-from pinproof.description.catalogue import OVERLAP_REASON, CatalogueEntry, catalogue_names, find_robot, robots_folder
+from pinproof.description.catalogue import (
+    OVERLAP_REASON,
+    CatalogueEntry,
+    catalogue_names,
+    find_robot,
+    read_description,
+    robots_folder,
+)
 from pinproof.description.dh import DhRow, DhTable
-from pinproof.description.sources import read_description
 from pinproof.description.srdf import Srdf, read_srdf
 from pinproof.description.urdf import LinkGeometry, Urdf, UrdfJoint, read_urdf, read_urdf_text
 

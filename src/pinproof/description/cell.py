@@ -11,8 +11,7 @@ import numpy as np
 
 from pinproof.description.srdf import DisabledPair, EndEffector, Group, GroupState, Srdf
 from pinproof.description.urdf import JointType, LinkGeometry, Urdf, UrdfJoint, urdf_of
-from pinproof.description.urdf_elements import add_joint, numbers_text, origin_attributes
-from pinproof.description.xml_reader import Element, parse_text
+from pinproof.description.xml_reader import add_joint, numbers_text, origin_attributes, parse_text
 from pinproof.errors import InputError
 from pinproof.spatial import Array
 
@@ -58,23 +57,19 @@ def cell_urdf(name: str, robots: Mapping[str, tuple[Urdf, Array]]) -> Urdf:
     for prefix, (urdf, world_from_root) in robots.items():
         mount = add_joint(root, f"{prefix}mount", "fixed", WORLD, prefix + urdf.root)
         etree.SubElement(mount, "origin", origin_attributes(world_from_root))
-        root.extend(_prefixed(urdf, prefix))
+        # its elements, with a prefix before each name and the absolute paths of the meshes
+        meshes = {g.mesh.uri: g.mesh.path for g in (*urdf.visuals, *urdf.collisions) if g.mesh is not None}
+        copies = [deepcopy(part) for part in parse_text(urdf.text, urdf.name) if part.tag in KEPT]
+        for element in (inner for part in copies for inner in part.iter(*NAMED, "mesh")):
+            for attribute in NAMED.get(element.tag, ()):
+                if value := str(element.get(attribute) or "").strip():
+                    element.set(attribute, prefix + value)
+            if element.tag == "mesh":
+                path = meshes.get(str(element.get("filename", "")).strip())
+                if path is not None:
+                    element.set("filename", str(path.resolve()))
+        root.extend(copies)
     return urdf_of(root, f"cell {name}", None)
-
-
-def _prefixed(urdf: Urdf, prefix: str) -> list[Element]:
-    """Return the links and joints of a robot with a prefix before each name, and absolute paths of the meshes."""
-    found = {g.mesh.uri: g.mesh.path for g in (*urdf.visuals, *urdf.collisions) if g.mesh is not None}
-    elements = [deepcopy(each) for each in parse_text(urdf.text, urdf.name) if each.tag in KEPT]
-    for element in (each for top in elements for each in top.iter(*NAMED, "mesh")):
-        for attribute in NAMED.get(element.tag, ()):
-            if stated := str(element.get(attribute) or "").strip():
-                element.set(attribute, prefix + stated)
-        if element.tag == "mesh":
-            path = found.get(str(element.get("filename", "")).strip())
-            if path is not None:
-                element.set("filename", str(path.resolve()))
-    return elements
 
 
 def cell_srdf(srdfs: Mapping[str, Srdf]) -> Srdf:

@@ -295,28 +295,6 @@ def _refuse_other_units(rows: Sequence[DhRow], stated: Sequence[Any]) -> None:
     refuse_millimetres("a and d", [length for row in rows for length in (row.a, row.d)])
 
 
-def _csv_text(table: DhTable) -> str:
-    for which in ("base", "tool"):
-        if not np.array_equal(getattr(table, which), np.eye(4)):
-            raise InputError(
-                f"the {which} of the table is not the identity, which a CSV cannot store; save a .yaml file"
-            )
-    rows = [_stated_columns(row) for row in table.rows]
-    columns = [name for name in table_of(DhRow).names if name != "effort" or any("effort" in row for row in rows)]
-    cells = ([stated.get(column, "") for column in columns] for stated in rows)
-    return csv_text(columns, cells, comment=f"# convention: {table.convention}")
-
-
-def _yaml_text(table: DhTable) -> str:
-    content: dict[str, Any] = {"name": table.name, "convention": table.convention}
-    for which in ("base", "tool"):
-        transform = getattr(table, which)
-        if not np.array_equal(transform, np.eye(4)):
-            content[which] = {"matrix": transform.tolist()}
-    content["rows"] = [_stated_columns(row) for row in table.rows]
-    return yaml.dump(content, Dumper=_FlatRows, sort_keys=False, allow_unicode=True, width=200)
-
-
 def _stated_columns(row: DhRow) -> dict[str, Any]:
     """Return the columns of a row for a file, without infinite limits and without the default effort."""
     values: dict[str, Any] = {"name": row.name, "type": row.joint_type}
@@ -450,7 +428,22 @@ class DhTable:
             If the file cannot be written (:class:`~pinproof.errors.DhTableError` for an unknown suffix).
         """
         path = _table_file(path)
-        write_text_whole(path, _csv_text(self) if path.suffix.lower() == ".csv" else _yaml_text(self))
+        rows = [_stated_columns(row) for row in self.rows]
+        moved = [which for which in ("base", "tool") if not np.array_equal(getattr(self, which), np.eye(4))]
+        if path.suffix.lower() == ".csv":
+            for which in moved:
+                what = f"the {which} of the table is not the identity, which a CSV cannot store"
+                raise InputError(f"{what}; save a .yaml file")
+            names = table_of(DhRow).names
+            columns = [name for name in names if name != "effort" or any("effort" in row for row in rows)]
+            cells = ([row.get(column, "") for column in columns] for row in rows)
+            write_text_whole(path, csv_text(columns, cells, comment=f"# convention: {self.convention}"))
+            return
+        content: dict[str, Any] = {"name": self.name, "convention": self.convention}
+        content |= {which: {"matrix": getattr(self, which).tolist()} for which in moved}
+        content["rows"] = rows
+        text = yaml.dump(content, Dumper=_FlatRows, sort_keys=False, allow_unicode=True, width=200)
+        write_text_whole(path, text)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -48,7 +48,7 @@ prismatic row) are in the origin of joint i+1, those of the last row in ``tool_j
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -56,7 +56,7 @@ import numpy as np
 
 from pinproof.description.dh import DhRow, DhTable, row_transform
 from pinproof.description.urdf import Urdf
-from pinproof.description.urdf_elements import origin_attributes
+from pinproof.description.xml_reader import origin_attributes
 from pinproof.errors import InputError
 from pinproof.spatial import Array
 
@@ -101,22 +101,14 @@ def urdf_text(robot: Any, *, comment: str = "") -> str:
     from lxml import etree
 
     tree = yourdfpy.URDF(robot=robot, build_scene_graph=False, load_meshes=False).write_xml()
-    for element, origin in zip(tree.iter("origin"), _origins(robot), strict=True):
+    # the origins in the order in which yourdfpy writes them
+    parts = [part for link in robot.links for part in (link.inertial, *link.visuals, *link.collisions)]
+    origins = [part.origin for part in (*parts, *robot.joints) if part is not None and part.origin is not None]
+    for element, origin in zip(tree.iter("origin"), origins, strict=True):
         element.attrib.update(origin_attributes(origin))
     if comment:
         tree.getroot().insert(0, etree.Comment(f" {comment.replace('--', '- -')} "))
     return '<?xml version="1.0"?>\n' + str(etree.tostring(tree, encoding="unicode", pretty_print=True))
-
-
-def _origins(robot: Any) -> Iterator[Array]:
-    """Every origin of the robot in the order in which yourdfpy writes them."""
-    for link in robot.links:
-        for part in (link.inertial, *link.visuals, *link.collisions):
-            if part is not None and part.origin is not None:
-                yield part.origin
-    for joint in robot.joints:
-        if joint.origin is not None:
-            yield joint.origin
 
 
 DENSITY = 1500.0
@@ -180,11 +172,29 @@ def link_bodies(table: DhTable) -> tuple[Body, ...]:
     shortest = max(SHORT, SHORT_OF_TOTAL * total)
     segments = [link if any(segment.length >= shortest for segment in link) else [] for link in segments]
     segments = [[segment for segment in link if segment.length >= SHORT] for link in segments]
-    rods = [i > 0 and table.rows[i - 1].is_prismatic and any(segments[:i]) for i in range(len(segments))]
-    radii = _radii([_span(link) for link in segments], rods, total)
     tip = max((i for i, link in enumerate(segments) if link), default=-1)
 
-    foot = _foot(table, segments, radii)
+    # The radius of each link, 0 without length: no link is thicker than its neighbours are long, or than those before.
+    lengths = [_span(link) for link in segments]
+    radii: list[float] = []
+    for i, length in enumerate(lengths):
+        before = next((x for x in reversed(lengths[:i]) if x > 0), math.inf)
+        after = next((x for x in lengths[i + 1 :] if x > 0), math.inf)
+        thinnest = min((r for r in radii if r > 0), default=math.inf)
+        is_rod = i > 0 and table.rows[i - 1].is_prismatic and any(segments[:i])
+        slimmest = RADIUS_OF_ROD * length if is_rod else math.inf
+        radii.append(min(RADIUS_OF_TOTAL * total, RADIUS_OF_LENGTH * min(length, before, after), thinnest, slimmest))
+
+    # The base has a flat foot if the first link is a column that rotates about its axis.
+    first, foot = table.rows[0], None
+    height = FOOT_HEIGHT * radii[1]
+    column = not segments[0] and segments[1] and not first.is_prismatic
+    if column and abs(first.d) >= 2 * (FOOT_GAP + height):
+        centre = math.copysign(FOOT_GAP + height / 2, first.d)
+        origin = table.base @ ahead(replace(first, d=0.0), table.convention) @ _at(np.array([0.0, 0.0, centre]))
+        foot = Shape(origin, FOOT_RADIUS * radii[1], height, "joint")
+
+    # Cylinders along the links, spheres between them, and a housing at each joint that rotates.
     bodies = []
     for i, (link, radius) in enumerate(zip(segments, radii, strict=True)):
         on_foot = i == 1 and foot is not None
@@ -198,7 +208,8 @@ def link_bodies(table: DhTable) -> tuple[Body, ...]:
         if i == 0:
             shapes = [replace(shape, origin=table.base @ shape.origin) for shape in shapes]
             shapes += [] if foot is None else [foot]
-        bodies.append(Body(tuple(shapes), *_mass_properties(cylinders, radius or _neighbour(radii, i))))
+        others = (r for r in [radius, *reversed(radii[:i]), *radii[i + 1 :]] if r > 0)  # the nearest with length
+        bodies.append(Body(tuple(shapes), *_mass_properties(cylinders, next(others, BALL_RADIUS))))
     return tuple(bodies)
 
 
@@ -234,34 +245,6 @@ def _segments(table: DhTable, i: int) -> list[_Segment]:
 def _span(link: Sequence[_Segment]) -> float:
     """The distance between the two ends of a link."""
     return float(np.linalg.norm(link[-1].end - link[0].start)) if link else 0.0
-
-
-def _radii(lengths: Sequence[float], rods: Sequence[bool], total: float) -> list[float]:
-    """Radius of each link, of which some are rods; 0 for a link without length."""
-    radii: list[float] = []
-    for i, (length, is_rod) in enumerate(zip(lengths, rods, strict=True)):
-        before = next((x for x in reversed(lengths[:i]) if x > 0), math.inf)
-        after = next((x for x in lengths[i + 1 :] if x > 0), math.inf)
-        thinnest = min((r for r in radii if r > 0), default=math.inf)
-        slimmest = RADIUS_OF_ROD * length if is_rod else math.inf
-        radii.append(min(RADIUS_OF_TOTAL * total, RADIUS_OF_LENGTH * min(length, before, after), thinnest, slimmest))
-    return radii
-
-
-def _neighbour(radii: Sequence[float], i: int) -> float:
-    """Radius of the nearest link with length before link i, else after it."""
-    return next((r for r in [*reversed(radii[:i]), *radii[i + 1 :]] if r > 0), BALL_RADIUS)
-
-
-def _foot(table: DhTable, segments: Sequence[Sequence[_Segment]], radii: Sequence[float]) -> Shape | None:
-    """A flat foot on base_link if the first link is a column that rotates about its axis; else None."""
-    row, radius = table.rows[0], radii[1]
-    height = FOOT_HEIGHT * radius
-    if segments[0] or not segments[1] or row.is_prismatic or abs(row.d) < 2 * (FOOT_GAP + height):
-        return None
-    centre = math.copysign(FOOT_GAP + height / 2, row.d)
-    origin = table.base @ ahead(replace(row, d=0.0), table.convention) @ _at(np.array([0.0, 0.0, centre]))
-    return Shape(origin, FOOT_RADIUS * radius, height, "joint")
 
 
 def _cylinders(
@@ -325,7 +308,13 @@ def urdf_of_table(table: DhTable) -> str:
     InputError
         If a row has a name that is reserved for a link or joint of the URDF.
     """
-    _refuse_reserved_names(table)
+    # In Pinocchio joints and links share one namespace, in which "universe" is the world.
+    numbers = range(len(table) + 1)
+    reserved = {"universe", "base_link", "base_joint", TCP, "tool_joint"}
+    reserved |= {name.format(i) for i in numbers for name in ("dh_{}", "dh_{}_joint", "link_{}")}
+    for row in table.rows:
+        if row.name in reserved:
+            raise InputError(f"DH row {row.name!r} has a name that the URDF needs for a frame; rename the row")
     comment = f"made by pinproof from the DH table {table.name} ({table.convention} convention)"
     return urdf_text(_robot(table), comment=comment)
 
@@ -343,16 +332,6 @@ GENERATED_MASSES = (
     "robot differ"
 )
 """Note on the torques of a robot with generated bodies."""
-
-
-def _refuse_reserved_names(table: DhTable) -> None:
-    # In Pinocchio joints and links share one namespace, in which "universe" is the world.
-    numbers = range(len(table) + 1)
-    reserved = {"universe", "base_link", "base_joint", TCP, "tool_joint"}
-    reserved |= {name.format(i) for i in numbers for name in ("dh_{}", "dh_{}_joint", "link_{}")}
-    for row in table.rows:
-        if row.name in reserved:
-            raise InputError(f"DH row {row.name!r} has a name that the URDF needs for a frame; rename the row")
 
 
 def _robot(table: DhTable) -> Any:

@@ -16,8 +16,7 @@ import numpy as np
 
 from pinproof.description.srdf import DisabledPair, GroupState, Srdf
 from pinproof.description.urdf import Urdf, urdf_of
-from pinproof.description.urdf_elements import add_joint, numbers_text, origin_attributes
-from pinproof.description.xml_reader import Element
+from pinproof.description.xml_reader import Element, add_joint, numbers_text, origin_attributes
 from pinproof.errors import InputError, UrdfError
 from pinproof.spatial import Array
 

@@ -18,12 +18,13 @@ import numpy.typing as npt
 
 from pinproof.common.validation import ReadOnlyDict
 from pinproof.description.packages import MeshFile, leaves_package, locate
-from pinproof.description.urdf_elements import add_joint, numbers_text
 from pinproof.description.xacro_files import expand_xacro
 from pinproof.description.xml_reader import (
     Element,
+    add_joint,
     number,
     numbers,
+    numbers_text,
     only,
     parse_file,
     parse_text,

@@ -1,10 +1,9 @@
 """Robots, arms, joint limits, forward kinematics, Jacobians and inverse dynamics (Pinocchio)."""
 
-from pinproof.model.cell import assemble
 from pinproof.model.dynamics import Payload
 from pinproof.model.info import JointInfo, RobotInfo
 from pinproof.model.limits import JointLimits, LimitsFile, guess_mark, guess_note
-from pinproof.model.loading import load_robot
+from pinproof.model.loading import assemble, load_robot
 from pinproof.model.robot import Arm, JointGroup, Robot, Singularity, kinematic_class
 
 __all__ = [

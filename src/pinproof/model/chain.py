@@ -257,7 +257,11 @@ def compiled_chain(
 def aligned_axes(model: pin.Model, joint: int) -> tuple[pin.SE3, bool]:
     """Return the rotation that takes z to the axis of a joint, and whether the joint is prismatic."""
     axis, prismatic = joint_axis(model, joint)
-    return _from_z(axis), prismatic
+    helper = np.zeros(3)
+    helper[int(np.abs(axis).argmin())] = 1.0  # so that the rotation is exact for a coordinate axis
+    x = np.cross(helper, axis)
+    x /= np.linalg.norm(x)
+    return pin.SE3(np.column_stack([x, np.cross(axis, x), axis]), np.zeros(3)), prismatic
 
 
 def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:
@@ -270,15 +274,6 @@ def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:
         raise InputError(f"joint {model.names[joint]!r} is a {kind.shortname()}; a chain has single-axis joints only")
     prismatic = not subspace[3:].any()
     return (subspace[:3] if prismatic else subspace[3:]), prismatic
-
-
-def _from_z(axis: Array) -> pin.SE3:
-    """Return a rotation that takes z to the unit vector ``axis``; it is exact for a coordinate axis."""
-    helper = np.zeros(3)
-    helper[int(np.abs(axis).argmin())] = 1.0
-    x = np.cross(helper, axis)
-    x /= np.linalg.norm(x)
-    return pin.SE3(np.column_stack([x, np.cross(axis, x), axis]), np.zeros(3))
 
 
 def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
@@ -314,21 +309,22 @@ def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
         )
     else:
         carriers = [joint.name for joint in map(urdf.parent_joint, group.links) if joint is not None]
-        base, tip = _ends_of_joints(urdf, name, list(dict.fromkeys([*group.joints, *carriers])))
+        joints = list(dict.fromkeys([*group.joints, *carriers]))
+        if not joints:
+            raise InputError(
+                f"group {name!r} has no chain, no joints and no moving links; name the tcp instead (--tcp)"
+            )
+        # the joints must be on one path, from the parent link of the first to the child link of the last
+        above = {
+            joint: [before.name for before in link_path(urdf, urdf.root, urdf.joints[joint].child)] for joint in joints
+        }
+        outermost = max(joints, key=lambda joint: len(above[joint]))
+        aside = [joint for joint in joints if joint not in above[outermost]]
+        if aside:
+            raise InputError(
+                f"group {name!r} is not a chain: joint {aside[0]!r} is not on the path to {outermost!r}; "
+                "name base and tcp instead (--base, --tcp)"
+            )
+        innermost = min(joints, key=lambda joint: len(above[joint]))
+        base, tip = urdf.joints[innermost].parent, urdf.joints[outermost].child
     return base, declared[0] if declared else tip
-
-
-def _ends_of_joints(urdf: Urdf, name: str, joints: Sequence[str]) -> tuple[str, str]:
-    """Return the parent link of the first joint and the child link of the last joint."""
-    if not joints:
-        raise InputError(f"group {name!r} has no chain, no joints and no moving links; name the tcp instead (--tcp)")
-    above = {joint: [each.name for each in link_path(urdf, urdf.root, urdf.joints[joint].child)] for joint in joints}
-    outermost = max(joints, key=lambda joint: len(above[joint]))
-    aside = [joint for joint in joints if joint not in above[outermost]]
-    if aside:
-        raise InputError(
-            f"group {name!r} is not a chain: joint {aside[0]!r} is not on the path to {outermost!r}; "
-            "name base and tcp instead (--base, --tcp)"
-        )
-    innermost = min(joints, key=lambda joint: len(above[joint]))
-    return urdf.joints[innermost].parent, urdf.joints[outermost].child

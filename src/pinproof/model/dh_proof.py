@@ -36,7 +36,22 @@ def prove_urdf_equals_table(table: DhTable, urdf: str) -> None:
         If a frame or a joint differs (the message states which, and by how much), or if Pinocchio rejects the URDF.
     """
     try:
-        _compare_all(table, Robot(read_urdf_text(urdf, name=f"URDF of {table.name}"), Srdf()).arm(TCP))
+        arm = Robot(read_urdf_text(urdf, name=f"URDF of {table.name}"), Srdf()).arm(TCP)
+        torque = None if arm.limits.torque is None else arm.limits.torque.tolist()
+        for what, expected, actual in (
+            ("joint names", list(table.joint_names), list(arm.joint_names)),
+            ("lower limits", table.lower.tolist(), arm.limits.lower.tolist()),
+            ("upper limits", table.upper.tolist(), arm.limits.upper.tolist()),
+            ("velocity limits", table.velocity.tolist(), arm.limits.velocity.tolist()),
+            ("effort limits", table.effort.tolist(), torque),
+        ):
+            if expected != actual:
+                made = f"the URDF made from DH table {table.name!r}"
+                raise ConversionError(f"{made} has the {what} {actual}, not {expected}")
+        for q in _configurations(table):
+            for i, expected_frame in enumerate(table.frames(q)):
+                _compare(table, f"dh_{i}", expected_frame, arm.frame_placement(q, f"dh_{i}").homogeneous, q)
+            _compare(table, arm.tcp, table.forward_kinematics(q), arm.forward_kinematics(q).homogeneous, q)
     except ConversionError:
         raise
     except PinproofError as error:  # the URDF is rejected or a frame is missing
@@ -60,14 +75,6 @@ def prove_table_equals_arm(table: DhTable, arm: Arm) -> None:
             )
 
 
-def _compare_all(table: DhTable, arm: Arm) -> None:
-    _compare_joints(table, arm)
-    for q in _configurations(table):
-        for i, expected in enumerate(table.frames(q)):
-            _compare(table, f"dh_{i}", expected, arm.frame_placement(q, f"dh_{i}").homogeneous, q)
-        _compare(table, arm.tcp, table.forward_kinematics(q), arm.forward_kinematics(q).homogeneous, q)
-
-
 def _configurations(table: DhTable) -> Array:
     """Zero and random q (1 + CONFIGURATIONS, n): (-pi, pi) for angles, the limits for prismatic rows."""
     prismatic = np.array([row.is_prismatic for row in table.rows])
@@ -75,19 +82,6 @@ def _configurations(table: DhTable) -> Array:
     high = np.where(prismatic, table.upper, np.pi)
     random = np.random.default_rng(0).uniform(low, high, (CONFIGURATIONS, len(table)))
     return np.vstack([np.zeros(len(table)), random])
-
-
-def _compare_joints(table: DhTable, arm: Arm) -> None:
-    pairs = {
-        "joint names": (list(table.joint_names), list(arm.joint_names)),
-        "lower limits": (table.lower.tolist(), arm.limits.lower.tolist()),
-        "upper limits": (table.upper.tolist(), arm.limits.upper.tolist()),
-        "velocity limits": (table.velocity.tolist(), arm.limits.velocity.tolist()),
-        "effort limits": (table.effort.tolist(), None if arm.limits.torque is None else arm.limits.torque.tolist()),
-    }
-    for what, (wanted, found) in pairs.items():
-        if wanted != found:
-            raise ConversionError(f"the URDF made from DH table {table.name!r} has the {what} {found}, not {wanted}")
 
 
 def _compare(table: DhTable, frame: str, expected: Array, found: Array, q: Array) -> None:

@@ -24,8 +24,8 @@ from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import ReadOnlyDict, require_type
 from pinproof.description import Srdf, Urdf, UrdfJoint
+from pinproof.description.catalogue import notes
 from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
-from pinproof.description.sources import notes
 from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
     Chain,
@@ -134,18 +134,16 @@ class JointGroup:
             array.setflags(write=False)
         self.periodic = periodic(robot.urdf, chain)
         self._threads = threading.local()
-        self._root_from_base = {name: self._placement_of_base(name) for name in ends}
-
-    def _placement_of_base(self, name: str) -> pin.SE3:
-        base = self.ends[name][0]
-        frame = self._model.frames[self._frame_id(base)]
-        if frame.parentJoint == 0:
-            return frozen(frame.placement)
-        if len(self.ends) > 1:
-            raise InputError(
-                f"the base {base!r} of arm {name!r} is moved by joints of another arm; pass a base= that no arm moves"
-            )
-        raise InputError(f"the base {base!r} is moved by the arm's own joints, through a mimic joint; choose another")
+        self._root_from_base: dict[str, pin.SE3] = {}
+        for name, (base, _) in self.ends.items():
+            frame = self._model.frames[self._frame_id(base)]
+            if frame.parentJoint and len(self.ends) > 1:
+                what = f"the base {base!r} of arm {name!r} is moved by joints of another arm"
+                raise InputError(f"{what}; pass a base= that no arm moves")
+            if frame.parentJoint:
+                what = f"the base {base!r} is moved by the arm's own joints, through a mimic joint"
+                raise InputError(f"{what}; choose another")
+            self._root_from_base[name] = frozen(frame.placement)
 
     def __setattr__(self, name: str, value: object) -> None:
         if name in self.__dict__:
@@ -552,7 +550,15 @@ class Robot:
     _model: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_model", _model_of(self.urdf))
+        where = self.urdf.path or self.urdf.name
+        try:
+            model = pin.buildModelFromXML(self.urdf.kinematics)
+        except (ValueError, RuntimeError) as error:
+            raise UrdfError(where, f"Pinocchio refuses it: {error}") from error
+        missing = [name for name in self.urdf.links if not model.existFrame(name, pin.FrameType.BODY)]
+        if missing:
+            raise UrdfError(where, f"Pinocchio dropped the links {missing}")
+        object.__setattr__(self, "_model", model)
         object.__setattr__(self, "home", ReadOnlyDict(self.home, HOME_READ_ONLY))
         for name in ("declared_arms", "parts", "movers"):
             object.__setattr__(self, name, ReadOnlyDict(getattr(self, name), ENDS_READ_ONLY))
@@ -649,7 +655,27 @@ class Robot:
         InputError
             If no arm is given and the robot declares no tcp.
         """
-        return _robot_info(self, self.arm() if arm is None else arm)
+        arm = self.arm() if arm is None else arm
+        urdf, srdf = self.urdf, self.srdf
+        return RobotInfo(
+            name=self.name,
+            source="" if urdf.path is None else str(urdf.path),
+            base=arm.base,
+            tcp=arm.tcp,
+            dof=arm.dof,
+            kinematic_class=kinematic_class(arm),
+            joints=tuple(_joint(arm, name) for name in urdf.joints),
+            frames=urdf.links,
+            collisions=dict(Counter(geometry.kind for geometry in urdf.collisions)),
+            visuals=dict(Counter(geometry.kind for geometry in urdf.visuals)),
+            groups=tuple(srdf.groups),
+            states=tuple(dict.fromkeys(state.name for state in srdf.states)),
+            end_effectors=tuple(effector.name for effector in srdf.end_effectors),
+            disabled_pairs=tuple((*pair.links, pair.reason) for pair in srdf.disabled),
+            home=dict(zip(arm.joint_names, map(float, arm.home), strict=True)),
+            acceleration_source=arm.limits.acceleration_source,
+            missing=_missing(self, arm),
+        )
 
     def arm(
         self,
@@ -929,30 +955,6 @@ def kinematic_class(arm: Arm) -> str:
     )
 
 
-def _robot_info(robot: Robot, arm: Arm) -> RobotInfo:
-    """Collect the properties; see :meth:`Robot.info`."""
-    urdf, srdf = robot.urdf, robot.srdf
-    return RobotInfo(
-        name=robot.name,
-        source="" if urdf.path is None else str(urdf.path),
-        base=arm.base,
-        tcp=arm.tcp,
-        dof=arm.dof,
-        kinematic_class=kinematic_class(arm),
-        joints=tuple(_joint(arm, name) for name in urdf.joints),
-        frames=urdf.links,
-        collisions=dict(Counter(geometry.kind for geometry in urdf.collisions)),
-        visuals=dict(Counter(geometry.kind for geometry in urdf.visuals)),
-        groups=tuple(srdf.groups),
-        states=tuple(dict.fromkeys(state.name for state in srdf.states)),
-        end_effectors=tuple(effector.name for effector in srdf.end_effectors),
-        disabled_pairs=tuple((*pair.links, pair.reason) for pair in srdf.disabled),
-        home=dict(zip(arm.joint_names, map(float, arm.home), strict=True)),
-        acceleration_source=arm.limits.acceleration_source,
-        missing=_missing(robot, arm),
-    )
-
-
 def _joint(arm: Arm, name: str) -> JointInfo:
     joint = arm.robot.urdf.joints[name]
     ends = (joint.name, joint.type, joint.parent, joint.child)
@@ -1000,21 +1002,3 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
 
 def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _model_of(urdf: Urdf) -> pin.Model:
-    """The Pinocchio model of all joints.
-
-    Raises
-    ------
-    UrdfError
-        If Pinocchio refuses the description or drops links.
-    """
-    try:
-        model = pin.buildModelFromXML(urdf.kinematics)
-    except (ValueError, RuntimeError) as error:
-        raise UrdfError(urdf.path or urdf.name, f"Pinocchio refuses it: {error}") from error
-    missing = [name for name in urdf.links if not model.existFrame(name, pin.FrameType.BODY)]
-    if missing:
-        raise UrdfError(urdf.path or urdf.name, f"Pinocchio dropped the links {missing}")
-    return model

@@ -1,4 +1,6 @@
-"""Conversion of an arm to a DH table, for any serial chain of revolute, continuous and prismatic joints.
+"""Conversion of DH tables to URDF and of arms to DH tables, for any serial chain.
+
+The kinematics of both are compared after each conversion.
 
 The axes of the joints are computed at q = 0: their directions from the Jacobian, their points from the joint frames. DH
 frames are then placed along the axes. A chain of n joints has n axes and a table has n rows, each of which connects two
@@ -26,16 +28,60 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from pinproof.common.files import write_text_whole
 from pinproof.common.validation import require_type
 from pinproof.description.dh import CONVENTIONS, DhRow, DhTable
+from pinproof.description.dh_urdf import urdf_of_table
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.model.chain import link_path
-from pinproof.model.dh_proof import prove_table_equals_arm
+from pinproof.model.dh_proof import prove_table_equals_arm, prove_urdf_equals_table
 from pinproof.spatial import Array, inverse_matrix
+
+
+def dh_to_urdf(table: DhTable) -> str:
+    """Convert a DH table to a URDF and verify that both have the same forward kinematics.
+
+    Parameters
+    ----------
+    table
+        The arm. The root ``base_link`` is the frame in which ``table.base`` is given; the tcp is ``tool0``.
+
+    Returns
+    -------
+    str
+        URDF XML, deterministic. :mod:`pinproof.description.dh_urdf` describes the generated bodies.
+
+    Raises
+    ------
+    ConversionError
+        If the forward kinematics of the URDF, computed by Pinocchio, differ from the product of the DH matrices by more
+        than 1e-12 m or 1e-12 rad at a frame dh_0 ... dh_n or at the tool.
+    InputError
+        If a row has a name that is reserved for a link or joint of the URDF.
+    """
+    require_type("table", table, DhTable)
+    text = urdf_of_table(table)
+    prove_urdf_equals_table(table, text)
+    return text
+
+
+def write_urdf(table: DhTable, path: str | Path) -> None:
+    """Write the URDF of a DH table (:func:`dh_to_urdf`) atomically to a file.
+
+    Raises
+    ------
+    ConversionError, InputError
+        As :func:`dh_to_urdf`; no file is written.
+    FileError
+        If the file cannot be written.
+    """
+    write_text_whole(path, dh_to_urdf(table))
+
 
 PARALLEL = 1e-10
 """Radians. Axes whose directions differ by less are treated as parallel. This moves a tool at a distance of 3 m by
@@ -214,7 +260,7 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
         Joint names, types, limits and velocities are those of the arm. A joint without a velocity limit gets the
         default of :class:`~pinproof.description.DhRow`, and a joint without finite limits becomes continuous. Rows are
         not unique where axes are parallel or coincident, and an x axis may have either direction;
-        :mod:`pinproof.conversion.to_dh` documents the choices. The table of a URDF made by
+        :mod:`pinproof.conversion.dh_tables` documents the choices. The table of a URDF made by
         :func:`~pinproof.conversion.dh_to_urdf` equals the original table if that follows the same choices.
 
     Raises

@@ -198,23 +198,23 @@ def _next(
                 f"row: their common normal is {away:.2g} m away (limit {FARTHEST:g} m). Make them exactly parallel in "
                 "the URDF, or use the URDF instead of a table"
             )
-        found = after.point + on_after * after.direction
-        return _frame(found, _directed(normal / sine, frame, z, found, sense), after.direction)
+        point = after.point + on_after * after.direction
+        return _frame(point, _directed(normal / sine, frame, z, point, sense), after.direction)
 
-    found = after.point
+    point = after.point
     if not at_own_point:
-        found = found + ((origin - found) @ after.direction) * after.direction
-    across = found - origin - ((found - origin) @ z) * z
+        point = point + ((origin - point) @ after.direction) * after.direction
+    across = point - origin - ((point - origin) @ z) * z
     distance = float(np.linalg.norm(across))
     if distance > COINCIDENT:
-        return _frame(found, _directed(across / distance, frame, z, found, sense), after.direction)
-    return _frame(found, frame[:3, 0] if x_if_free is None else x_if_free, after.direction)
+        return _frame(point, _directed(across / distance, frame, z, point, sense), after.direction)
+    return _frame(point, frame[:3, 0] if x_if_free is None else x_if_free, after.direction)
 
 
-def _directed(normal: Array, frame: Array, z: Array, found: Array, sense: float) -> Array:
+def _directed(normal: Array, frame: Array, z: Array, point: Array, sense: float) -> Array:
     """Return ``normal`` or its opposite, by the rule in the module docstring."""
     cosine = float(normal @ frame[:3, 0])
-    length = sense * float((found - frame[:3, 3]) @ normal)
+    length = sense * float((point - frame[:3, 3]) @ normal)
     turn = sense * float(np.cross(frame[:3, 0], normal) @ z)
     decisive = cosine if abs(cosine) > TIE else length if abs(length) > TIE else turn
     return normal if decisive >= 0 else -normal

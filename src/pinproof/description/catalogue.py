@@ -135,14 +135,14 @@ NAMED = 5
 def notes(urdf: Urdf, srdf: Srdf) -> tuple[str, ...]:
     """Return sentences on missing meshes, limits that are probably in degrees, and unknown names in the SRDF."""
     # meshes that were not found
-    found: list[str] = []
+    lines: list[str] = []
     for kind, geometries in (("collision", urdf.collisions), ("visual", urdf.visuals)):
         lost = [g for g in geometries if g.mesh is not None and g.mesh.path is None]
         if lost:
             uris = list(dict.fromkeys(g.mesh.uri for g in lost if g.mesh is not None))
             how = "; use / in paths, not \\" if any("\\" in uri for uri in uris) else ""
             meshes = "mesh was" if len(lost) == 1 else "meshes were"
-            found.append(f"{len(lost)} {kind} {meshes} not found: {_listed(uris)}{how}")
+            lines.append(f"{len(lost)} {kind} {meshes} not found: {_listed(uris)}{how}")
     # limits that are probably in other units
     for joint in urdf.joints.values():
         limits = [limit for limit in (joint.lower, joint.upper) if limit is not None]
@@ -152,34 +152,34 @@ def notes(urdf: Urdf, srdf: Srdf) -> tuple[str, ...]:
             for limit in limits if joint.type == "revolute" else ():
                 refuse_degree_limit(f"limit of joint {joint.name!r}", limit)
         except InputError as odd:
-            found.append(str(odd))
+            lines.append(str(odd))
     # names in the SRDF that the robot does not have
     links, joints = set(urdf.links), set(urdf.joints)
     pairs = [pair.links for pair in srdf.disabled if not links.issuperset(pair.links)]
     if pairs:
         unknown = [name for name in dict.fromkeys(n for pair in pairs for n in pair) if name not in links]
-        found.append(
+        lines.append(
             f"the SRDF disables {len(pairs)} pairs with links that the robot does not have: {_listed(unknown)}"
         )
     for group in srdf.groups.values():
         if group.missing:
-            found.append(f"SRDF group {group.name!r} contains undefined groups: {_listed(group.missing)}")
+            lines.append(f"SRDF group {group.name!r} contains undefined groups: {_listed(group.missing)}")
         ends = (end for chain in group.chains for end in chain)
         unknown = [n for n in (*group.links, *ends) if n not in links] + [n for n in group.joints if n not in joints]
         if unknown:
-            found.append(f"SRDF group {group.name!r} refers to links or joints that do not exist: {_listed(unknown)}")
+            lines.append(f"SRDF group {group.name!r} refers to links or joints that do not exist: {_listed(unknown)}")
     for state in srdf.states:
         unknown = [name for name in state.joints if name not in joints]
         if unknown:
-            found.append(f"SRDF state {state.name!r} refers to joints that do not exist: {_listed(unknown)}")
+            lines.append(f"SRDF state {state.name!r} refers to joints that do not exist: {_listed(unknown)}")
     for effector in srdf.end_effectors:
         if effector.parent_link not in links:
-            found.append(f"parent link {effector.parent_link!r} of SRDF end effector {effector.name!r} does not exist")
+            lines.append(f"parent link {effector.parent_link!r} of SRDF end effector {effector.name!r} does not exist")
     if srdf.disabled_links:
-        found.append(
+        lines.append(
             f"the SRDF disables all pairs of {_listed(srdf.disabled_links)} by default; they are checked nevertheless"
         )
-    return tuple(found)
+    return tuple(lines)
 
 
 def _listed(names: Sequence[str]) -> str:

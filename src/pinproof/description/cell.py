@@ -84,11 +84,11 @@ def cell_srdf(srdfs: Mapping[str, Srdf]) -> Srdf:
         def named(names: tuple[str, ...], prefix: str = prefix) -> tuple[str, ...]:
             return tuple(prefix + name for name in names)
 
-        disabled += [replace(each, links=(prefix + each.links[0], prefix + each.links[1])) for each in srdf.disabled]
-        for each in srdf.groups.values():
-            chains = tuple((prefix + base, prefix + tip) for base, tip in each.chains)
-            groups[prefix + each.name] = Group(
-                prefix + each.name, named(each.joints), chains, named(each.links), named(each.missing)
+        disabled += [replace(pair, links=(prefix + pair.links[0], prefix + pair.links[1])) for pair in srdf.disabled]
+        for group in srdf.groups.values():
+            chains = tuple((prefix + base, prefix + tip) for base, tip in group.chains)
+            groups[prefix + group.name] = Group(
+                prefix + group.name, named(group.joints), chains, named(group.links), named(group.missing)
             )
         for state in srdf.states:
             joints = {prefix + joint: values for joint, values in state.joints.items()}
@@ -152,7 +152,7 @@ def with_movable_base(urdf: Urdf, mounting: Array, mount: Sequence[LinkGeometry]
         If the robot already has links or joints of these names.
     """
     ends = [CELL, *(f"{name}_link" for name in PLACEMENT_JOINTS)]
-    mounts = list(dict.fromkeys(each.link for each in mount))
+    mounts = list(dict.fromkeys(part.link for part in mount))
     directions = np.eye(3)[[0, 1, 2, 2]]
     added = []
     for number, (name, direction) in enumerate(zip(PLACEMENT_JOINTS, directions, strict=True)):
@@ -172,7 +172,7 @@ def _extended(urdf: Urdf, links: Sequence[str], added: Sequence[_AddedJoint]) ->
     """Return a description with more links and joints; InputError if it already has links or joints of these names."""
     from lxml import etree
 
-    joints = {each.joint.name: each.joint for each in added}
+    joints = {step.joint.name: step.joint for step in added}
     if taken := {*urdf.links, *urdf.joints} & {*links, *joints}:
         raise InputError(f"robot {urdf.name!r} already has links or joints named {', '.join(sorted(taken))}")
     larger = replace(urdf, links=(*urdf.links, *links), joints={**urdf.joints, **joints})

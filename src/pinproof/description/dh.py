@@ -259,8 +259,8 @@ def _csv_content(path: Path) -> dict[str, Any]:
     if not content:
         raise DhTableError(path, f"has no header; valid columns: {', '.join(names)}")
     header = [cell.strip() for cell in content[0][1]]
-    if other := other_separator(header):
-        raise DhTableError(path, other, "header")
+    if separator := other_separator(header):
+        raise DhTableError(path, separator, "header")
     refuse_unknown(DhTableError, path, "column", header, names, "header")
     twice = sorted({column for column in header if header.count(column) > 1})
     if twice:
@@ -276,7 +276,7 @@ def _csv_content(path: Path) -> dict[str, Any]:
     return {"rows": rows, **({"convention": conventions[0]} if conventions else {})}
 
 
-def _refuse_other_units(rows: Sequence[DhRow], stated: Sequence[Any]) -> None:
+def _refuse_other_units(rows: Sequence[DhRow], mappings: Sequence[Any]) -> None:
     """Refuse rows of a file that are probably in degrees or millimetres."""
 
     def in_row(row: DhRow, column: str) -> None:
@@ -288,7 +288,7 @@ def _refuse_other_units(rows: Sequence[DhRow], stated: Sequence[Any]) -> None:
         elif row.is_prismatic and column == "upper":
             refuse_millimetres(column, [row.lower, value])
 
-    for row, mapping in zip(rows, stated, strict=True):
+    for row, mapping in zip(rows, mappings, strict=True):
         for column in ("theta", "alpha", "lower", "upper"):
             if column in mapping:
                 step(f".rows[{row.name!r}].{column}", position(mapping, column), in_row, row, column)
@@ -324,10 +324,10 @@ def _placed(name: str, value: Any) -> Array:
     return placed
 
 
-def _transform(matrix: Any = None, **stated: Any) -> Any:
-    if matrix is not None and stated:
+def _transform(matrix: Any = None, **keys: Any) -> Any:
+    if matrix is not None and keys:
         raise InputError("use either matrix, or xyz with rpy or quat_xyzw")
-    return pose_of(**stated) if matrix is None else matrix
+    return pose_of(**keys) if matrix is None else matrix
 
 
 TRANSFORM = Table(

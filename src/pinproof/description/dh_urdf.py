@@ -321,7 +321,8 @@ def urdf_of_table(table: DhTable) -> str:
 
 def has_generated_bodies(urdf: Urdf) -> bool:
     """Whether a URDF has the frames of a DH table and only the kinds of bodies that are generated from one."""
-    return {"dh_0", "dh_1"} <= set(urdf.links) and {each.kind for each in urdf.collisions} <= {"cylinder", "sphere"}
+    kinds = {geometry.kind for geometry in urdf.collisions}
+    return {"dh_0", "dh_1"} <= set(urdf.links) and kinds <= {"cylinder", "sphere"}
 
 
 GENERATED_BODIES = "the collision bodies of the links are generated from a DH table; the real links may be larger"

@@ -153,14 +153,14 @@ def _shape(shape: Element, link: str, source: str | Path) -> tuple[Shape, tuple[
 
 def origin(element: Element, source: str | Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Return the rotation (3, 3) and the translation (3,) in metres of the ``<origin>`` of an element."""
-    found = element.find("origin")
-    if found is None:
+    origin = element.find("origin")
+    if origin is None:
         return np.eye(3), np.zeros(3)
-    only(found, ("xyz", "rpy"), source)
-    xyz = np.array(numbers(found, "xyz", 3, source, "0 0 0"))
+    only(origin, ("xyz", "rpy"), source)
+    xyz = np.array(numbers(origin, "xyz", 3, source, "0 0 0"))
     if np.abs(xyz).max() > FARTHEST:
-        raise UrdfError(source, f"<origin xyz={found.get('xyz')!r}> is more than {FARTHEST:g} m away", place(found))
-    return rpy_matrix(*numbers(found, "rpy", 3, source, "0 0 0")), xyz
+        raise UrdfError(source, f"<origin xyz={origin.get('xyz')!r}> is more than {FARTHEST:g} m away", place(origin))
+    return rpy_matrix(*numbers(origin, "rpy", 3, source, "0 0 0")), xyz
 
 
 def _rgba(material: Element, source: str | Path) -> Rgba | None:

@@ -84,8 +84,8 @@ def _configurations(table: DhTable) -> Array:
     return np.vstack([np.zeros(len(table)), random])
 
 
-def _compare(table: DhTable, frame: str, expected: Array, found: Array, q: Array) -> None:
-    position, angle = _difference(expected, found)
+def _compare(table: DhTable, frame: str, expected: Array, actual: Array, q: Array) -> None:
+    position, angle = _difference(expected, actual)
     if not (position <= FK_TOLERANCE and angle <= FK_TOLERANCE):  # also raises for NaN
         raise ConversionError(
             f"the URDF made from DH table {table.name!r} does not equal it: frame {frame} is off by {position:.3g} m "
@@ -93,8 +93,8 @@ def _compare(table: DhTable, frame: str, expected: Array, found: Array, q: Array
         )
 
 
-def _difference(expected: Array, found: Array) -> tuple[float, float]:
+def _difference(expected: Array, actual: Array) -> tuple[float, float]:
     """The distance (m) and the angle (rad) between two transforms (4, 4)."""
     # |R1 - R2| / sqrt(2) equals the angle up to third order; arccos would lose half of the digits.
-    angle = float(np.linalg.norm(expected[:3, :3] - found[:3, :3])) / np.sqrt(2)
-    return float(np.linalg.norm(expected[:3, 3] - found[:3, 3])), angle
+    angle = float(np.linalg.norm(expected[:3, :3] - actual[:3, :3])) / np.sqrt(2)
+    return float(np.linalg.norm(expected[:3, 3] - actual[:3, 3])), angle

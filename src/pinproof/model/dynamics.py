@@ -115,7 +115,7 @@ def checked_payloads(payload: Payload | Iterable[Payload] | None) -> tuple[Paylo
     if payload is None:
         return ()
     payloads = (payload,) if isinstance(payload, Payload) else tuple(payload) if isinstance(payload, Iterable) else None
-    if payloads is None or not all(isinstance(each, Payload) for each in payloads):
+    if payloads is None or not all(isinstance(item, Payload) for item in payloads):
         raise InputError(f"payload must be a Payload or a sequence of them, not {payload!r}")
     return payloads
 
@@ -204,7 +204,7 @@ def _loaded_model(arm: ArmBodies, payloads: Sequence[Payload], gravity: npt.Arra
         body = pin.Inertia(payload.mass, np.array(payload.center_of_mass), np.array(inertia))
         model.inertias[frame.parentJoint] += frame.placement.act(body)
     for joint in range(1, model.njoints):
-        moved = sum(model.inertias[each].mass for each in model.subtrees[joint])
+        moved = sum(model.inertias[below].mass for below in model.subtrees[joint])
         if moved <= 0.0:
             raise InputError(
                 f"robot {arm.robot.name!r} states no mass of the links behind joint {model.names[joint]!r}, so that "

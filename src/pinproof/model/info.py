@@ -60,14 +60,14 @@ def describe_axes(angular: npt.NDArray[np.bool_], twists: Sequence[Array], *, co
 
 def _intersecting(angular: npt.NDArray[np.bool_], twists: Sequence[Array]) -> list[str]:
     """Find the triples of neighbouring revolute axes that intersect in one point."""
-    found = []
+    triples = []
     for first in range(len(angular) - 2):
         if not angular[first : first + 3].all():
             continue
         if all(_distance_from_common_point(twist[:, first : first + 3]) < MEETING_TOLERANCE for twist in twists):
             place = "wrist" if first == len(angular) - 3 else "shoulder" if first == 0 else "joint"
-            found.append(f"spherical {place} (joints {_numbers(first, first + 3)})")
-    return found
+            triples.append(f"spherical {place} (joints {_numbers(first, first + 3)})")
+    return triples
 
 
 def _distance_from_common_point(twists: Array) -> float:
@@ -90,16 +90,16 @@ def _parallel(angular: npt.NDArray[np.bool_], twists: Array) -> list[str]:
     n = len(angular)
     axes = np.where(angular, twists[3:], twists[:3]).T
     same = [bool(np.linalg.norm(np.cross(a, b)) < PARALLEL_TOLERANCE) for a, b in pairwise(axes)]
-    found, first = [], 0
+    runs, first = [], 0
     for end in range(1, n + 1):
         if end < n and same[end - 1]:
             continue
         if end - first >= 3:
             count = {3: "three", 4: "four"}.get(end - first, str(end - first))
             run = f"{count} parallel axes (joints {_numbers(first, end)})"
-            found.append("all axes parallel" if end - first == n else run)
+            runs.append("all axes parallel" if end - first == n else run)
         first = end
-    return found
+    return runs
 
 
 def _numbers(first: int, end: int) -> str:

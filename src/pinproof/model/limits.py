@@ -197,9 +197,9 @@ class JointLimits:
             )
 
         def texts(kind: str) -> str:
-            found = list(dict.fromkeys(text for part in parts if (text := getattr(part, kind))))
+            distinct = list(dict.fromkeys(text for part in parts if (text := getattr(part, kind))))
             # the text of several sources must not start with "default", which marks limits that are all default values
-            return found[0] if len(found) == 1 else f"several: {'; '.join(found)}" if found else ""
+            return distinct[0] if len(distinct) == 1 else f"several: {'; '.join(distinct)}" if distinct else ""
 
         sources = {kind: texts(kind) for kind in ("acceleration_source", "jerk_source")}
         guessed = np.concatenate([part.guessed for part in parts])

@@ -576,7 +576,7 @@ class Robot:
         return outline(f"Robot({self.name!r}, {self._headline})", (f"joints: {names}", *self.notes))
 
     def _repr_html_(self) -> str:
-        rows = [(each.name, each.type, each.parent, each.child) for each in self._moving]
+        rows = [(joint.name, joint.type, joint.parent, joint.child) for joint in self._moving]
         table = html_table(("joint", "type", "parent", "child"), rows)
         return html_block(f"Robot {self.name}, {self._headline}", table, html_list(self.notes))
 
@@ -759,7 +759,7 @@ class Robot:
             If no arm is named and none is declared, two are the same, they share a joint and ``base`` is not given, or
             a joint has no limits.
         """
-        ends = {name: self._ends_of_arm(stated, base) for name, stated in self._named_arms(names).items()}
+        ends = {name: self._ends_of_arm(arm, base) for name, arm in self._named_arms(names).items()}
         if base is not None:
             self._known_frame(base)
         owner: dict[str, str] = {}
@@ -788,30 +788,30 @@ class Robot:
                 raise InputError(f"robot {self.name!r} declares no arms; name them by tcp frame or SRDF group")
             return {name: name for name in self.declared_arms}
         named: dict[str, str] = {}
-        for each in names:
-            for name, stated in each.items() if isinstance(each, Mapping) else ((each, each),):
-                if not isinstance(name, str) or not isinstance(stated, str):
-                    raise InputError(f"an arm is named by a text, not by {stated!r}")
+        for item in names:
+            for name, arm in item.items() if isinstance(item, Mapping) else ((item, item),):
+                if not isinstance(name, str) or not isinstance(arm, str):
+                    raise InputError(f"an arm is named by a text, not by {arm!r}")
                 if name in named:
                     raise InputError(f"the arm {name!r} is given twice")
-                named[name] = stated
+                named[name] = arm
         return named
 
-    def _ends_of_arm(self, stated: str, base: str | None) -> tuple[str, str]:
+    def _ends_of_arm(self, arm: str, base: str | None) -> tuple[str, str]:
         """Return the base and the tcp of an arm of :meth:`arms`."""
-        if stated in self.declared_arms:
-            tcp = self.declared_arms[stated]
+        if arm in self.declared_arms:
+            tcp = self.declared_arms[arm]
             self._known_frame(tcp)
             return base or self._base_of(tcp), tcp
-        if stated in self.urdf.links:
-            if stated in self.srdf.groups:
-                raise InputError(f"{stated!r} is both a link and a group of the SRDF; name the tcp of the arm")
-            return base or self._base_of(stated), stated
-        if stated in self.srdf.groups:
-            group_base, tcp = group_ends(self.urdf, self.srdf, stated)
+        if arm in self.urdf.links:
+            if arm in self.srdf.groups:
+                raise InputError(f"{arm!r} is both a link and a group of the SRDF; name the tcp of the arm")
+            return base or self._base_of(arm), arm
+        if arm in self.srdf.groups:
+            group_base, tcp = group_ends(self.urdf, self.srdf, arm)
             return base or group_base, tcp
         known = (*self.declared_arms, *self.srdf.groups, *self._leaves())
-        raise UnknownNameError("arm", stated, known, f"robot {self.name!r}")
+        raise UnknownNameError("arm", arm, known, f"robot {self.name!r}")
 
     def state(self, name: str, *, group: str | None = None) -> dict[str, float]:
         """Return a named state of the SRDF (joint name to rad or m) of one group, or combined from all groups.
@@ -950,7 +950,7 @@ def kinematic_class(arm: Arm) -> str:
     q = np.random.default_rng(0).uniform(*arm.limits.sampling_range(), size=(SAMPLES, arm.dof))
     return describe_axes(
         arm.angular,
-        [arm.jacobian(each, reference="WORLD") for each in q],
+        [arm.jacobian(configuration, reference="WORLD") for configuration in q],
         coupled=any(joint.mimic is not None for joint in link_path(arm.robot.urdf, arm.base, arm.tcp)),
     )
 

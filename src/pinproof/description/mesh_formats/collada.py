@@ -217,13 +217,13 @@ class _Collada:
     def triangles(self, element: Element, points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
         """Triangles (F, 3) of a primitive, exactly as many polygons as it states."""
         inputs = element.findall("input")
-        offsets = [self.whole(each, "offset") for each in inputs if each.get("semantic") == "VERTEX"]
+        offsets = [self.whole(source, "offset") for source in inputs if source.get("semantic") == "VERTEX"]
         if len(offsets) != 1:
             raise self.refused(element, f"it has {len(offsets)} inputs VERTEX; valid: one")
         for child in element:
             if child.tag not in ("input", "p", "vcount", "extra"):  # <ph> is a polygon with holes
                 raise self.refused(child, f"<{child.tag}> is not supported")
-        stride = 1 + max(self.whole(each, "offset") for each in inputs)
+        stride = 1 + max(self.whole(source, "offset") for source in inputs)
         lists = []
         for child in element.iterfind("p"):
             values = self.integers(self.text(child), child)

@@ -246,8 +246,8 @@ class _Gltf:
             return self.arrays[index, shape]
         accessor, place = self.item("accessors", index), f"accessors[{index}]"
         if accessor["type"] != shape or accessor["componentType"] not in types or accessor.get("normalized"):
-            stated = f"{accessor['type']} of component type {accessor['componentType']}"
-            raise ValueError(f"{place} is {stated}; supported is {shape} of {', '.join(map(str, types))}")
+            kind = f"{accessor['type']} of component type {accessor['componentType']}"
+            raise ValueError(f"{place} is {kind}; supported is {shape} of {', '.join(map(str, types))}")
         dtype, count = types[accessor["componentType"]], _whole(accessor, "count")
         width = 3 if shape == "VEC3" else 1
         sparse = accessor.get("sparse")

@@ -274,6 +274,7 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
     require_type("arm", arm, Arm)
     if convention not in CONVENTIONS:
         raise UnknownNameError("DH convention", convention, CONVENTIONS)
+    # rows are independent joints
     path = [joint for joint in link_path(arm.robot.urdf, arm.base, arm.tcp) if joint.type != "fixed"]
     for joint in path:
         if joint.mimic is not None:
@@ -281,6 +282,7 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
                 f"joint {joint.name!r} is a mimic joint of {joint.mimic.leader!r}, and each Denavit-Hartenberg row has "
                 "an independent joint; select a chain without mimic joints"
             )
+    # one frame on each axis; the modified convention is the standard one of the reversed chain
     axes = _axes(arm, [joint.child for joint in path])
     base = np.eye(4)
     tool = np.array(arm.forward_kinematics(np.zeros(arm.dof)).homogeneous)
@@ -289,6 +291,7 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
     else:
         walk = [*reversed(axes), _own_axis("the base", base)]
         frames = frames_along(frame_on(axes[-1], tool), walk, base, backwards=True)[::-1]
+    # the rows between the frames, with the numbers as a person would write them
     numbers = (row_numbers(*pair, convention) for pair in pairwise(frames))
     table = DhTable(
         tuple(_row(arm, i, joint.type, *row) for i, (joint, row) in enumerate(zip(path, numbers, strict=True))),
@@ -297,6 +300,7 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
         base=_plain_transform(frames[0]),
         tool=_plain_transform(inverse_matrix(frames[-1]) @ tool),
     )
+    # the table is an answer only if it is the arm
     prove_table_equals_arm(table, arm)
     return table
 

@@ -55,6 +55,7 @@ def cell_urdf(name: str, robots: Mapping[str, tuple[Urdf, Array]]) -> Urdf:
     root = etree.Element("robot", name=name)
     etree.SubElement(root, "link", name=WORLD)
     for prefix, (urdf, world_from_root) in robots.items():
+        # a fixed joint carries the root of the robot
         mount = add_joint(root, f"{prefix}mount", "fixed", WORLD, prefix + urdf.root)
         etree.SubElement(mount, "origin", origin_attributes(world_from_root))
         # its elements, with a prefix before each name and the absolute paths of the meshes
@@ -173,6 +174,7 @@ def _extended(urdf: Urdf, links: Sequence[str], added: Sequence[_AddedJoint]) ->
     from lxml import etree
 
     joints = {step.joint.name: step.joint for step in added}
+    # names must stay unique
     if taken := {*urdf.links, *urdf.joints} & {*links, *joints}:
         raise InputError(f"robot {urdf.name!r} already has links or joints named {', '.join(sorted(taken))}")
     larger = replace(urdf, links=(*urdf.links, *links), joints={**urdf.joints, **joints})
@@ -194,6 +196,7 @@ def _extended(urdf: Urdf, links: Sequence[str], added: Sequence[_AddedJoint]) ->
                 etree.SubElement(element, "limit", lower=lower, upper=upper, velocity="1e9", effort="1e9")
         return str(etree.tostring(robot, encoding="unicode"))
 
+    # Pinocchio reads joints under other names if a link has the same, and continuous joints as revolute ones
     in_model = {name: larger.model_joint(name) for name in joints}
     return replace(
         larger,

@@ -167,6 +167,7 @@ class _Segment:
 
 def link_bodies(table: DhTable) -> tuple[Body, ...]:
     """The n + 1 bodies of base_link, link_1, ..., link_n, each in the frame of its link; a body may have no shapes."""
+    # the straight segments of each link; a link of short offsets only has no body of its own
     segments = [_segments(table, i) for i in range(len(table) + 1)]
     total = sum(segment.length for link in segments for segment in link)
     shortest = max(SHORT, SHORT_OF_TOTAL * total)
@@ -339,6 +340,7 @@ def _robot(table: DhTable) -> Any:
     """The table as a ``yourdfpy.Robot``."""
     import yourdfpy
 
+    # the links with bodies, and one without for each frame of the table
     n = len(table)
     movable = [f"link_{i}" for i in range(1, n + 1)]
     frames = [f"dh_{i}" for i in range(n + 1)]
@@ -347,6 +349,7 @@ def _robot(table: DhTable) -> Any:
     links += [_link(name, body, with_inertial=True) for name, body in zip(movable, bodies[1:], strict=True)]
     links += [yourdfpy.Link(name=name) for name in (*frames, TCP)]
 
+    # the joints; the fixed ones carry the frames of the table and the tool
     joints = [_fixed("base_joint", "base_link", "dh_0", table.base)]
     for row, origin, parent, child in zip(
         table.rows, joint_origins(table), ["dh_0", *movable[:-1]], movable, strict=True

@@ -118,6 +118,7 @@ class _Conversion:
         pose = _pose(model.body_pos[body], model.body_quat[body])
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         for number in range(first, first + count):
+            # joints of a body apply one after the other, so all but the last have a link without geometry
             stated, label, position = self.spec.joints[number], self.joints[number], model.jnt_pos[number]
             kind = ("free", "ball", "slide", "hinge")[model.jnt_type[number]]
             if kind not in ("slide", "hinge"):
@@ -134,6 +135,7 @@ class _Conversion:
             if number < first + count - 1 or position.any():
                 child = f"{name} (joint {number - first + 1})"
                 self.element(self.robot, "link", name=child)
+            # its origin is the anchor of the joint, which for MuJoCo is a point of the body
             limited = bool(model.jnt_limited[number])
             urdf_kind = "prismatic" if kind == "slide" else "revolute" if limited else "continuous"
             joint = self.joint(label, urdf_kind, here, child, pose @ _pose(position - anchor))
@@ -142,6 +144,7 @@ class _Conversion:
                 low, high = model.jnt_range[number].tolist()
                 self.element(joint, "limit", lower=repr(low), upper=repr(high))
             here, anchor, pose = child, position, np.eye(4)
+        # a body without joints, or whose last anchor is not its origin, is fixed to what moves it
         if here != name:
             self.joint(f"{name} (fixed)", "fixed", here, name, pose @ _pose(-anchor))
 
@@ -162,6 +165,7 @@ class _Conversion:
             shape = {"size": numbers_text(2 * side for side in size)}
         else:
             shape = {"radius": repr(size[0]), **({} if kind == "sphere" else {"length": repr(2 * size[1])})}
+        # colour and use: what collides, and what MuJoCo draws by default
         material = int(model.geom_matid[number])
         colour = model.geom_rgba[number] if material < 0 else model.mat_rgba[material]
         collides = bool(model.geom_contype[number] or model.geom_conaffinity[number])

@@ -104,12 +104,14 @@ def srdf_of(root: Element, path: Path) -> Srdf:
     """Read the SRDF from an XML element; ``path`` is used in errors."""
     if root.tag != "robot":
         raise UrdfError(path, f"is not an SRDF: the root element is <{root.tag}>, not <robot>", place(root))
+    # pairs that are disabled, and not enabled again
     enabled = {frozenset(_pair(e, path)) for e in root.findall("enable_collisions")}
     disabled = [
         DisabledPair(_pair(e, path), e.get("reason", ""))
         for e in root.findall("disable_collisions")
         if frozenset(_pair(e, path)) not in enabled
     ]
+    # groups may be stated in several elements, and contain other groups
     elements: dict[str, list[Element]] = {}
     for e in root.findall("group"):
         elements.setdefault(required(e, "name", path), []).append(e)
@@ -156,6 +158,7 @@ def _add_group(
         raise UrdfError(path, f"the groups {' -> '.join((*within, name))} contain each other")
     if name not in elements:
         return Group(name, missing=(name,))
+    # all elements of that name, with the groups they contain
     joints: list[str] = []
     links: list[str] = []
     missing: list[str] = []

@@ -223,6 +223,7 @@ def read_joint(element: Element, links: Mapping[str, Element], source: str | Pat
     if kind not in get_args(JointType):
         reason = str(UnknownNameError("joint type", kind, get_args(JointType), f"joint {name!r}"))
         raise UrdfError(source, reason, where)
+    # the links that the joint connects
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
@@ -234,6 +235,7 @@ def read_joint(element: Element, links: Mapping[str, Element], source: str | Pat
         ends.append(link)
     spelt(element, JOINT_PARTS, source)
     origin(element, source)
+    # the axis needs a direction; its length is not used
     axis = element.find("axis")
     if axis is not None and kind != "fixed":
         only(axis, ("xyz",), source)
@@ -241,6 +243,7 @@ def read_joint(element: Element, links: Mapping[str, Element], source: str | Pat
         if np.abs(vector).max() < SMALLEST_AXIS:
             raise UrdfError(source, f"joint {name!r} has the axis {list(vector)}, which has no direction", place(axis))
     lower, upper, velocity, effort = _limits(element, name, kind, source)
+    # a mimic joint follows another one
     mimic = element.find("mimic")
     rule = None
     if mimic is not None and kind != "fixed":
@@ -414,6 +417,7 @@ def urdf_of(root: Element, source: str | Path, path: Path | None, package_dirs: 
     if macro is not None:
         reason = "contains xacro elements; rename the file to .urdf.xacro, or expand it to a plain URDF"
         raise UrdfError(source, reason, place(macro))
+    # links, whose number and names Pinocchio must accept
     link_elements = root.findall("link")
     if not link_elements:
         raise UrdfError(source, "has no links", place(root))
@@ -423,8 +427,10 @@ def urdf_of(root: Element, source: str | Path, path: Path | None, package_dirs: 
     if "universe" in links:
         reason = "has a link named 'universe', a name reserved by Pinocchio; rename it"
         raise UrdfError(source, reason, place(links["universe"]))
+    # joints form a tree; followers have leaders
     joints = {name: read_joint(e, links, source) for name, e in _unique(root.findall("joint"), source).items()}
     check_mimics(joints, source)
+    # geometry, with the files of its meshes
     folder = None if path is None else path.resolve().parent
     visuals, collisions = read_links(root, source, folder, [Path(d) for d in package_dirs])
     return Urdf(

@@ -167,26 +167,26 @@ def assemble(arms: Mapping[str, tuple[JointGroup, pin.SE3 | npt.ArrayLike]], *, 
         placed[robot_name] = group, world_from_base * _root_from_base(group).inverse()
     # one robot whose names have prefixes
     prefixes = {robot_name: robot_name + PART for robot_name in placed}
-    robots = {prefixes[own_name]: group.robot for own_name, (group, _) in placed.items()}
+    robots = {prefixes[robot_name]: group.robot for robot_name, (group, _) in placed.items()}
     cell = Robot(
         cell_urdf(name, {prefixes[e]: (group.robot.urdf, pose.homogeneous) for e, (group, pose) in placed.items()}),
         cell_srdf({prefix: robot.srdf for prefix, robot in robots.items()}),
         home={prefix + joint: value for prefix, robot in robots.items() for joint, value in robot.home.items()},
-        parts={own_name: group.robot for own_name, (group, _) in placed.items()},
+        parts={robot_name: group.robot for robot_name, (group, _) in placed.items()},
     )
     # the arms, the limits and the held joints are those of the robots
     ends = {
-        own_name if len(group.ends) == 1 else prefixes[own_name] + arm: (
-            prefixes[own_name] + base,
-            prefixes[own_name] + tcp,
+        robot_name if len(group.ends) == 1 else prefixes[robot_name] + arm: (
+            prefixes[robot_name] + base,
+            prefixes[robot_name] + tcp,
         )
-        for own_name, (group, _) in placed.items()
+        for robot_name, (group, _) in placed.items()
         for arm, (base, tcp) in group.ends.items()
     }
     chain = find_chain(cell.urdf, *ends.values())
     free = {
-        prefixes[own_name] + joint: value
-        for own_name, (group, _) in placed.items()
+        prefixes[robot_name] + joint: value
+        for robot_name, (group, _) in placed.items()
         for joint, value in group.held.items()
         if group.robot.urdf.joints[joint].mimic is None
     }

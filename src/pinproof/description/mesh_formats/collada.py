@@ -61,12 +61,14 @@ class _Collada:
 
     def read(self) -> Reading:
         # An element with a misspelt name must not be read over: the unit would be lost.
+        # whatever is not known could hold geometry
         for element in self.root:
             if element.tag not in ("asset", "scene", "extra") and not element.tag.startswith("library_"):
                 raise self.refused(element, f"<{element.tag}> is not supported")
         for element in self.root.iterfind("asset/*"):
             if element.tag not in ASSET:
                 raise self.refused(element, f"<{element.tag}> is not supported")
+        # one unit for the whole file, in its own asset or repeated in those of parts
         unit = 1.0
         for element in self.root.iter("unit"):
             if element.getparent().tag != "asset":
@@ -85,6 +87,7 @@ class _Collada:
                 unit = meter
             elif meter != unit:
                 raise self.refused(element, f"a part has the unit {meter:g} m, the file {unit:g} m")
+        # a geometry that is not shown is refused, because it may be meant to be part of the mesh
         instances, triangles, vertices = self.instances(), 0, 0
         placed_geometries = {geometry for _, geometry in instances}
         for element in self.root.iterfind("library_geometries/geometry"):
@@ -92,6 +95,7 @@ class _Collada:
                 raise self.refused(
                     element, f"the geometry {element.get('id')!r} is not part of the scene that is shown"
                 )
+        # the sizes are counted before the triangles of all instances are made
         for _, geometry in instances:
             points, corners = self.mesh(geometry)
             triangles, vertices = triangles + len(corners), vertices + len(points)
@@ -100,6 +104,7 @@ class _Collada:
 
     def instances(self) -> list[tuple[npt.NDArray[np.float64], Element]]:
         """The geometries of the scene that is shown, each with its transform."""
+        # the scene that is shown must be the only one with geometry
         shown = [self.target(element, "visual_scene") for element in self.root.iterfind("scene/instance_visual_scene")]
         if len(shown) != 1:
             raise refused(self.path, f"it shows {len(shown)} scenes (<instance_visual_scene>); valid: one")
@@ -108,6 +113,7 @@ class _Collada:
                 raise self.refused(scene, f"the scene {scene.get('id')!r} has geometry, but is not shown")
         instances = []
         nodes = 0
+        # nodes from the root, each with its transform; no recursion, because files may nest without end
         stack = [(shown[0], np.eye(4), None, 0)]
         while stack:
             node, matrix, unsupported, depth = stack.pop()
@@ -117,6 +123,7 @@ class _Collada:
                     f"the limit of a scene is {MOST_NODES:,} nodes with all instances, {DEEPEST_NODE} below each other"
                 )
                 raise self.refused(node, what)
+            # transforms apply in the order of the file, also to what follows them
             children = []
             for element in node:
                 if element.tag in TRANSFORMS:
@@ -217,6 +224,7 @@ class _Collada:
     def triangles(self, element: Element, points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
         """Triangles (F, 3) of a primitive, exactly as many polygons as it states."""
         inputs = element.findall("input")
+        # each corner has one index for each input, of which that of the vertex is needed
         offsets = [self.whole(source, "offset") for source in inputs if source.get("semantic") == "VERTEX"]
         if len(offsets) != 1:
             raise self.refused(element, f"it has {len(offsets)} inputs VERTEX; valid: one")
@@ -233,6 +241,7 @@ class _Collada:
         corners = np.concatenate([np.empty(0, dtype=np.int64), *lists])
         if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
             raise self.refused(element, f"it has vertex indices outside the {len(points)} vertices")
+        # the number of corners of each polygon; their number and sum must be those that are stated
         sizes = np.array([len(part) for part in lists], dtype=np.int64)
         if element.tag == "triangles":
             sizes = np.full(len(corners) // 3, 3)

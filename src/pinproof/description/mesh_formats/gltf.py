@@ -128,6 +128,7 @@ def _document(data: bytes) -> tuple[dict[str, Any], bytes | None]:
         data = chunks[0][1]
         binary = next((content for kind, content in chunks[1:] if kind == b"BIN\0"), None)
 
+    # JSON without NaN and without repeated keys, of which Python would keep the last one
     def constant(name: str) -> None:
         raise ValueError(f"{name} is not valid JSON")
 
@@ -251,6 +252,7 @@ class _Gltf:
         dtype, count = types[accessor["componentType"]], _whole(accessor, "count")
         width = 3 if shape == "VEC3" else 1
         sparse = accessor.get("sparse")
+        # the elements; without a view they are zero, and a sparse accessor replaces some of them
         if "bufferView" in accessor:
             values = self.view(accessor, dtype, count, width)
         elif sparse is not None:
@@ -263,6 +265,7 @@ class _Gltf:
             if rows.max(initial=0) >= count:
                 raise ValueError(f"{place} substitutes elements that do not exist")
             values[rows] = self.view(sparse["values"], dtype, number, width)
+        # the stated bounds are a check of what was read
         for key, limit in ("min", np.min), ("max", np.max):
             if key in accessor and not np.allclose(limit(values, axis=0), accessor[key], rtol=1e-5, atol=1e-6):
                 raise ValueError(f"{place} states another {key} than its elements have")

@@ -139,6 +139,7 @@ def _read_header(data: bytes) -> tuple[list[Element], str, bytes]:
                 raise ValueError(f"line {number}: {what}")
         if end < 0:
             raise ValueError("the file is truncated: its header has no end_header")
+    # properties are columns, which need distinct names
     for element in elements:
         names = [name for name, _, _ in element.properties]
         if len(names) != len(set(names)) or (element.count and not names):
@@ -151,6 +152,7 @@ def _read_columns(element: Element, body: bytes | memoryview, start: int, order:
 
     Usually all rows have lists of the same lengths as the first row. Then the element is a table.
     """
+    # the layout of the first row
     position, columns = start, []
     for name, code, length in element.properties if element.count else ():
         size = 1
@@ -161,6 +163,7 @@ def _read_columns(element: Element, body: bytes | memoryview, start: int, order:
         position += size * struct.calcsize(order + code)
         if position > len(body):
             raise ValueError(name)
+    # all rows at once, if their lists have these lengths
     row = np.dtype(columns)
     end = start + element.count * row.itemsize
     if columns and end <= len(body):
@@ -168,6 +171,7 @@ def _read_columns(element: Element, body: bytes | memoryview, start: int, order:
         sizes = {name: row[name].shape[0] for name, _, _ in element.properties}
         if all((table[f"{name}()"] == sizes[name]).all() for name, _, length in element.properties if length):
             return {n: (table[n].reshape(-1), np.full(element.count, size)) for n, size in sizes.items()}, end
+    # otherwise row by row
     values = {name: array("d") for name, _, _ in element.properties}  # doubles hold all types of PLY exactly
     counts = {name: array("q") for name in values}
     position = start

@@ -148,10 +148,11 @@ def _endless() -> str:
     files = [str(file) for file in xacro.filestack or []]
     names = [macro.body.getAttribute("name") for macro in xacro.macrostack or []]
     for what, stack in (("the file includes itself", files), ("the macro calls itself", names)):
-        if stack[-1:] and stack.count(stack[-1]) > 1:
-            first = len(stack) - 2 - stack[-2::-1].index(stack[-1])
+        # the first that is on the stack again; where the stack ends depends on the limit of recursion
+        again = next((end for end, name in enumerate(stack) if name in stack[:end]), None)
+        if again is not None:
             place = f", in {files[-1]}" if stack is names else ""
-            return f"{what} without end: {' -> '.join(stack[first:])}{place}"
+            return f"{what} without end: {' -> '.join(stack[stack.index(stack[again]) : again + 1])}{place}"
     return ""
 
 

@@ -10,7 +10,7 @@ import pinproof as pp
 from pinproof.cli.console import (
     Interrupted,
     check_output_files,
-    make_folder,
+    check_report_output,
     print_result,
     progress_bar,
     progress_status,
@@ -18,7 +18,7 @@ from pinproof.cli.console import (
 )
 from pinproof.cli.options import Json, Seed, argument, numbers, option
 from pinproof.cli.pick import CellOptions, WorkerOptions, judge_file
-from pinproof.errors import InputError, RunInterrupted
+from pinproof.errors import RunInterrupted
 from pinproof.units import refuse_degrees, warn_of_millimetres
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
         PlacementBudget,
         PlacementChoice,
         PlacementRegion,
-        PlacementResult,
         ToleranceStudy,
     )
 
@@ -140,7 +139,7 @@ def cell_place(
 
     Example: pinproof cell place robots/ur5/plate_picks.yaml --region "-0.3 0.1 -0.3 0.3" --grid 200 -o place.json
     """
-    _check_output(output)
+    is_folder = output is not None and check_report_output(output, SUFFIXES)
     region = search.found_region()
     arm, scene, source = cell.open(file)
     try:
@@ -164,7 +163,18 @@ def cell_place(
         if found.map is None:
             kept = "" if campaign is None else f"; the same command resumes the search from {campaign}"
             raise Interrupted(f"{error}{kept}") from None
-    lines = [found.to_markdown().rstrip(), *written(*_write(found, output))]
+    # The result, its map if there is one, and the report on the picks at the best placement.
+    files = [] if output is None else [output]
+    if output is not None and is_folder:
+        files = [output / f"placement{kind}" for kind in (SUFFIXES if found.map is not None else (".json", ".md"))]
+    for path in files:
+        found.save(path)
+    if output is not None and is_folder and found.least_failing is not None:
+        reports = [output / f"report{kind}" for kind in pp.picks.REPORT_SUFFIXES]
+        for path in reports:
+            found.least_failing.report.save(path)
+        files += reports
+    lines = [found.to_markdown().rstrip(), *written(*files)]
     print_result(found.to_dict(), lines, as_json=as_json, ok=found.ok or found.interrupted)
     if found.interrupted:
         kept = "add --campaign FOLDER to resume" if campaign is None else "the same command resumes the search"
@@ -200,7 +210,7 @@ def cell_compare(
         reports = []
         for number, (path, options) in enumerate(((file, CellOptions()), (against or file, cell)), start=1):
             with progress_status(f"set-up {number} of 2: {path}"):
-                reports.append(judge_file(path, options, seed, **settings)[-1])
+                reports.append(judge_file(path, options, seed, **settings))
     found = pp.cell.compare(*reports, least=least)
     _finish(found, output, as_json)
 
@@ -228,7 +238,7 @@ def cell_tolerance(
     angles = numbers(rotation, "--rotation", "angle")
     refuse_degrees("--rotation", angles)
     with progress_bar(f"checking {file}") as progress, pool.settings() as settings:
-        report = judge_file(file, cell, seed, **settings)[-1]
+        report = judge_file(file, cell, seed, **settings)
         found = pp.cell.tolerance_study(
             report,
             position=position,
@@ -247,30 +257,3 @@ def _finish(found: CellComparison | ToleranceStudy, output: Path | None, as_json
     if output is not None:
         found.save(output)
     print_result(found.to_dict(), [found.to_markdown().rstrip()], as_json=as_json, ok=found.ok)
-
-
-def _check_output(output: Path | None) -> None:
-    if output is None:
-        return
-    if output.suffix and output.suffix.lower() not in SUFFIXES and not output.is_dir():
-        raise InputError(f"{output}: unknown file type; use {', '.join(SUFFIXES)}, or the name of a folder")
-    if not output.suffix or output.is_dir():
-        make_folder(output)
-    elif not output.parent.is_dir():
-        raise InputError(f"{output}: the folder {output.parent} does not exist")
-
-
-def _write(found: PlacementResult, output: Path | None) -> list[Path]:
-    """Write the result, and return the files."""
-    if output is None:
-        return []
-    kinds = SUFFIXES if found.map is not None else (".json", ".md")
-    files = [output / f"placement{kind}" for kind in kinds] if output.is_dir() else [output]
-    for file in files:
-        found.save(file)
-    if output.is_dir() and found.least_failing is not None:
-        reports = [output / f"report{kind}" for kind in pp.picks.REPORT_SUFFIXES]
-        for report in reports:
-            found.least_failing.report.save(report)
-        files += reports
-    return files

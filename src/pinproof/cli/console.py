@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import typer
 
-import pinproof as pp
 from pinproof.common.files import os_errors, unknown_suffix
 from pinproof.errors import FileError, InputError
 
@@ -225,31 +224,24 @@ def check_output_files(
         used[target] = "another output"
 
 
-def make_folder(path: Path) -> None:
-    """Create a folder and its parents if they do not exist.
+def check_report_output(path: Path, suffixes: Sequence[str]) -> bool:
+    """Refuse an output that is neither a file with one of the suffixes nor a folder; return whether it is a folder.
+
+    A folder and its parents are created.
 
     Raises
     ------
+    InputError
+        If the suffix is unknown, or the folder of a file does not exist.
     FileError
         If the folder cannot be created.
     """
+    if path.suffix.lower() in suffixes and not path.is_dir():
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: the folder {path.parent} does not exist")
+        return False
+    if path.suffix and not path.is_dir():
+        raise InputError(f"{path}: unknown file type; use {', '.join(suffixes)}, or the name of a folder")
     with os_errors(path, "the folder cannot be created"):
         path.mkdir(parents=True, exist_ok=True)
-
-
-def write_pages(verdict: pp.picks.PickVerdict, arm: pp.Arm, html: Path) -> list[Path]:
-    """Write a page of the motion of a good pick, or one for each part if the attached bodies change along it."""
-    pages = []
-    single = len(verdict.motions) == 1
-    for number, part in enumerate(verdict.motions, start=1):
-        pages.append(html if single else html.with_name(f"{html.stem}_{number}_{part.name}{html.suffix}"))
-        pp.write_html(
-            pages[-1],
-            arm.with_held(part.held),
-            part.scene,
-            part.trajectory,
-            certificate=part.certificate,
-            attached=part.attached,
-            title=f"{arm.robot.name}: {verdict.pick.name}" + ("" if single else f", {part.name}"),
-        )
-    return pages
+    return True

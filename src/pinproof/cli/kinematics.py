@@ -1,23 +1,21 @@
-"""``pinproof fk`` and ``pinproof ik``: forward and inverse kinematics."""
+"""``pinproof fk``, ``ik`` and ``bench``: forward and inverse kinematics, and how fast its methods are."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import pinproof as pp
 from pinproof.cli.complete import link_names, method_names
-from pinproof.cli.console import print_result
+from pinproof.cli.console import print_result, progress_status
 from pinproof.cli.options import (
     ChainOptions,
     Configuration,
     Json,
     Robot,
-    SceneOptions,
     Seed,
-    ToolOptions,
+    SetupOptions,
     note_limits,
     numbers,
     option,
@@ -26,8 +24,8 @@ from pinproof.cli.options import (
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees
 
-if TYPE_CHECKING:
-    from pinproof.spatial import SE3
+COLUMN = 10
+"""Characters of a joint value in a table: seven joints fit into 80 columns."""
 
 
 class TaskOption(str, Enum):
@@ -89,9 +87,7 @@ def ik(
     q0: str | None = option("Joint values where the search starts. Default: home.", None, metavar="VALUES"),
     seed: Seed = 0,
     *,
-    scene_options: SceneOptions,
-    chain: ChainOptions,
-    tool: ToolOptions,
+    setup: SetupOptions,
     as_json: Json = False,
 ) -> None:
     """Compute joint values for a pose of the tcp, or of the tip of a tool.
@@ -108,64 +104,91 @@ def ik(
         raise InputError("--all uses the method analytic and full poses; remove --method and --task")
     angles = numbers(rpy, "--rpy", "roll pitch yaw")
     refuse_degrees("--rpy", angles)
-    arm, tip = chain.arm(robot, tool=tool), tool.tip
+    arm = setup.arm(robot)
     target = pp.pose(numbers(xyz, "--xyz", "x y z") if xyz else (0.0, 0.0, 0.0), angles)
-    if tip is not None:
+    if setup.has_tool and not setup.attachments.tip.isIdentity():
         if task is not TaskOption.POSE:
             raise InputError(
                 "--task must be pose for a tool with a tip; remove --task, or the tip from the tool's file"
             )
-        target = target * tip.inverse()
+        target = target * setup.attachments.tip.inverse()
     # A margin without a scene applies between the links of the robot.
-    checked = scene_options.scene is not None or scene_options.margin > 0.0 or any(tool.files)
-    accept = scene_options.checker(arm, tool=tool).is_free if checked else None
+    accept = setup.checker(arm).is_free if setup.surrounds or setup.margin > 0.0 else None
     start = parse_configuration(q0, arm, "--q0")
     if all_branches:
-        branches = pp.AnalyticIk().solve_all(arm, target, start)
-        _print_all(branches if accept is None else branches.free(accept), as_json)
+        # The distinct solutions, nearest to q0 first; those that differ by full rotations are counted only.
+        found = pp.AnalyticIk().solve_all(arm, target, start)
+        found = found if accept is None else found.free(accept)
+        rows = [dict(zip(arm.joint_names, q.tolist(), strict=True)) for q in found.branches]
+        windings = f" ({len(found)} with full rotations)" if len(found) > len(rows) else ""
+        lines = [
+            ", ".join(f"q{k} = {name}" for k, name in enumerate(arm.joint_names, start=1)),
+            " ".join(f"{f'q{k}':>{COLUMN}s}" for k in range(1, arm.dof + 1)),
+            *(" ".join(f"{_decimals(value):>{COLUMN}s}" for value in q) for q in found.branches),
+            f"{found.message}{windings}",
+        ]
+        data = {"ok": found.ok, "branches": rows, "with_full_rotations": len(found), "message": found.message}
+        print_result(data, lines, as_json=as_json, ok=found.ok)
         return
-    found = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
-    if found.status is pp.ik.IkStatus.NOT_FOUND and task is TaskOption.POSE and pp.ik.is_provable(arm):
-        found = _proven(found, arm, target, solver)
-    named = dict(zip(arm.joint_names, found.q.tolist(), strict=True))
-    errors = {"position_error": found.position_error, "orientation_error": found.orientation_error}
-    data = {"ok": found.ok, "status": found.status.name, "q": named, **errors, "message": found.message}
-    lines = [*(f"{name:30s} {_decimals(value)}" for name, value in named.items()), found.message]
-    print_result(data, lines, as_json=as_json, ok=found.ok)
-
-
-def _proven(found: pp.IkResult, arm: pp.Arm, target: SE3, solver: pp.ik.IterativeIk | pp.AnalyticIk) -> pp.IkResult:
-    """The result, with the status IMPOSSIBLE if the target is proven to be out of reach."""
-    tolerances = solver.position_tolerance, solver.orientation_tolerance
-    proof = pp.prove_unreachable(
-        arm, target, position_tolerance=tolerances[0], orientation_tolerance=tolerances[1], search=False
-    )
-    if not proof.proven:
-        return found
-    nearest = f"the nearest configuration found is {found.position_error * 1e3:.4g} mm and "
-    nearest += f"{math.degrees(found.orientation_error):.3g} deg from it"
-    return replace(found, status=pp.ik.IkStatus.IMPOSSIBLE, words=f"{proof.message}; {nearest}")
-
-
-COLUMN = 10
-"""Characters of a joint value in a table."""
-
-
-def _print_all(found: pp.ik.IkBranches, as_json: bool) -> None:
-    """Print the distinct IK solutions, nearest to ``q0`` first, and count those that differ by full rotations."""
-    names = found.arm.joint_names
-    rows = [dict(zip(names, q.tolist(), strict=True)) for q in found.branches]
-    windings = f" ({len(found)} with full rotations)" if len(found) > len(found.branches) else ""
-    lines = [
-        ", ".join(f"q{k} = {name}" for k, name in enumerate(names, start=1)),
-        " ".join(f"{f'q{k}':>{COLUMN}s}" for k in range(1, len(names) + 1)),  # 7 joints fit into 80 columns
-        *(" ".join(f"{_decimals(value):>{COLUMN}s}" for value in q) for q in found.branches),
-        f"{found.message}{windings}",
-    ]
-    data = {"ok": found.ok, "branches": rows, "with_full_rotations": len(found), "message": found.message}
-    print_result(data, lines, as_json=as_json, ok=found.ok)
+    result = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
+    if result.status is pp.ik.IkStatus.NOT_FOUND and task is TaskOption.POSE and pp.ik.is_provable(arm):
+        proof = pp.prove_unreachable(
+            arm,
+            target,
+            position_tolerance=solver.position_tolerance,
+            orientation_tolerance=solver.orientation_tolerance,
+            search=False,
+        )
+        if proof.proven:
+            nearest = f"the nearest configuration found is {result.position_error * 1e3:.4g} mm and "
+            nearest += f"{math.degrees(result.orientation_error):.3g} deg from it"
+            result = replace(result, status=pp.ik.IkStatus.IMPOSSIBLE, words=f"{proof.message}; {nearest}")
+    named = dict(zip(arm.joint_names, result.q.tolist(), strict=True))
+    errors = {"position_error": result.position_error, "orientation_error": result.orientation_error}
+    data = {"ok": result.ok, "status": result.status.name, "q": named, **errors, "message": result.message}
+    lines = [*(f"{name:30s} {_decimals(value)}" for name, value in named.items()), result.message]
+    print_result(data, lines, as_json=as_json, ok=result.ok)
 
 
 def _decimals(value: float) -> str:
     """A number with six decimals, and without a minus sign if it rounds to zero."""
     return f"{round(float(value), 6) + 0.0: .6f}"
+
+
+def bench(
+    robot: Robot,
+    points: int = option("Number of random poses.", 10_000, min=1),
+    methods: str | None = option(
+        'Methods to run, for example "clik pseudo_inverse". Default: all.', None, metavar="METHODS"
+    ),
+    *,
+    chain: ChainOptions,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Compare the IK methods on random poses of an arm: time, success rate, largest error.
+
+    Every answer is checked by forward kinematics and the limits. The textbook's figures are beside those measured.
+
+    Example: pinproof bench ur5 --points 200
+    """
+    from pinproof.ik.bench import bench
+    from pinproof.ik.methods import IK_METHODS
+
+    arm = chain.arm(robot)
+    selected = tuple(IK_METHODS) if methods is None else methods.replace(",", " ").split()
+    with progress_status("running the IK benchmark") as report:
+        rows, left_out = bench(arm, points=points, methods=selected, rng=seed, on_progress=report)
+    lines = ["| method | task | restarts | mean, ms | median, ms | success | false positives | largest error |"]
+    lines[0] += " textbook |"
+    lines += ["|---" * 9 + "|"]
+    for row in rows:
+        solved = f"{100 * row.success:.2f} % within {row.tolerance:g}"
+        error = f"{row.position_error:.1e} m" + (f", {row.orientation_error:.1e} rad" if row.task == "pose" else "")
+        textbook = "" if row.textbook_ms is None else f"{row.textbook_ms:g} ms, {100 * (row.textbook_success or 0):g} %"
+        times = f"{row.mean_ms:.4f} | {row.median_ms:.4f}"
+        cells = (row.method, row.task, row.restarts, times, solved, row.false_positives, error, textbook)
+        lines.append(f"| {' | '.join(map(str, cells))} |")
+    lines += [f"not applicable: {name}: {reason}" for name, reason in left_out.items()]
+    data = {"robot": arm.robot.name, "points": points, "seed": seed, "rows": [asdict(row) for row in rows]}
+    print_result({**data, "left_out": left_out}, lines, as_json=as_json)

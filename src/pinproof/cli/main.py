@@ -22,20 +22,16 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import pinproof as pp
-from pinproof.cli.bench import bench
 from pinproof.cli.cell import cell_allocate, cell_sequence
 from pinproof.cli.cell_placement import cell_compare, cell_place, cell_tolerance
-from pinproof.cli.certify import certify_motion
+from pinproof.cli.certify import certify_motion, export
 from pinproof.cli.console import Interrupted, print_error, print_json, print_note
-from pinproof.cli.convert import dh2urdf, urdf2dh
-from pinproof.cli.demo import demo
-from pinproof.cli.info import info
-from pinproof.cli.kinematics import fk, ik
+from pinproof.cli.kinematics import bench, fk, ik
 from pinproof.cli.motion import check, plan
 from pinproof.cli.options import expand_options
-from pinproof.cli.pick import pick
-from pinproof.cli.program import export
+from pinproof.cli.pick import demo, pick
 from pinproof.cli.reach import reach
+from pinproof.cli.robots import dh2urdf, info, urdf2dh
 from pinproof.cli.schema import schema
 from pinproof.cli.view import view
 from pinproof.errors import FileError, NoAnswer, PinproofError, UnitWarning

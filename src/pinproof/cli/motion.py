@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import pinproof as pp
-from pinproof.cli.certify import largest_torque, torque_figures, verdict
 from pinproof.cli.console import check_output_files, print_result, progress_status, written
 from pinproof.cli.options import (
-    ChainOptions,
     Configuration,
     ConstraintOptions,
     Html,
     Json,
     RateOptions,
     Robot,
-    SceneOptions,
     Seed,
-    ToolOptions,
+    SetupOptions,
     option,
     parse_configuration,
 )
@@ -30,9 +27,7 @@ def check(
     robot: Robot,
     q: Configuration = None,
     *,
-    chain: ChainOptions,
-    scene_options: SceneOptions,
-    tool: ToolOptions,
+    setup: SetupOptions,
     as_json: Json = False,
 ) -> None:
     """Check a configuration for joint limits and collisions.
@@ -44,8 +39,8 @@ def check(
     from pinproof.collision.certificates.identity import notes_of
     from pinproof.collision.checking.checker import overlap_hint
 
-    arm = chain.arm(robot, tool=tool)
-    checker = scene_options.checker(arm, tool=tool)
+    arm = setup.arm(robot)
+    checker = setup.checker(arm)
     configuration = arm.limits.snap(parse_configuration(q, arm, "--q"))
     outside = arm.limits.violations(configuration, arm.joint_names)
     result, clearance = checker.check(configuration), checker.clearance(configuration)
@@ -83,15 +78,6 @@ class PlanOptions:
         min=0,
     )
 
-    def found_jerk(self) -> float | Literal["limits"] | None:
-        """The jerk limit; ``"limits"`` selects the jerk limits of the arm."""
-        if self.jerk is None or self.jerk == "limits":
-            return None if self.jerk is None else "limits"
-        try:
-            return float(self.jerk)
-        except ValueError:
-            raise InputError(f"--jerk must be a number or the word limits, not {self.jerk!r}") from None
-
 
 def plan(
     robot: Robot,
@@ -102,11 +88,9 @@ def plan(
     effort: PlanOptions,
     html: Html = None,
     seed: Seed = 0,
-    constraint_options: ConstraintOptions,
+    upright: ConstraintOptions,
     rates: RateOptions,
-    chain: ChainOptions,
-    scene_options: SceneOptions,
-    tool: ToolOptions,
+    setup: SetupOptions,
     as_json: Json = False,
 ) -> None:
     """Plan, shorten, time and certify a motion between two configurations.
@@ -115,75 +99,60 @@ def plan(
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
-    check_output_files([output, html], [robot, *scene_options.files, *chain.files, *tool.files])
-    jerk = effort.found_jerk()
+    check_output_files([output, html], [robot, *setup.files])
+    jerk: float | Literal["limits"] | None = None  # "limits" selects the jerk limits of the arm
+    if effort.jerk is not None:
+        try:
+            jerk = "limits" if effort.jerk == "limits" else float(effort.jerk)
+        except ValueError:
+            raise InputError(f"--jerk must be a number or the word limits, not {effort.jerk!r}") from None
     search = pp.planning.make_planner(effort.planner)
-    arm = chain.arm(robot, tool)
-    rate_limits = rates.limits(arm)
-    world = scene_options.load()
-    checker = scene_options.checker(arm, world, tool)
+    arm = setup.arm(robot)
+    limits, torque = rates.limits(arm)
+    world = setup.world()
+    checker = setup.checker(arm, world)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
-    kept = constraint_options.constraints(arm, ends[0])
+    constraints = upright.constraints(arm, ends[0])
     with progress_status("planning"):
-        heavy = rates.torque_limits(arm)
-        result = search.plan(checker, *ends, constraints=kept, torque_limits=heavy, rng=seed)
-        if not result.ok:
-            data = {"ok": False, "status": result.status.name, "message": result.message}
-            print_result(data, [result.message], as_json=as_json, ok=False)
+        planned = search.plan(checker, *ends, constraints=constraints, torque_limits=torque, rng=seed)
+        if not planned.ok:
+            data = {"ok": False, "status": planned.status.name, "message": planned.message}
+            print_result(data, [planned.message], as_json=as_json, ok=False)
             return
-        checker = result.checker  # has tighter bodies if an end was in collision only with coarse ones
+        checker = planned.checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(
-            result.path,
+            planned.path,
             checker,
             rng=seed,
             blend=effort.blend,
-            constraints=kept,
-            torque_limits=heavy,
-            certificate=result.certificate,
+            constraints=constraints,
+            torque_limits=torque,
+            certificate=planned.certificate,
         )
-        path = simplified.path
         shortest = pp.optimise(
-            path,
+            simplified.path,
             checker,
             limits=arm.limits,
             jerk=jerk,
-            rate_limits=rate_limits,
-            constraints=kept,
+            rate_limits=limits,
+            constraints=constraints,
             rng=seed,
             budget=effort.optimise,
         )
-        trajectory, certificate = shortest.trajectory, shortest.certificate
-    torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
+    trajectory, certificate = shortest.trajectory, shortest.certificate
     if output is not None:
         trajectory.save(output, certificate=certificate)
     if html is not None:
-        drawn = pp.viewer.PlotLimits(arm.limits, arm.limits.jerk if jerk == "limits" else jerk, rate_limits)
+        drawn = pp.viewer.PlotLimits(arm.limits, arm.limits.jerk if jerk == "limits" else jerk, limits)
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, plot=drawn)
-    figures, summary = _figures(simplified, shortest, optimised=effort.optimise > 0)
-    data = {"ok": certificate.free, **figures, **torque_figures(torques, torque_notes), **verdict(certificate)}
-    lines = [
-        summary,
-        *largest_torque(torques),
-        str(certificate),
-        *(f"note: {note}" for note in torque_notes),
-        *written(output, html),
-    ]
+
+    length, stops, before, after = simplified.path.length, simplified.stops, shortest.duration_before, shortest.duration
+    figures = {"stops": stops, "length": length, "duration_of_path": before, "duration": after}
+    figures["lower_bound"] = shortest.lower_bound
+    summary = f"path of length {length:.3g} rad, {stops} intermediate stop{'' if stops == 1 else 's'}, {before:.2f} s"
+    summary += f"; optimised motion {after:.2f} s" if effort.optimise else ""
+    summary += f", lower bound without obstacles {shortest.lower_bound:.2f} s ({trajectory.limits_note})"
+    largest, notes, torques = rates.report(torque, trajectory)
+    lines = [summary, *largest, str(certificate), *notes, *written(output, html)]
+    data = {"ok": certificate.free, **figures, **torques, **certificate.to_dict()}
     print_result(data, lines, as_json=as_json, ok=certificate.free)
-
-
-def _figures(
-    simplified: pp.planning.SimplifyResult, shortest: pp.planning.OptimiseResult, *, optimised: bool
-) -> tuple[dict[str, Any], str]:
-    """The stops, the length and the durations (s) of a planned motion, and the same as a line of text."""
-    length = simplified.path.length
-    figures = {
-        "stops": simplified.stops,
-        "length": length,
-        "duration_of_path": shortest.duration_before,
-        "duration": shortest.duration,
-        "lower_bound": shortest.lower_bound,
-    }
-    stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
-    then = f"; optimised motion {shortest.duration:.2f} s" if optimised else ""
-    bound = f"lower bound without obstacles {shortest.lower_bound:.2f} s ({shortest.trajectory.limits_note})"
-    return figures, f"path of length {length:.3g} rad, {stops}, {shortest.duration_before:.2f} s{then}, {bound}"

@@ -11,7 +11,7 @@ import functools
 import inspect
 import math
 from collections.abc import Callable, Sized
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +23,7 @@ import typer
 import pinproof as pp
 from pinproof.cli.complete import group_names, link_names, robot_names
 from pinproof.cli.console import Interrupted, print_note
-from pinproof.errors import InputError, TimingError
+from pinproof.errors import InputError
 from pinproof.units import MOST_MARGIN, parse_angle, refuse_degrees, warn_of_degrees, warn_of_millimetres
 
 if TYPE_CHECKING:
@@ -76,62 +76,6 @@ def option(text: str, default: Any, *names: str, **settings: Any) -> Any:
 def argument(text: str, default: Any, **settings: Any) -> Any:
     """An argument, as :func:`option`."""
     return field(default=default, metadata={"option": typer.Argument(help=text, **settings)})
-
-
-@dataclass(frozen=True)
-class ToolOptions:
-    """Options for the bodies that are attached to the tcp."""
-
-    PANEL: ClassVar = "Scene and tool"
-
-    tool_of: Path | None = option(
-        "A picks file, whose tool the arm carries with the gripper open. Its tip, margin, tcp and held joints "
-        "apply too.",
-        None,
-    )
-    attached: Path | None = option("A YAML file of bodies attached to the tcp; can be combined with --tool-of.", None)
-
-    @property
-    def files(self) -> tuple[Path | None, ...]:
-        """The input files."""
-        return self.tool_of, self.attached
-
-    @property
-    def tip(self) -> SE3 | None:
-        """``tcp_from_tip``; None if no file states a tip."""
-        return None if not any(self.files) or self.attachments.tip.isIdentity() else self.attachments.tip
-
-    @cached_property
-    def picks(self) -> pp.Picks:
-        """The shared settings of the picks file of ``--tool-of``; without it, the defaults."""
-        return pp.Picks(()) if self.tool_of is None else pp.picks.open_picks(self.tool_of).shared
-
-    @cached_property
-    def attachments(self) -> pp.collision.Attachments:
-        """The attached bodies, allowed contacts, held joints and tip of both files.
-
-        Raises
-        ------
-        InputError
-            If both files name the same body, hold a joint at different values, or state a tip.
-        """
-        picks = self.picks
-        tool = pp.collision.Attachments(picks.open_tool, held=picks.held, tip=picks.tip)
-        if self.attached is None:
-            return tool
-        more = pp.collision.Attachments.load(self.attached)
-        both = {body.name for body in tool.bodies} & {body.name for body in more.bodies}
-        if both:
-            raise InputError(f"--tool-of and --attached both name a body {sorted(both)[0]!r}; rename one of them")
-        for name, value in more.held.items():
-            if tool.held.get(name, value) != value:
-                raise InputError(
-                    f"--tool-of holds joint {name} at {tool.held[name]:g}, --attached at {value:g}; state it once"
-                )
-        if not (more.tip.isIdentity() or tool.tip.isIdentity()):
-            raise InputError("--tool-of and --attached both state a tip; remove one of them")
-        tip = tool.tip if more.tip.isIdentity() else more.tip
-        return pp.collision.Attachments((*tool.bodies, *more.bodies), more.allowed, {**tool.held, **more.held}, tip)
 
 
 @dataclass(frozen=True)
@@ -196,56 +140,108 @@ class ChainOptions(RobotFileOptions):
         """The input files."""
         return self.srdf, self.limits
 
-    def arm(self, robot: str, tool: ToolOptions | None = None) -> pp.Arm:
-        """Load the arm of a robot by catalogue name or file.
+    def arm(self, robot: str) -> pp.Arm:
+        """Load the arm of a robot by catalogue name or file."""
+        limits = None if self.limits is None else pp.JointLimits.load(self.limits)
+        return self.load(robot).arm(self.tcp, base=self.base, group=self.group, limits=limits)
 
-        Parameters
-        ----------
-        tool
-            States the joints that are held and, if no tcp or group is selected, the tcp.
+
+SCENE_PANEL = "Scene and tool"
+
+
+@dataclass(frozen=True)
+class SetupOptions(ChainOptions):
+    """Options for the arm, the obstacles, the required distance to them, and the bodies that the tcp carries."""
+
+    scene: Path | None = option("A scene file (YAML). Default: no obstacles.", None, rich_help_panel=SCENE_PANEL)
+    margin: float = option(
+        "Distance in metres that every two bodies must keep from each other.", 0.0, min=0.0, rich_help_panel=SCENE_PANEL
+    )
+    tool_of: Path | None = option(
+        "A picks file, whose tool the arm carries with the gripper open. Its tip, margin, tcp and held joints "
+        "apply too.",
+        None,
+        rich_help_panel=SCENE_PANEL,
+    )
+    attached: Path | None = option(
+        "A YAML file of bodies attached to the tcp; can be combined with --tool-of.", None, rich_help_panel=SCENE_PANEL
+    )
+
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """The input files."""
+        return *super().files, self.scene, self.tool_of, self.attached
+
+    @property
+    def has_tool(self) -> bool:
+        """Whether a file states what the tcp carries."""
+        return self.tool_of is not None or self.attached is not None
+
+    @property
+    def surrounds(self) -> bool:
+        """Whether a scene or a tool is given, so that collisions are of interest."""
+        return self.scene is not None or self.has_tool
+
+    @cached_property
+    def picks(self) -> pp.Picks:
+        """The shared settings of the picks file of ``--tool-of``; without it, the defaults."""
+        return pp.Picks(()) if self.tool_of is None else pp.picks.open_picks(self.tool_of).shared
+
+    @cached_property
+    def attachments(self) -> pp.collision.Attachments:
+        """The attached bodies, allowed contacts, held joints and tip of both files.
+
+        Raises
+        ------
+        InputError
+            If both files name the same body, hold a joint at different values, or state a tip.
+        """
+        picks = self.picks
+        tool = pp.collision.Attachments(picks.open_tool, held=picks.held, tip=picks.tip)
+        if self.attached is None:
+            return tool
+        more = pp.collision.Attachments.load(self.attached)
+        both = {body.name for body in tool.bodies} & {body.name for body in more.bodies}
+        if both:
+            raise InputError(f"--tool-of and --attached both name a body {sorted(both)[0]!r}; rename one of them")
+        for name, value in more.held.items():
+            if tool.held.get(name, value) != value:
+                raise InputError(
+                    f"--tool-of holds joint {name} at {tool.held[name]:g}, --attached at {value:g}; state it once"
+                )
+        if not (more.tip.isIdentity() or tool.tip.isIdentity()):
+            raise InputError("--tool-of and --attached both state a tip; remove one of them")
+        tip = tool.tip if more.tip.isIdentity() else more.tip
+        return pp.collision.Attachments((*tool.bodies, *more.bodies), more.allowed, {**tool.held, **more.held}, tip)
+
+    def arm(self, robot: str) -> pp.Arm:
+        """Load the arm of a robot, with the tcp of ``--tool-of`` if none is selected, and the joints of the tool held.
 
         Raises
         ------
         InputError
             If the picks file of ``--tool-of`` states another tcp than the command.
         """
-        joint_limits = None if self.limits is None else pp.JointLimits.load(self.limits)
-        loaded = self.load(robot)
-        # Without files of a tool, the packages that read them are not imported.
-        tcp, tool_tcp = self.tcp, None if tool is None or tool.tool_of is None else tool.picks.tcp
-        if tcp is None and self.group is None:
-            tcp = tool_tcp
-        arm = loaded.arm(tcp, base=self.base, group=self.group, limits=joint_limits)
-        return with_held_joints(arm, tool, tool_tcp)
+        if not self.has_tool:  # the packages that read these files are not imported then
+            return super().arm(robot)
+        tcp = self.picks.tcp
+        arm = ChainOptions.arm(self if self.tcp or self.group else replace(self, tcp=tcp), robot)
+        if tcp is not None and tcp != arm.tcp:
+            raise InputError(
+                f"the tool of --tool-of is made for tcp {tcp!r}, but the arm ends in {arm.tcp!r}; use --tcp {tcp}"
+            )
+        return arm.with_held(self.attachments.held) if self.attachments.held else arm
 
-
-@dataclass(frozen=True)
-class SceneOptions:
-    """Options for the obstacles and the required distance to them."""
-
-    PANEL: ClassVar = "Scene and tool"
-
-    scene: Path | None = option("A scene file (YAML). Default: no obstacles.", None)
-    margin: float = option("Distance in metres that every two bodies must keep from each other.", 0.0, min=0.0)
-
-    @property
-    def files(self) -> tuple[Path | None, ...]:
-        """The input files."""
-        return (self.scene,)
-
-    def load(self) -> pp.Scene:
-        """Load the scene; without ``--scene`` it is empty."""
+    def world(self) -> pp.Scene:
+        """The scene; without ``--scene`` it is empty."""
         return pp.Scene() if self.scene is None else pp.Scene.load(self.scene)
 
-    def checker(
-        self, arm: pp.Arm, scene: pp.Scene | None = None, tool: ToolOptions | None = None
-    ) -> pp.CollisionChecker:
-        """The collision checker of an arm and its tool in a scene, by default the scene of :meth:`load`."""
-        attachments, margin = pp.collision.Attachments(), self.margin
-        if tool is not None:
-            attachments, margin = tool.attachments, max(margin, tool.picks.margin)
+    def checker(self, arm: pp.Arm, world: pp.Scene | None = None) -> pp.CollisionChecker:
+        """The collision checker of an arm and its tool in a scene, by default in :meth:`world`."""
+        attachments = self.attachments if self.has_tool else pp.collision.Attachments()
+        margin = max(self.margin, self.picks.margin) if self.has_tool else self.margin
         warn_of_millimetres("--margin", [self.margin], most=MOST_MARGIN)
-        world = self.load() if scene is None else scene
+        world = self.world() if world is None else world
         return pp.CollisionChecker(arm, world, margin=margin, attached=attachments.bodies, allowed=attachments.allowed)
 
 
@@ -313,61 +309,35 @@ class RateOptions:
     torque: bool = option("Apply the torque limits of the joints (effort in the URDF).", False)
     tool_speed: float | None = option("Largest speed of the tcp in m/s, such as 0.25 beside persons.", None)
 
-    def torque_limits(self, arm: pp.Arm) -> pp.motion.TorqueLimits | None:
-        """The torque limits of an arm, None if they do not apply.
+    def limits(self, arm: pp.Arm) -> tuple[list[pp.motion.RateConstraint], pp.motion.TorqueLimits | None]:
+        """All limits for the timing of an arm, and that of the torques among them, if it applies.
 
         Raises
         ------
         InputError
             If the payload is not a mass, a centre and an inertia, or the arm has no torque limits or masses.
         """
-        if self.payload is None:
-            return pp.motion.TorqueLimits(arm) if self.torque else None
-        values = numbers(self.payload, "--payload", *MASS_FORMS)
-        center, inertia = np.array(values[1:4] or [0.0, 0.0, 0.0]), np.array(values[4:])
-        body = pp.Payload(values[0], center, inertia if len(inertia) else None)
-        return pp.motion.TorqueLimits(arm, body)
-
-    def limits(self, arm: pp.Arm) -> list[pp.motion.RateConstraint]:
-        """All limits for the timing of an arm."""
-        limits: list[pp.motion.RateConstraint] = []
-        if (torque := self.torque_limits(arm)) is not None:
-            limits.append(torque)
+        torque = pp.motion.TorqueLimits(arm) if self.torque and self.payload is None else None
+        if self.payload is not None:
+            values = numbers(self.payload, "--payload", *MASS_FORMS)
+            center, inertia = np.array(values[1:4] or [0.0, 0.0, 0.0]), np.array(values[4:])
+            torque = pp.motion.TorqueLimits(arm, pp.Payload(values[0], center, inertia if len(inertia) else None))
+        limits: list[pp.motion.RateConstraint] = [] if torque is None else [torque]
         if self.tool_speed is not None:
             limits.append(pp.motion.ToolLimits(arm, linear_speed=self.tool_speed))
-        return limits
+        return limits, torque
 
-    def peaks(self, arm: pp.Arm, trajectory: pp.Trajectory) -> tuple[pp.motion.TorquePeak, ...]:
-        """The largest torque of each joint over a motion; empty if torques are not limited."""
-        limits = self.torque_limits(arm)
-        return () if limits is None else limits.peaks(trajectory)
-
-    def notes(self, arm: pp.Arm) -> tuple[str, ...]:
-        """What is missing or generated in the data of the torque limits; empty if torques are not limited."""
-        limits = self.torque_limits(arm)
-        return () if limits is None else limits.notes
-
-    def violations(self, arm: pp.Arm, trajectory: pp.Trajectory, tolerance: float) -> list[str]:
-        """One sentence for each limit that a motion exceeds by more than a relative tolerance, between samples too."""
-        found = []
-        for limit in self.limits(arm):
-            try:
-                exceeded = float(limit.excess(trajectory).max()) > 1.0 + tolerance
-            except TimingError as error:
-                found.append(str(error))
-                continue
-            if exceeded and isinstance(limit, pp.motion.TorqueLimits):
-                over = [
-                    f"{peak.joint} needs {peak.torque:.6g} {peak.unit} at {peak.time:.3f} s; its limit is "
-                    f"{peak.limit:.6g} {peak.unit}"
-                    for peak in limit.peaks(trajectory)
-                    if peak.share > 1.0
-                ]
-                found += over or ["the torques are so close to their limits that these are not proven to be kept"]
-            elif exceeded and isinstance(limit, pp.motion.ToolLimits):
-                speed = limit.peaks(trajectory)["linear_speed"]
-                found.append(f"the tcp reaches a speed of {speed:.6g} m/s; the limit is {self.tool_speed:g} m/s")
-        return found
+    @staticmethod
+    def report(
+        torque: pp.motion.TorqueLimits | None, trajectory: pp.Trajectory
+    ) -> tuple[list[str], list[str], dict[str, Any]]:
+        """The line on the joint with the largest share of its torque limit, the notes on torques, and JSON output."""
+        if torque is None:
+            return [], [], {}
+        peaks = torque.peaks(trajectory)
+        largest = f"largest torque: {max(peaks, key=lambda peak: peak.share)}"
+        figures = {"torques": [peak.as_dict() for peak in peaks], "torque_notes": torque.notes}
+        return [largest], [f"note: {note}" for note in torque.notes], figures
 
 
 def expand_options(command: Callable[..., None], on_verbose: Callable[[], None]) -> Callable[..., None]:
@@ -429,7 +399,7 @@ def _with_value(name: str, hint: Any, default: Any, panel: str | None = None) ->
     """
     kind, info = get_args(hint)
     info = copy.copy(info)
-    info.rich_help_panel = panel
+    info.rich_help_panel = info.rich_help_panel or panel
     if default is False and not isinstance(info.default, str):  # typer stores the first stated name there
         info.param_decls = (f"--{name.replace('_', '-')}",)
     plain = next(each for each in (*get_args(kind), kind) if each is not type(None))
@@ -439,23 +409,6 @@ def _with_value(name: str, hint: Any, default: Any, panel: str | None = None) ->
         ends = [f"{end:g}" for end in (info.min, info.max) if end is not None]
         info.metavar = "..".join(ends) if len(ends) == 2 else f"{VALUES[plain]}{'>=' if ends else ''}{''.join(ends)}"
     return Annotated[kind, info]
-
-
-def with_held_joints(arm: pp.Arm, tool: ToolOptions | None, tool_tcp: str | None = None) -> pp.Arm:
-    """The arm with the joints outside its chain at the values that the tool states.
-
-    Raises
-    ------
-    InputError
-        If the tool is made for another tcp (``tool_tcp``) than the arm has.
-    """
-    if tool_tcp is not None and tool_tcp != arm.tcp:
-        raise InputError(
-            f"the tool of --tool-of is made for tcp {tool_tcp!r}, but the arm ends in {arm.tcp!r}; use --tcp {tool_tcp}"
-        )
-    if tool is None or not any(tool.files) or not tool.attachments.held:
-        return arm
-    return arm.with_held(tool.attachments.held)
 
 
 def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -> pp.Trajectory:

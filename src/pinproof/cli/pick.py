@@ -1,4 +1,4 @@
-"""``pinproof pick``: check the picks of a file.
+"""``pinproof pick`` and ``demo``: check the picks of a file.
 
 By default every pick is checked completely and a report is printed. ``--campaign`` streams the results of many picks to
 a folder and can be interrupted and resumed. ``--screen`` checks only the grasp configuration of each pick, which is
@@ -8,7 +8,7 @@ much faster.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, replace
 from functools import partial
@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import typer
 
 import pinproof as pp
-from pinproof.cli.certify import verdict
 from pinproof.cli.console import (
     Interrupted,
     check_output_files,
-    make_folder,
+    check_report_output,
+    print_error,
     print_json,
     print_line,
     print_note,
@@ -30,15 +30,13 @@ from pinproof.cli.console import (
     print_result,
     progress_bar,
     progress_status,
-    write_pages,
+    until_interrupted,
     written,
 )
 from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, argument, option, placement
-from pinproof.common.files import file_stems
 from pinproof.errors import CampaignError, InputError, RunInterrupted, UnknownNameError
 
 if TYPE_CHECKING:
-    from pinproof.motion.dialects import Dialect
     from pinproof.picks import PickSource
 
 CONNECT_SECONDS = 20
@@ -128,46 +126,23 @@ class OutputOptions:
     )
 
     @property
-    def is_folder(self) -> bool:
-        """Whether the reports are written to a folder."""
-        path = self.output
-        return path is not None and (path.is_dir() or path.suffix.lower() not in pp.picks.REPORT_SUFFIXES)
-
-    @property
     def for_folder(self) -> bool:
         """Whether an option is used that only applies to a folder."""
-        return bool(
-            self.pages
-            or self.grip_dwell
-            or self.release_dwell
-            or self.export
-            or self.gripper_output
-            or self.export_deviation is not None
-        )
+        stated = self.export or self.gripper_output or self.export_deviation is not None
+        return bool(self.pages or self.grip_dwell or self.release_dwell or stated)
 
-    def check(self, suffix: str | None = None) -> None:
-        """Refuse an output that cannot be written, before the picks are checked; ``suffix``: only this file type."""
-        path = self.output
-        if self.export is not None and not _dialect(self.export).outputs:
+    def check(self) -> bool:
+        """Refuse an output that cannot be written, before the picks are checked; return whether it is a folder."""
+        if self.export is not None and not pp.motion.find_dialect(self.export).outputs:
             raise InputError(f"--export {self.export}: picks need digital outputs; use urscript, rapid, krl or fanuc")
         if self.gripper_output is not None and self.export is None:
             raise InputError("--gripper-output needs --export")
         if self.export_deviation is not None and self.export is None:
             raise InputError("--export-deviation needs --export")
-        if path is None:
-            return
-        if suffix is not None and path.suffix.lower() != suffix:
-            raise InputError(f"{path}: with --campaign, -o writes a page and must end in {suffix}")
-        if self.is_folder:
-            if path.suffix and not path.is_dir():
-                known = ", ".join(pp.picks.REPORT_SUFFIXES)
-                raise InputError(f"{path}: unknown report type; use {known}, or the name of an existing folder")
-            make_folder(path)
-        elif not path.parent.is_dir():
-            raise InputError(f"{path}: the folder {path.parent} does not exist")
+        return self.output is not None and check_report_output(self.output, pp.picks.REPORT_SUFFIXES)
 
-    def write(self, report: pp.picks.PickReport) -> tuple[str, bool]:
-        """Write the report and, to a folder, the motions of the good picks.
+    def write(self, report: pp.picks.PickReport, *, is_folder: bool) -> tuple[str, bool]:
+        """Write the report and, to a folder, the motions and programs of the good picks.
 
         Returns
         -------
@@ -175,59 +150,41 @@ class OutputOptions:
             What was written, empty without -o, and whether it includes each robot program of ``--export``.
         """
         output = self.output
-        if output is None:
-            return "", True
-        if not self.is_folder:
-            report.save(output)
-            return str(output), True
-        for kind in pp.picks.REPORT_SUFFIXES:
-            report.save(output / f"report{kind}")
-        report.save_programs(output, grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
-        stems = file_stems(verdict.pick.name for verdict in report.good)
-        for found, stem in zip(report.good, stems, strict=True):
-            found.save_motion(output / f"{stem}.json")
-            if self.pages and report.setup is not None:
-                write_pages(found, report.setup.checker.arm, output / f"{stem}.html")
-        programs, complete = self._export(report, stems)
+        if output is None or not is_folder:
+            if output is not None:
+                report.save(output)
+            return str(output or ""), True
+        dwell = {"grip_dwell": self.grip_dwell, "release_dwell": self.release_dwell}
+        stems = report.save_folder(output, pages=self.pages, **dwell)
         names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
         if not stems:
-            return names, complete
+            return names, True
         more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if self.pages else "")
         picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
-        return f"{names}; for {picks} its motion and program, such as {more}{programs}", complete
+        text = f"{names}; for {picks} its motion and program, such as {more}"
+        if self.export is None or report.setup is None:
+            return text, True
 
-    def _export(self, report: pp.picks.PickReport, stems: Sequence[str]) -> tuple[str, bool]:
-        """Write a robot program of each good pick; return what was written, and whether every program is proven."""
-        if self.export is None or self.output is None or report.setup is None:
-            return "", True
-        dialect = _dialect(self.export)
-        dwell = {"grip_dwell": self.grip_dwell, "release_dwell": self.release_dwell}
-        made = zip(report.good, report.programs(**dwell), stems, strict=True)
-        count = 0
-        for judged, program, stem in made:
-            found = pp.picks.export_picks(
+        # A program of the controller is written only if what its text executes is proven.
+        dialect, count = pp.motion.find_dialect(self.export), 0
+        for verdict, program, stem in zip(report.good, report.programs(**dwell), stems, strict=True):
+            exported = pp.picks.export_picks(
                 report.setup,
-                [(judged.pick, program)],
+                [(verdict.pick, program)],
                 self.export,
                 output=self.gripper_output or dialect.outputs,
                 name=stem,
                 deviation=self.export_deviation,
             )
-            for note in found.notes:
+            for note in exported.notes:
                 print_note(f"note: {note}")
-            if found.free:
-                found.program.save(self.output / f"{stem}{dialect.endings[0]}")
+            if exported.free:
+                exported.program.save(output / f"{stem}{dialect.endings[0]}")
                 count += 1
             else:
-                failed = next(each for each in found.certificates[0] if not each.free)
+                failed = next(proof for proof in exported.certificates[0] if not proof.free)
                 print_note(f"note: the {self.export} program of {stem} is not written: {failed.message}")
-        return f"; {count} programs in {self.export}", count == len(stems)
-
-
-def _dialect(name: str) -> Dialect:
-    from pinproof.motion.dialects import find_dialect
-
-    return find_dialect(name)
+        return f"{text}; {count} programs in {self.export}", count == len(stems)
 
 
 @dataclass(frozen=True)
@@ -306,7 +263,9 @@ def pick(
 
     Example: pinproof pick robots/ur5/picks.yaml -o report.json
     """
-    if out.for_folder and (not out.is_folder or screen or campaign is not None):
+    path = out.output
+    has_folder = path is not None and (path.is_dir() or path.suffix.lower() not in pp.picks.REPORT_SUFFIXES)
+    if out.for_folder and (not has_folder or screen or campaign is not None):
         raise InputError("--pages, --grip-dwell and --release-dwell belong to -o with a folder; add -o FOLDER")
     if optimise is not None and (program is not None or screen or campaign is not None):
         raise InputError(
@@ -314,44 +273,24 @@ def pick(
             "the picks file"
         )
     if program is not None:
-        if screen or campaign is not None or out.output is not None or pool.stated:
+        if screen or campaign is not None or path is not None or pool.stated:
             raise InputError("--program checks no pick; remove --screen, --campaign, -o, --workers and --dask")
         _recertify(program, file, cell, as_json=as_json)
-    elif screen:
+        return
+    if screen:
         if campaign is not None or pool.stated:
             raise InputError("--screen cannot be combined with --campaign, --workers or --dask; remove them")
-        _screen(file, cell, out.output, seed, as_json=as_json)
-    elif campaign is not None:
-        out.check(".html")
-        _run_campaign(file, cell, campaign, pool, seed, out.output, as_json=as_json)
-    else:
-        out.check()
-        budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
-        _judge(file, cell, pool, seed, out, budget, as_json=as_json)
-
-
-def _judge(
-    file: Path,
-    cell: CellOptions,
-    pool: WorkerOptions,
-    seed: int,
-    out: OutputOptions,
-    budget: pp.picks.PickBudget | None,
-    *,
-    as_json: bool,
-) -> None:
-    """Check the picks of a file, print and write the report; exit code 1 unless all are good.
-
-    Raises
-    ------
-    Interrupted
-        After Ctrl-C; before, the picks that were judged are reported, if there are any.
-    """
+        _screen(file, cell, path, seed, as_json=as_json)
+        return
+    if campaign is not None:
+        _run_campaign(file, cell, campaign, pool, seed, path, as_json=as_json)
+        return
+    is_folder = out.check()
+    budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
     try:
         with progress_bar(f"checking {file}") as show, pool.settings() as settings:
-            judged = judge_file(file, cell, seed, progress=partial(show, "picks"), budget=budget, **settings)
-            report = judged[-1]
-    except RunInterrupted as error:
+            report = judge_file(file, cell, seed, progress=partial(show, "picks"), budget=budget, **settings)
+    except RunInterrupted as error:  # the picks that were judged before are reported
         report = error.result
         if not report.verdicts:
             raise Interrupted(f"{error}; there is no result") from None
@@ -359,12 +298,12 @@ def _judge(
         print_json(report.to_dict())
     else:
         print_report(report)
-    files, complete = out.write(report)
+    files, complete = out.write(report, is_folder=is_folder)
     if files and not as_json:
         print_line(f"wrote {files}")
     if report.not_judged:
         count, total = len(report.verdicts), len(report.verdicts) + report.not_judged
-        kept = "" if out.output is None else f"; {out.output} has these {count:,}"
+        kept = "" if path is None else f"; {path} has these {count:,}"
         remedy = "the same command checks all picks again; add --campaign FOLDER for a run that can be resumed"
         raise Interrupted(f"interrupted after {count:,} of {total:,} picks{kept}; {remedy}", result_printed=True)
     if not report.ok or not complete:
@@ -373,17 +312,15 @@ def _judge(
 
 def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -> None:
     """Certify a program again in the cell of a picks file; exit code 1 unless it is FREE and unchanged."""
-    from pinproof.motion.dialects import is_program_file
-
     arm, world, source = cell.open(file)
     picks = source.load()
-    if is_program_file(program):
+    setup = pp.picks.PickSetup.make(arm, world, picks, home=None, rng=0)
+    if pp.motion.is_program_file(program):
         text = pp.motion.RobotProgram.load(program, allow_changes=True)
         with progress_status(f"certifying {program}"):
-            setup = pp.picks.PickSetup.make(arm, world, picks, home=None, rng=0)
             certificates, notes = pp.picks.certify_picks_program(setup, picks, text)
         motions = [
-            {"pick": pick.name, "motion": name, **verdict(proof)}
+            {"pick": pick.name, "motion": name, **proof.to_dict()}
             for pick, row in zip(text.picks, certificates, strict=True)
             for name, proof in zip([name for name, _ in pick.motions] if len(row) > 1 else ["pick"], row, strict=True)
         ]
@@ -394,39 +331,27 @@ def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -
         data = {"ok": ok, "program": text.name, "edited": edited, "motions": motions, "notes": notes}
         print_result(data, [*lines, *(f"note: {note}" for note in notes)], as_json=as_json, ok=ok)
         return
-    found = pp.motion.MotionProgram.load(program, allow_changes=True)
-    pick = next((each for each in picks if each.name == found.name), None)
+    stored = pp.motion.MotionProgram.load(program, allow_changes=True)
+    pick = next((pick for pick in picks if pick.name == stored.name), None)
     if pick is None:
-        raise UnknownNameError("pick", found.name, [each.name for each in picks], str(file))
+        raise UnknownNameError("pick", stored.name, [pick.name for pick in picks], str(file))
     with progress_status(f"certifying {program}"):
-        proofs = pp.picks.PickSetup.make(arm, world, picks, home=None, rng=0).recertify(found, pick)
-    records = list(found.certificates.values())
-    rows = [
-        {"motion": record.name, "changed": record.name in found.changed, **verdict(proof)}
-        for record, proof in zip(records, proofs, strict=True)
-    ]
-    ok = all(proof.free for proof in proofs) and not found.changed
-    lines = []
-    for row, proof in zip(rows, proofs, strict=True):
-        note = "; differs from the motion that was certified" if row["changed"] else ""
-        lines.append(f"{row['motion']}: {proof.status.name}: {proof.message}{note}")
-    data = {"ok": ok, "program": found.name, "duration": found.duration, "motions": rows}
+        proofs = setup.recertify(stored, pick)
+    rows, lines = [], []
+    for record, proof in zip(stored.certificates.values(), proofs, strict=True):
+        changed = record.name in stored.changed
+        rows.append({"motion": record.name, "changed": changed, **proof.to_dict()})
+        note = "; differs from the motion that was certified" if changed else ""
+        lines.append(f"{record.name}: {proof.status.name}: {proof.message}{note}")
+    ok = all(proof.free for proof in proofs) and not stored.changed
+    data = {"ok": ok, "program": stored.name, "duration": stored.duration, "motions": rows}
     print_result(data, lines, as_json=as_json, ok=ok)
 
 
-def judge_file(
-    file: Path,
-    cell: CellOptions | None = None,
-    seed: int = 0,
-    **settings: Any,
-) -> tuple[pp.Arm, pp.Scene, pp.Picks, pp.picks.PickReport]:
-    """Check the picks of a file; return the arm, the scene, the picks and the report.
-
-    ``cell`` overrides the file; ``settings`` are passed to :func:`pinproof.validate_picks`.
-    """
+def judge_file(file: Path, cell: CellOptions | None = None, seed: int = 0, **settings: Any) -> pp.picks.PickReport:
+    """Check the picks of a file; ``cell`` overrides it; ``settings`` are passed to :func:`pinproof.validate_picks`."""
     arm, world, source = (cell or CellOptions()).open(file)
-    picks = source.load()
-    return arm, world, picks, pp.validate_picks(arm, world, picks, rng=seed, **settings)
+    return pp.validate_picks(arm, world, source.load(), rng=seed, **settings)
 
 
 def _screen(file: Path, cell: CellOptions, output: Path | None, seed: int, *, as_json: bool) -> None:
@@ -468,6 +393,9 @@ def _run_campaign(
     Interrupted
         After Ctrl-C.
     """
+    if page is not None and page.suffix.lower() != ".html":
+        raise InputError(f"{page}: with --campaign, -o writes a page and must end in .html")
+    check_output_files([page])
     arm, world, source = cell.open(file)
     campaign = pp.Campaign(arm, world, source, rng=seed)
     try:
@@ -493,3 +421,61 @@ def _run_campaign(
         result.save(page)
     lines += [*(f"not covered: {note}" for note in result.notes), *written(result.path, page)]
     print_result(result.to_dict(), lines, as_json=as_json, ok=result.ok)
+
+
+def demo(
+    html: Path = option("The HTML page to write.", Path("pick.html")),
+    output: Path = option(
+        "The motion file to write: .json with the structure of trajectory_msgs/JointTrajectory, or .csv.",
+        Path("pick.json"),
+        "-o",
+        "--output",
+    ),
+    live: bool = option("Also open the motion in a browser; Ctrl-C ends it.", False),
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Check seven bolt picks of a UR5, then write the first good motion and an HTML page that shows it.
+
+    Example: pinproof demo --html pick.html
+    """
+    from pinproof.description import robots_folder
+
+    check_output_files([html, output])
+    with progress_status("checking the picks of robots/ur5/picks.yaml"):
+        report = judge_file(robots_folder() / "ur5" / "picks.yaml", seed=seed)
+    if not as_json:
+        print_report(report)
+    if not report.good:
+        if as_json:
+            print_json({**report.to_dict(), "written": []})
+        print_error("no pick is good, so no motion is written")
+        raise typer.Exit(1)
+    if report.setup is None:
+        raise InputError("the report has no set-up")
+    first, arm = report.good[0], report.setup.checker.arm
+    with progress_status("writing the page"):
+        first.save_motion(output)
+        files = [*pp.picks.write_motion_pages(first, arm, html), output]
+    if as_json:
+        print_json({**report.to_dict(), "written": [str(path) for path in files]})
+    else:
+        for motion in first.motions:
+            print_line(f"{first.pick.name}: {motion.certificate}")
+        print_line(f"{written(*files)[0]}; open {html} in a browser (no network needed)")
+    if live:
+        shown = first.motions[0]
+        with (
+            pp.show(
+                arm.with_held(shown.held),
+                shown.scene,
+                shown.trajectory,
+                certificate=shown.certificate,
+                attached=shown.attached,
+                title=first.pick.name,
+                open_browser=True,
+            ) as view,
+            until_interrupted(),
+        ):
+            (print_note if as_json else print_line)(f"live view at {view.url} (Ctrl-C ends it)")
+            view.wait()

@@ -14,13 +14,11 @@ import numpy as np
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_note, print_result, progress_bar, written
 from pinproof.cli.options import (
-    ChainOptions,
     Json,
     Place,
     Robot,
-    SceneOptions,
     Seed,
-    ToolOptions,
+    SetupOptions,
     numbers,
     option,
     placement,
@@ -28,12 +26,9 @@ from pinproof.cli.options import (
 from pinproof.units import warn_of_millimetres
 
 if TYPE_CHECKING:
-    from pinproof.spatial import SE3, Array
+    from pinproof.spatial import Array
 
 SUFFIXES = (".csv", ".npz", ".png", ".html")
-
-POINT_SIZE, MAX_POINT_SIZE = 0.4, 0.04
-"""Size of a drawn point: as a fraction of the grid step, and the largest size in metres."""
 
 
 class Orientations(str, Enum):
@@ -43,6 +38,15 @@ class Orientations(str, Enum):
     CONE = "cone"
     ALL = "all"
     HOME = "home"
+
+
+REMEDIES = {
+    Orientations.DOWN: "use --orientations all or home, another --tcp or a --tip",
+    Orientations.CONE: "use --orientations all or home, another --tcp or a --tip",
+    Orientations.ALL: "use --orientations home, more --directions, another --tcp or a --tip",
+    Orientations.HOME: "use more --spins, another --tcp or a --tip",
+}
+"""What to do if the arm takes none of the orientations."""
 
 
 @dataclass(frozen=True)
@@ -100,9 +104,7 @@ def reach(
     ),
     threads: int = option("Number of threads.", 1, min=1),
     seed: Seed = 0,
-    chain: ChainOptions,
-    scene_options: SceneOptions,
-    tool: ToolOptions,
+    setup: SetupOptions,
     as_json: Json = False,
 ) -> None:
     """Map the reach of an arm: for each grid point, the share of orientations that it reaches without collision.
@@ -111,105 +113,59 @@ def reach(
 
     Example: pinproof reach ur5 --region "-0.6 0.6 -0.6 0.6 0.1 0.1" --step 0.2 -o reach.csv
     """
+    from pinproof.collision.checking.checker import overlap_hint
+
     outputs = output or []
-    check_output_files(outputs, [robot, *scene_options.files, *chain.files, against, *tool.files], SUFFIXES)
+    check_output_files(outputs, [robot, *setup.files, against], SUFFIXES)
     before = None if against is None else pp.picks.ReachMap.load(against)
-    grid, world_from_root = _region(region, step), placement(place)
-    arm = chain.arm(robot, tool=tool)
-    checker = _checker(arm, scene_options, tool, world_from_root)
-    tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip", "x y z"))
-    frames = orientation_options.frames(_axis_at_home(arm, tcp_from_tip, world_from_root))
+    ends = numbers(region, "--region", "x0 x1 y0 y1 z0 z1")
+    warn_of_millimetres("--region", ends)
+    grid, world_from_root = pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step), placement(place)
+    arm = setup.arm(robot)
+    # The checker needs the scene in the frame of the robot's root.
+    checker = setup.checker(arm, setup.world().transformed(world_from_root.inverse()))
+    for k, measured in checker.still.touching:
+        print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
+    if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
+        print_note(hint)
+    tcp_from_tip = setup.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip", "x y z"))
+    at_home = world_from_root * arm.root_from_base * arm.forward_kinematics(arm.home) * tcp_from_tip
+    axis = np.array(at_home.rotation[:, 2])
+    frames = orientation_options.frames(axis)
     with progress_bar("reach map") as show:
         found = pp.reach_map(
             checker, grid, frames, tip=tcp_from_tip, world_from_root=world_from_root, rng=seed, threads=threads,
             progress=partial(show, ""),
         )  # fmt: skip
+    # If no point is reachable, the reason may be that the arm takes none of the orientations anywhere.
     never = ""
     if not found.reachable.any():
-        never = _why_unreachable(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
+        placed = {"tip": tcp_from_tip, "world_from_root": world_from_root}
+        if not pp.picks.attainable_orientations(arm, frames, rng=seed, **placed).any():
+            along = " ".join(f"{value + 0.0:.2g}" for value in axis.round(3))
+            never = (
+                f"the arm takes none of the {len(frames)} orientations at any position that was tried, also outside "
+                f"the region; at home the z axis of its tool points along [{along}]; "
+                f"{REMEDIES[orientation_options.orientations]}"
+            )
     change = None if before is None else pp.picks.ReachComparison(before, found)
+    title = f"{arm.robot.name}: reach" + ("" if change is None else ", gained and lost")
     for path in outputs:
+        shown = found if change is None or path.suffix.lower() == ".npz" else change
         if path.suffix.lower() == ".html":
-            _write_page(path, checker, found, change, world_from_root, step)
+            cloud = shown.coloured_points(world_from_root, size=step)
+            pp.write_html(path, arm, checker.scene, points=cloud, attached=checker.attached, title=title)
         else:
-            (found if change is None or path.suffix.lower() == ".npz" else change).save(path)
+            shown.save(path)
     compared = "" if change is None else f"compared with {against}: {change.summary}"
     lines = [*filter(None, (found.summary, compared, never and f"note: {never}")), *written(*outputs)]
-    print_result({**_figures(found, change), "note": never}, lines, as_json=as_json, ok=bool(found.free.any()))
-
-
-def _checker(arm: pp.Arm, options: SceneOptions, tool: ToolOptions, world_from_root: SE3) -> pp.CollisionChecker:
-    """The checker of the arm in its scene; links that touch at home or in every configuration are reported."""
-    from pinproof.collision.checking.checker import overlap_hint
-
-    # The checker needs the scene in the frame of the robot's root.
-    checker = options.checker(arm, options.load().transformed(world_from_root.inverse()), tool)
-    for k, measured in checker.still.touching:
-        print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
-    if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
-        print_note(hint)
-    return checker
-
-
-def _axis_at_home(arm: pp.Arm, tip: SE3, world_from_root: SE3) -> Array:
-    """The z axis (3,) of the tool at home, in the world."""
-    home = world_from_root * arm.root_from_base * arm.forward_kinematics(arm.home) * tip
-    return np.array(home.rotation[:, 2])
-
-
-def _why_unreachable(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:
-    """Why no point can be reached if the arm takes none of the orientations at any position; else ''."""
-    if pp.picks.attainable_orientations(arm, frames, tip=tip, world_from_root=world_from_root, rng=seed).any():
-        return ""
-    points = " ".join(f"{value + 0.0:.2g}" for value in _axis_at_home(arm, tip, world_from_root).round(3))
-    other = {
-        Orientations.ALL: "use --orientations home, more --directions, another --tcp or a --tip",
-        Orientations.HOME: "use more --spins, another --tcp or a --tip",
-    }.get(asked, "use --orientations all or home, another --tcp or a --tip")
-    return (
-        f"the arm takes none of the {len(frames)} orientations at any position that was tried, also outside the "
-        f"region; at home the z axis of its tool points along [{points}]; {other}"
-    )
-
-
-def _figures(found: pp.picks.ReachMap, change: pp.picks.ReachComparison | None) -> dict[str, Any]:
-    """The figures of a map for JSON output."""
     points, orientations = found.free.shape
-    counts = {"points": points, "orientations": orientations, "complete": found.complete}
-    figures = {"reachable": float(found.reachable.mean()), "free": float(found.free.mean())}
-    compared = {} if change is None else {"won": int(change.won.sum()), "lost": int(change.lost.sum())}
-    return {"ok": bool(found.free.any()), **counts, **figures, **compared}
-
-
-def _write_page(
-    path: Path,
-    checker: pp.CollisionChecker,
-    found: pp.picks.ReachMap,
-    change: pp.picks.ReachComparison | None,
-    world_from_root: SE3,
-    step: float,
-) -> None:
-    title = f"{checker.arm.robot.name}: reach" + ("" if change is None else ", gained and lost")
-    cloud = _points(found, change, world_from_root, step)
-    pp.write_html(path, checker.arm, checker.scene, points=cloud, attached=checker.attached, title=title)
-
-
-def _points(
-    found: pp.picks.ReachMap, change: pp.picks.ReachComparison | None, world_from_root: SE3, step: float
-) -> pp.viewer.ColouredPoints:
-    """The points with reached (or changed) orientations in the frame of the robot's root; others would hide them."""
-    values = found.free_share if change is None else change.won.mean(axis=1) - change.lost.mean(axis=1)
-    shown = values > 0 if change is None else (change.won | change.lost).any(axis=1)
-    local = (found.region.points[shown] - world_from_root.translation) @ world_from_root.rotation
-    size = min(POINT_SIZE * step, MAX_POINT_SIZE)
-    if change is None:
-        return pp.viewer.ColouredPoints.of_values(local, values[shown], label="share free:", size=size)
-    return pp.viewer.ColouredPoints.of_values(
-        local, values[shown], label="gained minus lost:", low=-1.0, high=1.0, colours="RdBu", size=size
-    )
-
-
-def _region(text: str, step: float) -> pp.picks.ReachRegion:
-    ends = numbers(text, "--region", "x0 x1 y0 y1 z0 z1")
-    warn_of_millimetres("--region", ends)
-    return pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step)
+    data: dict[str, Any] = {
+        "ok": bool(found.free.any()),
+        "points": points,
+        "orientations": orientations,
+        "complete": found.complete,
+    }
+    data |= {"reachable": float(found.reachable.mean()), "free": float(found.free.mean())}
+    data |= {} if change is None else {"won": int(change.won.sum()), "lost": int(change.lost.sum())}
+    print_result({**data, "note": never}, lines, as_json=as_json, ok=data["ok"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pinproof as pp
 from pinproof.cli.console import (
@@ -17,14 +17,12 @@ from pinproof.cli.console import (
     written,
 )
 from pinproof.cli.options import (
-    ChainOptions,
     Configuration,
     Html,
     IgnoreRecord,
     Json,
     Robot,
-    SceneOptions,
-    ToolOptions,
+    SetupOptions,
     argument,
     load_motion,
     note_limits,
@@ -32,12 +30,6 @@ from pinproof.cli.options import (
     parse_configuration,
 )
 from pinproof.errors import InputError, MeshError
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    from pinproof.collision import CheckResult
 
 
 @dataclass(frozen=True)
@@ -78,9 +70,7 @@ def view(
     ignore_record: IgnoreRecord = False,
     *,
     png_options: PngOptions,
-    chain: ChainOptions,
-    scene_options: SceneOptions,
-    tool: ToolOptions,
+    setup: SetupOptions,
     as_json: Json = False,
 ) -> None:
     """Show a robot or a motion in the browser (Ctrl-C ends it), as an HTML page (--html) or as a picture (--png).
@@ -90,23 +80,26 @@ def view(
 
     Example: pinproof view ur5 --html ur5.html
     """
-    check_output_files([html, png_options.png], [robot, motion, *scene_options.files, *chain.files, *tool.files])
+    check_output_files([html, png_options.png], [robot, motion, *setup.files])
     size = png_options.pixels()
     if motion is not None and (q is not None or branches):
         option = "--branches" if q is None else "--q"
         raise InputError(f"{option} cannot be combined with the motion {motion}; remove one of them")
-    arm, world = chain.arm(robot, tool=tool), scene_options.load()
-    content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": tool.attachments.bodies}
+    arm, world = setup.arm(robot), setup.world()
+    content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": setup.attachments.bodies}
     if motion is not None:
-        checker = scene_options.checker(arm, world, tool)
+        checker = setup.checker(arm, world)
         content["trajectory"] = trajectory = load_motion(motion, checker, ignore_record)
         with progress_status("certifying"):
             content["certificate"] = pp.certify(trajectory, checker)
     else:
-        checked = q is not None or scene_options.scene is not None or any(tool.files)
         content["q"] = configuration = parse_configuration(q, arm, "--q")
         note_limits(arm, configuration)
-        content["check"] = _check(arm, world, configuration, scene_options, tool) if checked else None
+        if q is not None or setup.surrounds:
+            try:
+                content["check"] = setup.checker(arm, world).check(configuration)
+            except MeshError as error:
+                print_error(f"not checked for contacts: {error}")
         if branches:
             content["ghosts"] = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(configuration)).q
     if html is None and png_options.png is None:
@@ -122,14 +115,3 @@ def view(
             pp.write_html(html, arm, world, **content)
     files = {kind: str(path) for kind, path in (("page", html), ("picture", png_options.png)) if path is not None}
     print_result(files, written(*files.values()), as_json=as_json)
-
-
-def _check(
-    arm: pp.Arm, world: pp.Scene, q: npt.NDArray[np.float64], scene_options: SceneOptions, tool: ToolOptions
-) -> CheckResult | None:
-    """Check q for contacts; None, with an error message, if a collision mesh cannot be loaded."""
-    try:
-        return scene_options.checker(arm, world, tool).check(q)
-    except MeshError as error:
-        print_error(f"not checked for contacts: {error}")
-        return None

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from pinproof.errors import InputError, TimingError
+from pinproof.motion.limit_check import LIMIT_TOLERANCE
 from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import Array
 
@@ -90,3 +91,16 @@ def constraint_rows(
             part.append(row)
     alpha, beta, gamma, bound = (np.concatenate(part, axis=1) for part in parts)
     return alpha, beta, gamma, bound
+
+
+def rate_violations(constraints: Sequence[RateConstraint], trajectory: Trajectory) -> list[str]:
+    """A sentence for each limit that a motion exceeds by more than rounding, between samples too."""
+    sentences: list[str] = []
+    for constraint in constraints:
+        try:
+            if float(constraint.excess(trajectory).max()) > 1.0 + LIMIT_TOLERANCE:
+                describe = getattr(constraint, "exceeded", None)
+                sentences += [f"{constraint.name} is exceeded"] if describe is None else describe(trajectory)
+        except TimingError as error:  # no timing satisfies the limit
+            sentences.append(str(error))
+    return sentences

@@ -109,6 +109,15 @@ class ToolLimits:
         bound, _, _ = self._tree.tool_peaks(*controls(trajectory))
         return dict(zip(UNITS, bound.tolist(), strict=True))
 
+    def exceeded(self, trajectory: Trajectory) -> list[str]:
+        """A sentence for each limit that the tcp exceeds."""
+        nouns = ("a speed", "an angular speed", "an acceleration", "an angular acceleration")
+        return [
+            f"the tcp reaches {noun} of {value:.6g} {UNITS[name]}; the limit is {limit:g} {UNITS[name]}"
+            for noun, (name, value) in zip(nouns, self.peaks(trajectory).items(), strict=True)
+            if (limit := getattr(self, name)) is not None and value > limit
+        ] or ["the tcp is so close to its limits that these are not proven to be kept"]
+
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuilt, (self.arm, {name: getattr(self, name) for name in UNITS})
 

@@ -146,6 +146,15 @@ class TorqueLimits:
             for j, name in enumerate(self.arm.joint_names)
         )
 
+    def exceeded(self, trajectory: Trajectory) -> list[str]:
+        """A sentence for each joint whose largest torque exceeds its limit."""
+        return [
+            f"{peak.joint} needs {peak.torque:.6g} {peak.unit} at {peak.time:.3f} s; its limit is "
+            f"{peak.limit:.6g} {peak.unit}"
+            for peak in self.peaks(trajectory)
+            if peak.share > 1.0
+        ] or ["the torques are so close to their limits that these are not proven to be kept"]
+
     @property
     def tree(self) -> DynamicTree:
         """The arm and its payloads in the compiled core."""

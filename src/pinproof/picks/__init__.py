@@ -23,7 +23,7 @@ from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.picks.report.program_export import PicksProgram, certify_picks_program, export_picks
-from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport
+from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport, write_motion_pages
 
 __all__ = [
     "REPORT_SUFFIXES",
@@ -78,4 +78,5 @@ __all__ = [
     "screen_picks",
     "tool_orientations",
     "validate_picks",
+    "write_motion_pages",
 ]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -275,6 +275,43 @@ class Certificate:
             return False
         setup = CheckerSpec(arm, scene, attached=tuple(attached)).setup_hash(movers)
         return self.curve == curve_hash(curve) and self.setup == setup
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict with its figures, the first contact and what is excluded as plain values for JSON."""
+
+        def parts(found: Any, *names: str) -> dict[str, Any] | None:
+            return None if found is None else {name: getattr(found, name) for name in names}
+
+        violation = parts(self.violation, "time", "q")
+        if isinstance(self.violation, ConstraintViolation):
+            more = parts(self.violation, "error", "satisfied_until") or {}
+            violation = {"constraint": str(self.violation.constraint), **(violation or {}), **more}
+        elif self.violation is not None:
+            limit = parts(self.violation, "joint", "quantity", "value", "limit") or {}
+            violation = {**limit, **(violation or {})}
+        return {
+            "status": self.status.name,
+            "message": self.message,
+            "margin": self.margin,
+            "clearance_proven": self.clearance if self.free else None,
+            "clearance_observed": self.observed,
+            "first_contact": parts(
+                self.first_contact, "time", "q", "bodies", "distance", "points", "proven_free_until"
+            ),
+            "constraints": [
+                {
+                    "constraint": str(proof.constraint),
+                    "tolerance": proof.constraint.tolerance,
+                    "largest_proven": proof.largest if self.free else None,
+                    "largest_observed": proof.observed,
+                }
+                for proof in self.constraints
+            ],
+            "violation": violation,
+            "limits_compared": [] if self.limits is None else list(self.limits.checked),
+            "excluded": [[*pair.owners, pair.reason] for pair in self.excluded],
+            "notes": list(self.notes),
+        }
 
     def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
         """Return the record of this certificate for the file of its motion, from time ``start`` to ``end`` (s)."""

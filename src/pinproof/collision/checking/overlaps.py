@@ -298,6 +298,15 @@ class OverlapReport:
         """
         return tuple(DisabledPair(pair.links, pair.reason) for pair in self.pairs if pair.reason)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The pairs with their counts and the proposal as plain values for JSON."""
+        keys = ("links", "touching", "frequency", "adjacent", "geometry")
+        pairs = [
+            {**{key: getattr(pair, key) for key in keys}, "srdf": pair.disabled, "proposed": pair.reason}
+            for pair in self.pairs
+        ]
+        return {"robot": self.robot.name, "samples": self.samples, "pairs": pairs}
+
     def save_srdf(self, path: str | Path) -> None:
         """Write an SRDF atomically: the content of the robot's own SRDF, if there is one, and the proposed pairs.
 

@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,9 @@ from pinproof.model import Arm
 from pinproof.picks.batch.reach_region import ReachRegion
 from pinproof.picks.batch.screening import Screening, ScreenStatus, code_of, in_chunks
 from pinproof.spatial import SE3, Array, matrix, rigid, rigid_many
+
+if TYPE_CHECKING:
+    from pinproof.viewer import ColouredPoints
 
 Mask = npt.NDArray[np.bool_]
 
@@ -123,6 +126,10 @@ class ReachMap:
             If the file cannot be written.
         """
         save_as(path, {".csv": self._csv, ".npz": self._npz, ".png": self._png})
+
+    def coloured_points(self, world_from_root: SE3, *, size: float) -> ColouredPoints:
+        """The points that are free in some orientation, for a page of the arm; ``size`` is the grid step (m)."""
+        return _coloured(self, np.any(self.free, axis=1), self.free_share, world_from_root, size, label="share free:")
 
     def _csv(self) -> str:
         columns = ("x", "y", "z", "reach_share", "free_share", "best_manipulability", "best_clearance")
@@ -238,6 +245,13 @@ class ReachComparison:
         """
         save_as(path, {".csv": self._csv, ".png": self._png})
 
+    def coloured_points(self, world_from_root: SE3, *, size: float) -> ColouredPoints:
+        """The points that gain or lose an orientation, for a page of the arm; ``size`` is the grid step (m)."""
+        change, label = self.won.mean(axis=1) - self.lost.mean(axis=1), "gained minus lost:"
+        changed = np.any(self.won | self.lost, axis=1)
+        colours = {"colours": WON_AND_LOST[0], "low": WON_AND_LOST[1], "high": WON_AND_LOST[2]}
+        return _coloured(self.after, changed, change, world_from_root, size, label=label, **colours)
+
     def _csv(self) -> str:
         shares = self.before.free_share, self.after.free_share, self.won.mean(axis=1), self.lost.mean(axis=1)
         return _table(("x", "y", "z", "before", "after", "won", "lost"), self.before.region.points, *shares)
@@ -247,6 +261,21 @@ class ReachComparison:
         label = "share of orientations won (blue) less lost (red)"
         change = self.won.mean(axis=1) - self.lost.mean(axis=1)
         return slices(self.before.region, change, title, label, colours=WON_AND_LOST)
+
+
+POINT_SIZE, MAX_POINT_SIZE = 0.4, 0.04
+"""Size of a drawn point: as a fraction of the grid step, and the largest size in metres."""
+
+
+def _coloured(
+    reach: ReachMap, shown: Mask, values: Array, world_from_root: SE3, step: float, **colours: Any
+) -> ColouredPoints:
+    """The shown points in the frame of the robot's root; the others would hide them."""
+    from pinproof.viewer import ColouredPoints
+
+    local = (reach.region.points[shown] - world_from_root.translation) @ world_from_root.rotation
+    size = min(POINT_SIZE * step, MAX_POINT_SIZE)
+    return ColouredPoints.of_values(local, values[shown], size=size, **colours)
 
 
 def _share(mask: npt.NDArray[np.bool_], total: int) -> str:

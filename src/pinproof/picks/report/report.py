@@ -219,6 +219,49 @@ class PickReport:
             program.save(path)
         return paths
 
+    def save_folder(
+        self, folder: str | Path, *, grip_dwell: float = 0.0, release_dwell: float = 0.0, pages: bool = False
+    ) -> tuple[str, ...]:
+        """Write the report in all formats, and for each good pick its motion, its program and, if wanted, its pages.
+
+        Returns
+        -------
+        tuple[str, ...]
+            The names without suffix of the files of each good pick, in order.
+        """
+        folder = Path(folder)
+        for kind in REPORT_SUFFIXES:
+            self.save(folder / f"report{kind}")
+        self.save_programs(folder, grip_dwell=grip_dwell, release_dwell=release_dwell)
+        stems = file_stems(verdict.pick.name for verdict in self.good)
+        for verdict, stem in zip(self.good, stems, strict=True):
+            verdict.save_motion(folder / f"{stem}.json")
+            if pages and self.setup is not None:
+                write_motion_pages(verdict, self.setup.checker.arm, folder / f"{stem}.html")
+        return tuple(stems)
+
+
+def write_motion_pages(verdict: PickVerdict, arm: Arm, path: str | Path) -> list[Path]:
+    """Write a page of the motion of a good pick, or one for each part if the attached bodies change along it.
+
+    The files are ``path``, or ``NAME_1_transit.html`` and so on; they are returned.
+    """
+    from pinproof.viewer import write_html
+
+    path, pages, single = Path(path), [], len(verdict.motions) == 1
+    for number, part in enumerate(verdict.motions, start=1):
+        pages.append(path if single else path.with_name(f"{path.stem}_{number}_{part.name}{path.suffix}"))
+        write_html(
+            pages[-1],
+            arm.with_held(part.held),
+            part.scene,
+            part.trajectory,
+            certificate=part.certificate,
+            attached=part.attached,
+            title=f"{arm.robot.name}: {verdict.pick.name}" + ("" if single else f", {part.name}"),
+        )
+    return pages
+
 
 TEXTS: dict[str, Callable[[PickReport], str]] = {
     ".json": PickReport.to_json,

@@ -1,8 +1,10 @@
-"""``pinproof info``: print the properties of a robot and what its files do not state."""
+"""``pinproof info``, ``dh2urdf`` and ``urdf2dh``: the properties of a robot, and conversion between DH and URDF."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import MISSING
+from enum import Enum
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,11 +14,18 @@ import typer
 import pinproof as pp
 from pinproof.cli.complete import robot_names
 from pinproof.cli.console import check_output_files, print_result, progress_status, written
-from pinproof.cli.options import ChainOptions, Json, option
+from pinproof.cli.options import ChainOptions, Json, Robot, argument, option
 from pinproof.errors import InputError, MeshError
 
 if TYPE_CHECKING:
     from pinproof.model import JointInfo
+
+
+class Convention(str, Enum):
+    """The two conventions of Denavit-Hartenberg parameters."""
+
+    STANDARD = "standard"
+    MODIFIED = "modified"
 
 
 def info(
@@ -63,8 +72,24 @@ def info(
             report = pp.collision.sample_overlaps(arm.robot, samples=samples)
         if write_srdf is not None:
             report.save_srdf(write_srdf)
-        lines = [*_overlap_lines(report), *written(write_srdf, write_urdf)]
-        print_result(_overlaps_json(report), lines, as_json=as_json)
+        # The pairs by frequency, each with the proposal; those that never touch as one line.
+        touching = [pair for pair in report.pairs if pair.touching or pair.reason]
+        never = [" and ".join(pair.links) for pair in report.pairs if pair not in touching]
+        table: list[tuple[str, ...]] = [("links", "in contact", "geometry", "SRDF", "proposal")]
+        for pair in touching:
+            share = f"{pair.touching} of {pair.samples}: {pair.frequency}"
+            proposal = f"exclude: {pair.reason}" if pair.reason else "keep checking"
+            table.append((" and ".join(pair.links), share, pair.geometry, pair.disabled or "-", proposal))
+        sampled = f"{len(report.pairs)} pairs of links in {report.samples:,} sampled configurations of all joints"
+        lines = [
+            f"{report.robot.name}: {sampled}",
+            *_in_columns(table),
+            f"never in contact in these samples: {len(never)} pairs{': ' if never else ''}{', '.join(never)}",
+            "proposed: exclude adjacent links and links that touch in every sample, and check all others",
+            "samples do not prove that links never touch",
+            *written(write_srdf, write_urdf),
+        ]
+        print_result(report.to_dict(), lines, as_json=as_json)
         return
     robot_info = arm.robot.info(arm)
     try:
@@ -94,41 +119,6 @@ def info(
     print_result({**robot_info.to_dict(), "pairs": pairs}, lines, as_json=as_json)
 
 
-def _overlap_lines(report: pp.collision.OverlapReport) -> list[str]:
-    """The pairs by frequency, each with the proposal; those that never touch as one line."""
-    touching = [pair for pair in report.pairs if pair.touching or pair.reason]
-    never = [" and ".join(pair.links) for pair in report.pairs if pair not in touching]
-    rows = [("links", "in contact", "geometry", "SRDF", "proposal")]
-    for pair in touching:
-        share = f"{pair.touching} of {pair.samples}: {pair.frequency}"
-        proposal = f"exclude: {pair.reason}" if pair.reason else "keep checking"
-        rows.append((" and ".join(pair.links), share, pair.geometry, pair.disabled or "-", proposal))
-    sampled = f"{len(report.pairs)} pairs of links in {report.samples:,} sampled configurations of all joints"
-    return [
-        f"{report.robot.name}: {sampled}",
-        *_in_columns(rows),
-        f"never in contact in these samples: {len(never)} pairs{': ' if never else ''}{', '.join(never)}",
-        "proposed: exclude adjacent links and links that touch in every sample, and check all others",
-        "samples do not prove that links never touch",
-    ]
-
-
-def _overlaps_json(report: pp.collision.OverlapReport) -> dict[str, object]:
-    pairs = [
-        {
-            "links": pair.links,
-            "touching": pair.touching,
-            "frequency": pair.frequency,
-            "adjacent": pair.adjacent,
-            "geometry": pair.geometry,
-            "srdf": pair.disabled,
-            "proposed": pair.reason,
-        }
-        for pair in report.pairs
-    ]
-    return {"robot": report.robot.name, "samples": report.samples, "pairs": pairs}
-
-
 JOINT_COLUMNS = ("joint", "type", "limits", "speed", "accel.", "effort", "role")
 
 
@@ -146,3 +136,45 @@ def _row(joint: JointInfo) -> tuple[str, ...]:
     if joint.held_at is not None:
         role = f"held at {joint.held_at:.4g}"
     return joint.name, joint.type, f"{low} .. {high}", speed, acceleration, effort, role
+
+
+def dh2urdf(
+    table: Path = argument("A DH table (.yaml, .csv).", MISSING, metavar="TABLE"),
+    output: Path = option("The URDF file to write.", MISSING, "-o", "--output"),
+    as_json: Json = False,
+) -> None:
+    """Convert a DH table to a URDF file.
+
+    The file is written only if all frames of the URDF agree with the table.
+
+    Example: pinproof dh2urdf robots/generic_6dof/dh.yaml -o generic_6dof.urdf
+    """
+    check_output_files([output], [table])
+    rows = pp.DhTable.load(table)
+    pp.write_urdf(rows, output)
+    data = {"urdf": str(output), "robot": rows.name, "joints": list(rows.joint_names)}
+    line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} joints; all frames agree with the table"
+    print_result(data, [line], as_json=as_json)
+
+
+def urdf2dh(
+    robot: Robot,
+    output: Path = option("The DH table to write (.yaml, .csv).", MISSING, "-o", "--output"),
+    convention: Convention = option("Convention of the table.", Convention.STANDARD),
+    *,
+    chain: ChainOptions,
+    as_json: Json = False,
+) -> None:
+    """Compute the DH table of an arm.
+
+    The command fails if no table describes the arm exactly.
+
+    Example: pinproof urdf2dh ur5 -o ur5.yaml
+    """
+    check_output_files([output], [robot, *chain.files])
+    arm = chain.arm(robot)
+    rows = pp.urdf_to_dh(arm, convention=convention.value)
+    rows.save(output)
+    data = {"table": str(output), "robot": rows.name, "joints": list(rows.joint_names)}
+    line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} rows ({convention.value} convention)"
+    print_result(data, [line], as_json=as_json)

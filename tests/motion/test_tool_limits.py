@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof import InputError
 from pinproof.model import load_robot
-from pinproof.motion import BlendedPath, CubicPath, JointPath, ToolLimits, time_parametrise
+from pinproof.motion import BlendedPath, CubicPath, JointPath, ToolLimits, rate_violations, time_parametrise
 
 from ..heavy_robot import heavy_robot_text
 from .test_torque_limits import random_trajectory, samples
@@ -36,6 +36,34 @@ def rates_by_pinocchio(arm, trajectory, times):
         gain = pin.getFrameClassicalAcceleration(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         rows.append([np.linalg.norm(x) for x in (speed.linear, speed.angular, gain.linear, gain.angular)])
     return np.array(rows)
+
+
+def test_each_exceeded_limit_is_a_sentence_with_its_figures(panda):
+    trajectory = random_trajectory(panda, np.random.default_rng(3), quintic=False)
+    peaks = ToolLimits(panda, linear_speed=1.0).peaks(trajectory)
+    low = {rate: 0.5 * peaks[rate] for rate in RATES}
+    for rate in RATES:
+        (sentence,) = rate_violations([ToolLimits(panda, **{rate: low[rate]})], trajectory)
+        assert (f"{peaks[rate]:.6g}" in sentence, f"{low[rate]:g}" in sentence) == (True, True)
+        assert rate_violations([ToolLimits(panda, **{rate: 1.01 * peaks[rate]})], trajectory) == []
+    assert len(rate_violations([ToolLimits(panda, **low)], trajectory)) == len(RATES)
+
+    class Own:
+        name = "own limit"
+
+        def coefficients(self, q, slope, curvature):
+            raise NotImplementedError
+
+        def excess(self, trajectory):
+            return np.full(len(trajectory.times) - 1, self.factor)
+
+    own = Own()
+    for own.factor, expected in ((1.0, 0), (1.0 + 1e-3, 1)):
+        assert [own.name in sentence for sentence in rate_violations([own], trajectory)] == [True] * expected
+    # A limit that is not proven to be kept is reported even where the bounds of the peaks do not exceed it.
+    tool = ToolLimits(panda, linear_speed=1.01 * peaks["linear_speed"])
+    tool.excess = lambda trajectory: np.array([1.1])
+    assert len(rate_violations([tool], trajectory)) == 1
 
 
 @pytest.mark.parametrize("quintic", [False, True])

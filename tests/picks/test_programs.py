@@ -15,6 +15,7 @@ from pinproof.collision.certificates.identity import curve_hash
 from pinproof.description import robots_folder
 from pinproof.errors import InputError
 from pinproof.motion import MotionProgram
+from pinproof.picks import REPORT_SUFFIXES, write_motion_pages
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +86,24 @@ def test_saved_programs_name_their_certificates_and_are_read_back(carried, tmp_p
     assert (program.robot, program.tcp) == ("ur5", "tool0")
     curves = [motion.certificate.curve for motion in report.good[0].motions]
     assert [program.certificates[segment.certificate].curve for segment in program.segments] == curves
+
+
+def test_a_folder_has_all_reports_and_the_motion_and_program_of_each_good_pick(carried, tmp_path: Path) -> None:
+    report = carried[0]
+    (stem,) = report.save_folder(tmp_path, grip_dwell=0.2)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *(f"report{kind}" for kind in REPORT_SUFFIXES),
+        f"{stem}.json",
+        f"{stem}.program.json",
+    }
+    assert (
+        MotionProgram.load(tmp_path / f"{stem}.program.json").to_json() == report.programs(grip_dwell=0.2)[0].to_json()
+    )
+    pages = write_motion_pages(report.good[0], report.setup.checker.arm, tmp_path / "motion.html")
+    assert [page.stem for page in pages] == [
+        f"motion_{number}_{motion.name}" for number, motion in enumerate(report.good[0].motions, start=1)
+    ]
+    assert all(page.is_file() for page in pages)
 
 
 @pytest.mark.parametrize("cell", ["carried", "empty"])

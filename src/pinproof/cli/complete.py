@@ -21,9 +21,7 @@ def robot_names(incomplete: str) -> list[str]:
 
 def method_names(incomplete: str) -> list[str]:
     """The registered IK methods."""
-    from pinproof.ik.methods import IK_METHODS
-
-    return _starting_with(incomplete, IK_METHODS)
+    return _starting_with(incomplete, pp.ik.IK_METHODS)
 
 
 def file_names(*suffixes: str) -> Callable[[str], list[str]]:

@@ -21,6 +21,7 @@ from pinproof.cli.options import (
     option,
     parse_configuration,
 )
+from pinproof.common.display import markdown_table
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees
 
@@ -173,22 +174,20 @@ def bench(
     Example: pinproof bench ur5 --points 200
     """
     from pinproof.ik.bench import bench
-    from pinproof.ik.methods import IK_METHODS
 
     arm = chain.arm(robot)
-    selected = tuple(IK_METHODS) if methods is None else methods.replace(",", " ").split()
+    selected = tuple(pp.ik.IK_METHODS) if methods is None else methods.replace(",", " ").split()
     with progress_status("running the IK benchmark") as report:
         rows, left_out = bench(arm, points=points, methods=selected, rng=seed, on_progress=report)
-    lines = ["| method | task | restarts | mean, ms | median, ms | success | false positives | largest error |"]
-    lines[0] += " textbook |"
-    lines += ["|---" * 9 + "|"]
+    table = []
     for row in rows:
         solved = f"{100 * row.success:.2f} % within {row.tolerance:g}"
         error = f"{row.position_error:.1e} m" + (f", {row.orientation_error:.1e} rad" if row.task == "pose" else "")
         textbook = "" if row.textbook_ms is None else f"{row.textbook_ms:g} ms, {100 * (row.textbook_success or 0):g} %"
-        times = f"{row.mean_ms:.4f} | {row.median_ms:.4f}"
-        cells = (row.method, row.task, row.restarts, times, solved, row.false_positives, error, textbook)
-        lines.append(f"| {' | '.join(map(str, cells))} |")
+        times = f"{row.mean_ms:.4f}", f"{row.median_ms:.4f}"
+        table.append((row.method, row.task, row.restarts, *times, solved, row.false_positives, error, textbook))
+    columns = ("method", "task", "restarts", "mean, ms", "median, ms", "success", "false positives", "largest error")
+    lines = markdown_table((*columns, "textbook"), table)
     lines += [f"not applicable: {name}: {reason}" for name, reason in left_out.items()]
     data = {"robot": arm.robot.name, "points": points, "seed": seed, "rows": [asdict(row) for row in rows]}
     print_result({**data, "left_out": left_out}, lines, as_json=as_json)

@@ -6,6 +6,7 @@ wrong usage or unreadable input; 3, an internal error; 130, interrupted by Ctrl-
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import inspect
 import os
@@ -22,8 +23,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import pinproof as pp
-from pinproof.cli.cell import cell_allocate, cell_sequence
-from pinproof.cli.cell_placement import cell_compare, cell_place, cell_tolerance
+from pinproof.cli.cell import cell_allocate, cell_compare, cell_place, cell_sequence, cell_tolerance
 from pinproof.cli.certify import certify_motion, export
 from pinproof.cli.console import Interrupted, print_error, print_json, print_note
 from pinproof.cli.kinematics import bench, fk, ik
@@ -209,7 +209,7 @@ def _run() -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _report(Interrupted(), INTERRUPTED)
     except Exception as error:  # noqa: BLE001  # an unknown error must not look like a negative result
-        if _is_missing_command(error):
+        if type(error).__name__ == "NoArgsIsHelpError":  # no command is stated
             error.show()  # type: ignore[attr-defined]  # prints the help
             return USAGE
         usage = _usage_message(error)
@@ -217,7 +217,14 @@ def _run() -> int:
             return _report(error, USAGE, message=usage)
         code = _report(error, INTERNAL, message=f"internal error: {type(error).__name__}: {error}")
         if _ErrorOptions.verbose:
-            print_error(f"this is a bug in pinproof; please report it with the traceback above; {_versions()}")
+            from importlib.metadata import PackageNotFoundError, version
+
+            versions = [f"pinproof {pp.__version__}", f"Python {platform.python_version()} on {sys.platform}"]
+            for name in REPORTED_LIBRARIES:
+                with contextlib.suppress(PackageNotFoundError):
+                    versions.append(f"{name} {version(name)}")
+            report = f"please report it with the traceback above; {', '.join(versions)}"
+            print_error(f"this is a bug in pinproof; {report}")
         else:
             print_error("this is a bug in pinproof; run the command again with --verbose and report its output")
         return code
@@ -233,11 +240,6 @@ def _report(error: Exception, code: int, *, message: str = "", hint: str = "") -
         kind = ERROR_KINDS[code]
         print_json({"error": {"kind": kind, "type": type(error).__name__, "message": message, "exit_code": code}})
     return code
-
-
-def _is_missing_command(error: Exception) -> bool:
-    """Whether ``pinproof`` or a group was called without a command."""
-    return type(error).__name__ == "NoArgsIsHelpError"
 
 
 def _usage_message(error: Exception) -> str | None:
@@ -272,16 +274,3 @@ def _file_hint(error: PinproofError) -> str:
     except OSError:
         return ""
     return f"; did you mean {path.parent / similar[0]}?" if similar else ""
-
-
-def _versions() -> str:
-    """Versions of pinproof, Python and the most important libraries."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    found = [f"pinproof {version('pinproof')}", f"Python {platform.python_version()} on {sys.platform}"]
-    for name in REPORTED_LIBRARIES:
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            found.append(f"{name} not installed")
-    return ", ".join(found)

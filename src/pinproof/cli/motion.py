@@ -36,9 +36,6 @@ def check(
 
     Example: pinproof check ur5 --q home --scene robots/ur5/scene.yaml
     """
-    from pinproof.collision.certificates.identity import notes_of
-    from pinproof.collision.checking.checker import overlap_hint
-
     arm = setup.arm(robot)
     checker = setup.checker(arm)
     configuration = arm.limits.snap(parse_configuration(q, arm, "--q"))
@@ -50,9 +47,10 @@ def check(
     pairs = f"clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs"
     lines = [*outside, *map(str, result.contacts)]
     lines.append(f"{'free' if ok else 'not free'}: {pairs if checker.pairs else 'no pair of bodies is checked'}")
-    notes = filter(None, [*notes_of(checker), overlap_hint(checker, configuration, result)])
+    assumptions = pp.collision.notes_of(checker)
+    notes = filter(None, [*assumptions, pp.collision.overlap_hint(checker, configuration, result)])
     lines += [f"note: {note}" for note in notes]
-    data |= {"pairs": len(checker.pairs), "notes": notes_of(checker)}
+    data |= {"pairs": len(checker.pairs), "notes": assumptions}
     print_result(data, lines, as_json=as_json, ok=ok)
 
 
@@ -106,6 +104,7 @@ def plan(
             jerk = "limits" if effort.jerk == "limits" else float(effort.jerk)
         except ValueError:
             raise InputError(f"--jerk must be a number or the word limits, not {effort.jerk!r}") from None
+    # The arm in its scene with its tool, and what the motion must keep to.
     search = pp.planning.make_planner(effort.planner)
     arm = setup.arm(robot)
     limits, torque = rates.limits(arm)
@@ -113,6 +112,7 @@ def plan(
     checker = setup.checker(arm, world)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
     constraints = upright.constraints(arm, ends[0])
+    # A path is found, then shortened and rounded, then timed and made as short as the limits allow.
     with progress_status("planning"):
         planned = search.plan(checker, *ends, constraints=constraints, torque_limits=torque, rng=seed)
         if not planned.ok:
@@ -139,6 +139,7 @@ def plan(
             rng=seed,
             budget=effort.optimise,
         )
+    # Files before the answer, so that "wrote" is true.
     trajectory, certificate = shortest.trajectory, shortest.certificate
     if output is not None:
         trajectory.save(output, certificate=certificate)
@@ -146,6 +147,7 @@ def plan(
         drawn = pp.viewer.PlotLimits(arm.limits, arm.limits.jerk if jerk == "limits" else jerk, limits)
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, plot=drawn)
 
+    # The figures of the path, and what the optimisation gained.
     length, stops, before, after = simplified.path.length, simplified.stops, shortest.duration_before, shortest.duration
     figures = {"stops": stops, "length": length, "duration_of_path": before, "duration": after}
     figures["lower_bound"] = shortest.lower_bound

@@ -420,10 +420,8 @@ def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -
         If the file records that the motion was certified with attached bodies, held joints or obstacles that the
         checker does not have, because FREE would then state less than the file suggests; ``ignore_record`` allows it.
     """
-    from pinproof.collision.certificates.identity import missing_since
-
     trajectory = pp.Trajectory.load(path, checker.arm.joint_names)
-    missing = missing_since(trajectory.certified, checker)
+    missing = pp.collision.missing_since(trajectory.certified, checker)
     if missing and not ignore_record:
         remedy = (
             "The attached bodies change along this motion; `pinproof pick` certifies such a motion part by part"

@@ -69,10 +69,12 @@ class CellOptions(RobotFileOptions):
 
     def open(self, file: Path) -> tuple[pp.Arm, pp.Scene, PickSource]:
         """The arm, the scene and the picks of a picks file."""
+        # The picks are in the world; the arm needs them, and the scene, in the frame of its root.
         source = pp.picks.open_picks(file)
         world_from_root = placement(self.place)
         if not world_from_root.isIdentity():
             source = source.transformed(world_from_root.inverse())
+        # Options of the command replace keys of the file, whose lines errors then no longer name.
         shared = source.shared
         if self.robot is not None:
             shared = replace(shared, robot=self.robot, srdf=None, package_dirs=(), xacro_args={}, limits=None)
@@ -272,6 +274,7 @@ def pick(
             "--optimise cannot be combined with --program, --screen or --campaign; remove it, or state optimise in "
             "the picks file"
         )
+    # Other work than judging picks completely.
     if program is not None:
         if screen or campaign is not None or path is not None or pool.stated:
             raise InputError("--program checks no pick; remove --screen, --campaign, -o, --workers and --dask")
@@ -285,6 +288,7 @@ def pick(
     if campaign is not None:
         _run_campaign(file, cell, campaign, pool, seed, path, as_json=as_json)
         return
+    # Every pick is judged in all stages.
     is_folder = out.check()
     budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
     try:

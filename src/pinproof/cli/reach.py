@@ -113,8 +113,6 @@ def reach(
 
     Example: pinproof reach ur5 --region "-0.6 0.6 -0.6 0.6 0.1 0.1" --step 0.2 -o reach.csv
     """
-    from pinproof.collision.checking.checker import overlap_hint
-
     outputs = output or []
     check_output_files(outputs, [robot, *setup.files, against], SUFFIXES)
     before = None if against is None else pp.picks.ReachMap.load(against)
@@ -126,7 +124,7 @@ def reach(
     checker = setup.checker(arm, setup.world().transformed(world_from_root.inverse()))
     for k, measured in checker.still.touching:
         print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
-    if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
+    if hint := pp.collision.overlap_hint(checker, arm.home, checker.check(arm.home)):
         print_note(hint)
     tcp_from_tip = setup.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip", "x y z"))
     at_home = world_from_root * arm.root_from_base * arm.forward_kinematics(arm.home) * tcp_from_tip

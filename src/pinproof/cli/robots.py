@@ -55,6 +55,7 @@ def info(
 
     Example: pinproof info ur5
     """
+    # Without a robot the catalogue is listed.
     if robot is None:
         from pinproof.description import catalogue_names
 
@@ -91,6 +92,7 @@ def info(
         ]
         print_result(report.to_dict(), lines, as_json=as_json)
         return
+    # A robot whose meshes are missing still has joints and frames to print.
     robot_info = arm.robot.info(arm)
     try:
         checker = pp.CollisionChecker(arm)

@@ -40,21 +40,6 @@ class PngOptions:
     time: float | None = option("Time of the motion that --png shows, in seconds.", None)
     size: str = option("Size of --png in pixels.", "1280x800", metavar="WIDTHxHEIGHT")
 
-    def pixels(self) -> tuple[int, int]:
-        """Width and height.
-
-        Raises
-        ------
-        InputError
-            If ``--size`` is malformed, or ``--time`` is given without ``--png``.
-        """
-        match = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", self.size.strip())
-        if match is None:
-            raise InputError(f"--size must be WIDTHxHEIGHT in pixels, such as 1280x800, not {self.size!r}")
-        if self.time is not None and self.png is None:
-            raise InputError("--time needs --png; add --png FILE")
-        return int(match[1]), int(match[2])
-
 
 def view(
     robot: Robot,
@@ -81,12 +66,18 @@ def view(
     Example: pinproof view ur5 --html ur5.html
     """
     check_output_files([html, png_options.png], [robot, motion, *setup.files])
-    size = png_options.pixels()
+    match = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", png_options.size.strip())
+    if match is None:
+        raise InputError(f"--size must be WIDTHxHEIGHT in pixels, such as 1280x800, not {png_options.size!r}")
+    size = int(match[1]), int(match[2])
+    if png_options.time is not None and png_options.png is None:
+        raise InputError("--time needs --png; add --png FILE")
     if motion is not None and (q is not None or branches):
         option = "--branches" if q is None else "--q"
         raise InputError(f"{option} cannot be combined with the motion {motion}; remove one of them")
     arm, world = setup.arm(robot), setup.world()
     content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": setup.attachments.bodies}
+    # A motion is certified; a configuration is checked if there is something to collide with.
     if motion is not None:
         checker = setup.checker(arm, world)
         content["trajectory"] = trajectory = load_motion(motion, checker, ignore_record)

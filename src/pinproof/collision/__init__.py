@@ -9,6 +9,7 @@ from pinproof.collision.certificates.certificate import (
     UndecidedSpan,
 )
 from pinproof.collision.certificates.certify import certify, is_proven_free
+from pinproof.collision.certificates.identity import missing_since, notes_of
 from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     ConstraintViolation,
@@ -26,7 +27,7 @@ from pinproof.collision.certificates.program_proof import (
 )
 from pinproof.collision.certificates.proof_comparison import verify_proof
 from pinproof.collision.checking.audit import AuditResult, audit
-from pinproof.collision.checking.checker import CheckResult, CollisionChecker, Contact
+from pinproof.collision.checking.checker import CheckResult, CollisionChecker, Contact, overlap_hint
 from pinproof.collision.checking.movers import Mover, TimedScene, with_movers
 from pinproof.collision.checking.overlaps import LinkOverlap, OverlapReport, sample_overlaps
 from pinproof.collision.checking.pairs import ExcludedPair
@@ -101,6 +102,9 @@ __all__ = [
     "certify_program",
     "export_program",
     "is_proven_free",
+    "missing_since",
+    "notes_of",
+    "overlap_hint",
     "read_points",
     "remove_body",
     "remove_robot",

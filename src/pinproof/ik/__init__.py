@@ -8,7 +8,7 @@ from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
 from pinproof.ik.loop import DescentState, IkStep, ObservingRule, StepRule
-from pinproof.ik.methods import make_ik
+from pinproof.ik.methods import IK_METHODS, make_ik
 from pinproof.ik.reach_check import Overlap
 from pinproof.ik.reach_proof import ReachProof, ReachStatus, is_provable, prove_unreachable
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
@@ -16,6 +16,7 @@ from pinproof.ik.task import IkGoal, IkTask
 from pinproof.ik.tracking import Tracker, TrackResult, track
 
 __all__ = [
+    "IK_METHODS",
     "AnalyticIk",
     "Clik",
     "CurveEnd",

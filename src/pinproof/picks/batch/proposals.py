@@ -46,12 +46,6 @@ class Span:
         away = (targets @ self._last)[:, :3] - self._first
         return np.asarray(np.linalg.norm(away, axis=1) <= self._longest + FINEST_SPAN)
 
-    def is_beyond(self, target: Array, position: float, rotation: float) -> bool:
-        """Whether every pose within ``position`` (m) and ``rotation`` (rad) of a target (4, 4) is out of reach."""
-        lever = float(np.linalg.norm(self._last[:3]))
-        away = float(np.linalg.norm((target @ self._last)[:3] - self._first))
-        return away - position - 2.0 * np.sin(min(rotation, np.pi) / 2.0) * lever > self._longest + FINEST_SPAN
-
 
 RESTARTS = 8
 """Restarts of the search for one pose. They are sufficient for all but a few poses in a thousand, and a pose out of

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cell.allocation.allocate import _Run
-from pinproof.cell.allocation.waiting import TICK, Progress, shortest_waits
+from pinproof.cell.allocation.allocate import AllocationRun
+from pinproof.cell.allocation.common_clock import TICK, ArmAxis, shortest_waits
 from pinproof.collision import audit
 
 FILE = Path(__file__).parents[2] / "robots" / "two_ur5" / "picks.yaml"
@@ -57,7 +57,7 @@ def test_waits_are_the_shortest_and_avoid_blocked_states() -> None:
         for size in sizes.tolist():
             rests = rng.random(size) < 0.4
             rests[[0, -1]] = True
-            axes.append(Progress(np.arange(size) * TICK, rests))
+            axes.append(ArmAxis(np.arange(size) * TICK, rests))
         blocked = rng.random(tuple(sizes)) < 0.25
         blocked[0, 0] = blocked[-1, -1] = False
         least = brute_force(axes[0].rests, axes[1].rests, blocked)
@@ -127,7 +127,7 @@ def test_hands_of_the_other_arms_are_open_as_stated(tmp_path) -> None:
     picks = pp.read_picks(path)
     group = picks.load_cell()
     group = group.with_held({joint: 0.0 for joint in group.held if "finger_joint1" in joint})
-    run = _Run(group, pp.Scene.load(picks.scene), picks, (), (0.0, 0.0), pp.cell.SequenceBudget(), print, 0)
+    run = AllocationRun(group, pp.Scene.load(picks.scene), picks, (), (0.0, 0.0), pp.cell.SequenceBudget(), print, 0)
     for setup in run.setups.values():
         fingers = [value for joint, value in setup.checker.group.held.items() if "finger_joint1" in joint]
         assert fingers == [0.04, 0.04]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import weakref
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -273,7 +274,10 @@ def test_setups_of_other_placements_keep_no_caches(arm: pp.Arm, scene: pp.Scene,
         for x in (-0.1, -0.05)
     )
     task = CertifyTask(setups, (bolts, bolts))
-    rows = task(0, [(0, 0), (1, 0), (1, 1)])
+    rows = task(0, [(0, 0)])
+    judged = weakref.ref(task._current[0][1])
+    rows += task(1, [(1, 0), (1, 1)])
+    assert judged() is None
     assert [row["ok"] for row in rows] == [True, True, True]
     assert ["cell" in vars(setup) for setup in setups] == [False, False]
     expected = setups[1].judge(1, bolts.picks[1])

@@ -18,7 +18,7 @@ from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence import judge_options
 from pinproof.cell.sequencing.tour import TourProblem
 from pinproof.cell.sequencing.tour_bound import arc_bound
-from pinproof.cell.sequencing.transits import MotionFailure, Step, StepMotions, scene_after
+from pinproof.cell.sequencing.transits import MotionFailure, SequencedPick, StepMotions, scene_after
 from pinproof.errors import UnknownNameError
 from pinproof.picks import GraspSpin, PickBudget, PickSetup, PickVerdict, PlaceTarget, SuctionCup
 
@@ -308,7 +308,7 @@ def test_order_that_failed_motions_suggest_does_not_raise_the_lower_bound(monkey
     first, second = alone.order
     certified, reported = StepMotions.certified, set[str]()
 
-    def failing(self: StepMotions, step: Step) -> PickVerdict | MotionFailure:
+    def failing(self: StepMotions, step: SequencedPick) -> PickVerdict | MotionFailure:
         name = step.job.pick.name
         if name == "pick_0":
             return MotionFailure("transfer", "not certified")

@@ -7,23 +7,32 @@ time.
 """
 
 from pinproof.cell.allocation.allocate import allocate
-from pinproof.cell.allocation.allocation_page import write_allocation_page
-from pinproof.cell.allocation.allocation_report import ALLOCATION_SUFFIXES, save_allocation
+from pinproof.cell.allocation.allocation_report import (
+    ALLOCATION_SUFFIXES,
+    save_allocation,
+    write_allocation_page,
+)
 from pinproof.cell.allocation.allocation_result import AllocationResult, ArmTime, OneArm, PartState
-from pinproof.cell.allocation.arm_program import Piece
-from pinproof.cell.allocation.common_clock import CommonInterval, Timing
+from pinproof.cell.allocation.common_clock import ArmPiece, CommonInterval, Timing
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
 from pinproof.cell.placement.heat_map import PlacementMap
 from pinproof.cell.placement.place_base import PlacementBudget, place_base
 from pinproof.cell.placement.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
 from pinproof.cell.placement.region import Placement, PlacementChoice, PlacementRegion
-from pinproof.cell.sequencing.cycle_time import CycleTime, PickTime, cycle_time
-from pinproof.cell.sequencing.parts import without_parts
+from pinproof.cell.sequencing.options import without_parts
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence import sequence
 from pinproof.cell.sequencing.sequence_page import read_heat_map, write_sequence_page
 from pinproof.cell.sequencing.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
-from pinproof.cell.sequencing.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
+from pinproof.cell.sequencing.sequence_result import (
+    CycleTime,
+    LeftOut,
+    PickTime,
+    SequencePhase,
+    SequenceResult,
+    SequenceStep,
+    cycle_time,
+)
 from pinproof.cell.sequencing.sequence_run import SequenceBudget
 from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
 
@@ -31,6 +40,7 @@ __all__ = [
     "ALLOCATION_SUFFIXES",
     "SEQUENCE_SUFFIXES",
     "AllocationResult",
+    "ArmPiece",
     "ArmTime",
     "CellComparison",
     "CertifiedPlacement",
@@ -39,12 +49,10 @@ __all__ = [
     "LeftOut",
     "OneArm",
     "PartState",
-    "Phase",
     "PickChange",
     "PickDifference",
     "PickTime",
     "PickTolerance",
-    "Piece",
     "Placement",
     "PlacementBudget",
     "PlacementChoice",
@@ -54,6 +62,7 @@ __all__ = [
     "PlacementSensitivity",
     "Precedence",
     "SequenceBudget",
+    "SequencePhase",
     "SequenceResult",
     "SequenceStep",
     "Timing",

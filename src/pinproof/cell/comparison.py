@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import Enum
 from operator import attrgetter
 from pathlib import Path
@@ -26,8 +27,7 @@ from pinproof.common.structs import (
 )
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.picks.judging.verdict import PickStatus, PickVerdict
-from pinproof.picks.report.report import PickReport
+from pinproof.picks import PickReport, PickStatus, PickVerdict
 
 
 class PickChange(Enum):
@@ -120,13 +120,13 @@ class CellComparison(Written):
 
     def of(self, change: PickChange) -> tuple[PickDifference, ...]:
         """The picks with one kind of change."""
-        return tuple(each for each in self.differences if each.change is change)
+        return tuple(pick for pick in self.differences if pick.change is change)
 
     @property
     def seconds(self) -> tuple[float, float]:
         """The sums of the times (s) before and after, over the picks that are good in both."""
-        both = [each for each in self.differences if each.gained is not None]
-        return sum(each.seconds[0] or 0.0 for each in both), sum(each.seconds[1] or 0.0 for each in both)
+        both = [pick for pick in self.differences if pick.gained is not None]
+        return sum(pick.seconds[0] or 0.0 for pick in both), sum(pick.seconds[1] or 0.0 for pick in both)
 
     @property
     @reported("s", minimum=0)
@@ -168,14 +168,14 @@ class CellComparison(Written):
     @reported()
     def summary(self) -> str:
         """The number of picks with each change, and the change of the time."""
-        counts = ", ".join(f"{len(found)} {change.value}" for change in PickChange if (found := self.of(change)))
+        counts = ", ".join(f"{number} {change}" for change, number in self.counts.items() if number)
         before, after = self.seconds
         share = f" ({(after - before) / before:+.1%})" if before else ""
-        both = sum(each.gained is not None for each in self.differences)
+        both = sum(pick.gained is not None for pick in self.differences)
         return f"{counts}; {both} good in both take {before:.3f} s before and {after:.3f} s after{share}"
 
     def __repr__(self) -> str:
-        rows = (f"{each.name}: {each.change.value}" for each in self.differences)
+        rows = (f"{pick.name}: {pick.change.value}" for pick in self.differences)
         return outline(f"CellComparison({self.summary})", rows, total=len(self.differences))
 
     def _repr_html_(self) -> str:
@@ -183,16 +183,16 @@ class CellComparison(Written):
 
     def _rows(self) -> list[tuple[object, ...]]:
         return [
-            (each.name, each.change.value, *("" if s is None else f"{s:.3f}" for s in each.seconds), each.reason)
-            for each in self.differences
+            (pick.name, pick.change.value, *("" if s is None else f"{s:.3f}" for s in pick.seconds), pick.reason)
+            for pick in self.differences
         ]
 
     def to_csv(self) -> str:
         """One row for each pick."""
         columns = ("name", "change", "seconds_before", "seconds_after", "verdict_before", "verdict_after", "reason")
         rows = (
-            (each.name, each.change.value, *map(figure, each.seconds), *each.verdicts, each.reason)
-            for each in self.differences
+            (pick.name, pick.change.value, *map(figure, pick.seconds), *pick.verdicts, pick.reason)
+            for pick in self.differences
         )
         return csv_text(columns, rows)
 
@@ -237,27 +237,22 @@ def compare(before: PickReport, after: PickReport, *, least: float = 0.01) -> Ce
     for when, report in (("before", before), ("after", after)):
         if report.not_judged:
             raise InputError(f"the report {when} was interrupted: {report.not_judged} picks have no verdict")
-    found = {verdict.pick.name: verdict for verdict in after.verdicts}
-    mine = {verdict.pick.name for verdict in before.verdicts}
+    verdicts = [{verdict.pick.name: verdict for verdict in report.verdicts} for report in (before, after)]
+    for own, others, when in ((verdicts[0], verdicts[1], "after"), (verdicts[1], verdicts[0], "before")):
+        for name in own:
+            if name not in others:
+                raise UnknownNameError("pick", name, others, f"the report {when} the change")
+    # good in both, in one or in none
+    differences = []
     for verdict in before.verdicts:
-        if verdict.pick.name not in found:
-            raise UnknownNameError("pick", verdict.pick.name, found, "the report after the change")
-    for name in found:
-        if name not in mine:
-            raise UnknownNameError("pick", name, mine, "the report before the change")
-    differences = tuple(
-        PickDifference(_change(verdict, found[verdict.pick.name], least), verdict, found[verdict.pick.name])
-        for verdict in before.verdicts
-    )
-    return CellComparison(before, after, differences, least)
-
-
-def _change(before: PickVerdict, after: PickVerdict, least: float) -> PickChange:
-    if before.trajectory is None or after.trajectory is None:
-        if before.ok is after.ok:
-            return PickChange.FAILING
-        return PickChange.WON if after.ok else PickChange.LOST
-    gained = before.trajectory.duration - after.trajectory.duration
-    if abs(gained) < least:
-        return PickChange.SAME
-    return PickChange.FASTER if gained > 0 else PickChange.SLOWER
+        difference = PickDifference(PickChange.FAILING, verdict, verdicts[1][verdict.pick.name])
+        gained = difference.gained
+        if gained is None:
+            if verdict.ok is not difference.after.ok:
+                difference = replace(difference, change=PickChange.LOST if verdict.ok else PickChange.WON)
+        elif abs(gained) < least:
+            difference = replace(difference, change=PickChange.SAME)
+        else:
+            difference = replace(difference, change=PickChange.FASTER if gained > 0 else PickChange.SLOWER)
+        differences.append(difference)
+    return CellComparison(before, after, tuple(differences), least)

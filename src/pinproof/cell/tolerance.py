@@ -31,13 +31,9 @@ from pinproof.common.files import csv_text, json_text, save_as
 from pinproof.common.structs import OPTIONAL_NUMBER, TEXT, Written, key, reported, struct
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
-from pinproof.picks.batch.screen_picks import screen_picks
-from pinproof.picks.input.pick import Pick
-from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks import Pick, PickReport, PickSetup, PickVerdict, screen_picks
 from pinproof.picks.judging.task import Task
-from pinproof.picks.judging.verdict import PickVerdict
-from pinproof.picks.report.report import PickReport
-from pinproof.spatial import SE3, pose
+from pinproof.spatial import pose
 from pinproof.work import IN_FLIGHT, Progress, Runner, Workers
 
 Distribution = Literal["uniform", "normal"]
@@ -97,26 +93,26 @@ class ToleranceStudy(Written):
     @reported(minimum=0, maximum=1)
     def proven_share(self) -> float:
         """Share of the picks whose unchanged motions are certified for the whole tolerance."""
-        return sum(each.proven for each in self.picks) / max(len(self.picks), 1)
+        return sum(pick.proven for pick in self.picks) / max(len(self.picks), 1)
 
     @property
     @reported(minimum=0, maximum=1)
     def sampled_share(self) -> float:
         """Share of the picks whose grasp is free at every sampled pose, if it is planned again."""
-        return sum(each.share == 1.0 for each in self.picks) / max(len(self.picks), 1)
+        return sum(pick.share == 1.0 for pick in self.picks) / max(len(self.picks), 1)
 
     @property
     @reported()
     def ok(self) -> bool:
         """Whether every pick is certified for the whole tolerance."""
-        return bool(self.picks) and all(each.proven for each in self.picks)
+        return bool(self.picks) and all(pick.proven for pick in self.picks)
 
     @property
     @reported()
     def summary(self) -> str:
         """The result in one line."""
-        proven = sum(each.proven for each in self.picks)
-        sampled = sum(each.share == 1.0 for each in self.picks)
+        proven = sum(pick.proven for pick in self.picks)
+        sampled = sum(pick.share == 1.0 for pick in self.picks)
         return (
             f"+-{self.position * 1e3:g} mm, +-{np.degrees(self.rotation):g} deg: {proven} of {len(self.picks)} picks "
             f"certified for the whole tolerance without a change of the motion; the grasps of {sampled} are free at "
@@ -124,7 +120,7 @@ class ToleranceStudy(Written):
         )
 
     def __repr__(self) -> str:
-        rows = (f"{each.name}: {each.factor:.3g} of the tolerance" for each in self.picks)
+        rows = (f"{pick.name}: {pick.factor:.3g} of the tolerance" for pick in self.picks)
         return outline(f"ToleranceStudy({self.summary})", rows, total=len(self.picks))
 
     def _repr_html_(self) -> str:
@@ -133,23 +129,23 @@ class ToleranceStudy(Written):
     def _rows(self) -> list[tuple[object, ...]]:
         return [
             (
-                each.name,
-                "proven" if each.proven else "not proven" if each.good else "not good",
-                f"{each.largest_position * 1e3:.2f}",
-                f"{np.degrees(each.largest_rotation):.2f}",
-                f"{each.share:.0%}",
-                each.limited_by,
+                pick.name,
+                "proven" if pick.proven else "not proven" if pick.good else "not good",
+                f"{pick.largest_position * 1e3:.2f}",
+                f"{np.degrees(pick.largest_rotation):.2f}",
+                f"{pick.share:.0%}",
+                pick.limited_by,
             )
-            for each in self.picks
+            for pick in self.picks
         ]
 
     def to_csv(self) -> str:
         """One row for each pick."""
         rows = []
-        for each in self.picks:
-            figures = (each.largest_position, each.largest_rotation, each.share)
+        for pick in self.picks:
+            figures = (pick.largest_position, pick.largest_rotation, pick.share)
             cells = (f"{value:.9g}" for value in figures)
-            rows.append((each.name, int(each.good), int(each.proven), *cells, each.limited_by))
+            rows.append((pick.name, int(pick.good), int(pick.proven), *cells, pick.limited_by))
         columns = ("name", "good", "proven", "largest_position", "largest_rotation", "share", "limited_by")
         return csv_text(columns, rows)
 
@@ -219,27 +215,11 @@ def tolerance_study(
     InputError
         If a value is invalid, or the report has no setup.
     """
-    setup = _valid_setup(report)
-    _refuse_invalid(position, rotation, part_radius, largest, distribution)
-    require_integer("samples", samples, 0)
-    require_integer("rng", rng, 0)
-    task = _ToleranceTask(setup, position, rotation, distribution, samples, largest, part_radius, rng)
-    with Runner(executor=executor, workers=workers, in_flight=in_flight, progress=progress) as runner:
-        rows = runner.run("tolerance", task, report.verdicts, 4)
-    notes = _not_covered(report, part_radius)
-    return ToleranceStudy(position, float(rotation), distribution, samples, largest, tuple(rows), notes)
-
-
-def _valid_setup(report: PickReport) -> PickSetup:
-    if report.setup is None:
+    setup = report.setup
+    if setup is None:
         raise InputError("the report has no setup; make it with validate_picks or place_base")
-    report.setup.shared.refuse_conveyor("a study of tolerances")
-    return report.setup
-
-
-def _refuse_invalid(
-    position: float, rotation: float, part_radius: float, largest: float, distribution: Distribution
-) -> None:
+    setup.shared.refuse_conveyor("a study of tolerances")
+    # the tolerance and the samples
     for name, value in (("position", position), ("rotation", rotation), ("part_radius", part_radius)):
         require_positive(name, value, zero=True)
     if rotation > np.pi / 2:
@@ -249,9 +229,12 @@ def _refuse_invalid(
     require_positive("largest", largest)
     if distribution not in DISTRIBUTIONS:
         raise InputError(f"distribution = {distribution!r}; use {' or '.join(DISTRIBUTIONS)}")
-
-
-def _not_covered(report: PickReport, part_radius: float) -> tuple[str, ...]:
+    require_integer("samples", samples, 0)
+    require_integer("rng", rng, 0)
+    task = _ToleranceTask(setup, position, rotation, distribution, samples, largest, part_radius, rng)
+    with Runner(executor=executor, workers=workers, in_flight=in_flight, progress=progress) as runner:
+        rows = runner.run("tolerance", task, report.verdicts, 4)
+    # what the proofs do not cover
     notes = ["whether the hand holds the displaced part"]
     if any(verdict.pick.carried is not None for verdict in report.verdicts):
         notes.append("displaced parts that do not rest on their supports")
@@ -260,7 +243,7 @@ def _not_covered(report: PickReport, part_radius: float) -> tuple[str, ...]:
             f"picks without an object: every obstacle is displaced, as a part with a radius of {part_radius * 1e3:g} mm"
         )
     notes.append("if the grasp is planned again, only the grasp is screened, not its approach, retreat and transit")
-    return tuple(notes)
+    return ToleranceStudy(position, float(rotation), distribution, samples, largest, tuple(rows), tuple(notes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +264,13 @@ class _ToleranceTask:
         name = verdict.pick.name
         if not verdict.ok:
             return PickTolerance(name, good=False, limited_by=f"the pick is {verdict.status.value}")
-        radius = self._radius(verdict.pick)
+        # the largest distance of a point of the part from its origin
+        radius, carried = self.part_radius, verdict.pick.carried
+        if carried is not None:
+            obstacle = self.setup.checker.scene[carried] if isinstance(carried, str) else carried
+            surface = LineSurface.of_obstacle(replace(obstacle, pose=None))
+            radius = float(np.linalg.norm(outer_points(surface), axis=1).max())
+        # the largest multiple that is certified: the whole tolerance, the largest one, or by bisection
         proven, why = self._certified(verdict, radius, 1.0)
         low, high, limited = (1.0, self.largest, "") if proven else (0.0, 1.0, why)
         if proven and self.largest > 1.0:
@@ -290,8 +279,8 @@ class _ToleranceTask:
         if limited:
             for _ in range(ROUNDS):
                 middle = 0.5 * (low + high)
-                found, why = self._certified(verdict, radius, middle)
-                low, high, limited = (middle, high, limited) if found else (low, middle, why)
+                free, why = self._certified(verdict, radius, middle)
+                low, high, limited = (middle, high, limited) if free else (low, middle, why)
         return PickTolerance(
             name,
             good=True,
@@ -315,15 +304,6 @@ class _ToleranceTask:
         last = proofs[-1]
         return last.free, "" if last.free else f"{verdict.motions[len(proofs) - 1].name}: {last.message}"
 
-    def _radius(self, pick: Pick) -> float:
-        """The largest distance (m) of a point of the part from its origin."""
-        carried = pick.carried
-        if carried is None:
-            return self.part_radius
-        obstacle = self.setup.checker.scene[carried] if isinstance(carried, str) else carried
-        surface = LineSurface.of_obstacle(replace(obstacle, pose=None))
-        return float(np.linalg.norm(outer_points(surface), axis=1).max())
-
     def _sampled(self, index: int, pick: Pick) -> float:
         """Share of the sampled poses at which the grasp is free."""
         if not self.samples:
@@ -337,7 +317,17 @@ class _ToleranceTask:
             obstacle = setup.checker.scene[pick.carried]
             pivot = obstacle.pose
         for _ in range(self.samples):
-            moved = pivot * self._displaced(generator) * pivot.inverse()
+            # a displacement about the origin of the part, in its own axes
+            draw = generator.uniform if self.distribution == "uniform" else generator.normal
+            low, high = (-1.0, 1.0) if self.distribution == "uniform" else (0.0, 1.0 / WITHIN)
+            shift, angle = (
+                draw(low * self.position, high * self.position, 3),
+                draw(low * self.rotation, high * self.rotation),
+            )
+            axis = generator.normal(size=3)
+            axis /= np.linalg.norm(axis)
+            turn = (*(np.sin(angle / 2.0) * axis), np.cos(angle / 2.0))
+            moved = pivot * pose(xyz=shift.tolist(), quat_xyzw=turn) * pivot.inverse()
             scene = setup.checker.scene
             if obstacle is not None:
                 scene = scene.move(obstacle.name, moved * obstacle.pose)
@@ -345,16 +335,3 @@ class _ToleranceTask:
             picks = replace(setup.shared, picks=(shown,))
             free += bool(screen_picks(setup.checker.arm, scene, picks, home=setup.home).free[0])
         return free / self.samples
-
-    def _displaced(self, generator: np.random.Generator) -> SE3:
-        """A displacement about the origin of the part, in its own axes."""
-        if self.distribution == "uniform":
-            shift = generator.uniform(-self.position, self.position, 3)
-            angle = generator.uniform(-self.rotation, self.rotation)
-        else:
-            shift = generator.normal(0.0, self.position / WITHIN, 3)
-            angle = generator.normal(0.0, self.rotation / WITHIN)
-        axis = generator.normal(size=3)
-        axis /= np.linalg.norm(axis)
-        half = angle / 2.0
-        return pose(xyz=shift.tolist(), quat_xyzw=(*(np.sin(half) * axis), np.cos(half)))

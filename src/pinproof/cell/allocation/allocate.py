@@ -15,9 +15,8 @@ import numpy.typing as npt
 
 from pinproof.cell.allocation.allocation_result import AllocationResult, OneArm
 from pinproof.cell.allocation.common_clock import ArmsApart, Timing, time_together
-from pinproof.cell.sequencing.blocking import AT_PLACE
 from pinproof.cell.sequencing.options import Job
-from pinproof.cell.sequencing.precedence import Precedence
+from pinproof.cell.sequencing.precedence import AT_PLACE, Precedence
 from pinproof.cell.sequencing.sequence import judge_options, sequence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
 from pinproof.cell.sequencing.sequence_run import SequenceBudget
@@ -106,7 +105,7 @@ def allocate(
     _check(group, picks)
     require_type("scene", scene, Scene)
     dwell, effort = (grip_dwell, release_dwell), budget or SequenceBudget()
-    run = _Run(group, scene, picks, tuple(precedence), dwell, effort, progress or _silent, rng)
+    run = AllocationRun(group, scene, picks, tuple(precedence), dwell, effort, progress or (lambda *_: None), rng)
     run.judge()
     timing, results = run.shortest()
     alone = tuple(run.alone(name) for name in group.ends) if compare else ()
@@ -115,13 +114,10 @@ def allocate(
     )
 
 
-def _silent(*_: object) -> None:
-    pass
-
-
 def _check(group: JointGroup, picks: Picks) -> None:
     require_type("group", group, JointGroup)
     require_type("picks", picks, Picks)
+    # arms that can move independently
     if len(group.ends) < 2:
         raise InputError("picks are allocated to several arms; for one arm use pinproof.sequence")
     if shared := group.shared_joints:
@@ -129,11 +125,13 @@ def _check(group: JointGroup, picks: Picks) -> None:
             f"the joints {', '.join(shared)} are shared by several arms of {group.robot.name!r}, which can "
             "therefore not execute picks independently; choose arms without common joints (robot.arms(base=...))"
         )
+    # arms that the group has, each with its settings
     for name in picks.robots:
         if name not in group.ends:
             raise UnknownNameError("arm", name, group.ends, "the robots of the picks")
     if missing := [name for name in group.ends if picks.robots and name not in picks.robots]:
         raise InputError(f"the picks state no robot {', '.join(missing)}, which the group has")
+    # picks for these arms, whose parts are in the scene from the start
     for pick in picks:
         if pick.arm is not None and pick.arm not in group.ends:
             raise UnknownNameError("arm", pick.arm, group.ends, f"pick {pick.name!r}")
@@ -146,7 +144,7 @@ def _check(group: JointGroup, picks: Picks) -> None:
         raise InputError("there are no picks to allocate")
 
 
-def _own_settings(group: JointGroup, arm: str, picks: Picks) -> Picks:
+def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:
     """The settings of an arm, with the names of links and joints in the cell and unique names of its tool."""
     own = picks.robots[arm].settings if picks.robots else picks
     part = group.robot.part_of(group.ends[arm][1])
@@ -162,6 +160,7 @@ def _own_settings(group: JointGroup, arm: str, picks: Picks) -> Picks:
     def placed(payload: Payload) -> Payload:
         return payload if payload.frame is None else replace(payload, frame=full(payload.frame))
 
+    # tools of two arms may have the same name, and a link that of another robot
     fingers = own.fingers
     if fingers is not None:
         fingers = replace(fingers, bodies=(named(fingers.bodies[0]), named(fingers.bodies[1])))
@@ -184,13 +183,13 @@ def _own_settings(group: JointGroup, arm: str, picks: Picks) -> Picks:
 
 
 @dataclass(eq=False)
-class _Run:
+class AllocationRun:
     """The work on one allocation."""
 
     group: JointGroup
     scene: Scene
     picks: Picks
-    stated: tuple[tuple[str, str], ...]
+    order: tuple[tuple[str, str], ...]
     dwell: tuple[float, float]
     budget: SequenceBudget
     progress: Progress
@@ -198,11 +197,12 @@ class _Run:
     left_out: list[LeftOut] = field(default_factory=list)
     jobs: dict[tuple[str, str], Job] = field(default_factory=dict)
     costs: dict[str, dict[str, float]] = field(default_factory=dict)
+    meetings: dict[tuple[str, str], dict[tuple[str, str], float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         group = self.group
-        Precedence.stated((pick.name for pick in self.picks), self.stated)
-        self.shared = {name: _own_settings(group, name, self.picks) for name in group.ends}
+        Precedence.stated((pick.name for pick in self.picks), self.order)
+        self.shared = {name: _settings_in_cell(group, name, self.picks) for name in group.ends}
         self.home = group.home
         for name, arm in group.arms.items():
             self.home[group.indices(name)] = self.shared[name].home_configuration(arm.joint_names, arm.home)
@@ -218,8 +218,9 @@ class _Run:
     def _setup(self, arm: str, others: Sequence[Obstacle]) -> PickSetup:
         """The setup of an arm, with the others at home and with these parts of the others at their places."""
         group, own = self.group, self.group.arms[arm]
-        at = dict(zip(group.joint_names, self.home.tolist(), strict=True))
-        still = own.with_held({**{j: at[j] for j in at if j not in own.joint_names}, **self.held})
+        resting = dict(zip(group.joint_names, self.home.tolist(), strict=True))
+        still = own.with_held({**{j: q for j, q in resting.items() if j not in own.joint_names}, **self.held})
+        # the tools of the other arms rest at home, and may touch the links that hold them
         tools, allowed = [], list(self.scene.allowed)
         for name, (base, tcp) in group.ends.items():
             if name == arm:
@@ -229,7 +230,7 @@ class _Run:
             for body in self.shared[name].open_tool:
                 tools.append(replace(body, pose=world_from_tcp * body.pose))
                 allowed += [(link, body.name) for link in of_arm]
-        every = Scene(
+        scene = Scene(
             (*self.scene.obstacles, *tools, *others),
             allowed=allowed,
             disabled=self.scene.disabled,
@@ -237,7 +238,7 @@ class _Run:
             notes=self.scene.notes,
             source=self.scene.source,
         )
-        return PickSetup.make(still, every, self.shared[arm], home=None, rng=self.rng)
+        return PickSetup.make(still, scene, self.shared[arm], home=None, rng=self.rng)
 
     # -- which arm ----------------------------------------------------------------------------------------------------
 
@@ -252,56 +253,44 @@ class _Run:
             self.progress("picks", number, len(self.setups))
             if not own:
                 continue
-            found = judge_options(setup, own, self.budget)
-            for left in found.left_out:
+            judged = judge_options(setup, own, self.budget)
+            for left in judged.left_out:
                 reasons[left.name].append(f"{arm}: {left.reason}")
-            for pair in found.pairs:
-                self._tie(*pair)
-            self.jobs |= {(arm, job.pick.name): job for job in found.jobs}
-            self.costs[arm] |= found.seconds
+            # the same arm executes picks whose parts support or block each other
+            for first, second in judged.pairs:
+                joined = self.tied[first] | self.tied[second]
+                self.tied |= dict.fromkeys(joined, joined)
+            self.jobs |= {(arm, job.pick.name): job for job in judged.jobs}
+            self.costs[arm] |= judged.seconds
         self.progress("picks", len(self.setups), len(self.setups))
-        self.meetings = self._meetings()
         for pick in self.picks:
             if not any(np.isfinite(costs[pick.name]) for costs in self.costs.values()):
                 self.left_out.append(LeftOut(pick.name, "; ".join(reasons[pick.name])))
-        self._check_ties()
-
-    def _tie(self, a: str, b: str) -> None:
-        """Let the same arm execute two picks, because the parts support or block each other."""
-        joined = self.tied[a] | self.tied[b]
-        for name in joined:
-            self.tied[name] = joined
-
-    def _check_ties(self) -> None:
         arm_of = {pick.name: pick.arm for pick in self.picks}
         for name, tied in self.tied.items():
-            stated = {arm_of[each] for each in tied} - {None}
-            if len(stated) > 1:
-                other = next(each for each in sorted(tied) if arm_of[each] not in (None, arm_of[name]))
+            if len({arm_of[member] for member in tied} - {None}) > 1:
+                rival = next(member for member in sorted(tied) if arm_of[member] not in (None, arm_of[name]))
                 raise InputError(
-                    f"the picks {name!r} and {other!r} support or block each other, so that one arm must execute both; "
+                    f"the picks {name!r} and {rival!r} support or block each other, so that one arm must execute both; "
                     f"state the same arm for {', '.join(sorted(tied))}"
                 )
-
-    def _meetings(self) -> dict[tuple[str, str], dict[tuple[str, str], float]]:
-        """For each arm and pick, and each other arm and pick: the share of their grasps and releases that collide."""
+        # for each arm and pick, and each other arm and pick, the share of their grasps and releases that collide
         checker, ends = self.apart.sampled({}), {}
         for key, job in self.jobs.items():
-            first = job.options[0]
-            ends[key] = [first.attempt.q, *([] if first.release is None else [first.release.q])]
-        found: dict[tuple[str, str], dict[tuple[str, str], float]] = {}
-        for key, own in ends.items():
-            rivals = [(other, q) for other, each in ends.items() if other[0] != key[0] for q in each]
+            option = job.options[0]
+            ends[key] = [option.attempt.q, *([] if option.release is None else [option.release.q])]
+        for key, configurations in ends.items():
+            rivals = [(end, q) for end, qs in ends.items() if end[0] != key[0] for q in qs]
             whole = np.repeat(self.home[None], len(rivals), axis=0)
-            for row, (other, q) in zip(whole, rivals, strict=True):
-                row[self.group.indices(other[0])] = q
-            found[key] = {}
-            for q in own:
+            for row, ((arm, _), q) in zip(whole, rivals, strict=True):
+                row[self.group.indices(arm)] = q
+            shares: dict[tuple[str, str], float] = {}
+            for q in configurations:
                 whole[:, self.group.indices(key[0])] = q
-                for (other, _), free in zip(rivals, checker.is_free_batch(whole).tolist(), strict=True):
-                    share = (not free) / len(own) / len(ends[other])
-                    found[key][other] = found[key].get(other, 0.0) + share
-        return found
+                for (end, _), free in zip(rivals, checker.is_free_batch(whole).tolist(), strict=True):
+                    share = (not free) / len(configurations) / len(ends[end])
+                    shares[end] = shares.get(end, 0.0) + share
+            self.meetings[key] = shares
 
     def allocation(self) -> tuple[str, ...]:
         """The arm of each pick, empty for those that are left out, so that the largest time of an arm is short."""
@@ -312,11 +301,11 @@ class _Run:
         meet = np.zeros((len(units), len(arms)) * 2)
         unit_of = {name: k for k, unit in enumerate(units) for name in unit}
         for (arm, name), others in self.meetings.items():
-            for (rival, other), share in others.items():
-                if name in unit_of and other in unit_of:
-                    weight = 1.0 / len(units[unit_of[name]]) / len(units[unit_of[other]])
-                    meet[unit_of[name], arms.index(arm), unit_of[other], arms.index(rival)] += share * weight
-        chosen = _balanced(cost.reshape(len(units), len(arms)), meet)
+            for (rival, pick), share in others.items():
+                if name in unit_of and pick in unit_of:
+                    weight = 1.0 / len(units[unit_of[name]]) / len(units[unit_of[pick]])
+                    meet[unit_of[name], arms.index(arm), unit_of[pick], arms.index(rival)] += share * weight
+        chosen = balanced(cost.reshape(len(units), len(arms)), meet)
         of = {name: arms[k] for unit, k in zip(units, chosen, strict=True) for name in unit}
         return tuple(of.get(pick.name, "") for pick in self.picks)
 
@@ -330,33 +319,33 @@ class _Run:
                 break
             seen.add(chosen)
             results = self.sequences(chosen)
-            tried.append((time_together(self.apart, self.home, results, self.stated), results))
-        return min(tried, key=lambda each: (not each[0].free, each[0].trajectory.duration))
+            tried.append((time_together(self.apart, self.home, results, self.order), results))
+        return min(tried, key=lambda pair: (not pair[0].free, pair[0].trajectory.duration))
 
     # -- the programs -------------------------------------------------------------------------------------------------
 
     def sequences(self, chosen: tuple[str, ...]) -> dict[str, SequenceResult]:
         """The sequence of each arm that has a pick; the costs are then scaled to the certified times."""
-        found = {}
+        results = {}
         for number, arm in enumerate(self.setups):
             self.progress("sequences", number, len(self.setups))
             own = [pick for pick, of in zip(self.picks, chosen, strict=True) if of == arm]
             if not own:
                 continue
-            names = {pick.name for pick in own}
+            # the parts of the other arms are obstacles at their places too
             others = [
-                self.jobs[of, each.name] for each, of in zip(self.picks, chosen, strict=True) if of not in ("", arm)
+                self.jobs[of, pick.name] for pick, of in zip(self.picks, chosen, strict=True) if of not in ("", arm)
             ]
             placed = [(part, k) for job in others for k, part in enumerate(job.places)]
-            at = [replace(part, name=f"{part.name}{AT_PLACE}{f' {k}' if k else ''}") for part, k in placed]
-            setup = self._setup(arm, at)
-            pairs = [pair for pair in self.stated if names.issuperset(pair)]
-            found[arm] = self._sequence(setup, own, pairs)
+            parts = [replace(part, name=f"{part.name}{AT_PLACE}{f' {k}' if k else ''}") for part, k in placed]
+            names = {pick.name for pick in own}
+            pairs = [pair for pair in self.order if names.issuperset(pair)]
+            results[arm] = self._sequence(self._setup(arm, parts), own, pairs)
             load = sum(self.costs[arm][name] for name in names)
-            scale = found[arm].duration / load if load > 0.0 else 1.0  # picks at home need no motion
+            scale = results[arm].duration / load if load > 0.0 else 1.0  # picks at home need no motion
             self.costs[arm] = {name: cost * scale for name, cost in self.costs[arm].items()}
         self.progress("sequences", len(self.setups), len(self.setups))
-        return found
+        return results
 
     def _sequence(self, setup: PickSetup, picks: Sequence[Pick], pairs: Sequence[tuple[str, str]]) -> SequenceResult:
         grip, release = self.dwell
@@ -366,7 +355,7 @@ class _Run:
         """The sequence of all picks by one arm, with the others at home."""
         self.progress("one arm", list(self.setups).index(arm), len(self.setups))
         try:
-            result = self._sequence(self.setups[arm], tuple(self.picks), self.stated)
+            result = self._sequence(self.setups[arm], tuple(self.picks), self.order)
         except NoAnswer as error:
             return OneArm(arm, None, str(error))
         if not result.ok:
@@ -375,19 +364,15 @@ class _Run:
         return OneArm(arm, result.duration, "")
 
 
-def _balanced(cost: Array, meet: Array) -> list[int]:
+def balanced(cost: Array, meet: Array) -> list[int]:
     """For each unit (row) the arm (column), so that the largest load of an arm is small.
 
     The load of an arm is the sum of its costs, each increased by the share of the other arms' units at which they meet.
     Each unit starts with its cheapest arm. A unit is then given to another arm, or two of different arms are exchanged,
     as long as this reduces the largest load; of all such changes, the best is made.
 
-    Parameters
-    ----------
-    cost
-        (U, A) seconds; infinite where the arm cannot.
-    meet
-        (U, A, U, A) the share of collisions of a unit of an arm with one of another arm.
+    ``cost`` (U, A) are seconds, infinite where the arm cannot; ``meet`` (U, A, U, A) is the share of collisions of a
+    unit of an arm with one of another arm.
     """
     units, arms = np.arange(len(cost)), range(cost.shape[1] if len(cost) else 0)
 
@@ -400,20 +385,23 @@ def _balanced(cost: Array, meet: Array) -> list[int]:
 
     if not len(cost):
         return []
+    # each unit starts with its cheapest arm
     chosen = (cost * (1.0 + CROWDED * meet.mean(axis=(2, 3)))).argmin(axis=1)
     best = load(chosen)
     while True:
+        # every unit to another arm, and exchanges of two units of different arms
         changes: list[tuple[tuple[int, int], ...]]
         changes = [((unit, arm),) for unit in range(len(cost)) for arm in arms if arm != chosen[unit]]
         pairs = [(a, b) for a in range(len(cost)) for b in range(a) if chosen[a] != chosen[b]]
         changes += [((a, chosen[b]), (b, chosen[a])) for a, b in pairs[:: -(-len(pairs) // EXCHANGES) or 1]]
+        # the best change is made if it saves enough
         tried = []
         for change in changes:
-            other = chosen.copy()
+            changed = chosen.copy()
             for unit, arm in change:
-                other[unit] = arm
-            tried.append((load(other) if np.isfinite(cost[units, other]).all() else np.inf, other))
-        value, other = min(tried, key=lambda each: each[0], default=(np.inf, chosen))
+                changed[unit] = arm
+            tried.append((load(changed) if np.isfinite(cost[units, changed]).all() else np.inf, changed))
+        value, changed = min(tried, key=lambda trial: trial[0], default=(np.inf, chosen))
         if value > (1.0 - GAIN) * best:
             return list(map(int, chosen))
-        best, chosen = value, other
+        best, chosen = value, changed

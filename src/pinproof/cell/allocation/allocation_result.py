@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
 
-from pinproof.cell.allocation.arm_program import WAIT, Piece
-from pinproof.cell.allocation.common_clock import CommonInterval, Timing
-from pinproof.cell.sequencing.blocking import AT_PLACE
+from pinproof.cell.allocation.common_clock import WAIT, ArmPiece, CommonInterval, Timing
+from pinproof.cell.sequencing.precedence import AT_PLACE
 from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult
 from pinproof.collision import Obstacle, Scene
 from pinproof.common.display import outline
@@ -82,7 +81,7 @@ class ArmTime:
     duration: float = key("until it is at home again", "s", minimum=0)
     waiting: float = key("waiting for other arms", "s", minimum=0)
     utilisation: float = key("share of the makespan in which it executes its sequence", minimum=0)
-    phases: tuple[Piece, ...] = key("motions, dwell times and waits in order", kind=list_of(PHASE))
+    phases: tuple[ArmPiece, ...] = key("motions, dwell times and waits in order", kind=list_of(PHASE))
 
 
 @dataclass(frozen=True)
@@ -139,8 +138,8 @@ class AllocationResult(Written):
 
     def __repr__(self) -> str:
         rows = (
-            f"{each.arm}: {len(each.picks)} picks in {each.duration:.2f} s, including {each.waiting:.2f} s of waiting"
-            for each in self.arms
+            f"{arm.arm}: {len(arm.picks)} picks in {arm.duration:.2f} s, including {arm.waiting:.2f} s of waiting"
+            for arm in self.arms
         )
         return outline(f"AllocationResult({self.message})", rows)
 
@@ -151,7 +150,7 @@ class AllocationResult(Written):
         return self.group.robot.name
 
     @property
-    def programs(self) -> Mapping[str, list[Piece]]:
+    def programs(self) -> Mapping[str, list[ArmPiece]]:
         """The pieces of each arm that has a pick, with waits, on the common clock."""
         return self.timing.programs
 
@@ -176,34 +175,34 @@ class AllocationResult(Written):
     @reported()
     def arms(self) -> tuple[ArmTime, ...]:
         """The program of each arm."""
-        found = []
+        times = []
         for name in self.group.ends:
             pieces = self.programs.get(name, [])
             sequence = self.sequences.get(name)
             waiting = sum(piece.duration for piece in pieces if piece.name == WAIT)
             duration = pieces[-1].end if pieces else 0.0
             share = (duration - waiting) / self.makespan if self.makespan else 0.0
-            found.append(
+            times.append(
                 ArmTime(name, () if sequence is None else sequence.order, duration, waiting, share, tuple(pieces))
             )
-        return tuple(found)
+        return tuple(times)
 
     @property
     @reported(name="left_out")
     def missing(self) -> tuple[LeftOut, ...]:
         """Picks that are not executed, with the reasons: those that no arm can do, and those left out later."""
         more = (
-            LeftOut(each.name, f"{arm}: {each.reason}")
+            LeftOut(pick.name, f"{arm}: {pick.reason}")
             for arm, sequence in self.sequences.items()
-            for each in sequence.left_out
+            for pick in sequence.left_out
         )
         return (*self.left_out, *more)
 
     @property
     def one_arm(self) -> OneArm | None:
         """The arm that alone takes the shortest time for all picks; None if no arm can or none was tried."""
-        able = [each for each in self.alone if each.duration is not None]
-        return min(able, key=lambda each: each.duration or 0.0, default=None)
+        able = [one for one in self.alone if one.duration is not None]
+        return min(able, key=lambda one: one.duration or 0.0, default=None)
 
     @property
     @reported(kind=OPTIONAL_NUMBER)
@@ -216,7 +215,7 @@ class AllocationResult(Written):
     @reported()
     def free(self) -> bool:
         """Whether every motion is certified, and the arms are proven not to meet."""
-        own = all(motion.certificate.free for each in self.sequences.values() for motion in each.motions)
+        own = all(motion.certificate.free for sequence in self.sequences.values() for motion in sequence.motions)
         return own and self.timing.free and not self.misplaced
 
     @property
@@ -229,18 +228,19 @@ class AllocationResult(Written):
     @reported("m", name="clearance_proven", kind=OPTIONAL_NUMBER)
     def clearance(self) -> float:
         """Smallest proven clearance, between the arms and of each of them."""
-        own = [motion.certificate.clearance for each in self.sequences.values() for motion in each.motions]
-        return min([*own, *(each.certificate.clearance for each in self.intervals)], default=float("nan"))
+        own = (motion.certificate for sequence in self.sequences.values() for motion in sequence.motions)
+        common = (interval.certificate for interval in self.intervals)
+        return min((proof.clearance for proof in (*own, *common)), default=float("nan"))
 
     @property
     @reported(name="summary")
     def message(self) -> str:
         """The result in one line."""
-        count = sum(len(each.picks) for each in self.arms)
+        count = sum(len(arm.picks) for arm in self.arms)
         if not count:
             return "no pick can be executed"
         guess = guess_mark(self.group.limits.acceleration_source)
-        shares = ", ".join(f"{each.arm} {100 * each.utilisation:.0f} %" for each in self.arms)
+        shares = ", ".join(f"{arm.arm} {100 * arm.utilisation:.0f} %" for arm in self.arms)
         text = f"{count} picks of {len(self.arms)} arms in {self.makespan:.1f} s{guess}; utilisation {shares}"
         if self.one_arm is not None:
             text += f"; {self.one_arm.arm} alone takes {self.one_arm.duration:.1f} s, ratio {self.ratio:.2f}"
@@ -254,7 +254,7 @@ class AllocationResult(Written):
         """Why not everything is certified; empty if it is."""
         if self.timing.problem or self.misplaced:
             return self.timing.problem or self.misplaced
-        failed = next((each for each in self.intervals if not each.certificate.free), None)
+        failed = next((interval for interval in self.intervals if not interval.certificate.free), None)
         if failed is not None:
             return f"{failed.start:.2f} s to {failed.end:.2f} s: {failed.certificate.message}"
         motion = next((m for s in self.sequences.values() for m in s.motions if not m.certificate.free), None)
@@ -265,8 +265,8 @@ class AllocationResult(Written):
     def notes(self) -> tuple[str, ...]:
         """What the certificates do not cover, one sentence each."""
         with_object = {pick.carried is not None for pick in self.picks}
-        found = (note for each in self.sequences.values() for note in each.setup.not_covered(with_object))
-        return tuple(dict.fromkeys(found))
+        notes = (note for sequence in self.sequences.values() for note in sequence.setup.not_covered(with_object))
+        return tuple(dict.fromkeys(notes))
 
     def or_raise(self) -> AllocationResult:
         """Return the result if every pick is executed and everything is certified.
@@ -278,28 +278,28 @@ class AllocationResult(Written):
         """
         if self.ok:
             return self
-        reasons = [f"{each.name}: {each.reason}" for each in self.missing] or [self.reason]
+        reasons = [f"{pick.name}: {pick.reason}" for pick in self.missing] or [self.reason]
         raise NoAnswer(f"the picks cannot all be executed: {'; '.join(reasons)}")
 
     @cached_property
     def parts(self) -> Mapping[str, PartState]:
         """For each part when and where it is gripped and released."""
-        found = {}
+        states = {}
         for name, pieces in self.programs.items():
             tools = {body.name for body in self.sequences[name].setup.shared.open_tool}
             own = self.sequences[name].setup.checker.arm
-            carrying: dict[str, list[Piece]] = {}
+            carrying: dict[str, list[ArmPiece]] = {}
             for piece in pieces:
                 for thing in piece.carries:
                     if thing.name not in tools:
                         carrying.setdefault(thing.name, []).append(piece)
             for part, held in carrying.items():
-                thing = next(each for each in held[-1].carries if each.name == part)
+                thing = next(thing for thing in held[-1].carries if thing.name == part)
                 tcp = own.root_from_frame(held[-1].trajectory.end, own.tcp)
                 before = self.scene.get(part)
                 after = Obstacle(part, thing.shape, tcp * SE3(thing.pose), thing.rgba)
-                found[part] = PartState(name, before, after, held[0].start, held[-1].end)
-        return found
+                states[part] = PartState(name, before, after, held[0].start, held[-1].end)
+        return states
 
     @cached_property
     def misplaced(self) -> str:
@@ -310,7 +310,7 @@ class AllocationResult(Written):
         for part, state in self.parts.items():
             for name, sequence in self.sequences.items():
                 scene = sequence.setup.checker.scene
-                known = [each.pose for each in scene.obstacles if each.name.startswith(part + AT_PLACE)]
+                known = [body.pose for body in scene.obstacles if body.name.startswith(part + AT_PLACE)]
                 if name != state.arm and not any(pose.isApprox(state.after.pose, SAME_PLACE) for pose in known):
                     return f"{name} is not certified with {part} where {state.arm} places it"
         return ""

@@ -9,7 +9,7 @@ pick is judged in all stages, and the placement with the best certified value is
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -38,13 +38,9 @@ from pinproof.common.content_hash import code_here, digest
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.model import Arm
-from pinproof.picks.input.pick import Pick
-from pinproof.picks.input.picks import Picks
-from pinproof.picks.input.settings import PickBudget, PickWeights
-from pinproof.picks.judging.setup import PickSetup, check_held_joints
+from pinproof.picks import Pick, PickBudget, PickReport, Picks, PickSetup, PickVerdict, PickWeights
+from pinproof.picks.judging.setup import check_held_joints
 from pinproof.picks.judging.task import Cell
-from pinproof.picks.judging.verdict import PickVerdict
-from pinproof.picks.report.report import PickReport
 from pinproof.spatial import Array
 from pinproof.work import IN_FLIGHT, Progress, Runner, Workers
 
@@ -88,10 +84,8 @@ class PlacementBudget:
     deviations: int = 4
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            require_integer(
-                f"PlacementBudget.{each.name}", getattr(self, each.name), each.name in ("grid", "certified")
-            )
+        for name in vars(self):
+            require_integer(f"PlacementBudget.{name}", getattr(self, name), int(name in ("grid", "certified")))
 
 
 def place_base(
@@ -152,18 +146,30 @@ def place_base(
     RunInterrupted
         After Ctrl-C (a KeyboardInterrupt); its ``result`` has what was found before.
     """
-    picks = _valid_picks(picks)
-    _refuse_invalid(objective, rng, choices)
+    # the arguments are checked before any work
+    picks = picks if isinstance(picks, Picks) else Picks(tuple(picks))
+    if not len(picks):
+        raise InputError("there are no picks; a placement is searched for at least one pick")
+    if picks.problems:
+        first = picks.problems[0]
+        raise InputError(f"{len(picks.problems)} picks could not be read; the first is {first.name!r}: {first.reason}")
+    if objective not in OBJECTIVES:
+        raise UnknownNameError("objective", objective, OBJECTIVES)
+    require_integer("rng", rng, 0)
+    names = [choice.name for choice in choices]
+    if doubled := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"the names of choices must differ; repeated: {', '.join(doubled)}")
     effort = placement_budget or PlacementBudget()
     if effort.runs and effort.evaluations and len(region.free_axes) > 1:
         evolution_strategy()  # refused before the grid is screened, if it is not installed
+    # one search over all alternatives
     alternatives = [
         _Alternative.make(arm, scene, picks, region, moves_with_base, choice, home)
         for choice in choices or (PlacementChoice("default"),)
     ]
     if not choices:
         alternatives = [replace(alternatives[0], name="")]
-    search = _Search(
+    search = _PlacementSearch(
         alternatives,
         picks,
         region,
@@ -181,26 +187,6 @@ def place_base(
         except KeyboardInterrupt:
             result = search.result(interrupted=True)
             raise RunInterrupted(f"interrupted: {result.message}", result) from None
-
-
-def _valid_picks(picks: Picks | Sequence[Pick]) -> Picks:
-    if not isinstance(picks, Picks):
-        picks = Picks(tuple(picks))
-    if not len(picks):
-        raise InputError("there are no picks; a placement is searched for at least one pick")
-    if picks.problems:
-        first = picks.problems[0]
-        raise InputError(f"{len(picks.problems)} picks could not be read; the first is {first.name!r}: {first.reason}")
-    return picks
-
-
-def _refuse_invalid(objective: str, rng: int, choices: Sequence[PlacementChoice]) -> None:
-    if objective not in OBJECTIVES:
-        raise UnknownNameError("objective", objective, OBJECTIVES)
-    require_integer("rng", rng, 0)
-    names = [choice.name for choice in choices]
-    if doubled := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"the names of choices must differ; repeated: {', '.join(doubled)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,20 +212,19 @@ class _Alternative:
     ) -> _Alternative:
         picks.refuse_conveyor("base placement")
         own = choice.arm or arm
-        changes: dict[str, Any] = {}
-        if choice.tip is not None:
-            changes["tip"] = choice.tip
-        if choice.tool is not None:
-            changes["tool"] = choice.tool
+        # what the choice replaces; another robot does not know the home of the picks
+        changes: dict[str, Any] = {"tip": choice.tip, "tool": choice.tool}
         if choice.arm is not None and set(picks.home) - set(own.joint_names):
             changes["home"] = {}
-        shared = replace(picks, **changes)
+        shared = replace(picks, **{name: value for name, value in changes.items() if value is not None})
         check_held_joints(own, shared)
-        stated = choice.home if choice.home is not None else home
-        start = shared.home_configuration(own.joint_names, own.home) if stated is None else stated
+        # the start of the motions, checked before any placement is screened
+        start = choice.home if choice.home is not None else home
+        start = shared.home_configuration(own.joint_names, own.home) if start is None else start
         start = own.limits.snap(own.configuration(start, "home"))
         if outside := own.limits.violations(start, own.joint_names):
             raise InputError(f"home is not a valid start: {'; '.join(outside)}")
+        # the grasps in the cell do not depend on the placement, so they are computed once, at the middle of the region
         placed = PlacedRobot.make(own, scene, choice.placement_from_root, moves_with_base)
         placed.refuse_picks_on_base(picks.picks, shared)
         middle = (region.lower + region.upper) / 2
@@ -253,7 +238,7 @@ class _Alternative:
             choice.name, placed, shared, start, PlacementScreening(placed, shared, start, table, region.forbidden)
         )
 
-    def setup(self, placement: Array, search: _Search) -> PickSetup:
+    def setup(self, placement: Array, search: _PlacementSearch) -> PickSetup:
         """What the picks are judged with at a placement (4,)."""
         return PickSetup.make(
             self.placed.arm_at(placement),
@@ -267,7 +252,7 @@ class _Alternative:
 
 
 @dataclass(eq=False)
-class _Search:
+class _PlacementSearch:
     """The state of a search; :meth:`result` gives what is known at any time."""
 
     alternatives: list[_Alternative]
@@ -289,14 +274,14 @@ class _Search:
         """What all results depend on, as plain values."""
         parts = [
             (
-                each.name,
-                each.screening.checker.fingerprint(),
-                each.placed.mounting.tobytes(),
-                each.home.tolist(),
-                digest(each.picks),
-                digest(each.placed.original.limits),
+                choice.name,
+                choice.screening.checker.fingerprint(),
+                choice.placed.mounting.tobytes(),
+                choice.home.tolist(),
+                digest(choice.picks),
+                digest(choice.placed.original.limits),
             )
-            for each in self.alternatives
+            for choice in self.alternatives
         ]
         return {
             "pinproof": code_here(),
@@ -311,78 +296,75 @@ class _Search:
 
     def run(self) -> PlacementResult:
         """All stages."""
+        # the grid, screened at all choices, is the heat map
         axes = self.region.axes(self.budget.grid)
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
-        screenings = tuple(each.screening for each in self.alternatives)
+        screenings = tuple(alternative.screening for alternative in self.alternatives)
         items = [(number, values) for number in range(len(screenings)) for values in grid]
         rows = self.runner.run("grid", GridTask(screenings, self.objective), items, 64)
         self.evaluations += len(rows)
-        self._make_map(axes, grid, rows)
-        total = len(self.picks)
-        order = sorted(range(len(rows)), key=lambda k: (penalised(rows[k], total), k))
-        found = [(items[k][0], items[k][1], rows[k]) for k in order]
-        steps = (self.region.upper - self.region.lower) / [len(axis) for axis in axes]
-        starts = [(choice, values) for choice, values, row in _apart(found, steps, self.budget.runs) if row["base"]]
-        if starts and self.budget.evaluations and self.region.free_axes:
-            task = RefineTask(screenings, self.region, steps, self.objective, self.budget.evaluations, self.rng)
-            for row in self.runner.run("refine", task, starts, 1):
-                self.evaluations += row["evaluations"]
-                found += [(row["choice"], np.array(each["values"]), each) for each in row["best"]]
-        found = [each for each in found if each[2]["base"]]
-        found.sort(key=lambda each: (penalised(each[2], total), each[0], tuple(each[1].tolist())))
-        self._certify(found, steps)
-        if self.candidates and self.candidates[0].ok and self.budget.deviations:
-            self._measure_sensitivity()
-        return self.result()
-
-    def _make_map(self, axes: tuple[Array, Array, Array, Array], grid: Array, rows: list[dict[str, Any]]) -> None:
-        many = len(self.alternatives)
         total = len(self.picks)
         self.map = PlacementMap(
-            np.tile(grid, (many, 1)),
-            tuple(each.name for each in self.alternatives),
-            np.repeat(np.arange(many), len(grid)),
+            np.tile(grid, (len(screenings), 1)),
+            tuple(alternative.name for alternative in self.alternatives),
+            np.repeat(np.arange(len(screenings)), len(grid)),
             axes,
             np.array([row["base"] for row in rows]),
             codes_of(rows),
             np.array([row["working"] for row in rows]) / total,
-            np.array([np.nan if row["seconds"] is None else row["seconds"] for row in rows]),
-            np.array([np.nan if row["estimate"] is None else row["estimate"] for row in rows]),
+            *(np.array([np.nan if row[key] is None else row[key] for row in rows]) for key in ("seconds", "estimate")),
         )
+        # the best placements that are not neighbours are refined
+        order = sorted(range(len(rows)), key=lambda k: (penalised(rows[k], total), k))
+        screened = [(items[k][0], items[k][1], rows[k]) for k in order]
+        steps = (self.region.upper - self.region.lower) / [len(axis) for axis in axes]
+        starts = [(choice, values) for choice, values, row in _apart(screened, steps, self.budget.runs) if row["base"]]
+        if starts and self.budget.evaluations and self.region.free_axes:
+            task = RefineTask(screenings, self.region, steps, self.objective, self.budget.evaluations, self.rng)
+            for run in self.runner.run("refine", task, starts, 1):
+                self.evaluations += run["evaluations"]
+                screened += [(run["choice"], np.array(row["values"]), row) for row in run["best"]]
+        # the best of all are certified
+        screened = [candidate for candidate in screened if candidate[2]["base"]]
+        screened.sort(
+            key=lambda candidate: (penalised(candidate[2], total), candidate[0], tuple(candidate[1].tolist()))
+        )
+        self._certify(screened, steps)
+        if self.candidates and self.candidates[0].ok and self.budget.deviations:
+            self._measure_sensitivity()
+        return self.result()
 
-    def _certify(self, found: list[Screened], steps: Array) -> None:
+    def _certify(self, screened: list[Screened], steps: Array) -> None:
         """Judge all picks at the best placements, until one is found at which every pick is good."""
-        spread = _apart(found, steps / 4, max(MOST_ROUNDS * self.budget.certified, self.budget.sampled))
+        spread = _apart(screened, steps / 4, max(MOST_ROUNDS * self.budget.certified, self.budget.sampled))
+        certified_value = OBJECTIVES[self.objective].certified
+        # with many picks, the best placements are sorted by a random sample of the picks that is judged there
         working = sum(row["estimate"] is not None for _, _, row in spread)
-        sampled = spread[: min(self.budget.sampled, working)]
-        if len(self.picks) > SAMPLE and len(sampled) > 1:
-            spread[: len(sampled)] = self._sorted_by_sample(sampled)
+        chosen = spread[: min(self.budget.sampled, working)]
+        if len(self.picks) > SAMPLE and len(chosen) > 1:
+            sample = np.random.default_rng(self.rng).permutation(len(self.picks))[:SAMPLE]
+            reports = self._judge("sample", chosen, sorted(sample.tolist()))
+            key = [(-len(report.good), certified_value(report)) for report in reports]
+            spread[: len(chosen)] = [chosen[k] for k in sorted(range(len(chosen)), key=lambda k: key[k])]
         for number in range(MOST_ROUNDS):
             chosen = spread[number * self.budget.certified : (number + 1) * self.budget.certified]
             if not chosen or (number and chosen[0][2]["estimate"] is None):
                 return  # placements at which picks already fail in the screening are judged only if there are no others
             reports = self._judge(f"certify_{number + 1}", chosen, range(len(self.picks)))
-            for (choice, values, screened), report in zip(chosen, reports, strict=True):
-                alternative = self.alternatives[choice]
+            for (choice, values, row), report in zip(chosen, reports, strict=True):
+                alternative, estimate = self.alternatives[choice], row["estimate"]
                 self.candidates.append(
                     CertifiedPlacement(
                         Placement.of(values, alternative.name),
                         report,
-                        np.nan if screened["estimate"] is None else screened["estimate"],
-                        OBJECTIVES[self.objective].certified(report),
+                        np.nan if estimate is None else estimate,
+                        certified_value(report),
                         alternative.placed,
                     )
                 )
-            self.candidates.sort(key=lambda each: (-len(each.report.good), each.score))
+            self.candidates.sort(key=lambda candidate: (-len(candidate.report.good), candidate.score))
             if self.candidates[0].ok:
                 return
-
-    def _sorted_by_sample(self, chosen: list[Screened]) -> list[Screened]:
-        """The placements, the best first, as a random sample of the picks is judged there."""
-        sample = np.random.default_rng(self.rng).permutation(len(self.picks))[:SAMPLE]
-        reports = self._judge("sample", chosen, sorted(sample.tolist()))
-        key = [(-len(report.good), OBJECTIVES[self.objective].certified(report)) for report in reports]
-        return [chosen[k] for k in sorted(range(len(chosen)), key=lambda k: key[k])]
 
     def _judge(self, stage: str, chosen: list[Screened], indices: Sequence[int]) -> list[PickReport]:
         """The reports on the picks with these indices at each placement; each pick is judged once at a placement."""
@@ -413,10 +395,11 @@ class _Search:
     def _measure_sensitivity(self) -> None:
         """Find how far the base may be off along each axis, by judging every pick in all stages at some deviations.
 
-        The screening only bounds the deviations that are judged, because what fails in it cannot be good.
+        The screening only bounds the deviations that are judged: what fails in it is not good for arms of six joints
+        with a closed form, and hardly ever for others, whose configurations it samples.
         """
         best = self.candidates[0]
-        alternative = next(each for each in self.alternatives if each.name == best.placement.choice)
+        alternative = next(choice for choice in self.alternatives if choice.name == best.placement.choice)
         values = best.placement.values
         directions = [
             Deviations.screened(alternative.screening, values, axis, sign)
@@ -424,19 +407,25 @@ class _Search:
             for sign in (-1.0, 1.0)
         ]
         for number in count(1):
-            chosen = [(d, k) for d, one in enumerate(directions) for k in one.next_to_judge(self.budget.deviations)]
+            chosen = [
+                (d, k)
+                for d, direction in enumerate(directions)
+                for k in direction.next_to_judge(self.budget.deviations)
+            ]
             if not chosen:
                 break
+            # all picks at each of these deviations, in all stages
             setups = tuple(alternative.setup(directions[d].moved(values, k), self) for d, k in chosen)
             items = [(place, index) for place in range(len(chosen)) for index in range(len(self.picks))]
             task = CertifyTask(setups, (alternative.picks,) * len(chosen), keep=False)
             rows = self.runner.run(f"sensitivity_{number}", task, items, 1)
+            # for each deviation the first pick that fails, with its stage
             judged: list[dict[int, tuple[str, str]]] = [{} for _ in directions]
             for (place, index), row in zip(items, rows, strict=True):
                 d, k = chosen[place]
                 if judged[d].setdefault(k, ("", ""))[0] == "" and not row["ok"]:
                     judged[d][k] = self.picks.picks[index].name, row["failed_at"]
-            directions = [one.after(judged[d]) for d, one in enumerate(directions)]
+            directions = [direction.after(judged[d]) for d, direction in enumerate(directions)]
         self.sensitivity = tuple(
             PlacementSensitivity(
                 axis, below.size(below.good), above.size(above.good), below.first, above.first, below.why, above.why,
@@ -447,13 +436,8 @@ class _Search:
 
     def result(self, *, interrupted: bool = False) -> PlacementResult:
         """What is known so far."""
-        failing: dict[str, str] = {}
-        if self.map is not None and not (self.candidates and self.candidates[0].ok):
-            failing = self._failing()
-        tolerance = 0.0
-        if self.candidates and self.candidates[0].ok:
-            best = self.candidates[0]
-            tolerance = max(0.0, best.clearance - self.alternatives[0].picks.margin)
+        best = self.candidates[0] if self.candidates and self.candidates[0].ok else None
+        failing = {} if best is not None or self.map is None else self._failing(self.map)
         return PlacementResult(
             tuple(self.candidates),
             self.map,
@@ -461,46 +445,46 @@ class _Search:
             self.picks,
             self.objective,
             self.sensitivity,
-            tolerance,
+            0.0 if best is None else max(0.0, best.clearance - self.alternatives[0].picks.margin),
             failing,
-            self._message(failing, interrupted),
+            self._message(failing) + ("; interrupted" if interrupted and self.map is not None else ""),
             self.evaluations,
             interrupted,
         )
 
-    def _failing(self) -> dict[str, str]:
+    def _failing(self, grid: PlacementMap) -> dict[str, str]:
         """Why each pick fails that passes the screening, or is good, at no placement."""
-        if self.map is None:
-            return {}
         judged = self.candidates[0].report.verdicts if self.candidates else [None] * len(self.picks)
         reasons = {}
         for index, (pick, verdict) in enumerate(zip(self.picks, judged, strict=True)):
-            codes = self.map.codes[self.map.base, index]
-            works = bool((codes == FREE).any())
-            if works and (verdict is None or verdict.ok):
+            # picks that pass somewhere and are good at the judged placement do not fail
+            codes = grid.codes[grid.base, index]
+            passes = bool((codes == FREE).any())
+            if passes and (verdict is None or verdict.ok):
                 continue
             at_least_failing = "" if verdict is None else f"at the least failing placement: {verdict.reason}"
+            # the reasons at the placements whose base is free
             reach = int((codes == REACH).sum())
             counts = {"out of reach": reach, "in contact": len(codes) - reach}
             everywhere = ", ".join(f"{why} at {n} of {len(codes)} placements" for why, n in counts.items() if n)
             if not len(codes):
                 reasons[pick.name] = "the base or the arm at home is in contact at every placement"
-            elif works:
+            elif passes:
                 reasons[pick.name] = f"fails {at_least_failing}"
             else:
                 reasons[pick.name] = "; ".join(filter(None, (everywhere, at_least_failing)))
         return reasons
 
-    def _message(self, failing: Mapping[str, str], interrupted: bool) -> str:
+    def _message(self, failing: Mapping[str, str]) -> str:
         searched = f"{self.evaluations:,} placements screened"
         if self.map is None:
             return f"no result: the grid of placements is not complete ({searched})"
         feasible = int(self.map.feasible.sum())
         searched += f", all picks pass the screening at {feasible:,} of {len(self.map):,} of the grid"
-        more = "; interrupted" if interrupted else ""
+        # no placement: the base itself, no pick judged, or some pick fails everywhere
         if not self.map.base.any():
             contacts = self.alternatives[0].screening.base_contacts(self.map.placements[len(self.map) // 2])
-            return f"no placement: the base or the arm at home is in contact everywhere ({contacts}); {searched}{more}"
+            return f"no placement: the base or the arm at home is in contact everywhere ({contacts}); {searched}"
         if self.candidates and self.candidates[0].ok:
             best = self.candidates[0]
             off = ""
@@ -512,26 +496,26 @@ class _Search:
                 )
             return (
                 f"best placement {best.placement}: all {len(self.picks)} picks are good in all stages, cycle time "
-                f"{best.cycle_time:.3f} s{off}; {searched}{more}"
+                f"{best.cycle_time:.3f} s{off}; {searched}"
             )
         if not self.candidates:
-            return f"no placement was judged yet; {searched}{more}"
+            return f"no placement was judged yet; {searched}"
         least = self.candidates[0]
         names = list(failing)
         listed = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
         return (
             f"no placement at which all picks are good; the least failing one is {least.placement} with "
-            f"{len(least.report.good)} of {len(self.picks)} good picks; failing: {listed}; {searched}{more}"
+            f"{len(least.report.good)} of {len(self.picks)} good picks; failing: {listed}; {searched}"
         )
 
 
-def _apart(found: Sequence[Screened], steps: Array, count: int) -> list[Screened]:
+def _apart(screened: Sequence[Screened], steps: Array, count: int) -> list[Screened]:
     """The first ``count`` placements of which no two of one choice are within one and a half ``steps`` (4,)."""
     chosen: list[Screened] = []
     size = np.where(steps > 0, steps, 1.0)
-    for each in found:
+    for choice, values, row in screened:
         if len(chosen) == count:
             break
-        if all(other[0] != each[0] or (np.abs(other[1] - each[1]) > 1.5 * size).any() for other in chosen):
-            chosen.append(each)
+        if all(choice != near[0] or (np.abs(near[1] - values) > 1.5 * size).any() for near in chosen):
+            chosen.append((choice, values, row))
     return chosen

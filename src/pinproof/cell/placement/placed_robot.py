@@ -23,8 +23,7 @@ from pinproof.description.packages import MeshFile
 from pinproof.description.urdf import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Robot
-from pinproof.picks.input.pick import Pick
-from pinproof.picks.input.picks import Picks
+from pinproof.picks import Pick, Picks
 from pinproof.spatial import Array, matrix
 
 FARTHEST = 1e3
@@ -33,23 +32,15 @@ FARTHEST = 1e3
 
 @dataclass(frozen=True, eq=False)
 class PlacedRobot:
-    """An arm with a movable base in a cell.
+    """An arm with a movable base in a cell."""
 
-    Parameters
-    ----------
-    robot
-        The robot with its placement joints.
-    original
-        The arm without them.
-    scene
-        The obstacles that do not move with the base, in the frame of the cell.
-    mounting
-        (4, 4) ``placement_from_root``.
-    """
-
+    # The robot with its placement joints.
     robot: Robot
+    # The arm without them.
     original: Arm
+    # The obstacles that do not move with the base, in the frame of the cell.
     scene: Scene
+    # (4, 4) ``placement_from_root``.
     mounting: Array
 
     @classmethod
@@ -133,7 +124,7 @@ class PlacedRobot:
         hand += [link for link in urdf.links if moved_by(urdf, link, picks.grip)]
         there = set(checker.obstacles_and_links)
         return checker.allowing(
-            *((each, name) for each in dict.fromkeys(hand) if each in there for name in hand_may_touch)
+            *((body, name) for body in dict.fromkeys(hand) if body in there for name in hand_may_touch)
         )
 
     def zone_checker(self, zones: Sequence[Obstacle], picks: Picks) -> CollisionChecker | None:
@@ -145,7 +136,7 @@ class PlacedRobot:
 
         def judged(pair: tuple[int, int]) -> bool:
             owners = [checker.bodies[k].owner for k in pair]
-            return any(name in scene for name in owners) and any(name in self.base_links for name in owners)
+            return any(name in scene.names for name in owners) and any(name in self.base_links for name in owners)
 
         return checker.without_pairs(k for k, pair in enumerate(checker.pairs) if not judged(pair))
 
@@ -162,7 +153,7 @@ class PlacedRobot:
                 parent = frame
                 for _ in range(len(shared.frames) + 1):
                     parent = shared.frames[parent].frame if parent in shared.frames else parent
-                if parent and parent not in self.scene:
+                if parent and parent not in self.scene.names:
                     raise InputError(
                         f"pick {pick.name!r} is stated in the frame {frame!r}, which moves with the base; state it in "
                         "the frame of the cell or of an obstacle that does not move with the base"
@@ -172,9 +163,9 @@ class PlacedRobot:
 def _without(scene: Scene, names: tuple[str, ...]) -> Scene:
     """The scene without these obstacles; they may still touch what the scene allows them to touch."""
     left = scene.remove(*names)
-    flipped = [(a, b) if b in left else (b, a) for a, b in scene.allowed]
-    kept = [(a, b) for a, b in flipped if b in left and (a in names or (a, b) in left.allowed)]
-    return Scene(left.obstacles, allowed=kept, disabled=left.disabled, notes=left.notes, source=left.source)
+    flipped = [(a, b) if b in left.names else (b, a) for a, b in scene.allowed]
+    allowed = [(a, b) for a, b in flipped if b in left.names and (a in names or (a, b) in left.allowed)]
+    return Scene(left.obstacles, allowed=allowed, disabled=left.disabled, notes=left.notes, source=left.source)
 
 
 def _geometry(obstacle: Obstacle) -> LinkGeometry:

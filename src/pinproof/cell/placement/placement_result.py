@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pinproof.cell.placement.heat_map import PlacementMap
+from pinproof.cell.placement.heat_map import PlacementMap, heat_map_picture
 from pinproof.cell.placement.placed_robot import PlacedRobot
-from pinproof.cell.placement.placement_picture import heat_map_picture
 from pinproof.cell.placement.region import AXES, Placement, PlacementRegion
 from pinproof.collision import Scene
 from pinproof.common.answer import Answer
@@ -33,8 +32,7 @@ from pinproof.common.structs import (
 )
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.picks.input.picks import Picks
-from pinproof.picks.report.report import PickReport
+from pinproof.picks import PickReport, Picks
 from pinproof.spatial import SE3, rigid, xyz_rpy
 
 MOST_FAILING = 20
@@ -235,9 +233,15 @@ class PlacementResult(Answer, Written):
         return tuple(zone.name for zone in self.region.forbidden)
 
     @property
-    def best(self) -> CertifiedPlacement | None:
-        """The best placement at which every pick is good; None without one."""
-        return self.candidates[0] if self.ok else None
+    def best(self) -> CertifiedPlacement:
+        """The best placement at which every pick is good.
+
+        Raises
+        ------
+        NoAnswer
+            If no such placement was found; the message states which picks fail and why.
+        """
+        return self.or_raise().candidates[0]
 
     @property
     def least_failing(self) -> CertifiedPlacement | None:
@@ -253,13 +257,13 @@ class PlacementResult(Answer, Written):
     def _rows(self) -> list[tuple[object, ...]]:
         return [
             (
-                each.placement.choice,
-                *each.placement.values.tolist(),
-                f"{each.good} of {each.judged}",
-                each.cycle_time,
-                each.clearance * 1e3,
+                candidate.placement.choice,
+                *candidate.placement.values.tolist(),
+                f"{candidate.good} of {candidate.judged}",
+                candidate.cycle_time,
+                candidate.clearance * 1e3,
             )
-            for each in self.candidates
+            for candidate in self.candidates
         ]
 
     def to_markdown(self) -> str:
@@ -268,7 +272,7 @@ class PlacementResult(Answer, Written):
         lines = [self.message, "", *markdown_table(_COLUMNS, rows)]
         if self.sensitivity:
             heads = ("axis", "all picks good below to", "fails first", "all picks good above to", "fails first")
-            lines += ["", *markdown_table(heads, [each.row() for each in self.sensitivity])]
+            lines += ["", *markdown_table(heads, [axis.row() for axis in self.sensitivity])]
         failing = [f"- {name}: {reason}" for name, reason in self.failing.items()]
         lines += failing[:MOST_FAILING]
         if len(failing) > MOST_FAILING:
@@ -301,7 +305,7 @@ class PlacementResult(Answer, Written):
     def _picture(self) -> bytes:
         if self.map is None:
             raise InputError("the search was interrupted before the heat map was complete")
-        judged = [each.placement for each in self.candidates]
+        judged = [candidate.placement for candidate in self.candidates]
         return heat_map_picture(self.map, self.region, judged, best=self.ok)
 
 

@@ -82,8 +82,8 @@ class Placement:
         return pose(xyz=(self.x, self.y, self.z), rpy=(0.0, 0.0, self.yaw))
 
     def __str__(self) -> str:
-        at = f"({self.x:.4f}, {self.y:.4f}, {self.z:.4f}) m, yaw {np.degrees(self.yaw):.2f} deg"
-        return f"{at}, {self.choice}" if self.choice else at
+        text = f"({self.x:.4f}, {self.y:.4f}, {self.z:.4f}) m, yaw {np.degrees(self.yaw):.2f} deg"
+        return f"{text}, {self.choice}" if self.choice else text
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +181,8 @@ class PlacementRegion:
 
     def contains(self, values: npt.ArrayLike) -> bool:
         """Whether x, y, z, yaw (4,) are in the ranges; forbidden zones are not checked."""
-        at = np.asarray(values, dtype=float)
-        return bool((at >= self.lower - 1e-12).all() and (at <= self.upper + 1e-12).all())
+        placement = np.asarray(values, dtype=float)
+        return bool((placement >= self.lower - 1e-12).all() and (placement <= self.upper + 1e-12).all())
 
 
 @dataclass(frozen=True, eq=False)

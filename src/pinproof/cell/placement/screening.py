@@ -23,9 +23,8 @@ from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
 from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import least_times
-from pinproof.picks.batch.screening import ScreenStatus, code_of
-from pinproof.picks.input.pick import Member
-from pinproof.picks.input.picks import Picks
+from pinproof.picks import Picks, ScreenStatus
+from pinproof.picks.batch.screening import code_of
 from pinproof.picks.judging.configurations import TURN, manipulability
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import Array, matrix
@@ -61,30 +60,20 @@ ROWS = 8192
 
 @dataclass(frozen=True, eq=False)
 class GraspTable:
-    """The poses of all grasps of all picks in the frame of the cell.
+    """The poses of all grasps of all picks in the frame of the cell."""
 
-    Parameters
-    ----------
-    names
-        The P picks.
-    pick
-        (R,) the pick of each grasp.
-    stations
-        (6, R, 4, 4) ``cell_from_tcp`` at the start of the approach, the grasp, the end of the retreat, the start of the
-        line to the place, the release, and the end of the line after it; NaN for picks without a place.
-    later
-        (R,) whether the grasp is screened only if the first ones fail.
-    nominal
-        (P, 4, 4) ``cell_from_tip`` of the nominal grasp of each pick.
-    problems
-        The reason for each pick that is invalid in this cell, by its index.
-    """
-
+    # The P picks.
     names: tuple[str, ...]
+    # (R,) the pick of each grasp.
     pick: Indices
+    # (6, R, 4, 4) ``cell_from_tcp`` at the start of the approach, the grasp, the end of the retreat, the start of the
+    # line to the place, the release, and the end of the line after it; NaN for picks without a place.
     stations: Array
+    # (R,) whether the grasp is screened only if the first ones fail.
     later: Mask
+    # (P, 4, 4) ``cell_from_tip`` of the nominal grasp of each pick.
     nominal: Array
+    # The reason for each pick that is invalid in this cell, by its index.
     problems: dict[int, str]
 
     @classmethod
@@ -100,9 +89,18 @@ class GraspTable:
                 problems[index] = str(error)
                 continue
             nominal[index] = matrix(task.pick.pose)
+            # the tcp at all stations of each grasp; a part of the grasps is screened only if the first ones fail
             members = [member for group in task.groups() for member in group]
             step = max(1, -(-len(members) // FIRST_GRASPS))
-            rows += [(index, k % step != 0, _stations(task, member)) for k, member in enumerate(members)]
+            tip, place = task.cell.shared.tip.inverse(), task.place
+            for k, member in enumerate(members):
+                grasp = task.grasp(member)
+                poses = [task.pick.before(grasp), grasp, task.pick.after(grasp)]
+                if place is not None:
+                    release = task.release(member)
+                    poses += [place.before(release), release, place.after(release)]
+                tcps = [matrix(pose * tip) for pose in poses]
+                rows.append((index, k % step != 0, [*tcps, *[np.full((4, 4), np.nan)] * (6 - len(tcps))]))
         stations = np.array([poses for _, _, poses in rows]).reshape(-1, 6, 4, 4).swapaxes(0, 1)
         return cls(
             tuple(pick.name for pick in picks),
@@ -117,37 +115,18 @@ class GraspTable:
         return len(self.names)
 
 
-def _stations(task: Task, member: Member) -> list[Array]:
-    tip = task.cell.shared.tip.inverse()
-    grasp = task.grasp(member)
-    poses = [task.pick.before(grasp), grasp, task.pick.after(grasp)]
-    if task.place is None:
-        return [*(matrix(pose * tip) for pose in poses), *(np.full((4, 4), np.nan),) * 3]
-    place, release = task.place, task.release(member)
-    poses += [place.before(release), release, place.after(release)]
-    return [matrix(pose * tip) for pose in poses]
-
-
 @dataclass(frozen=True, eq=False)
 class PlacementScores:
-    """The screening results of m placements and P picks.
+    """The screening results of m placements and P picks."""
 
-    Parameters
-    ----------
-    base
-        (m,) whether the base and the arm at home are free.
-    codes
-        (m, P) codes of :class:`~pinproof.picks.ScreenStatus`: FREE where the pick passes at all poses, CONTACT where
-        all of them are in reach, else REACH; REACH where the base is not free.
-    seconds
-        (m, P) estimated time of each pick that passes; otherwise NaN.
-    clearance, manipulability
-        (m, P) at the grasp with the least estimated time; NaN where not estimated.
-    """
-
+    # (m,) whether the base and the arm at home are free.
     base: Mask
+    # (m, P) codes of :class:`~pinproof.picks.ScreenStatus`: FREE where the pick passes at all poses, CONTACT where
+    # all of them are in reach, else REACH; REACH where the base is not free.
     codes: npt.NDArray[np.int8]
+    # (m, P) estimated time of each pick that passes; otherwise NaN.
     seconds: Array
+    # (m, P) at the grasp with the least estimated time; NaN where not estimated.
     clearance: Array
     manipulability: Array
 
@@ -160,29 +139,18 @@ class PlacementScores:
 class PlacementScreening:
     """Screens placements of one robot in one cell; pickles without its checkers' workspaces.
 
-    Parameters
-    ----------
-    placed
-        The robot and the scene.
-    picks
-        The picks.
-    home
-        (n,) where the motions start.
-    table
-        The grasps.
-    zones
-        The forbidden zones.
+    The motions start at ``home`` (n,); ``table`` has the grasps, and ``zones`` are forbidden.
     """
 
     def __init__(
         self, placed: PlacedRobot, picks: Picks, home: Array, table: GraspTable, zones: Sequence[Obstacle] = ()
     ) -> None:
         self.placed, self.picks, self.home, self.table = placed, picks, home, table
-        carried = [each if isinstance(each, str) else each.name for pick in picks if (each := pick.carried) is not None]
-        objects = [name for name in dict.fromkeys(carried) if name in placed.scene]
+        carried = [part if isinstance(part, str) else part.name for pick in picks if (part := pick.carried) is not None]
+        objects = [name for name in dict.fromkeys(carried) if name in placed.scene.names]
         self.checker = placed.checker(picks, hand_may_touch=objects)
         self.zones: CollisionChecker | None = placed.zone_checker(zones, picks)
-        self.branches = Branches(placed.original, home)
+        self.branches = IkBranches(placed.original, home)
 
     def base_free(self, placements: Array) -> Mask:
         """(m,) whether the base is free of the scene and of forbidden zones, with the arm at home."""
@@ -193,8 +161,8 @@ class PlacementScreening:
     def base_contacts(self, placement: Array) -> str:
         """The contacts of the base and of the arm at home at one placement (4,), as text; empty if it is free."""
         q = np.concatenate([placement, self.home])
-        found = [*self.checker.check(q).contacts, *(() if self.zones is None else self.zones.check(q).contacts)]
-        return "; ".join(map(str, found[:3]))
+        contacts = [*self.checker.check(q).contacts, *(() if self.zones is None else self.zones.check(q).contacts)]
+        return "; ".join(map(str, contacts[:3]))
 
     def screen(self, placements: Array) -> PlacementScores:
         """Screen placements (m, 4)."""
@@ -218,8 +186,15 @@ class PlacementScreening:
 
     def _screen(self, placements: Array, place: Indices, grasp: Indices, scores: PlacementScores) -> None:
         """Screen grasps (N,) at placements (N,): at the grasp, and where that is free at the other poses too."""
+        # the best status of the solutions at the grasp
         q = self._solve(placements, place, self.table.stations[1][grasp])
-        codes = self._free_codes(placements, place, q)
+        known = np.isfinite(q[:, :, 0])
+        codes = np.where(known.any(axis=1), CONTACT, REACH).astype(np.int8)
+        for branch in range(q.shape[1]):
+            rows = np.flatnonzero(known[:, branch] & (codes != FREE))
+            if len(rows):
+                codes[rows[self._is_free(placements, place[rows], q[rows, branch])]] = FREE
+        # where that is free, the other poses too, with an estimate of the time
         seconds, clearance, volume = (np.full(len(place), np.nan) for _ in range(3))
         placing = np.isfinite(self.table.stations[3][grasp, 0, 0])
         for stations in (3, 6):
@@ -227,6 +202,7 @@ class PlacementScreening:
             if len(rows):
                 times = self._times(placements, place[rows], grasp[rows], q[rows], stations)
                 codes[rows], seconds[rows], clearance[rows], volume[rows] = times
+        # the figures of a pick are those of the grasp that takes the least time
         key = place, self.table.pick[grasp]
         np.maximum.at(scores.codes, key, codes)
         best = np.full(scores.seconds.shape, np.inf)
@@ -245,16 +221,6 @@ class PlacementScreening:
         base_from_cell = self.placed.base_from_cell(placements)
         return self.branches(base_from_cell[place] @ cell_from_tcp)
 
-    def _free_codes(self, placements: Array, place: Indices, q: Array) -> npt.NDArray[np.int8]:
-        """(N,) the status of each row of solutions q (N, k, n)."""
-        known = np.isfinite(q[:, :, 0])
-        codes = np.where(known.any(axis=1), CONTACT, REACH).astype(np.int8)
-        for branch in range(q.shape[1]):
-            rows = np.flatnonzero(known[:, branch] & (codes != FREE))
-            if len(rows):
-                codes[rows[self._is_free(placements, place[rows], q[rows, branch])]] = FREE
-        return codes
-
     def _is_free(self, placements: Array, place: Indices, q: Array) -> Mask:
         return self.checker.is_free_batch(np.hstack([placements[place], q]))
 
@@ -265,6 +231,7 @@ class PlacementScreening:
 
         ``at_grasp`` (N, k, n) are the solutions at the grasp; figures are NaN where the status is not FREE.
         """
+        # the approach and the retreat, on the branches of the solutions at the grasp
         q = [at_grasp] * stations
         for k in {*range(stations)} - {1}:
             q[k] = self._solve(placements, place, self.table.stations[k][grasp])
@@ -272,6 +239,7 @@ class PlacementScreening:
         cost = self._move(self.home, before) + self._move(before, q[1]) + self._move(q[1], after)
         in_reach = np.isfinite(cost).any(axis=1)
         if stations == 6:
+            # the place, on the branches of the solutions at the release
             there, leave = self._matched(q[4], q[3]), self._matched(q[4], q[5])
             down = self._move(there, q[4]) + self._move(q[4], leave)
             in_reach &= np.isfinite(down).any(axis=1)
@@ -282,6 +250,7 @@ class PlacementScreening:
                 down[rows[~free], branches[~free]] = np.inf
             across = self._move(after[:, :, None], there[:, None]) + down[:, None]
             cost = cost + np.where(np.isfinite(across), across, np.inf).min(axis=2)
+        # the fastest branch at the grasp that is free at its stations
         cost = np.where(np.isfinite(cost), cost, np.inf)
         seconds, clearance, volume = self._first_free(placements, place, cost, [before, q[1], after])
         codes = np.where(np.isfinite(seconds), FREE, np.where(in_reach, CONTACT, REACH)).astype(np.int8)
@@ -297,27 +266,22 @@ class PlacementScreening:
             branch = order[:, rank]
             rows = np.flatnonzero(np.isnan(seconds) & np.isfinite(cost[np.arange(count), branch]))
             for station in points:
-                free = self._is_free(placements, place[rows], station[rows, branch[rows]])
-                rows = rows[free]
+                rows = rows[self._is_free(placements, place[rows], station[rows, branch[rows]])]
             seconds[rows], q[rows] = cost[rows, branch[rows]], points[1][rows, branch[rows]]
             if len(rows):
-                entrance = points[0][rows, branch[rows]]
-                blocked = ~self._line_free(placements, place[rows], entrance)
-                seconds[rows] += np.where(blocked, (DETOUR - 1.0) * self._move(self.home, entrance), 0.0)
+                # the transit takes longer where the straight line in joint space from home is in contact
+                entrance, clear = points[0][rows, branch[rows]], np.ones(len(rows), dtype=bool)
+                for share in (np.arange(ALONG) + 0.5) / ALONG:
+                    left = np.flatnonzero(clear)
+                    between = self.home + share * (entrance[left] - self.home)
+                    clear[left] = self._is_free(placements, place[rows[left]], between)
+                seconds[rows] += np.where(clear, 0.0, (DETOUR - 1.0) * self._move(self.home, entrance))
         clearance, volume = np.full(count, np.nan), np.full(count, np.nan)
         done = np.flatnonzero(np.isfinite(seconds))
         if len(done):
             volume[done] = manipulability(self.placed.original, q[done])
             clearance[done] = self.checker.clearance_batch(np.hstack([placements[place[done]], q[done]]))
         return seconds, clearance, volume
-
-    def _line_free(self, placements: Array, place: Indices, entrance: Array) -> Mask:
-        """(N,) whether configurations on the straight line in joint space from home to (N, n) are free."""
-        free = np.ones(len(entrance), dtype=bool)
-        for share in (np.arange(ALONG) + 0.5) / ALONG:
-            rows = np.flatnonzero(free)
-            free[rows] = self._is_free(placements, place[rows], self.home + share * (entrance[rows] - self.home))
-        return free
 
     def _move(self, here: Array, there: Array) -> Array:
         arm, distance = self.placed.original, here - there
@@ -330,12 +294,12 @@ class PlacementScreening:
         far = np.where(self.placed.original.periodic, np.abs(far - TURN * np.round(far / TURN)), far).max(axis=3)
         far = np.where(np.isfinite(far), far, np.inf)
         which = far.argmin(axis=2)
-        found = np.take_along_axis(end, which[:, :, None], axis=1)
+        nearest = np.take_along_axis(end, which[:, :, None], axis=1)
         same = np.take_along_axis(far, which[:, :, None], axis=2)[:, :, 0] < LINE_JUMP
-        return np.where(same[:, :, None], found, np.nan)
+        return np.where(same[:, :, None], nearest, np.nan)
 
 
-class Branches:
+class IkBranches:
     """The IK solutions of many targets: all branches with a closed form, otherwise some."""
 
     def __init__(self, arm: Arm, home: Array) -> None:
@@ -346,21 +310,15 @@ class Branches:
         except NoClosedForm:
             self.closed = False
         low, high = arm.limits.sampling_range()
-        others = np.random.default_rng(0).uniform(low, high, (STARTS - 1, arm.dof))
-        self._starts = np.vstack([home, others])
-
-    @property
-    def complete(self) -> bool:
-        """Whether all solutions of a target are found."""
-        return self.closed and self._arm.dof <= 6
+        self._starts = np.vstack([home, np.random.default_rng(0).uniform(low, high, (STARTS - 1, arm.dof))])
 
     def __call__(self, targets: Array) -> Array:
         """(N, k, n) solutions within the limits for targets (N, 4, 4), NaN where no solution exists."""
         targets = np.ascontiguousarray(targets)
         if self.closed:
             return np.asarray(self._solver.solve_all_batch(self._arm, targets, self._home).q)
-        many = []
-        for number, start in enumerate(self._starts):
-            found = Clik(restarts=2).solve_batch(self._arm, targets, start, rng=number)
-            many.append(np.where(found.ok[:, None], found.q, np.nan))
-        return np.stack(many, axis=1)
+        results = (
+            Clik(restarts=2).solve_batch(self._arm, targets, start, rng=number)
+            for number, start in enumerate(self._starts)
+        )
+        return np.stack([np.where(result.ok[:, None], result.q, np.nan) for result in results], axis=1)

@@ -6,6 +6,7 @@ Evolutionary Computation 9(2).
 
 from __future__ import annotations
 
+import gc
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -18,11 +19,8 @@ from pinproof.cell.placement.placement_result import total_time
 from pinproof.cell.placement.region import METRES_PER_RADIAN, PlacementRegion
 from pinproof.cell.placement.screening import FREE, REACH, PlacementScores, PlacementScreening
 from pinproof.errors import InputError
-from pinproof.picks.input.picks import Picks
-from pinproof.picks.input.settings import PickWeights
+from pinproof.picks import PickReport, Picks, PickSetup, PickWeights
 from pinproof.picks.judging.configurations import manipulability
-from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.report.report import PickReport
 from pinproof.spatial import Array
 
 FAILS = 1e4
@@ -45,14 +43,6 @@ class _Objective:
     weights: PickWeights
 
 
-def _weights(**chosen: float) -> PickWeights:
-    return PickWeights(**{**{each.name: 0.0 for each in fields(PickWeights)}, **chosen})
-
-
-def _mean_clearance(report: PickReport) -> float:
-    return -float(np.mean([verdict.clearance for verdict in report.good])) if report.good else np.nan
-
-
 def _least_manipulability(report: PickReport) -> float:
     q = [verdict.q_grasp for verdict in report.good if verdict.q_grasp is not None]
     if not q or report.setup is None:
@@ -60,11 +50,21 @@ def _least_manipulability(report: PickReport) -> float:
     return -float(manipulability(report.setup.checker.arm, np.array(q)).min())
 
 
+_NO_WEIGHTS = {weight.name: 0.0 for weight in fields(PickWeights)}
+
 OBJECTIVES: Mapping[str, _Objective] = {
-    "cycle_time": _Objective(lambda scores: scores.seconds.sum(axis=1), total_time, _weights(duration=1.0)),
-    "clearance": _Objective(lambda scores: -scores.clearance.mean(axis=1), _mean_clearance, _weights(clearance=1.0)),
+    "cycle_time": _Objective(
+        lambda scores: scores.seconds.sum(axis=1), total_time, PickWeights(**{**_NO_WEIGHTS, "duration": 1.0})
+    ),
+    "clearance": _Objective(
+        lambda scores: -scores.clearance.mean(axis=1),
+        lambda report: -float(np.mean([verdict.clearance for verdict in report.good])) if report.good else np.nan,
+        PickWeights(**{**_NO_WEIGHTS, "clearance": 1.0}),
+    ),
     "manipulability": _Objective(
-        lambda scores: -scores.manipulability.min(axis=1), _least_manipulability, _weights(manipulability=1.0)
+        lambda scores: -scores.manipulability.min(axis=1),
+        _least_manipulability,
+        PickWeights(**{**_NO_WEIGHTS, "manipulability": 1.0}),
     ),
 }
 """The objectives by name: the sum of the times of all picks, the mean over the picks of the smallest clearance of the
@@ -83,10 +83,10 @@ class GridTask:
         del start
         rows: list[dict[str, Any]] = [{} for _ in part]
         for choice, screening in enumerate(self.screenings):
-            at = [k for k, (number, _) in enumerate(part) if number == choice]
-            if at:
-                scores = screening.screen(np.array([part[k][1] for k in at]))
-                for k, row in zip(at, score_rows(scores, self.objective), strict=True):
+            own = [k for k, (number, _) in enumerate(part) if number == choice]
+            if own:
+                scores = screening.screen(np.array([part[k][1] for k in own]))
+                for k, row in zip(own, score_rows(scores, self.objective), strict=True):
                     rows[k] = row
         return rows
 
@@ -98,14 +98,14 @@ def score_rows(scores: PlacementScores, objective: str) -> list[dict[str, Any]]:
     total = scores.codes.shape[1]
     rows = []
     for k, working in enumerate(scores.working.tolist()):
-        every = working == total
+        passes = working == total
         rows.append(
             {
                 "base": bool(scores.base[k]),
                 "codes": "".join(map(str, scores.codes[k].tolist())),
                 "working": working,
-                "seconds": float(seconds[k]) if every else None,
-                "estimate": float(values[k]) if every else None,
+                "seconds": float(seconds[k]) if passes else None,
+                "estimate": float(values[k]) if passes else None,
             }
         )
     return rows
@@ -139,45 +139,36 @@ class RefineTask:
 
     def __call__(self, start: int, part: Sequence[tuple[int, Array]]) -> list[dict[str, Any]]:
         """The rows of consecutive runs."""
-        return [self._run(index, choice, at) for index, (choice, at) in enumerate(part, start)]
+        return [self._run(index, choice, placement) for index, (choice, placement) in enumerate(part, start)]
 
     def _run(self, index: int, choice: int, start: Array) -> dict[str, Any]:
         screening, free = self.screenings[choice], list(self.region.free_axes)
-        found: list[tuple[float, list[float], dict[str, Any]]] = []
+        low, high = self.region.lower[free], self.region.upper[free]
+        yaw, full_turn = self.region.yaw[0], self.region.yaw[1] - self.region.yaw[0] >= 2 * np.pi * (1 - 1e-9)
+        screened: list[tuple[float, list[float], dict[str, Any]]] = []
 
-        def judge(points: Array) -> list[float]:
+        def costs_of(points: Array) -> list[float]:
             values = np.tile(start, (len(points), 1))
             values[:, free] = points
-            values[:, 3] = self._turned(values[:, 3])
+            if full_turn:  # angles are moved into the range by full rotations
+                values[:, 3] = yaw + np.mod(values[:, 3] - yaw, 2 * np.pi)
             rows = score_rows(screening.screen(values), self.objective)
             costs = [penalised(row, len(screening.table)) for row in rows]
-            found.extend(zip(costs, values.tolist(), rows, strict=True))
+            screened.extend(zip(costs, values.tolist(), rows, strict=True))
             return costs
 
         if len(free) == 1:  # CMA-ES needs two variables; a line is divided evenly
-            low, high = self.region.lower[free], self.region.upper[free]
             around = start[free] + self.steps[free] * np.linspace(-1, 1, self.evaluations)[:, None]
-            judge(np.clip(around, low, high))
+            costs_of(np.clip(around, low, high))
         elif free and self.evaluations:
-            _evolve(judge, start[free], self.steps[free], self._bounds(free), self.evaluations, self.rng + index + 1)
-        found.sort(key=lambda each: (each[0], each[1]))
-        best = [{"values": values, **row} for _, values, row in found[: self.KEPT]]
-        return {"choice": choice, "evaluations": len(found), "best": best}
-
-    def _bounds(self, free: list[int]) -> list[list[float | None]]:
-        full = self._is_full_turn
-        low = [None if k == 3 and full else float(self.region.lower[k]) for k in free]
-        high = [None if k == 3 and full else float(self.region.upper[k]) for k in free]
-        return [low, high]
-
-    @property
-    def _is_full_turn(self) -> bool:
-        return self.region.yaw[1] - self.region.yaw[0] >= 2 * np.pi * (1 - 1e-9)
-
-    def _turned(self, yaw: Array) -> Array:
-        """Angles moved into the range by full rotations, if the region has all angles."""
-        low = self.region.yaw[0]
-        return np.asarray(low + np.mod(yaw - low, 2 * np.pi)) if self._is_full_turn else yaw
+            ends = (
+                [None if k == 3 and full_turn else float(x) for k, x in zip(free, end, strict=True)]
+                for end in (low, high)
+            )
+            _evolve(costs_of, start[free], self.steps[free], list(ends), self.evaluations, self.rng + index + 1)
+        screened.sort(key=lambda candidate: candidate[:2])
+        best = [{"values": values, **row} for _, values, row in screened[: self.KEPT]]
+        return {"choice": choice, "evaluations": len(screened), "best": best}
 
 
 def evolution_strategy() -> Any:
@@ -189,7 +180,7 @@ def evolution_strategy() -> Any:
 
 
 def _evolve(
-    judge: Callable[[Array], list[float]],
+    costs_of: Callable[[Array], list[float]],
     start: Array,
     steps: Array,
     bounds: list[list[float | None]],
@@ -212,7 +203,7 @@ def _evolve(
     strategy = cma.CMAEvolutionStrategy(start, 0.5, settings)
     while not strategy.stop() and strategy.countevals < evaluations:
         points = strategy.ask()
-        strategy.tell(points, judge(np.array(points)))
+        strategy.tell(points, costs_of(np.array(points)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,41 +220,34 @@ class CertifyTask:
         del start
         rows = []
         for candidate, index in part:
-            # a setup that has judged a pick keeps large caches, so only the current candidate has them
+            # a setup that has judged a pick keeps large caches in cycles, so only that of the current candidate is kept
             if not self._current or self._current[0][0] != candidate:
-                self._current[:] = [(candidate, replace(self.setups[candidate]))]
+                self._current.clear()
+                gc.collect()
+                self._current.append((candidate, replace(self.setups[candidate])))
             verdict = self._current[0][1].judge(index, self.picks[candidate].picks[index])
             duration = None if verdict.trajectory is None else verdict.trajectory.duration
             failed_at = "" if verdict.failed is None else verdict.failed.value
-            kept = {"keep": verdict} if self.keep else {}
-            rows.append({"ok": verdict.ok, "failed_at": failed_at, "duration": duration, **kept})
+            row = {"ok": verdict.ok, "failed_at": failed_at, "duration": duration}
+            rows.append({**row, "keep": verdict} if self.keep else row)
         return rows
 
 
 @dataclass(frozen=True)
 class Deviations:
-    """Deviations along one axis in one direction, as indices of the ladder.
+    """Deviations along one axis in one direction, as indices of the ladder."""
 
-    Parameters
-    ----------
-    axis, sign
-        The axis as an index of the placement, and the direction, 1 or -1.
-    good
-        All picks are good at every judged deviation up to this one.
-    bad
-        The smallest deviation at which something fails, past the end of the ladder if nothing does.
-    first, why
-        What fails there, and at which stage or why it does not pass the screening.
-    judged
-        The number of deviations up to ``good`` at which all picks were judged.
-    """
-
+    # The axis as an index of the placement, and the direction, 1 or -1.
     axis: int
     sign: float
+    # All picks are good at every judged deviation up to this one.
     good: int
+    # The smallest deviation at which something fails, past the end of the ladder if nothing does.
     bad: int
+    # What fails there, and at which stage or why it does not pass the screening.
     first: str = ""
     why: str = ""
+    # The number of deviations up to ``good`` at which all picks were judged.
     judged: int = 0
 
     @classmethod

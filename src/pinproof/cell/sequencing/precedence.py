@@ -1,11 +1,20 @@
-"""Which picks must be executed before which others."""
+"""Which picks must be executed before which others: stated pairs, and those that geometry demands."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from pinproof.cell.sequencing.options import Job, PickOption
+from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.errors import InputError, UnknownNameError
+from pinproof.motion import CubicPath
+from pinproof.picks import PickSetup
+from pinproof.picks.input.pick import support_names
+from pinproof.picks.judging.task import DOWN, SUPPORT_GAP, Cell, Task
+from pinproof.spatial import Array
 
 Pair = tuple[int, int]
 
@@ -55,11 +64,11 @@ class Precedence:
         """The precedence with more pairs; the reasons of existing pairs are kept."""
         return Precedence(self.names, {**reasons, **self.reasons})
 
-    def of(self, kept: Sequence[int]) -> Precedence:
+    def of(self, picks: Sequence[int]) -> Precedence:
         """The precedence of some of the picks."""
-        new = {old: k for k, old in enumerate(kept)}
+        new = {old: k for k, old in enumerate(picks)}
         pairs = {(new[a], new[b]): why for (a, b), why in self.reasons.items() if a in new and b in new}
-        return Precedence(tuple(self.names[i] for i in kept), pairs)
+        return Precedence(tuple(self.names[i] for i in picks), pairs)
 
     def checked(self) -> Precedence:
         """The same precedence, if an order satisfies it.
@@ -85,45 +94,157 @@ class Precedence:
         while ready:  # Kahn (1962): what remains is part of a cycle or behind one
             done = ready.pop()
             del left[done]
-            for other in after[done]:
-                left[other].discard(done)
-                if not left[other]:
-                    ready.append(other)
+            for follower in after[done]:
+                left[follower].discard(done)
+                if not left[follower]:
+                    ready.append(follower)
         if not left:
             return ()
-        found: list[list[int]] = []
+        # the shortest cycle through each pick that remains, by breadth-first search
+        cycles: list[list[int]] = []
         for start in left:
             came: dict[int, int] = {}
             queue = [start]
             for here in queue:
-                for other in after[here]:
-                    if other in left and other not in came:
-                        came[other] = here
-                        queue.append(other)
+                for follower in after[here]:
+                    if follower in left and follower not in came:
+                        came[follower] = here
+                        queue.append(follower)
             if start in came:
                 path = [start]
                 while came[path[-1]] != start:
                     path.append(came[path[-1]])
-                found.append(path[::-1])
-        shortest = min(found, key=len)
-        at = shortest.index(min(shortest))
-        return (*shortest[at:], *shortest[:at])
+                cycles.append(path[::-1])
+        shortest = min(cycles, key=len)
+        first = shortest.index(min(shortest))
+        return (*shortest[first:], *shortest[:first])
 
     def predecessors(self) -> list[set[int]]:
         """For each pick the picks that must be executed before it."""
-        found: list[set[int]] = [set() for _ in self.names]
-        for before, after in self.reasons:
-            found[after].add(before)
-        return found
+        before: list[set[int]] = [set() for _ in self.names]
+        for first, second in self.reasons:
+            before[second].add(first)
+        return before
 
     def successors(self) -> list[set[int]]:
         """For each pick the picks that must be executed after it."""
-        found: list[set[int]] = [set() for _ in self.names]
-        for before, after in self.reasons:
-            found[before].add(after)
-        return found
+        after: list[set[int]] = [set() for _ in self.names]
+        for first, second in self.reasons:
+            after[first].add(second)
+        return after
 
     def allows(self, order: Iterable[int]) -> bool:
         """Whether an order of all picks satisfies every pair."""
         place = {pick: k for k, pick in enumerate(order)}
         return all(place[before] < place[after] for before, after in self.reasons)
+
+
+SAMPLES = 9
+"""Number of samples of each straight line. They only find the precedence; every motion is certified later."""
+
+CARRIED, AT_PLACE = "carried part", " at its place"
+"""Names for the carried part, and for parts at their places, in a scene with all parts before and after."""
+
+
+def geometric_precedence(setup: PickSetup, jobs: list[Job], fixed: Scene) -> dict[Pair, str]:
+    """Pairs (before, after) of indices of jobs that no motion can avoid, with the reason.
+
+    A part that rests on another is picked first, and put down after its support. A part that blocks every option of
+    another pick is moved before it if it blocks at its first position, and after it if it blocks at its place.
+    """
+    owner: dict[str, tuple[int, bool]] = {}
+    parts: list[Obstacle] = []
+    for i, job in enumerate(jobs):
+        if job.before is not None:
+            owner[job.before.name] = i, False
+            parts.append(job.before)
+        if len(job.places) == 1:  # with several places, none of them is certain to block
+            owner[job.places[0].name + AT_PLACE] = i, True
+            parts.append(replace(job.places[0], name=job.places[0].name + AT_PLACE))
+    if not parts:
+        return {}
+    everything = fixed.add(*parts)
+    open_hand = setup.checker.with_scene(everything)
+    closed_hand = setup.cell.closed_hand.with_scene(everything)
+    reasons: dict[Pair, str] = {}
+    for i, job in enumerate(jobs):
+        blockers: set[str] | None = None
+        hands: dict[str, CollisionChecker] = {}
+        for option in job.options:
+            member = option.attempt.candidate.member
+            if job.places and member.words not in hands:
+                # the part in the closed hand, among all parts before and after
+                alone = setup.checker.with_scene(Scene(() if job.before is None else (job.before,)))
+                cell = Cell(alone, setup.shared, setup.home, setup.weights, setup.budget)
+                held = Task(replace(job.pick, place=None, support=None), cell).holding(member)
+                hands[member.words] = closed_hand.with_attached(replace(held, name=CARRIED))
+            blocked, supports = _contacts(job, option, open_hand, hands.get(member.words))
+            for name in supports:
+                owner_job, placed = owner.get(name, (i, False))
+                if owner_job == i:
+                    continue
+                pair = (owner_job, i) if placed else (i, owner_job)
+                verb = "is placed on" if placed else "rests on"
+                reasons[pair] = f"{jobs[i].pick.name} {verb} {jobs[owner_job].pick.name}"
+            blockers = blocked if blockers is None else blockers & blocked
+        for name in blockers or ():
+            owner_job, placed = owner.get(name, (i, False))
+            if owner_job != i:
+                pair = (i, owner_job) if placed else (owner_job, i)
+                reasons.setdefault(pair, f"{name} blocks {jobs[i].pick.name}")
+    return reasons
+
+
+def _contacts(
+    job: Job, option: PickOption, open_hand: CollisionChecker, carrying: CollisionChecker | None
+) -> tuple[set[str], set[str]]:
+    """The names of what is in contact on the lines of an option, and of what supports the part at either end."""
+    pick, attempt, release = job.pick, option.attempt, option.release
+    blocked: set[str] = set()
+    # with an empty hand: the line in, and the line after the release
+    for q in _samples(attempt.line_in(), attempt.q):
+        blocked |= _touched(open_hand, q)
+    if release is not None:
+        for q in _samples(release.leave, release.q):
+            blocked |= _touched(open_hand, q)
+    if carrying is None:
+        return blocked, set()
+    # with the part in the hand, which may touch what supports it at that end
+    supports = _supports(carrying, attempt.q, pick.support)
+    lines = [(attempt.line_out(), attempt.q, supports)]
+    if release is not None:
+        below = _supports(carrying, release.q, None if pick.place is None else pick.place.support)
+        lines.append((release.lift, release.q, below))
+        supports = supports | below
+    for curve, end, allowed in lines:
+        for q in _samples(curve, end):
+            blocked |= _touched(carrying, q) - allowed
+    return blocked, supports
+
+
+def _samples(curve: CubicPath | None, q: Array) -> Iterator[Array]:
+    if curve is None:
+        yield q
+        return
+    yield from curve(np.linspace(curve.bezier()[0][0], curve.bezier()[0][-1], SAMPLES))
+
+
+def _touched(checker: CollisionChecker, q: Array) -> set[str]:
+    """The names of obstacles in contact with the arm and what it carries."""
+    if checker.is_free_unchecked(q):
+        return set()
+    names = set(checker.scene.names)
+    return {name for contact in checker.check(q).contacts for name in contact.bodies if name in names}
+
+
+def _supports(carrying: CollisionChecker, q: Array, support: str | Sequence[str] | None) -> set[str]:
+    """What the carried part rests on at q (n,); see :meth:`pinproof.picks.judging.task.Task.supports`."""
+    names = set(support_names(support) or ())
+    names |= {f"{name}{AT_PLACE}" for name in names}
+    near = carrying.with_margin(max(SUPPORT_GAP, carrying.margin))
+    for contact in near.check(q).contacts:
+        if CARRIED in contact.bodies and contact.distance <= SUPPORT_GAP:
+            first = contact.bodies[0] == CARRIED
+            if (1 if first else -1) * contact.normal[2] < DOWN:
+                names.add(contact.bodies[1] if first else contact.bodies[0])
+    return names & set(carrying.scene.names)

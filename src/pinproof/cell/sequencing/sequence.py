@@ -88,14 +88,22 @@ def sequence(
         After Ctrl-C (a KeyboardInterrupt); its ``result`` has what was certified before, or is None.
     """
     given = _checked(setup, picks)
-    stated = Precedence.stated((pick.name for pick in given), precedence)
-    fixed_order = None if order is None else _order_of(order, stated)
+    pairs = Precedence.stated((pick.name for pick in given), precedence)
+    fixed_order = None
+    if order is not None:
+        names = list(order)
+        fixed_order = tuple(pairs.index(name, "the order") for name in names)
+        missing = [name for name in pairs.names if name not in names]
+        doubled = sorted({name for name in names if names.count(name) > 1})
+        if missing or doubled:
+            wrong = f"lacks {', '.join(missing)}" if missing else f"repeats {', '.join(doubled)}"
+            raise InputError(f"the order {wrong}; it must name every pick once")
     budget = budget or SequenceBudget()
     setup = replace(setup, budget=replace(setup.budget, motion=budget.motion))
     dwell = _dwell("grip_dwell", grip_dwell), _dwell("release_dwell", release_dwell)
     ends = _configuration(setup, start, "start"), _configuration(setup, end, "end")
     with Runner(executor=executor, workers=workers, progress=progress) as runner:
-        run = SequenceRun(setup, given, stated, ends, dwell, budget, runner, fixed_order)
+        run = SequenceRun(setup, given, pairs, ends, dwell, budget, runner, fixed_order)
         try:
             run.prepare()
             run.optimise()
@@ -122,13 +130,13 @@ class JudgedPicks(NamedTuple):
 def judge_options(setup: PickSetup, picks: Iterable[Pick], budget: SequenceBudget) -> JudgedPicks:
     """Judge picks, each in the scene without the other parts, and estimate their times without an order."""
     given = _checked(setup, picks)
-    stated = Precedence.stated((pick.name for pick in given), ())
-    home = setup.home, setup.home
-    run = SequenceRun(setup, given, stated, home, (0.0, 0.0), budget, Runner())
+    home, none = (setup.home, setup.home), Precedence.stated((pick.name for pick in given), ())
+    run = SequenceRun(setup, given, none, home, (0.0, 0.0), budget, Runner())
     run.prepare()
     names, seconds = run.precedence.names, {}
     if run.jobs:
         problem = run.problem()
+        # the mean transit to a pick is that from the first option of every pick
         first = [choices[0] for choices in problem.options]
         for name, choices in zip(names, problem.options, strict=True):
             seconds[name] = float((problem.inner[choices] + problem.between[np.ix_(first, choices)].mean(axis=0)).min())
@@ -152,32 +160,20 @@ def _checked(setup: PickSetup, picks: Iterable[Pick]) -> tuple[Pick, ...]:
     return given
 
 
-def _order_of(order: Iterable[str], stated: Precedence) -> tuple[int, ...]:
-    names = list(order)
-    for name in names:
-        stated.index(name, "the order")
-    if len(set(names)) < len(names) or len(names) < len(stated.names):
-        missing = [name for name in stated.names if name not in names]
-        doubled = sorted({name for name in names if names.count(name) > 1})
-        wrong = f"lacks {', '.join(missing)}" if missing else f"repeats {', '.join(doubled)}"
-        raise InputError(f"the order {wrong}; it must name every pick once")
-    return tuple(stated.index(name, "the order") for name in names)
-
-
 def _dwell(name: str, value: float) -> float:
     if not (isinstance(value, int | float) and 0 <= value < float("inf")):
         raise InputError(f"{name} = {value!r}; it must be a number of seconds, 0 or more")
     return float(value)
 
 
-def _configuration(setup: PickSetup, stated: End, what: str) -> Array | None:
+def _configuration(setup: PickSetup, end: End, what: str) -> Array | None:
     """The configuration (n,) of an end; None if it is free."""
-    if isinstance(stated, str):
-        if stated not in ("home", "free"):
-            raise InputError(f"{what} = {stated!r}; use 'home', 'free' or a configuration")
-        return setup.home if stated == "home" else None
+    if isinstance(end, str):
+        if end not in ("home", "free"):
+            raise InputError(f"{what} = {end!r}; use 'home', 'free' or a configuration")
+        return setup.home if end == "home" else None
     arm = setup.checker.arm
-    q = arm.limits.snap(arm.configuration(stated, what))
+    q = arm.limits.snap(arm.configuration(end, what))
     checked = setup.checker.check(q)
     trouble = [*arm.limits.violations(q, arm.joint_names), *([] if checked.free else [str(checked)])]
     if trouble:

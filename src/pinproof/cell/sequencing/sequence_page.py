@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinproof.cell.sequencing.cycle_time import cycle_time
-from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult
+from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult, cycle_time
 from pinproof.collision.certificates.certificate import proven_millimetres
 from pinproof.common.files import os_errors
 from pinproof.errors import FileError, InputError, ViewerError

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any
 
-from pinproof.cell.sequencing.cycle_time import cycle_time
 from pinproof.cell.sequencing.sequence_page import write_sequence_page
-from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult
+from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult, cycle_time
 from pinproof.common.files import csv_text, json_text, save_as
 from pinproof.common.structs import (
     ANY_TEXT,
@@ -34,6 +31,10 @@ COLUMNS = ("position", "pick", "start", "duration", *PHASES, "shortest", "cleara
 """The columns of the table; times in seconds, the clearance in metres."""
 
 
+SEQUENCE_SUFFIXES = (".json", ".csv", ".md", ".html")
+"""The file types of :func:`save_sequence`."""
+
+
 def save_sequence(result: SequenceResult, path: str | Path) -> None:
     """Write a sequence as ``.json``, ``.csv``, ``.md`` or ``.html``.
 
@@ -44,8 +45,13 @@ def save_sequence(result: SequenceResult, path: str | Path) -> None:
     FileError
         If the file cannot be written.
     """
-    page = partial(write_sequence_page, result, path)
-    save_as(path, {**{suffix: partial(text, result) for suffix, text in _TEXTS.items()}, ".html": page})
+    formats = {
+        ".json": lambda: json_text(sequence_dict(result), indent=2),
+        ".csv": lambda: _csv(result),
+        ".md": lambda: _markdown(result),
+        ".html": lambda: write_sequence_page(result, path),
+    }
+    save_as(path, formats)
 
 
 PHASE = report_table(
@@ -157,21 +163,20 @@ def sequence_dict(result: SequenceResult) -> dict[str, Any]:
     return SEQUENCE.write(result)
 
 
-def sequence_csv(result: SequenceResult) -> str:
+def _csv(result: SequenceResult) -> str:
     """One row for each pick in order, then one for each that is left out, with the columns :data:`COLUMNS`."""
     rows: list[tuple[object, ...]] = []
     for number, (step, time) in enumerate(zip(result.steps, cycle_time(result).picks, strict=True), start=1):
         phases = (time.phases.get(name, "") for name in PHASES)
         clearance = OPTIONAL_NUMBER.write(step.verdict.clearance)
-        rows.append(
-            (number, time.name, time.start, time.duration, *phases, time.shortest, clearance, time.limited_by, "")
-        )
+        limits = time.shortest, clearance, time.limited_by
+        rows.append((number, time.name, time.start, time.duration, *phases, *limits, ""))
     blank = [""] * (len(COLUMNS) - 3)
     rows += [("", pick.name, *blank, pick.reason) for pick in result.left_out]
     return csv_text(COLUMNS, rows)
 
 
-def sequence_markdown(result: SequenceResult) -> str:
+def _markdown(result: SequenceResult) -> str:
     """The sequence as a table in Markdown."""
     lines = [f"# Sequence of {result.setup.checker.arm.robot.name}", "", result.message, ""]
     lines += ["| | pick | start | duration | limited by |", "|--:|---|--:|--:|---|"]
@@ -180,13 +185,3 @@ def sequence_markdown(result: SequenceResult) -> str:
     reasons = {pick.name: pick.reason.replace("|", "\\|") for pick in result.left_out}
     lines += [f"| | {name} | | | left out: {reason} |" for name, reason in reasons.items()]
     return "\n".join(lines) + "\n"
-
-
-_TEXTS: dict[str, Callable[[SequenceResult], str]] = {
-    ".json": lambda result: json_text(sequence_dict(result), indent=2),
-    ".csv": sequence_csv,
-    ".md": sequence_markdown,
-}
-
-SEQUENCE_SUFFIXES = (*_TEXTS, ".html")
-"""The file types of :func:`save_sequence`."""

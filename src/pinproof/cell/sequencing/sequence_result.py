@@ -1,4 +1,4 @@
-"""The result of :func:`pinproof.sequence`: the steps with their motions, the total time and its lower bound."""
+"""The result of :func:`pinproof.sequence`: the steps with their motions, the total time and what limits it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.collision import Certificate, Scene
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.structs import TEXT, key, struct
 from pinproof.errors import NoAnswer
-from pinproof.model import guess_mark
+from pinproof.model import Arm, guess_mark
 from pinproof.motion import MotionProgram
+from pinproof.motion.limits import Bounds
+from pinproof.motion.steering import rest_to_rest_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 
 PHASES = ("transit", "approach", "grip", "retreat", "transfer", "place", "release", "leave")
@@ -28,7 +32,7 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
-class Phase:
+class SequencePhase:
     """A part of the cycle: a motion with its certificate, or a dwell time, with its start and its duration (s)."""
 
     name: str
@@ -64,24 +68,24 @@ class SequenceStep:
     release_dwell: float = 0.0
 
     @cached_property
-    def phases(self) -> tuple[Phase, ...]:
+    def phases(self) -> tuple[SequencePhase, ...]:
         """The motions and dwell times in order."""
-        found: list[Phase] = []
+        phases: list[SequencePhase] = []
         now = self.start
         motions = self.verdict.motions
         grip_after = max(k for k, motion in enumerate(motions) if motion.name in ("transit", "approach"))
         released = [k for k, motion in enumerate(motions) if motion.name in ("transfer", "place")]
         for k, motion in enumerate(motions):
-            parts = [Phase(motion.name, now, motion.trajectory.duration, motion.certificate)]
+            parts = [SequencePhase(motion.name, now, motion.trajectory.duration, motion.certificate)]
             if k == grip_after:
-                parts.append(Phase("grip", 0.0, self.grip_dwell, None))
+                parts.append(SequencePhase("grip", 0.0, self.grip_dwell, None))
             if released and k == released[-1]:
-                parts.append(Phase("release", 0.0, self.release_dwell, None))
+                parts.append(SequencePhase("release", 0.0, self.release_dwell, None))
             for phase in parts:
                 if phase.certificate is not None or phase.duration > 0.0:
-                    found.append(replace(phase, start=now))
+                    phases.append(replace(phase, start=now))
                     now += phase.duration
-        return tuple(found)
+        return tuple(phases)
 
     @property
     def end(self) -> float:
@@ -206,8 +210,7 @@ class SequenceResult:
     @property
     def clearance(self) -> float:
         """Metres: the smallest proven clearance of all motions."""
-        every = [motion.certificate.clearance for motion in self.motions]
-        return min(every, default=float("nan"))
+        return min((motion.certificate.clearance for motion in self.motions), default=float("nan"))
 
     @property
     def motions(self) -> tuple[PickMotion, ...]:
@@ -238,5 +241,119 @@ class SequenceResult:
         """
         if self.ok:
             return self
-        reasons = "; ".join(f"{each.name}: {each.reason}" for each in self.left_out) or "the search was interrupted"
+        reasons = "; ".join(f"{pick.name}: {pick.reason}" for pick in self.left_out) or "the search was interrupted"
         raise NoAnswer(f"the sequence lacks picks: {reasons}")
+
+
+DETOUR = 1.1
+"""A motion that takes this multiple of the slowest joint's shortest time is limited by its detour around obstacles."""
+
+STRAIGHT = ("approach", "retreat", "place", "leave")
+"""The motions along straight lines, which cannot be shorter than the line permits."""
+
+
+@dataclass(frozen=True)
+class PickTime:
+    """The time of one pick.
+
+    Parameters
+    ----------
+    name
+        The name of the pick.
+    start, duration
+        Seconds from the start of the sequence, and of all phases.
+    phases
+        Seconds by phase: those of ``transit``, ``approach``, ``grip``, ``retreat``, ``transfer``, ``place``,
+        ``release`` and ``leave`` that occur.
+    shortest
+        Lower bound (s) of the duration: of transit and transfer the time of the slowest joint without obstacles.
+    limited_by
+        What limits the longest motion: a joint, a detour around obstacles, or the speed of the tool.
+    """
+
+    name: str
+    start: float
+    duration: float
+    phases: dict[str, float]
+    shortest: float
+    limited_by: str
+
+
+@dataclass(frozen=True)
+class CycleTime:
+    """The cycle time of a sequence.
+
+    Parameters
+    ----------
+    picks
+        The times of the picks in order.
+    closing
+        Seconds of the motion to the end.
+    duration
+        Seconds of the cycle.
+    """
+
+    picks: tuple[PickTime, ...]
+    closing: float
+    duration: float
+
+    @property
+    def by_phase(self) -> dict[str, float]:
+        """Seconds of all picks by phase, in the order of the phases; the closing motion counts as transit."""
+        total = dict.fromkeys(PHASES, 0.0)
+        total["transit"] += self.closing
+        for pick in self.picks:
+            for name, seconds in pick.phases.items():
+                total[name] += seconds
+        return {name: seconds for name, seconds in total.items() if seconds > 0.0}
+
+    @property
+    def utilisation(self) -> dict[str, float]:
+        """The share of the cycle of each phase."""
+        return {name: seconds / self.duration for name, seconds in self.by_phase.items()} if self.duration else {}
+
+    @property
+    def parts_per_minute(self) -> float:
+        """Number of picks in a minute."""
+        return 60.0 * len(self.picks) / self.duration if self.duration else float("nan")
+
+    def slowest(self, count: int = 5) -> tuple[PickTime, ...]:
+        """The picks with the longest durations, the slowest first."""
+        return tuple(sorted(self.picks, key=lambda pick: -pick.duration)[:count])
+
+
+def cycle_time(result: SequenceResult) -> CycleTime:
+    """The cycle time of a sequence, pick by pick."""
+    closing = 0.0 if result.closing is None else result.closing.trajectory.duration
+    arm = result.setup.checker.arm
+    bounds = Bounds.of(arm.limits, arm.joint_names)
+    picks = []
+    for step in result.steps:
+        phases: dict[str, float] = {}
+        for phase in step.phases:
+            phases[phase.name] = phases.get(phase.name, 0.0) + phase.duration
+        shortest = phases.get("grip", 0.0) + phases.get("release", 0.0)
+        limits: list[tuple[float, str]] = []
+        for motion in step.verdict.motions:
+            least, limit = _limit(arm, motion, bounds, tool_speed=motion.name in step.pick.speed)
+            shortest += least
+            limits.append((motion.trajectory.duration, limit))
+        picks.append(PickTime(step.pick.name, step.start, step.duration, phases, shortest, max(limits)[1]))
+    return CycleTime(tuple(picks), closing, result.duration)
+
+
+def _limit(arm: Arm, motion: PickMotion, bounds: Bounds, *, tool_speed: bool) -> tuple[float, str]:
+    """The shortest time (s) of a motion, and what limits it."""
+    moved = motion.trajectory
+    times = rest_to_rest_times(np.abs(moved.end - moved.start), bounds)
+    least, slowest = float(times.max()), arm.joint_names[int(times.argmax())]
+    if motion.torques and max(peak.share for peak in motion.torques) > 1 / DETOUR:
+        worst = max(motion.torques, key=lambda peak: peak.share)
+        return least, f"{motion.name}: torque of {worst.joint}"
+    if motion.name in STRAIGHT:
+        return moved.duration, f"{motion.name}: " + ("tool speed" if tool_speed else f"{slowest} on the straight line")
+    if moved.duration <= DETOUR * least:
+        return least, f"{motion.name}: {slowest}"
+    if tool_speed:
+        return least, f"{motion.name}: tool speed"
+    return least, f"{motion.name}: detour of {moved.duration - least:.2f} s around obstacles"

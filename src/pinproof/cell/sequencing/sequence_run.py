@@ -6,18 +6,22 @@ scene before each pick follows from the options of the picks before it, and not 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pinproof.cell.sequencing.blocking import geometric_precedence
-from pinproof.cell.sequencing.connection import connected
-from pinproof.cell.sequencing.options import Job, options_of, part_names, resolved
-from pinproof.cell.sequencing.precedence import Precedence
+from pinproof.cell.sequencing.options import Job, PickOption, PickOptions, connected, part_names, resolved
+from pinproof.cell.sequencing.precedence import Precedence, geometric_precedence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult, SequenceStep
 from pinproof.cell.sequencing.tour import ROUNDS, SEARCH, Tour, TourProblem
-from pinproof.cell.sequencing.transits import LongMotions, MotionFailure, Step, StepMotions, closing_motion, scene_after
+from pinproof.cell.sequencing.transits import (
+    LongMotions,
+    MotionFailure,
+    SequencedPick,
+    StepMotions,
+    closing_motion,
+    scene_after,
+)
 from pinproof.collision import Scene
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, NoAnswer
@@ -91,7 +95,7 @@ class _ImpossibleError(Exception):
 
 
 @dataclass(eq=False)
-class _Certified:
+class _CertifiedTour:
     """A tour whose motions are certified, at least its first ones."""
 
     tour: Tour
@@ -102,7 +106,7 @@ class _Certified:
 
     @property
     def seconds(self) -> float:
-        moving = sum(motion.trajectory.duration for each in self.verdicts for motion in each.motions)
+        moving = sum(motion.trajectory.duration for verdict in self.verdicts for motion in verdict.motions)
         return moving + (0.0 if self.closing is None else self.closing.trajectory.duration)
 
 
@@ -112,7 +116,7 @@ class SequenceRun:
 
     setup: PickSetup
     picks: tuple[Pick, ...]
-    stated: Precedence
+    given: Precedence
     ends: tuple[Array | None, Array | None]
     dwell: tuple[float, float]
     budget: SequenceBudget
@@ -120,8 +124,8 @@ class SequenceRun:
     fixed_order: tuple[int, ...] | None = None
     left_out: list[LeftOut] = field(default_factory=list)
     jobs: list[Job] = field(default_factory=list)
-    best: _Certified | None = None
-    partial: _Certified | None = None
+    best: _CertifiedTour | None = None
+    partial: _CertifiedTour | None = None
     bound: float = float("nan")
     file_order: float = float("nan")
     nearest: float = float("nan")
@@ -129,7 +133,7 @@ class SequenceRun:
     precedence: Precedence = field(default_factory=lambda: Precedence(()))
     required: Precedence = field(default_factory=lambda: Precedence(()))
     """The precedence without the pairs that only failed motions suggest, which must not raise the lower bound."""
-    found: dict[Place, PickVerdict | MotionFailure] = field(default_factory=dict)
+    steps: dict[Place, PickVerdict | MotionFailure] = field(default_factory=dict)
     known: dict[tuple[int, ...], dict[str, Trajectory]] = field(default_factory=dict)
     """Trajectories by name: of a transit by the options before and after it, of all others by the option."""
     searched: set[tuple[int, int, str, float]] = field(default_factory=set)
@@ -142,24 +146,24 @@ class SequenceRun:
         setup = self.setup
         ready = tuple(resolved(pick, setup) for pick in self.picks)
         parts = part_names(ready, setup.checker.scene)
-        fixed = setup.checker.scene.remove(*setup.checker.scene.keys() & parts)
-        task = _OptionsOf(setup, fixed, frozenset(parts), self.budget.options)
-        self._report("options", 0, len(ready))
+        fixed = setup.checker.scene.remove(*(name for name in parts if name in setup.checker.scene.names))
+        # the options of every pick, each in the scene without the other parts
+        task = PickOptions(setup, fixed, frozenset(parts), self.budget.options)
+        self.runner.report("options", 0, len(ready))
         jobs = self.runner.run("options", task, ready, CHUNK)
+        # the full rotations that a path from the start reaches
         start = setup.home if self.ends[0] is None else self.ends[0]
         jobs = connected(setup, setup.checker.with_scene(fixed), start, jobs)
-        self.precedence = self.stated.with_pairs(geometric_precedence(setup, jobs, fixed)).checked()
+        self.precedence = self.given.with_pairs(geometric_precedence(setup, jobs, fixed)).checked()
         self.required = self.precedence
         self.jobs = jobs
+        # picks without an option are left out
         failed = {}
         for i, job in enumerate(jobs):
             if job.failed is not None:
                 stage = job.failed.stages[-1]
                 failed[i] = f"{stage.stage.value}: {stage.message}"
         self._leave_out(failed)
-
-    def _report(self, work: str, done: int, total: int) -> None:
-        self.runner.report(work, done, total)
 
     def _leave_out(self, failed: dict[int, str]) -> None:
         """Leave out jobs with a reason each, and all that must follow them."""
@@ -170,22 +174,25 @@ class SequenceRun:
                 first = min(before[i] & out.keys())
                 out[i] = f"{names[first]} is left out: {reasons[first, i]}"
         self.left_out += [LeftOut(names[i], why) for i, why in out.items()]
-        kept = [i for i in range(len(names)) if i not in out]
-        new = {old: k for k, old in enumerate(kept)}
-        self.jobs = [self.jobs[i] for i in kept]
-        self.precedence, self.required = self.precedence.of(kept), self.required.of(kept)
+        left = [i for i in range(len(names)) if i not in out]
+        new = {old: k for k, old in enumerate(left)}
+        self.jobs = [self.jobs[i] for i in left]
+        self.precedence, self.required = self.precedence.of(left), self.required.of(left)
         old_numbers = self.numbers
         self.numbers = [(k, o) for k, job in enumerate(self.jobs) for o in range(len(job.options))]
         self.partial = None
-        at = {pair: number for number, pair in enumerate(self.numbers)}
-        number = {i: at[new[k], o] for i, (k, o) in enumerate(old_numbers) if k in new} | {START: START}
-        self.found = {
-            (number[a], number[b], Moved(number[each] for each in moved)): found
-            for (a, b, moved), found in self.found.items()
+        # what is known of the options is kept under their new numbers
+        number_of = {pair: number for number, pair in enumerate(self.numbers)}
+        number = {i: number_of[new[k], o] for i, (k, o) in enumerate(old_numbers) if k in new} | {START: START}
+        self.steps = {
+            (number[a], number[b], Moved(number[option] for option in moved)): step
+            for (a, b, moved), step in self.steps.items()
             if {a, b, *moved} <= number.keys()
         }
         self.known = {
-            tuple(number[each] for each in key): found for key, found in self.known.items() if number.keys() >= set(key)
+            tuple(number[option] for option in key): motions
+            for key, motions in self.known.items()
+            if number.keys() >= set(key)
         }
         self.searched = {
             (number[a], number[b], name, seconds) for a, b, name, seconds in self.searched if {a, b} <= number.keys()
@@ -222,81 +229,55 @@ class SequenceRun:
                 self._leave_out(error.reasons)
 
     def _optimise(self) -> None:
-        problem, order = self.problem(), self._wanted()
-        self._report("order", 0, 1)
+        # the given order of the remaining jobs, or that of the picks
+        names = self.precedence.names
+        order = tuple(range(len(names)))
+        fixed = self.fixed_order is not None
+        if self.fixed_order is not None:
+            number = {name: k for k, name in enumerate(names)}
+            given = (self.given.names[i] for i in self.fixed_order)
+            order = tuple(number[name] for name in given if name in number)
+            if not self.precedence.allows(order):
+                place = {job: k for k, job in enumerate(order)}
+                (a, b), why = next(
+                    item for item in self.precedence.reasons.items() if place[item[0][0]] > place[item[0][1]]
+                )
+                raise InputError(f"the order is not possible: {names[a]} must come before {names[b]} ({why})")
+        # the best tour by lower bounds, and its certified motions
+        problem = self.problem()
+        self.runner.report("order", 0, 1)
         self.bound = replace(problem, precedence=self.required).lower_bound(self.budget.bound)
         feasible = problem.in_order(order)
         self.file_order = problem.best_options(feasible).seconds
         self.nearest = problem.nearest_neighbour().seconds
-        fixed = self.fixed_order is not None
         tour = problem.best_options(feasible) if fixed else problem.solve(feasible, search=self.budget.search)
-        self._report("order", 1, 1)
+        self.runner.report("order", 1, 1)
         problem, self.best = self._certified(problem, tour, fixed)
+        # tours with the certified times in place of the bounds
         for _ in range(self.budget.refinements):
             problem = self._with_certified_times(problem, self.best)
             same = Tour(self.best.tour.order, self.best.tour.options, problem.seconds(self.best.tour.options))
             tour = problem.best_options(same.order) if fixed else problem.improved(same)
             if not fixed:  # another tour needs new motions almost everywhere
-                other = problem.solve(same.order, search=self.budget.search)
-                tour = other if other.seconds < (1 - NEW) * tour.seconds else tour
+                new = problem.solve(same.order, search=self.budget.search)
+                tour = new if new.seconds < (1 - NEW) * tour.seconds else tour
             if tour.seconds > (1 - WORTH) * self.best.seconds:
                 break
             problem, made = self._certified(problem, tour, fixed)
             if made.seconds < self.best.seconds:
                 self.best = made
 
-    def _wanted(self) -> tuple[int, ...]:
-        """The given order of the remaining jobs, or that of the picks."""
-        names = self.precedence.names
-        if self.fixed_order is None:
-            return tuple(range(len(names)))
-        new = {name: k for k, name in enumerate(names)}
-        wanted = tuple(new[self.stated.names[i]] for i in self.fixed_order if self.stated.names[i] in new)
-        if not self.precedence.allows(wanted):
-            raise InputError(self._violated(wanted))
-        return wanted
-
-    def _shorten(self, certified: _Certified) -> None:
-        """Search longer for short motions where those of a certified tour exceed their bounds."""
-        if not self.setup.budget.motion:
-            return
-        long: dict[int, list[str]] = {}
-        for k, (previous, option, _) in enumerate(certified.places):
-            for motion in certified.verdicts[k].motions:
-                key = previous, option, motion.name, motion.trajectory.duration
-                if key not in self.searched and LongMotions.of(self.setup, motion):
-                    long.setdefault(k, []).append(motion.name)
-        steps = [
-            (certified.scenes[k], self.jobs[self.numbers[certified.places[k][1]][0]], certified.verdicts[k], names)
-            for k, names in long.items()
-        ]
-        self._report("shorten", 0, len(steps))
-        shorter = self.runner.run("shorten", LongMotions(self.setup), steps, CHUNK)
-        for k, verdict in zip(long, shorter, strict=True):
-            certified.verdicts[k] = verdict
-            self._keep(certified.places[k], verdict)
-            previous, option, _ = certified.places[k]
-            self.searched |= {(previous, option, each.name, each.trajectory.duration) for each in verdict.motions}
-
-    def _keep(self, place: Place, found: PickVerdict | MotionFailure) -> None:
+    def _keep(self, place: Place, step: PickVerdict | MotionFailure) -> None:
         """Keep the result of a step, and its trajectories for other scenes."""
-        self.found[place] = found
-        if isinstance(found, MotionFailure):
+        self.steps[place] = step
+        if isinstance(step, MotionFailure):
             return
         previous, option, _ = place
-        for motion in found.motions:
+        for motion in step.motions:
             key = (previous, option) if motion.name == "transit" else (option,)
             self.known.setdefault(key, {})[motion.name] = motion.trajectory
 
-    def _violated(self, order: tuple[int, ...]) -> str:
-        place = {job: k for k, job in enumerate(order)}
-        names = self.precedence.names
-        (a, b), why = next(
-            (pair, why) for pair, why in self.precedence.reasons.items() if place[pair[0]] > place[pair[1]]
-        )
-        return f"the order is not possible: {names[a]} must come before {names[b]} ({why})"
-
-    def _with_certified_times(self, problem: TourProblem, certified: _Certified) -> TourProblem:
+    def _with_certified_times(self, problem: TourProblem, certified: _CertifiedTour) -> TourProblem:
         """The problem with the certified times of a tour in place of their bounds.
 
         The options that are not in the tour are assumed to exceed their bounds by the mean of those that are.
@@ -304,6 +285,7 @@ class SequenceRun:
         start, end, inner, between = (
             array.copy() for array in (problem.start, problem.end, problem.inner, problem.between)
         )
+        # the options of the tour take their certified times
         previous = START
         excess = 0.0
         for option, verdict in zip(certified.tour.options, certified.verdicts, strict=True):
@@ -318,6 +300,7 @@ class SequenceRun:
             previous = option
         if certified.closing is not None:
             end[previous] = max(end[previous], certified.closing.trajectory.duration)
+        # the other options exceed their bounds by as much on average
         others = np.ones(len(inner), dtype=bool)
         others[list(certified.tour.options)] = False
         inner[others] += excess
@@ -329,7 +312,7 @@ class SequenceRun:
         """Seconds of the certified motions of another tour; where motions fail, other options are used."""
         return self._certified(self.problem(), tour, fixed=True)[1].seconds
 
-    def _certified(self, problem: TourProblem, tour: Tour, fixed: bool) -> tuple[TourProblem, _Certified]:
+    def _certified(self, problem: TourProblem, tour: Tour, fixed: bool) -> tuple[TourProblem, _CertifiedTour]:
         """Certify a tour; motions that fail are excluded, and the tour is changed, with a fixed order its options only.
 
         Raises
@@ -347,11 +330,13 @@ class SequenceRun:
                 name = self.precedence.names[problem.job[option]] if option >= 0 else "the end"
                 failed = f"{name}: {failure.part}: {failure.reason}"
                 problem = self._excluding(problem, failure, previous, option)
+            # a job without any possible option is left out
             never = [k for k, choices in enumerate(problem.options) if not np.isfinite(problem.inner[choices]).any()]
             if never:
                 why = {int(problem.job[option]): failure for failure, _, option in failures if option >= 0}
                 last_failures = {k: why.get(k, failures[-1][0]) for k in never}
-                raise _ImpossibleError({k: f"{each.part}: {each.reason}" for k, each in last_failures.items()})
+                raise _ImpossibleError({k: f"{failure.part}: {failure.reason}" for k, failure in last_failures.items()})
+            # the best tour without what failed
             tour = problem.best_options(tour.order if fixed else problem.in_order(tour.order))
             if not fixed:
                 tour = problem.improved(tour)
@@ -359,83 +344,102 @@ class SequenceRun:
                 break
         raise NoAnswer(f"no order was found in which every motion is certified; the last failure is {failed}")
 
-    def _run_through(self, tour: Tour) -> tuple[_Certified, list[tuple[MotionFailure, int, int]]]:
-        """Certify the motions of a tour that are not known, and return its beginning without failures, and these."""
-        places, scenes = self._places(tour)
-        missing = [k for k, place in enumerate(places) if place not in self.found]
-        steps = [self._step(places[k], scenes[k]) for k in missing]
-        self._report("motions", 0, len(steps))
-        try:
-            self.runner.run("motions", StepMotions(self.setup), steps, CHUNK)
-        finally:  # also after Ctrl-C
-            for k, found in self.runner.rows["motions"].items():
-                self._keep(places[missing[k]], found)
-            verdicts: list[PickVerdict] = []
-            for place in places:
-                verdict = self.found.get(place)
-                if not isinstance(verdict, PickVerdict):
-                    break
-                verdicts.append(verdict)
-            made = self.partial = _Certified(tour, verdicts, scenes, places)
-        failures = [
-            (failure, previous, option)
-            for previous, option, moved in places
-            if isinstance(failure := self.found[previous, option, moved], MotionFailure)
+    def _shorten(self, certified: _CertifiedTour) -> None:
+        """Search longer for short motions where those of a certified tour exceed their bounds."""
+        if not self.setup.budget.motion:
+            return
+        long: dict[int, list[str]] = {}
+        for k, (previous, option, _) in enumerate(certified.places):
+            for motion in certified.verdicts[k].motions:
+                key = previous, option, motion.name, motion.trajectory.duration
+                if key not in self.searched and LongMotions.of(self.setup, motion):
+                    long.setdefault(k, []).append(motion.name)
+        steps = [
+            (certified.scenes[k], self.jobs[self.numbers[certified.places[k][1]][0]], certified.verdicts[k], names)
+            for k, names in long.items()
         ]
-        last = tour.options[-1]
-        if self.ends[1] is not None:
-            known = self.known.setdefault((last, START), {})
-            closing = closing_motion(self.setup, scenes[-1], self._exit(last), self.ends[1], known)
-            if isinstance(closing, MotionFailure):
-                failures.append((closing, last, START))
-            else:
-                made.closing, known["transit"] = closing, closing.trajectory
-        return made, failures
+        self.runner.report("shorten", 0, len(steps))
+        shorter = self.runner.run("shorten", LongMotions(self.setup), steps, CHUNK)
+        for k, verdict in zip(long, shorter, strict=True):
+            certified.verdicts[k] = verdict
+            self._keep(certified.places[k], verdict)
+            previous, option, _ = certified.places[k]
+            self.searched |= {(previous, option, motion.name, motion.trajectory.duration) for motion in verdict.motions}
 
-    def _places(self, tour: Tour) -> tuple[list[Place], list[Scene]]:
-        """The steps of a tour, and the scenes before each of them and after the last one."""
+    def _run_through(self, tour: Tour) -> tuple[_CertifiedTour, list[tuple[MotionFailure, int, int]]]:
+        """Certify the motions of a tour that are not known, and return its beginning without failures, and these."""
+        # the steps of the tour, and the scenes before each of them and after the last one
         previous, moved, scenes = START, Moved(), [self.setup.checker.scene]
         places: list[Place] = []
         for number in tour.options:
             places.append((previous, number, moved))
-            index, chosen = self.numbers[number]
-            job = self.jobs[index]
-            option = job.options[chosen]
+            job, option = self._choice(number)
             scenes.append(scene_after(scenes[-1], job, option))
             if job.before is not None or option.after is not None:
                 moved |= {number}
             previous = number
-        return places, scenes
+        # those that are not known in these scenes
+        missing = [k for k, place in enumerate(places) if place not in self.steps]
+        steps = []
+        for k in missing:
+            previous, number, _ = places[k]
+            job, option = self._choice(number)
+            q = self._choice(previous)[1].exit if previous != START else self.ends[0]
+            known = self.known.get((number,), {}) | self.known.get((previous, number), {})
+            index = self.numbers[number][0]
+            steps.append(SequencedPick(scenes[k], option.entrance if q is None else q, job, option, index, known))
+        self.runner.report("motions", 0, len(steps))
+        try:
+            self.runner.run("motions", StepMotions(self.setup), steps, CHUNK)
+        finally:  # also after Ctrl-C
+            for k, step in self.runner.rows["motions"].items():
+                self._keep(places[missing[k]], step)
+            verdicts: list[PickVerdict] = []
+            for place in places:
+                verdict = self.steps.get(place)
+                if not isinstance(verdict, PickVerdict):
+                    break
+                verdicts.append(verdict)
+            made = self.partial = _CertifiedTour(tour, verdicts, scenes, places)
+        failures = [
+            (failure, previous, option)
+            for previous, option, moved in places
+            if isinstance(failure := self.steps[previous, option, moved], MotionFailure)
+        ]
+        last = tour.options[-1]
+        if self.ends[1] is not None:
+            own = self.known.setdefault((last, START), {})
+            closing = closing_motion(self.setup, scenes[-1], self._choice(last)[1].exit, self.ends[1], own)
+            if isinstance(closing, MotionFailure):
+                failures.append((closing, last, START))
+            else:
+                made.closing, own["transit"] = closing, closing.trajectory
+        return made, failures
 
-    def _step(self, place: Place, scene: Scene) -> Step:
-        previous, number, _ = place
-        index, chosen = self.numbers[number]
-        option = self.jobs[index].options[chosen]
-        q = self._exit(previous) if previous != START else self.ends[0]
-        known = self.known.get((number,), {}) | self.known.get((previous, number), {})
-        return Step(scene, option.entrance if q is None else q, self.jobs[index], option, index, known)
-
-    def _exit(self, option: int) -> Array:
-        job, chosen = self.numbers[option]
-        return self.jobs[job].options[chosen].exit
+    def _choice(self, number: int) -> tuple[Job, PickOption]:
+        """The job and the option with this number."""
+        job, chosen = self.numbers[number]
+        return self.jobs[job], self.jobs[job].options[chosen]
 
     def _excluding(self, problem: TourProblem, failure: MotionFailure, previous: int, option: int) -> TourProblem:
         """The problem with more precedence if a part blocks the motion, else without the failed transit or option."""
         if option == START:
             drop = self._unconnected(previous)
             return _without(problem, "inner", list(drop)) if drop else _without(problem, "end", previous)
+        # a part of another job blocks the motion: one of the two is executed first, unless that is a cycle
         job = int(problem.job[option])
         for name in failure.bodies:
-            for other, each in enumerate(self.jobs):
-                if other == job or name not in {place.name for place in each.places}:
+            for blocking, owner in enumerate(self.jobs):
+                if blocking == job or name not in {place.name for place in owner.places}:
                     continue
-                for pair in ((other, job), (job, other)):
+                for pair in ((blocking, job), (job, blocking)):
                     if pair in self.precedence.reasons:
                         continue
                     more = self.precedence.with_pairs({pair: f"{name} blocks {self.jobs[job].pick.name}"})
                     if not more.cycle():
                         self.precedence = more
                         return replace(problem, precedence=more)
+        # a motion of the pick itself, or a transit, cannot be part of a tour
         drop = {option} if failure.part != "transit" else self._unconnected(previous, option)
         if drop:
             return _without(problem, "inner", list(drop))
@@ -450,11 +454,11 @@ class SequenceRun:
         """
         near: dict[int, set[int]] = {}
         failed = []
-        for (a, b, _), found in self.found.items():
-            if isinstance(found, PickVerdict):
+        for (a, b, _), step in self.steps.items():
+            if isinstance(step, PickVerdict):
                 near.setdefault(a, set()).add(b)
                 near.setdefault(b, set()).add(a)
-            elif found.part == "transit":
+            elif step.part == "transit":
                 failed.append((a, b))
         for end in ends:
             group, queue = {end}, [end]
@@ -477,7 +481,7 @@ class SequenceRun:
             for number, verdict, scene in zip(
                 certified.tour.options, certified.verdicts, certified.scenes, strict=False
             ):
-                pick = self.picks[self.stated.names.index(self.precedence.names[self.numbers[number][0]])]
+                pick = self.picks[self.given.names.index(self.precedence.names[self.numbers[number][0]])]
                 steps.append(SequenceStep(pick, verdict, scene, now, *self.dwell))
                 now = steps[-1].end
         return SequenceResult(
@@ -499,19 +503,3 @@ def _without(problem: TourProblem, name: str, where: int | list[int] | tuple[int
     seconds = getattr(problem, name).copy()
     seconds[where] = np.inf
     return replace(problem, **{name: seconds})
-
-
-@dataclass(frozen=True, eq=False)
-class _OptionsOf:
-    """The options of picks; see :func:`pinproof.cell.sequencing.options.options_of`."""
-
-    setup: PickSetup
-    fixed: Scene
-    parts: frozenset[str]
-    most: int
-
-    def __call__(self, start: int, picks: Sequence[Pick]) -> list[Job]:
-        return [
-            options_of(pick, self.setup, self.fixed, self.parts, self.most, index)
-            for index, pick in enumerate(picks, start)
-        ]

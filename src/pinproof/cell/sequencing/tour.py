@@ -62,27 +62,18 @@ class Tour:
 
 @dataclass(frozen=True, eq=False)
 class TourProblem:
-    """Jobs, their options and the times between them.
+    """Jobs, their options and the times between them."""
 
-    Parameters
-    ----------
-    job
-        (M,) the job of each option, ascending; every job from 0 has an option.
-    start, end
-        (M,) seconds from the start to each option, and from each option to the end.
-    inner
-        (M,) seconds of each option.
-    between
-        (M, M) seconds from the exit of an option to the entrance of another.
-    precedence
-        The pairs of jobs in a fixed order.
-    """
-
+    # (M,) the job of each option, ascending; every job from 0 has an option.
     job: Indices
+    # (M,) seconds from the start to each option, and from each option to the end.
     start: Array
     end: Array
+    # (M,) seconds of each option.
     inner: Array
+    # (M, M) seconds from the exit of an option to the entrance of another.
     between: Array
+    # The pairs of jobs in a fixed order.
     precedence: Precedence
 
     @property
@@ -113,15 +104,16 @@ class TourProblem:
         value = self.start[groups[0]] + self.inner[groups[0]]
         came: list[Indices] = []
         for before, here in itertools.pairwise(groups):
-            every = value[:, None] + self.between[np.ix_(before, here)]
-            came.append(every.argmin(axis=0))
-            value = every.min(axis=0) + self.inner[here]
+            reached = value[:, None] + self.between[np.ix_(before, here)]
+            came.append(reached.argmin(axis=0))
+            value = reached.min(axis=0) + self.inner[here]
         value = value + self.end[groups[-1]]
-        at = int(value.argmin())
-        chosen = [int(groups[-1][at])]
+        # back from the best last option
+        best = int(value.argmin())
+        chosen = [int(groups[-1][best])]
         for group, back in zip(groups[-2::-1], came[::-1], strict=True):
-            at = int(back[at])
-            chosen.append(int(group[at]))
+            best = int(back[best])
+            chosen.append(int(group[best]))
         return Tour(tuple(order), tuple(chosen[::-1]), float(value.min()))
 
     # -- orders -------------------------------------------------------------------------------------------------------
@@ -146,26 +138,17 @@ class TourProblem:
 
     def in_order(self, wanted: tuple[int, ...]) -> tuple[int, ...]:
         """The order that satisfies the precedence and takes the first possible job of ``wanted`` each time."""
-        before, done, order = self.precedence.predecessors(), set[int](), list[int]()
-        left = list(wanted)
+        before, left, order = self.precedence.predecessors(), list(wanted), list[int]()
         while left:
-            job = next(job for job in left if before[job] <= done)
-            left.remove(job)
-            done.add(job)
-            order.append(job)
+            order.append(next(job for job in left if before[job] <= set(order)))
+            left.remove(order[-1])
         return tuple(order)
 
     def solve(self, first: tuple[int, ...] | None = None, *, search: int = SEARCH, rng: int = 0) -> Tour:
         """A short tour: the optimum up to :data:`EXACT` jobs.
 
-        Parameters
-        ----------
-        first
-            An order from which the search also starts; it must satisfy the precedence.
-        search
-            Number of times that a tour is disturbed and improved again.
-        rng
-            Seed of the disturbances.
+        The search also starts from the order ``first``, which must satisfy the precedence. ``search`` is the number of
+        times that a tour is disturbed and improved again, ``rng`` the seed of the disturbances.
         """
         if self.count <= EXACT:
             return self.exact()
@@ -173,8 +156,8 @@ class TourProblem:
         if first is not None:
             starts[0] = self.best_options(first)
         draws = np.random.default_rng(rng).random((STARTS, search // STARTS, DRAWS))
-        found = [self._searched(tour, each) for tour, each in zip(starts, draws, strict=True)]
-        return min(found, key=lambda tour: tour.seconds)
+        tours = [self._searched(tour, numbers) for tour, numbers in zip(starts, draws, strict=True)]
+        return min(tours, key=lambda tour: tour.seconds)
 
     def improved(self, tour: Tour) -> Tour:
         """The tour after changes of its order and its options, until none makes it shorter."""
@@ -186,21 +169,22 @@ class TourProblem:
             return tour
         pairs = np.array(list(self.precedence.reasons), dtype=np.int64).reshape(-1, 2)
         options = np.array(tour.options, dtype=np.int64)
-        found = search_tour(self.job.astype(np.int64), self._times, pairs, options, np.ascontiguousarray(draws))
-        return Tour(tuple(self.job[found].tolist()), tuple(found.tolist()), self.seconds(found))
+        chosen = search_tour(self.job.astype(np.int64), self._times, pairs, options, np.ascontiguousarray(draws))
+        return Tour(tuple(self.job[chosen].tolist()), tuple(chosen.tolist()), self.seconds(chosen))
 
     @cached_property
     def _times(self) -> Array:
         """(M + 1, M + 1) the times from option to option, with that of the second one; the last is start and end."""
         size = len(self.job)
-        found = np.zeros((size + 1, size + 1))
-        found[:-1, :-1], found[-1, :-1], found[:-1, -1] = self.between + self.inner, self.start + self.inner, self.end
-        return np.nan_to_num(found, posinf=BLOCKED)
+        times = np.zeros((size + 1, size + 1))
+        times[:-1, :-1], times[-1, :-1], times[:-1, -1] = self.between + self.inner, self.start + self.inner, self.end
+        return np.nan_to_num(times, posinf=BLOCKED)
 
     def exact(self) -> Tour:
         """The optimum, by dynamic programming over subsets of jobs."""
         if not self.count:
             return Tour((), (), 0.0)
+        # value[jobs, option]: the least time through a subset of jobs (bits of ``mask``) that ends at an option of one
         before = [sum(1 << job for job in jobs) for jobs in self.precedence.predecessors()]
         size = len(self.job)
         value = np.full((1 << self.count, size), np.inf)
@@ -215,10 +199,11 @@ class TourProblem:
             for job, options in enumerate(self.options):
                 if mask >> job & 1 or before[job] & ~mask:
                     continue
-                every = here[:, None] + self.between[:, options]
-                best = every.argmin(axis=0)
-                value[mask | 1 << job, options] = every[best, np.arange(len(options))] + self.inner[options]
+                reached = here[:, None] + self.between[:, options]
+                best = reached.argmin(axis=0)
+                value[mask | 1 << job, options] = reached[best, np.arange(len(options))] + self.inner[options]
                 came[mask | 1 << job, options] = best
+        # back from the best last option
         mask = (1 << self.count) - 1
         last = value[mask] + self.end
         option, chosen = int(last.argmin()), list[int]()
@@ -226,7 +211,7 @@ class TourProblem:
             chosen.append(option)
             mask, option = mask & ~(1 << int(self.job[option])), int(came[mask, option])
         chosen.reverse()
-        return Tour(tuple(int(self.job[each]) for each in chosen), tuple(chosen), float(last.min()))
+        return Tour(tuple(int(self.job[k]) for k in chosen), tuple(chosen), float(last.min()))
 
     # -- the lower bound ----------------------------------------------------------------------------------------------
 

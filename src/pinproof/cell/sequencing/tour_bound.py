@@ -68,18 +68,11 @@ class _Solution:
 
 
 def arc_bound(times: Array, job: Indices, tour: Indices, rounds: int) -> float:
-    """The lower bound (s), with violated constraints added ``rounds`` times.
+    """The lower bound (s), with violated constraints added in at most ``rounds`` linear programs.
 
-    Parameters
-    ----------
-    times
-        (M + 1, M + 1) from option to option; the last row and column are home. Excluded arcs are infinite.
-    job
-        (M,) the job of each option, ascending.
-    tour
-        (n,) the options of any tour, so that the first linear program has a solution.
-    rounds
-        Number of linear programs.
+    ``times`` (M + 1, M + 1) are those from option to option; the last row and column are home, and excluded arcs are
+    infinite. ``job`` (M,) is the job of each option, ascending. ``tour`` (n,) are the options of any tour, so that the
+    first linear program has a solution.
     """
     node = np.append(job, job[-1] + 1)  # home is a job with one option
     times = np.where(node[:, None] == node[None], np.inf, times)
@@ -90,19 +83,30 @@ def arc_bound(times: Array, job: Indices, tour: Indices, rounds: int) -> float:
     cuts: list[_Cut] = []
     best, stalled = 0.0, 0
     for _ in range(rounds):
-        found = _solved(times, node, arcs, cuts)
-        if found is None:
+        solution = _solved(times, node, arcs, cuts)
+        if solution is None:
             break
-        reduced, bound = _reduced(times, node, found, cuts)
+        # the bound by the dual values, with the reduced times of all arcs
+        reduced = times - solution.of_option[:, None] + solution.of_option[None] - solution.of_job[node][:, None]
+        bound = float(solution.of_job.sum())
+        for cut, dual in zip(cuts, solution.of_cut.tolist(), strict=True):
+            reduced[np.ix_(cut.inside, ~cut.inside)] -= dual
+            if cut.option < 0:
+                bound += dual
+            else:
+                reduced[cut.option] += dual
+        starts = np.searchsorted(node, np.arange(node[-1] + 1))
+        bound += float(np.minimum.reduceat(reduced.min(axis=1), starts).sum())
         stalled = 0 if bound > (1.0 + GAIN) * best else stalled + 1
         best = max(best, bound)
         if stalled == PATIENCE:
             break
+        # arcs and constraints that the program lacks are added, and constraints without effect removed
         missing = (reduced < -NONE) & ~arcs
         arcs |= _shortest(np.where(missing, reduced, np.inf), ADDED)
-        cuts = [cut for cut, dual in zip(cuts, found.of_cut, strict=True) if dual > 0.0]
+        cuts = [cut for cut, dual in zip(cuts, solution.of_cut, strict=True) if dual > 0.0]
         known = {(cut.inside.tobytes(), cut.option) for cut in cuts}
-        more = {(cut.inside.tobytes(), cut.option): cut for cut in _violated(node, found)}
+        more = {(cut.inside.tobytes(), cut.option): cut for cut in _violated(node, solution)}
         new = [cut for key, cut in more.items() if key not in known]
         if not new and not missing.any():
             break
@@ -112,10 +116,10 @@ def arc_bound(times: Array, job: Indices, tour: Indices, rounds: int) -> float:
 
 def _shortest(times: Array, count: int) -> Mask:
     """The finite entries among the ``count`` smallest of each row."""
-    found = np.zeros(times.shape, dtype=bool)
+    shortest = np.zeros(times.shape, dtype=bool)
     count = min(count, times.shape[1] - 1)
-    np.put_along_axis(found, np.argpartition(times, count, axis=1)[:, :count], True, axis=1)
-    return found & np.isfinite(times)
+    np.put_along_axis(shortest, np.argpartition(times, count, axis=1)[:, :count], True, axis=1)
+    return shortest & np.isfinite(times)
 
 
 def _solved(times: Array, node: Indices, arcs: Mask, cuts: list[_Cut]) -> _Solution | None:
@@ -125,53 +129,39 @@ def _solved(times: Array, node: Indices, arcs: Mask, cuts: list[_Cut]) -> _Solut
 
     first, last = np.nonzero(arcs)
     size, count = len(node), len(first)
-    each, ones = np.arange(count), np.ones(count)
-    leaving = csr_array((ones, (first, each)), (size, count))
-    entering = csr_array((ones, (last, each)), (size, count))
-    of_job = csr_array((ones, (node[first], each)), (node[-1] + 1, count))
+    number, ones = np.arange(count), np.ones(count)
+    # as many arcs enter an option as leave it, and one leaves each job
+    leaving = csr_array((ones, (first, number)), (size, count))
+    entering = csr_array((ones, (last, number)), (size, count))
+    of_job = csr_array((ones, (node[first], number)), (node[-1] + 1, count))
     equal = np.concatenate([np.zeros(size), np.ones(node[-1] + 1)])
+    # violated constraints that were found before
     limits = {}
     if cuts:
         rows = [1.0 * (cut.inside[first] & ~cut.inside[last]) - (first == cut.option) for cut in cuts]
         least = [1.0 if cut.option < 0 else 0.0 for cut in cuts]
         limits = {"A_ub": -csr_array(np.array(rows)), "b_ub": -np.array(least)}
-    found = linprog(
+    program = linprog(
         times[first, last], A_eq=vstack([leaving - entering, of_job]), b_eq=equal, method="highs-ds", **limits
     )
-    if not found.success:
+    if not program.success:
         return None
-    dual = found.eqlin.marginals
-    of_cut = np.maximum(-found.ineqlin.marginals, 0.0) if cuts else np.zeros(0)
-    return _Solution(first, last, found.x, dual[:size], dual[size:], of_cut)
+    dual = program.eqlin.marginals
+    of_cut = np.maximum(-program.ineqlin.marginals, 0.0) if cuts else np.zeros(0)
+    return _Solution(first, last, program.x, dual[:size], dual[size:], of_cut)
 
 
-def _reduced(times: Array, node: Indices, found: _Solution, cuts: list[_Cut]) -> tuple[Array, float]:
-    """The reduced times of all arcs, and the lower bound that follows from the dual values."""
-    reduced = times - found.of_option[:, None] + found.of_option[None] - found.of_job[node][:, None]
-    bound = float(found.of_job.sum())
-    for cut, dual in zip(cuts, found.of_cut.tolist(), strict=True):
-        if dual == 0.0:
-            continue
-        reduced[np.ix_(cut.inside, ~cut.inside)] -= dual
-        if cut.option < 0:
-            bound += dual
-        else:
-            reduced[cut.option] += dual
-    starts = np.searchsorted(node, np.arange(node[-1] + 1))
-    return reduced, bound + float(np.minimum.reduceat(reduced.min(axis=1), starts).sum())
-
-
-def _violated(node: Indices, found: _Solution) -> list[_Cut]:
+def _violated(node: Indices, solution: _Solution) -> list[_Cut]:
     """Violated constraints of connection: the smallest cuts between home and each job and each partly used option."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
     home, jobs = len(node) - 1, int(node[-1])
-    used = found.value > NONE
-    first, last = found.first[used], found.last[used]
-    share = np.bincount(first, weights=found.value[used], minlength=home)[:home]
+    used = solution.value > NONE
+    first, last = solution.first[used], solution.last[used]
+    share = np.bincount(first, weights=solution.value[used], minlength=home)[:home]
     # each job is one more node, to which all its options lead
-    flow = np.concatenate([np.rint(UNITS * found.value[used]), np.full(home, 10 * UNITS)]).astype(np.int32)
+    flow = np.concatenate([np.rint(UNITS * solution.value[used]), np.full(home, 10 * UNITS)]).astype(np.int32)
     size = home + 1 + jobs
     rows, columns = np.concatenate([first, np.arange(home)]), np.concatenate([last, home + 1 + node[:home]])
     graph = csr_array((flow, (rows, columns)), (size, size))

@@ -12,19 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pinproof.cell.sequencing.options import Job, PickOption
-from pinproof.collision import Certificate, Scene
+from pinproof.collision import Scene
 from pinproof.errors import TimingError
 from pinproof.motion import BlendedPath, JointPath, MotionLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import Bounds
 from pinproof.motion.steering import least_times
-from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, StageResult
+from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.lines import Attempt, shortened, transit
 from pinproof.picks.judging.motion_limits import peaks_of, rate_limits, torque_limits_of_tool
 from pinproof.picks.judging.place import Placer, Placing, Release
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
-from pinproof.picks.judging.verdict import Stage
 from pinproof.planning import make_planner, optimise
 from pinproof.spatial import Array
 
@@ -40,66 +39,45 @@ SEARCHES, SEARCH_FACTOR = 4, 3
 
 @dataclass(frozen=True, eq=False)
 class MotionFailure:
-    """Why a pick cannot be executed at its position in the sequence.
+    """Why a pick cannot be executed at its position in the sequence."""
 
-    Parameters
-    ----------
-    part
-        The part of the motion that failed.
-    reason
-        The message of the planner or of the certificate.
-    bodies
-        The names of the bodies of the first contact, if one was found.
-    """
-
+    # The part of the motion that failed.
     part: str
+    # The message of the planner or of the certificate.
     reason: str
+    # The names of the bodies of the first contact, if one was found.
     bodies: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
-    """A pick at its position in a sequence.
+class SequencedPick:
+    """A pick at its position in a sequence."""
 
-    Parameters
-    ----------
-    scene
-        The scene of the moment.
-    q
-        (n,) the end of the motion before.
-    job, option
-        The pick, and the choice for it.
-    index
-        The index of the pick, for its random stream.
-    known
-        Trajectories that were found before for parts of the motion, by name.
-    """
-
+    # The scene of the moment.
     scene: Scene
+    # (n,) the end of the motion before.
     q: Array
+    # The pick, and the choice for it.
     job: Job
     option: PickOption
+    # The index of the pick, for its random stream.
     index: int
+    # Trajectories that were found before for parts of the motion, by name.
     known: Mapping[str, Trajectory]
 
 
 @dataclass(frozen=True, eq=False)
 class StepMotions:
-    """Plans, times and certifies the motions of steps.
+    """Plans, times and certifies the motions of steps."""
 
-    Parameters
-    ----------
-    setup
-        The cell before the sequence.
-    """
-
+    # The cell before the sequence.
     setup: PickSetup
 
-    def __call__(self, _start: int, steps: Sequence[Step]) -> list[PickVerdict | MotionFailure]:
+    def __call__(self, _start: int, steps: Sequence[SequencedPick]) -> list[PickVerdict | MotionFailure]:
         """The certified motions of each step, or the reason of the failure."""
         return [self.certified(step) for step in steps]
 
-    def certified(self, step: Step) -> PickVerdict | MotionFailure:
+    def certified(self, step: SequencedPick) -> PickVerdict | MotionFailure:
         """The certified motions of a step, or the reason of the failure."""
         setup, job, option = self.setup, step.job, step.option
         cell = Cell(setup.checker.with_scene(step.scene), setup.shared, step.q, setup.weights, setup.budget)
@@ -120,6 +98,7 @@ def _parts(
     task: Task, attempt: Attempt, release: Release | None, seeds: list[int], known: Mapping[str, Trajectory]
 ) -> PickVerdict | MotionFailure:
     joints, member = task.arm.joint_names, attempt.candidate.member
+    # transit and transfer: the known motions if they are proven free in this scene, else new paths
     arrive = _again(_part(task, member, "transit"), known)
     path = JointPath(np.array([attempt.entrance]), joints)
     if arrive is None:
@@ -137,15 +116,24 @@ def _parts(
                 return MotionFailure("transfer", result.message)
             transfer = made.transfer
         placing = Placing(transfer, release.lift, release.leave, release.parting, release.clearance)
+    # every part is timed and certified; what is in contact first is named where that fails
     motions: list[PickMotion] = []
     for part in motion_parts(task, attempt, path, placing, separate=True):
         motion = {"transit": arrive, "transfer": across}.get(part.name) or _again(part, known)
         if motion is None:
             motion, why = time_part(task, part, attempt)
             if motion is None:
-                return MotionFailure(part.name, why, _first_bodies(prove_part(part, _timed(part))))
+                limits = part.checker.arm.limits
+                timed = Trajectory.join(*(time_parametrise(curve, limits) for curve in part.curves))
+                contact = prove_part(part, timed).first_contact
+                return MotionFailure(part.name, why, () if contact is None else contact.bodies)
         motions.append(motion)
-    return _verdict(task, attempt, motions)
+    joined = Trajectory.join(*(motion.trajectory for motion in motions))
+    grip = None if task.name is None else task.grip(member)
+    good = PickVerdict(
+        task.pick, PickStatus.GOOD, (), 1, attempt.q, joined, 0.0, None, tuple(motions), member=member.words, grip=grip
+    )  # fmt: skip
+    return _with_motions(good, motions)
 
 
 def _part(task: Task, member: Member, name: str) -> MotionPart:
@@ -153,10 +141,6 @@ def _part(task: Task, member: Member, name: str) -> MotionPart:
     if name == "transit":
         return MotionPart(name, (), task.outside)
     return MotionPart(name, (), task.carrying(member), constraints=task.constraints(member))
-
-
-def _timed(part: MotionPart) -> Trajectory:
-    return Trajectory.join(*(time_parametrise(curve, part.checker.arm.limits) for curve in part.curves))
 
 
 def _again(part: MotionPart, known: Mapping[str, Trajectory]) -> PickMotion | None:
@@ -176,8 +160,7 @@ def closing_motion(
 ) -> PickMotion | MotionFailure:
     """The certified transit from q (n,) to the end (n,) of a sequence."""
     checker = setup.checker.with_scene(scene)
-    again = _again(MotionPart("transit", (), checker), known)
-    if again is not None:
+    if (again := _again(MotionPart("transit", (), checker), known)) is not None:
         return again
     torques = torque_limits_of_tool(checker.arm, setup.shared)
     planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
@@ -186,10 +169,10 @@ def closing_motion(
         return MotionFailure("transit", f"to the end: {plan.message}")
     path, _ = shortened(plan, checker, 0, torques)
     rates = [] if torques is None else [torques]
-    found = optimise(path, checker, rate_limits=rates, budget=setup.budget.motion)
-    if not found.certificate.free:
-        return MotionFailure("transit", f"to the end: {found.certificate.message}")
-    return PickMotion("transit", found.trajectory, found.certificate, checker.attached, checker.scene, checker.arm.held)
+    short = optimise(path, checker, rate_limits=rates, budget=setup.budget.motion)
+    if not short.certificate.free:
+        return MotionFailure("transit", f"to the end: {short.certificate.message}")
+    return PickMotion("transit", short.trajectory, short.certificate, checker.attached, checker.scene, checker.arm.held)
 
 
 def scene_after(scene: Scene, job: Job, option: PickOption) -> Scene:
@@ -201,14 +184,9 @@ def scene_after(scene: Scene, job: Job, option: PickOption) -> Scene:
 
 @dataclass(frozen=True, eq=False)
 class LongMotions:
-    """Searches longer for the motions of a step that take much longer than their bounds.
+    """Searches longer for the motions of a step that take much longer than their bounds."""
 
-    Parameters
-    ----------
-    setup
-        The cell before the sequence.
-    """
-
+    # The cell before the sequence.
     setup: PickSetup
 
     def __call__(
@@ -229,7 +207,7 @@ class LongMotions:
         task = Task(
             job.pick, Cell(setup.checker.with_scene(scene), setup.shared, setup.home, setup.weights, setup.budget)
         )
-        member = next(each for group in task.groups() for each in group if each.words == verdict.member)
+        member = next(m for group in task.groups() for m in group if m.words == verdict.member)
         motions = [
             _searched(task, member, motion, _part(task, member, motion.name)) if motion.name in names else motion
             for motion in verdict.motions
@@ -243,10 +221,11 @@ def _searched(task: Task, member: Member, motion: PickMotion, part: MotionPart) 
     moved = motion.trajectory
     least = _least(moved, limits)
     rates = rate_limits(task, member, part.name, part.checker)
+    # points of the motion, through which the searches start
     inner = np.asarray(moved(np.linspace(0.0, moved.duration, SAMPLES)))[1:-1]
     path = JointPath(np.vstack([moved.start, inner, moved.end]), moved.joint_names)
     for seed in range(1, SEARCHES + 1):
-        found = optimise(
+        shorter = optimise(
             path,
             part.checker,
             limits=limits,
@@ -255,9 +234,9 @@ def _searched(task: Task, member: Member, motion: PickMotion, part: MotionPart) 
             rng=seed,
             budget=SEARCH_FACTOR * task.cell.budget.motion,
         )
-        if found.certificate.free and found.duration < best.trajectory.duration:
-            peaks = peaks_of(rates, found.trajectory)
-            best = replace(best, trajectory=found.trajectory, certificate=found.certificate, torques=peaks)
+        if shorter.certificate.free and shorter.duration < best.trajectory.duration:
+            peaks = peaks_of(rates, shorter.trajectory)
+            best = replace(best, trajectory=shorter.trajectory, certificate=shorter.certificate, torques=peaks)
         if best.trajectory.duration <= RETRIED * least:
             break
     return best
@@ -267,29 +246,6 @@ def _least(trajectory: Trajectory, limits: MotionLimits) -> float:
     """Lower bound (s) of the time of a motion between the ends of a trajectory, without obstacles."""
     bounds = Bounds.of(limits, trajectory.joint_names)
     return float(least_times(trajectory.end - trajectory.start, bounds))
-
-
-def _first_bodies(certificate: Certificate) -> tuple[str, ...]:
-    return () if certificate.first_contact is None else certificate.first_contact.bodies
-
-
-def _verdict(task: Task, attempt: Attempt, motions: list[PickMotion]) -> PickVerdict:
-    """The verdict on a pick with these motions."""
-    joined = Trajectory.join(*(motion.trajectory for motion in motions))
-    empty = PickVerdict(
-        task.pick,
-        PickStatus.GOOD,
-        (),
-        1,
-        attempt.q,
-        joined,
-        0.0,
-        None,
-        tuple(motions),
-        member=attempt.candidate.member.words,
-        grip=None if task.name is None else task.grip(attempt.candidate.member),
-    )
-    return _with_motions(empty, motions)
 
 
 def _with_motions(verdict: PickVerdict, motions: list[PickMotion]) -> PickVerdict:

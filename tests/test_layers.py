@@ -45,6 +45,27 @@ MAY_TOUCH_THEM = {"spatial", "model", "collision", "viewer"}
 MAY_ALSO_TOUCH = {("description", "coal")}  # the second reading of mesh files
 HEAVY = {"dask", "distributed", "matplotlib", "meshcat", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
 HEAVY_ALLOWED = {"cli": {"typer"}}
+FACES = {
+    "verifier",
+    "description",
+    "model",
+    "conversion",
+    "motion",
+    "ik",
+    "collision",
+    "planning",
+    "execution",
+    "viewer",
+}
+FACES |= {"picks", "cell"}
+"""Packages that others import by their public names only: ``from pinproof.ik import Clik``, never an inner module."""
+NAMESPACES = {
+    "pinproof.description.meshes",
+    "pinproof.motion.bezier",
+    "pinproof.motion.corner",
+    "pinproof.viewer.panels",
+}
+"""Modules of these packages whose functions are used with the name of the module, such as ``bezier.split``."""
 VERIFIER_NEEDS = {"numpy", *sys.stdlib_module_names}
 
 
@@ -122,6 +143,18 @@ def upward_only(package: Path) -> list[str]:
         if not allowed:
             found.append(str(each))
     return found
+
+
+def packages_are_imported_by_their_names(package: Path) -> list[str]:
+    """A package uses what another exports; what it needs and cannot import is missing in the public interface."""
+    modules = set(import_graph(package)) - NAMESPACES - {"pinproof.ik.bench"}  # it exports a function of this name
+    return [
+        str(one)
+        for one in imports(package)
+        for parts in [one.target.split(".")]
+        if parts[0] == "pinproof" and len(parts) > 2 and parts[1] in FACES - {one.package}
+        if len(parts) > 3 or one.target in modules
+    ]
 
 
 def pinocchio_is_imported_by_few_packages(package: Path) -> list[str]:
@@ -229,6 +262,7 @@ Rule = Callable[[Path], list[str]]
 RULES: list[Rule] = [
     unknown_packages,
     upward_only,
+    packages_are_imported_by_their_names,
     pinocchio_is_imported_by_few_packages,
     verifier_is_independent,
     slow_imports_are_lazy,
@@ -257,6 +291,8 @@ def test_package_follows_the_rule(rule: Rule) -> None:
         (upward_only, "ik/clik.py", "from pinproof.collision import CollisionChecker"),
         (upward_only, "collision/checking/checker.py", "from pinproof.ik import Clik"),
         (upward_only, "spatial.py", "from .model import Robot"),
+        (packages_are_imported_by_their_names, "picks/stages.py", "from pinproof.ik.clik import Clik"),
+        (packages_are_imported_by_their_names, "cli/main.py", "def f():\n    import pinproof.collision.checking.audit"),
         (pinocchio_is_imported_by_few_packages, "planning/rrt.py", "import pinocchio as pin"),
         (pinocchio_is_imported_by_few_packages, "description/urdf.py", "import pinocchio as pin"),
         (pinocchio_is_imported_by_few_packages, "picks/stages.py", "def f():\n    from coal import Box"),

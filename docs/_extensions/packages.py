@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import enum
 import importlib
 import inspect
 import itertools
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -70,13 +72,31 @@ def documented(path: str) -> list[str]:
     return [f".. autofunction:: {path}" if callable(value) else f".. autodata:: {path}", ""]
 
 
-def prepare_docstring(_app: Sphinx, what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
+def text_of_constant(path: str) -> str:
+    """The string below the assignment of a constant, in the module of the package that defines it."""
+    package, _, name = path.rpartition(".")
+    home = Path(inspect.getfile(importlib.import_module(package)))
+    for file in sorted(home.parent.rglob("*.py")) if home.name == "__init__.py" else [home]:
+        for statement, below in itertools.pairwise(ast.parse(file.read_text(encoding="utf-8")).body):
+            targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+            if any(isinstance(target, ast.Name) and target.id == name for target in targets):
+                stated = (
+                    below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
+                )
+                return stated if isinstance(stated, str) else ""
+    return ""
+
+
+def prepare_docstring(_app: Sphinx, what: str, name: str, value: Any, _options: Any, lines: list[str]) -> None:
     """Adapt a docstring to Napoleon, which reads two things in its own way.
 
     It takes the text before a colon in the first line of an attribute for its type, and ``x, y`` in a section of
-    attributes for one name, of which Sphinx then takes ``x,`` for the type.
+    attributes for one name, of which Sphinx then takes ``x,`` for the type. A constant has the text below its
+    assignment, not that of its type.
     """
-    if what in ("attribute", "property"):
+    if what == "data" and not inspect.isclass(value) and inspect.getdoc(value) == inspect.getdoc(type(value)):
+        lines[:] = [*inspect.cleandoc(text_of_constant(name)).splitlines(), ""]
+    if what in ("attribute", "property", "data"):
         lines[:0] = ["..", ""]
     elif what == "class":
         lines[:] = one_attribute_each(lines)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, urdf_to_dh
-from pinproof.conversion.dh_tables import COINCIDENT, FARTHEST, PARALLEL, Axis, frame_on
+from pinproof.conversion.dh_tables import COINCIDENT, FARTHEST, PARALLEL, DhAxis, frame_on
 from pinproof.description import DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm, load_robot
@@ -260,6 +260,6 @@ def test_a_table_that_is_not_the_arm_is_refused():
 
 
 def test_a_frame_on_an_axis_along_the_base_x_takes_the_base_y():
-    frame = frame_on(Axis("x", np.array([5.0, 1.0, 2.0]), np.array([1.0, 0.0, 0.0])), np.eye(4))
+    frame = frame_on(DhAxis("x", np.array([5.0, 1.0, 2.0]), np.array([1.0, 0.0, 0.0])), np.eye(4))
     np.testing.assert_array_equal(frame[:3, 0], [0, 1, 0])
     np.testing.assert_array_equal(frame[:3, 3], [0, 1, 2])

@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof import _core
 from pinproof.errors import InputError
-from pinproof.ik import Overlap, ReachStatus, is_provable
+from pinproof.ik import BodyOverlap, ReachStatus, is_provable
 from pinproof.ik.reach_check import CUT_LOWER, EXCLUDED, SPLIT, Steps, check_exclusion
 from pinproof.model import load_robot
 from pinproof.model.limits import AT_LIMIT
@@ -281,7 +281,7 @@ def links_of(arm: pp.Arm, q: np.ndarray) -> list[np.ndarray]:
     return poses
 
 
-def overlap_near(rng: np.random.Generator, arm: pp.Arm, q: np.ndarray, gap: float) -> Overlap:
+def overlap_near(rng: np.random.Generator, arm: pp.Arm, q: np.ndarray, gap: float) -> BodyOverlap:
     """A ball and a box on different links whose distance at q (n,) is ``gap``; below 0, they overlap."""
     links = links_of(arm, q)
     ball_link, box_link = rng.choice(arm.dof + 1, 2, replace=False).tolist()
@@ -298,7 +298,9 @@ def overlap_near(rng: np.random.Generator, arm: pp.Arm, q: np.ndarray, gap: floa
         half = np.maximum(half + radius, 0.0)
         beyond = np.abs(in_box[:3]) - half
         radius = max((np.linalg.norm(np.maximum(beyond, 0.0)) if beyond.max() > 0 else beyond.max()) - gap, 0.0)
-    return Overlap(("a", "b"), ball_link, centre, share * radius, box_link, link_from_box, half, (1 - share) * radius)
+    return BodyOverlap(
+        ("a", "b"), ball_link, centre, share * radius, box_link, link_from_box, half, (1 - share) * radius
+    )
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -330,7 +332,7 @@ def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms) -> None:
     at[:3, 3] = elbows.mean(axis=0)
 
     def proof(radius: float) -> pp.ik.ReachProof:
-        elbow = Overlap(("elbow", "ball"), 4, np.zeros(3), 0.02, 0, at, np.zeros(3), radius)
+        elbow = BodyOverlap(("elbow", "ball"), 4, np.zeros(3), 0.02, 0, at, np.zeros(3), radius)
         return pp.prove_unreachable(arm, target, search=False, budget=3000, overlaps=[elbow])
 
     assert not proof(away.max() - 0.021).proven

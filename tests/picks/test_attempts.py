@@ -13,10 +13,10 @@ from pinproof.motion import CubicPath
 from pinproof.picks.judging import grasp
 from pinproof.picks.judging.changes import Change
 from pinproof.picks.judging.configurations import at_full_speed, least_seconds
-from pinproof.picks.judging.grasp import Candidate
+from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.lines import Attempt, full_rotations, shifted
 from pinproof.picks.judging.suggest import _Trials
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage
 
 TURN = 2 * np.pi
@@ -28,7 +28,7 @@ def attempt_of(arm: pp.Arm, rng: np.random.Generator) -> Attempt:
     ends, tangents = q + rng.normal(0, 0.4, (2, arm.dof)), rng.normal(0, 0.5, (2, 2, arm.dof))
     lines = [CubicPath(np.array([q, ends[k]]), tangents[k], [0.0, 1.0], names) for k in range(2)]
     shift = TURN * rng.integers(-1, 2, arm.dof)
-    return Attempt(Candidate(q, None, 0.0, 0.0), approach=lines[0], retreat=lines[1], shift=shift)
+    return Attempt(GraspCandidate(q, None, 0.0, 0.0), approach=lines[0], retreat=lines[1], shift=shift)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -103,7 +103,7 @@ def test_ranked_configurations_reach_the_grasps_that_they_belong_to(arms, cells,
     arm, (scene, picks) = arms["ur5"], cells["ur5"]
     made = pp.picks.PickSetup.make(arm, scene, picks, home=None, rng=0)
     tolerance = pp.picks.GraspTolerance(position=(0.005, 0.005, 0.0), tilt=0.1)
-    task = Task(pp.Pick("bolt", picks.picks[0].pose, tolerance=tolerance), made.cell)
+    task = PickTask(pp.Pick("bolt", picks.picks[0].pose, tolerance=tolerance), made.cell)
     members = [member for group in task.groups() for member in group]
     reached = grasp.reach(task, members, 0)
     assert len(reached.q) > 20

@@ -12,7 +12,7 @@ from pinproof.description import robots_folder
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.place import Placer
 from pinproof.picks.judging.search import BestFirst
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 
 ALL = pp.picks.PickBudget(configurations=10_000, compared=10_000, remedies=0)
 SEEDS = [1, 2]
@@ -26,7 +26,7 @@ def setup(robot: str, file: str, weights: pp.picks.PickWeights | None = None) ->
 
 
 def search(made: pp.picks.PickSetup, pick: pp.Pick, *, bounded: bool) -> BestFirst:
-    task = Task(pick, made.cell)
+    task = PickTask(pick, made.cell)
     ring = next(iter(task.groups()))
     candidates = screen(task, ring, reach(task, ring, 0)).candidates
     found = BestFirst(task, candidates, SEEDS, bounded=bounded)
@@ -104,7 +104,7 @@ def test_the_best_release_is_taken_and_not_the_nearest(monkeypatch, xyz, yaw) ->
     pick = replace(first, place=drop)
     best = search(made, pick, bounded=True).best
     every, place = Placer.releases, Placer.place
-    count = len(every(Placer(Task(pick, made.cell), SEEDS[0]), next(iter(Task(pick, made.cell).groups()))[0]))
+    count = len(every(Placer(PickTask(pick, made.cell), SEEDS[0]), next(iter(PickTask(pick, made.cell).groups()))[0]))
     assert count > 1
     scores = []
     for index in range(count):

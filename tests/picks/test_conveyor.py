@@ -17,7 +17,7 @@ from pinproof.picks.judging import following, intercept
 from pinproof.picks.judging.configurations import configurations
 from pinproof.picks.judging.following import _Phases
 from pinproof.picks.judging.hand import OpenHand
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.spatial import translated
 
 FILE = Path(__file__).parents[2] / "robots" / "ur5" / "conveyor_picks.yaml"
@@ -283,7 +283,7 @@ def test_phases_are_as_short_as_the_limits_allow_and_follow_the_exact_motion(mon
     limits = replace(arm.limits, velocity=slower * arm.limits.velocity, acceleration=slower * arm.limits.acceleration)
     arm = arm.with_limits(limits)
     belt = replace(picks.conveyor, speed=speed, dwell=0.25)
-    task = Task(
+    task = PickTask(
         replace(picks.picks[0], approach=line, retreat=line), PickSetup.make(arm, scene, picks, home=None, rng=0).cell
     )
     there = intercept._at_time(task, replace(belt, speed=0.2), 3.5)
@@ -325,7 +325,7 @@ def test_meeting_times_are_those_at_which_the_nearest_reachable_grasp_can_be_rea
     arm, _, picks = cell()
     sideways = replace(picks.picks[0], tolerance=pp.picks.GraspTolerance(position=(0.0, 0.04, 0.0)))
     for pick, duration in ((picks.picks[0], 20.0), (sideways, 20.0), (picks.picks[2], 6.0)):
-        belt, task = replace(picks.conveyor, duration=duration), Task(pick, setup().cell)
+        belt, task = replace(picks.conveyor, duration=duration), PickTask(pick, setup().cell)
         offered = list(intercept._meeting_times(task, belt, start, 0))
         expected: list[tuple[float, str]] = []
         for group in task.groups():
@@ -373,7 +373,7 @@ def test_a_lowered_support_touches_what_the_support_may_touch() -> None:
 
 def test_a_motion_after_the_known_end_of_the_belt_is_not_proven_while_parts_are_on_it() -> None:
     arm, _, picks = cell()
-    task = Task(picks.picks[0], setup().cell)
+    task = PickTask(picks.picks[0], setup().cell)
     still = pp.Trajectory.at_rest(task.cell.home, arm.joint_names, 1.0)
     for start, raises in ((3.9, False), (4.1, True)):
         timeline = intercept._Timeline(replace(picks.conveyor, duration=5.0), start)
@@ -387,7 +387,7 @@ def test_a_motion_after_the_known_end_of_the_belt_is_not_proven_while_parts_are_
 def test_the_depth_of_the_palm_in_a_part_on_the_belt_is_that_where_the_part_is() -> None:
     """The hand rests 10 mm too low, and the belt brings the part to it."""
     arm, _, picks = cell()
-    belt, task = picks.conveyor, Task(picks.picks[0], setup().cell)
+    belt, task = picks.conveyor, PickTask(picks.picks[0], setup().cell)
     there = intercept._at_time(task, belt, 3.5)
     member = task.nearest_group[0]
     low = translated(there.grasp(member), belt.travel(1.0) + np.array((0.0, 0.0, -0.05)))

@@ -15,10 +15,10 @@ import trimesh
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks import PickStatus, Stage, SuctionCup
-from pinproof.picks.judging.grasp import Candidate, reach, screen
+from pinproof.picks.judging.grasp import GraspCandidate, reach, screen
 from pinproof.picks.judging.hand import FACE, BodyDepth
 from pinproof.picks.judging.lines import line_in
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.planning import plan_linear
 from pinproof.spatial import SE3
 
@@ -497,7 +497,7 @@ def test_of_several_bodies_that_are_too_deep_the_deepest_is_named(oracle, arm, m
     bodies = [BodyDepth(name, depth, 1e-3, least, (0, 0, 0), -1.0) for name, depth, least in (
         ("first", 2e-3, 0.5e-3), ("deepest", 5e-3, 0.8e-3), ("last", 3e-3, 0.9e-3))]  # fmt: skip
     for found, proven in ((bodies, False), ([*bodies, replace(bodies[0], least=1.5e-3)], True)):
-        monkeypatch.setattr(Task, "depths", lambda _task, _member, found=tuple(found): found)
+        monkeypatch.setattr(PickTask, "depths", lambda _task, _member, found=tuple(found): found)
         verdict = grasp.judge(arm)
         assert verdict.failed is Stage.GRIP
         assert "deepest" in verdict.reason
@@ -511,10 +511,10 @@ def test_the_face_of_a_cup_without_any_body_is_checked_on_the_approach(arm) -> N
     picks = pp.Picks((pick,), tip=pp.pose((0, 0, 0.1)), cup=SuctionCup(radius=0.008))
     cell = pp.picks.PickSetup.make(arm, pp.Scene([cube]), picks, home=None, rng=0).cell
     assert (cell.hand, [body.name for body in cell.palm_bodies]) == ((), [FACE])
-    task = Task(pick, cell)
+    task = PickTask(pick, cell)
     member = task.nearest_group[0]
     assert task.grip(member).held
     hand, q = task.passing(member), screen(task, [member], reach(task, [member], 0)).candidates[0].q
-    assert hand.prove(line_in(task, Candidate(q, member, 0.0, 0.0)).path, q) is None
+    assert hand.prove(line_in(task, GraspCandidate(q, member, 0.0, 0.0)).path, q) is None
     through = plan_linear(task.at_grasp, q, task.target(pp.pose((0, 0, -0.02)) * task.grasp(member))).path
     assert hand.prove(through, q) is not None

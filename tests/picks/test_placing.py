@@ -12,21 +12,21 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks.judging import place
 from pinproof.picks.judging.grasp import reach, screen
-from pinproof.picks.judging.lines import Line, along, full_rotations
+from pinproof.picks.judging.lines import ToolLine, along, full_rotations
 from pinproof.picks.judging.place import Placer, Scores, release_lines
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage, StageResult
 
 SEEDS = [1, 2]
 
 
 @pytest.fixture(scope="module")
-def task() -> Task:
+def task() -> PickTask:
     picks = pp.read_picks(robots_folder() / "ur5" / "carry.yaml")
     pick = next(each for each in picks.picks if each.place is not None)
     arm = pp.load_robot("ur5").arm(tcp=picks.tcp, held=picks.held)
     made = pp.picks.PickSetup.make(arm, pp.Scene.load(picks.scene), picks, home=None, rng=0)
-    return Task(pick, made.cell)
+    return PickTask(pick, made.cell)
 
 
 def test_the_lines_of_a_release_have_the_clearance_of_the_closer_one_and_end_at_the_stated_poses(
@@ -50,7 +50,7 @@ def test_the_lines_of_a_release_have_the_clearance_of_the_closer_one_and_end_at_
     assert release.proven <= observed + 1e-9
     assert release.clearance == pytest.approx(observed, abs=2e-3)
     for each in ((0.01, 0.03), (0.03, 0.01)):
-        lines = iter([Line(StageResult(Stage.PLACE, True, "", {"clearance": c}), None, 1.0, c + 0.1) for c in each])
+        lines = iter([ToolLine(StageResult(Stage.PLACE, True, "", {"clearance": c}), None, 1.0, c + 0.1) for c in each])
         monkeypatch.setattr(place, "line", lambda *args, lines=lines, **settings: next(lines))
         found = release_lines(task, task.place, member, release.q)
         assert (found.proven, found.clearance) == (0.01, pytest.approx(0.11))

@@ -13,7 +13,7 @@ from pinproof.description import robots_folder
 from pinproof.picks import PickSetup, PickStatus, Stage, apply_suggestion
 from pinproof.picks.judging.blocked import prove_blocked
 from pinproof.picks.judging.configurations import along_families, configurations
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 
 DOWN = (np.pi, 0, 0)
 
@@ -180,7 +180,7 @@ def test_margin_alone_does_not_exclude_every_solution_of_seven_joints(arms) -> N
     wall = pp.Obstacle("wall", pp.Box(0.3, 1.6, 0.02), pp.pose((0.5, 0.0, 0.47)))
     picks = pp.Picks((pp.Pick("p", pp.pose((0.6, 0.0, 0.1), DOWN)),))
     margins = {("panda_link5", "wall"): 0.2, ("panda_link6", "wall"): 0.2}
-    task = Task(picks.picks[0], PickSetup.make(arm, pp.Scene([wall]), picks, home=None, rng=0).cell)
+    task = PickTask(picks.picks[0], PickSetup.make(arm, pp.Scene([wall]), picks, home=None, rng=0).cell)
     checker = task.at_grasp.with_margin(0.0, margins)
     q = along_families(arm, task.targets([picks.picks[0].pose]), arm.home)[1]
     assert not checker.is_free_batch(q).any()

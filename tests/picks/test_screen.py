@@ -12,7 +12,7 @@ from pinproof.model import JointLimits
 from pinproof.picks.input.picks import PickProblem
 from pinproof.picks.judging.configurations import limit_margin
 from pinproof.picks.judging.grasp import reach, screen
-from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.spatial import SE3, matrix
 
 ROBOTS = ("ur5", "generic_6dof", "panda")
@@ -32,9 +32,9 @@ def _random_picks(arm: pp.Arm, cell: tuple[pp.Scene, pp.Picks], count: int) -> p
     return replace(cell[1], picks=tuple(pp.Pick(f"p{i}", T) for i, T in enumerate(poses)), problems=())
 
 
-def _failed_stage(pick: pp.Pick, cell: Cell) -> object:
+def _failed_stage(pick: pp.Pick, cell: PickCell) -> object:
     """The failed stage up to the grasp according to the judge, or None."""
-    task = Task(pick, cell)
+    task = PickTask(pick, cell)
     stages = []
     for ring in task.groups():
         reached = reach(task, ring, 0)
@@ -45,9 +45,9 @@ def _failed_stage(pick: pp.Pick, cell: Cell) -> object:
     return stages[-1].stage
 
 
-def _cell(arm: pp.Arm, scene: pp.Scene, picks: pp.Picks) -> Cell:
+def _cell(arm: pp.Arm, scene: pp.Scene, picks: pp.Picks) -> PickCell:
     checker = pp.CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
-    return Cell(checker, picks, arm.configuration(picks.home_configuration(arm.joint_names, arm.home)))
+    return PickCell(checker, picks, arm.configuration(picks.home_configuration(arm.joint_names, arm.home)))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -163,7 +163,7 @@ def test_of_a_family_the_first_ring_with_a_free_grasp_counts(arms) -> None:
     assert found.member[1] > 0
     assert "bar" in found.reason(0)
     cell = _cell(arm, pp.Scene([wall]), picks)
-    member = next(Task(spun, cell).groups())[found.member[1]]
+    member = next(PickTask(spun, cell).groups())[found.member[1]]
     at = arm.root_from_base * arm.forward_kinematics(found.q[1])
     np.testing.assert_allclose(matrix(at), matrix(spun.pose * member.nominal_from_tip), atol=1e-8)
 

@@ -12,7 +12,7 @@ import pinproof as pp
 from pinproof.motion.limits import RATE_TOLERANCE, Bounds
 from pinproof.motion.steering import Steering
 from pinproof.planning import optimise
-from pinproof.planning.optimisation import _goals, _Search
+from pinproof.planning.optimisation import _goals, _MotionSearch
 
 
 def limits_of(arm: pp.Arm, acceleration: float = 15.0) -> SimpleNamespace:
@@ -297,13 +297,13 @@ def test_further_paths_lead_from_the_start_to_their_goal_on_free_edges(
     around_the_wall: tuple[pp.CollisionChecker, pp.JointPath], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checker, path = around_the_wall
-    goals, paths, plan = np.array([path.end, (0.7, 0.6), (0.9, -0.2)]), [], _Search._plan
+    goals, paths, plan = np.array([path.end, (0.7, 0.6), (0.9, -0.2)]), [], _MotionSearch._plan
 
-    def recorded(search: _Search, chosen: list[int]) -> object:
+    def recorded(search: _MotionSearch, chosen: list[int]) -> object:
         paths.append(plan(search, chosen))
         return paths[-1]
 
-    monkeypatch.setattr(_Search, "_plan", recorded)
+    monkeypatch.setattr(_MotionSearch, "_plan", recorded)
     for seed in range(6):
         optimise(path, checker, goals=goals, limits=limits_of(checker.arm), budget=300, rng=seed)
     paths = [each for each in paths if each is not None]

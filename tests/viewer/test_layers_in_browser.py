@@ -11,7 +11,7 @@ import pytest
 from pinproof.collision import Certificate, Scene
 from pinproof.spatial import matrix, pose
 from pinproof.viewer import write_html
-from pinproof.viewer.animation import Phase, film
+from pinproof.viewer.animation import FilmPhase, film
 from pinproof.viewer.overlays import swept
 from pinproof.viewer.stage import set_stage
 
@@ -121,7 +121,7 @@ def test_the_swept_volume_contains_bodies_attached_to_the_tcp(ur5) -> None:
     from pinproof.motion import Trajectory
 
     motion = Trajectory([0.0, 1.0], [ur5.home, ur5.home + step], np.zeros((2, 6)), ur5.joint_names)
-    shown = film(stage, [Phase(motion)])
+    shown = film(stage, [FilmPhase(motion)])
     steps = swept(stage, shown, 0.6)
     names = [link.name for link in stage.links]
     assert [name for k, name in enumerate(names) if not np.isnan(steps[:, k]).any()] == ["wrist_3_link"]

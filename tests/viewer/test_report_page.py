@@ -29,7 +29,7 @@ from pinproof.picks.report import page as page_module
 from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, PageMotions
 from pinproof.picks.report.report_keys import VERDICT
 from pinproof.spatial import matrix, pose
-from pinproof.viewer.animation import Phase, film
+from pinproof.viewer.animation import FilmPhase, film
 from pinproof.viewer.stage import set_stage
 
 from .browser import Browser, Page
@@ -410,7 +410,7 @@ def test_a_carried_part_rests_moves_with_the_tcp_and_rests() -> None:
     part = Obstacle("part", Box(0.05, 0.05, 0.05), pose(xyz=(0.0, 0.0, 0.06)))
     lines = [swing(ARM, 0.0, 0.5), swing(ARM, 0.5, 1.0), swing(ARM, 1.0, 0.2)]
     stage = set_stage(ARM, None)
-    shown = film(stage, [Phase(lines[0]), Phase(lines[1], (part,)), Phase(lines[2])], rate=10)
+    shown = film(stage, [FilmPhase(lines[0]), FilmPhase(lines[1], (part,)), FilmPhase(lines[2])], rate=10)
     place = shown.riders["part"]
     taken, left = (
         matrix(ARM.root_from_base * ARM.forward_kinematics(q) * part.pose) for q in (lines[1].start, lines[1].end)

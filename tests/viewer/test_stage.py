@@ -9,7 +9,7 @@ from pinproof.description.meshes import read_mesh
 from pinproof.errors import InputError, ViewerError
 from pinproof.motion import JointPath
 from pinproof.spatial import matrix, pose
-from pinproof.viewer.animation import FRAME_RATE, Phase, checked_motion, film
+from pinproof.viewer.animation import FRAME_RATE, FilmPhase, checked_motion, film
 from pinproof.viewer.overlays import marks_of
 from pinproof.viewer.page import render_page
 from pinproof.viewer.picture import Picture
@@ -109,7 +109,7 @@ def test_a_mesh_keeps_the_colours_of_its_file(ur5) -> None:
 def test_the_film_runs_from_start_to_end_in_true_time() -> None:
     arm = small_arm()
     motion, stage = swing(arm, 0.0, 1.0, duration=2.0), set_stage(arm, None)
-    shown = film(stage, [Phase(motion)])
+    shown = film(stage, [FilmPhase(motion)])
     assert shown.times[0] == 0.0
     assert shown.times[-1] == 2.0
     assert np.diff(shown.times).max() <= 1 / FRAME_RATE + 1e-12

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.viewer.animation import Film, Phase, film
+from pinproof.viewer.animation import Film, FilmPhase, film
 from pinproof.viewer.camera import View, choose_view, fit, tool_points
 from pinproof.viewer.picture import Picture
-from pinproof.viewer.stage import Stage, set_stage
+from pinproof.viewer.stage import Drawing, set_stage
 
 ASPECTS = (0.6, 4 / 3, 980 / 750, 2.2)
 """Width by height of the canvas: a telephone, the default, the page in a window of 1280 x 800, a wide window."""
@@ -87,12 +87,12 @@ CASES = {
 
 
 @pytest.fixture(scope="module", params=list(CASES))
-def case(request) -> tuple[Stage, Film, View]:
+def case(request) -> tuple[Drawing, Film, View]:
     make, attached, obstacles, move = CASES[request.param]
     arm = make()
     trajectory = above_and_down(arm, move) if isinstance(move, tuple) else motion(arm, *move)
     stage = set_stage(arm, pp.Scene(obstacles), attached)
-    shown = film(stage, [Phase(trajectory)])
+    shown = film(stage, [FilmPhase(trajectory)])
     view = choose_view(stage, shown.poses, shown.tcps[:, 0], tool=tool_points(stage, shown.poses))
     return stage, shown, view
 

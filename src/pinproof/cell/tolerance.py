@@ -24,15 +24,13 @@ from typing import Literal
 
 import numpy as np
 
-from pinproof.collision import Obstacle
-from pinproof.collision.checking.line_surface import LineSurface, outer_points
+from pinproof.collision import LineSurface, Obstacle, outer_points
 from pinproof.common.display import html_block, html_table, markdown_table, outline
 from pinproof.common.files import csv_text, json_text, save_as
 from pinproof.common.structs import OPTIONAL_NUMBER, TEXT, Written, key, reported, struct
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
-from pinproof.picks import Pick, PickReport, PickSetup, PickVerdict, screen_picks
-from pinproof.picks.judging.task import Task
+from pinproof.picks import Pick, PickReport, PickSetup, PickTask, PickVerdict, screen_picks
 from pinproof.spatial import pose
 from pinproof.work import IN_FLIGHT, Progress, Runner, Workers
 
@@ -310,7 +308,7 @@ class _ToleranceTask:
             return float("nan")
         generator = np.random.default_rng([self.rng, index])
         setup, free = self.setup, 0
-        task = Task(pick, setup.cell)
+        task = PickTask(pick, setup.cell)
         pivot = task.pick.pose
         obstacle: Obstacle | None = None
         if isinstance(pick.carried, str):

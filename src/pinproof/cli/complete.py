@@ -14,7 +14,7 @@ from pinproof.errors import PinproofError
 def robot_names(incomplete: str) -> list[str]:
     """Catalogue names and existing robot files."""
     from pinproof.description import catalogue_names
-    from pinproof.model.loading import ROBOT_SUFFIXES
+    from pinproof.model import ROBOT_SUFFIXES
 
     return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_SUFFIXES)(incomplete)]
 

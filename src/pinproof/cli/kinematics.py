@@ -173,7 +173,7 @@ def bench(
 
     Example: pinproof bench ur5 --points 200
     """
-    from pinproof.ik.bench import bench
+    from pinproof.ik import bench
 
     arm = chain.arm(robot)
     selected = tuple(pp.ik.IK_METHODS) if methods is None else methods.replace(",", " ").split()

@@ -7,10 +7,12 @@ from pinproof.collision.certificates.certificate import (
     MotionTube,
     Parting,
     UndecidedSpan,
+    proven_millimetres,
 )
 from pinproof.collision.certificates.certify import certify, is_proven_free
-from pinproof.collision.certificates.identity import missing_since, notes_of
+from pinproof.collision.certificates.identity import checked_hash, curve_hash, mesh_files, missing_since, notes_of
 from pinproof.collision.certificates.path_constraints import (
+    SMALLEST,
     ConstraintProof,
     ConstraintViolation,
     LookAt,
@@ -18,22 +20,48 @@ from pinproof.collision.certificates.path_constraints import (
     UndecidedConstraint,
     Upright,
     Within,
+    amount,
+    check_constraints,
 )
 from pinproof.collision.certificates.program_proof import (
     ProgramCertificate,
     ProgramPart,
     certify_program,
     export_program,
+    feasible,
+    speed_violations,
+    unknown_speeds,
 )
 from pinproof.collision.certificates.proof_comparison import verify_proof
+from pinproof.collision.certificates.reuse import SetupChange, StoredProof
+from pinproof.collision.checking.assembly import only_arm
 from pinproof.collision.checking.audit import AuditResult, audit
-from pinproof.collision.checking.checker import CheckResult, CollisionChecker, Contact, overlap_hint
+from pinproof.collision.checking.checker import CheckResult, CollisionChecker, Contact, overlap_hint, require_curve
+from pinproof.collision.checking.coal_checks import GJK_SLACK, MeasureConvex
+from pinproof.collision.checking.line_surface import (
+    MOST_ADVANCES,
+    TOUCH,
+    LineSurface,
+    SurfacePoints,
+    body_distance,
+    depth_along,
+    outer_points,
+    point_distance,
+    travel_to_touch,
+)
+from pinproof.collision.checking.links import KINDS, link_bodies
 from pinproof.collision.checking.movers import Mover, TimedScene, with_movers
 from pinproof.collision.checking.overlaps import LinkOverlap, OverlapReport, sample_overlaps
 from pinproof.collision.checking.pairs import ExcludedPair
+from pinproof.collision.checking.penetration import penetration
+from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.collision.checking.sensor_removal import remove_body, remove_robot
-from pinproof.collision.checking.spec import CheckerSpec
+from pinproof.collision.checking.separation import directions_to_facets
+from pinproof.collision.checking.spec import CheckerSpec, checked_margin, files_examined_once
+from pinproof.collision.geometry.bodies import Body, triangles_of
 from pinproof.collision.geometry.depth_image import DepthView, Intrinsics
+from pinproof.collision.geometry.hulls import hull_triangles
+from pinproof.collision.geometry.inner_shapes import inner_shapes, spiral_directions
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.sensor_files import read_points
 from pinproof.collision.geometry.shapes import (
@@ -51,17 +79,27 @@ from pinproof.collision.geometry.shapes import (
     Shape,
     Sphere,
 )
+from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
+from pinproof.collision.geometry.triangles import connected_parts
+from pinproof.collision.scenes.moveit import moveit_message, read_moveit_message
 from pinproof.collision.scenes.scene import Attachments, Scene
 
 __all__ = [
+    "GJK_SLACK",
+    "KINDS",
+    "MOST_ADVANCES",
+    "SMALLEST",
+    "TOUCH",
     "Attachments",
     "AuditResult",
+    "Body",
     "Box",
     "Capsule",
     "Certificate",
     "CertificateStatus",
     "CheckResult",
     "CheckerSpec",
+    "CoalJudge",
     "CollisionChecker",
     "Cone",
     "ConstraintProof",
@@ -76,8 +114,10 @@ __all__ = [
     "HalfSpace",
     "HeightMap",
     "Intrinsics",
+    "LineSurface",
     "LinkOverlap",
     "LookAt",
+    "MeasureConvex",
     "Mesh",
     "MotionTube",
     "Mover",
@@ -90,25 +130,58 @@ __all__ = [
     "ProgramCertificate",
     "ProgramPart",
     "Scene",
+    "SetupChange",
     "Shape",
     "Sphere",
+    "StoredProof",
+    "SurfacePoints",
     "TimedScene",
     "UndecidedConstraint",
     "UndecidedSpan",
     "Upright",
     "Within",
+    "amount",
     "audit",
+    "body_distance",
+    "cell_faces",
     "certify",
     "certify_program",
+    "check_constraints",
+    "checked_hash",
+    "checked_margin",
+    "connected_parts",
+    "curve_hash",
+    "depth_along",
+    "directions_to_facets",
     "export_program",
+    "feasible",
+    "files_examined_once",
+    "ground_surface",
+    "hull_triangles",
+    "inner_shapes",
     "is_proven_free",
+    "link_bodies",
+    "mesh_files",
     "missing_since",
+    "moveit_message",
     "notes_of",
+    "only_arm",
+    "outer_points",
     "overlap_hint",
+    "penetration",
+    "point_distance",
+    "proven_millimetres",
+    "read_moveit_message",
     "read_points",
     "remove_body",
     "remove_robot",
+    "require_curve",
     "sample_overlaps",
+    "speed_violations",
+    "spiral_directions",
+    "travel_to_touch",
+    "triangles_of",
+    "unknown_speeds",
     "verify_proof",
     "with_movers",
 ]

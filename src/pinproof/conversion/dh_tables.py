@@ -34,12 +34,9 @@ import numpy as np
 
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import require_type
-from pinproof.description.dh import CONVENTIONS, DhRow, DhTable
-from pinproof.description.dh_urdf import urdf_of_table
+from pinproof.description import CONVENTIONS, DhRow, DhTable, urdf_of_table
 from pinproof.errors import ConversionError, UnknownNameError
-from pinproof.model import Arm
-from pinproof.model.chain import link_path
-from pinproof.model.dh_proof import prove_table_equals_arm, prove_urdf_equals_table
+from pinproof.model import Arm, link_path, prove_table_equals_arm, prove_urdf_equals_table
 from pinproof.spatial import Array, inverse_matrix
 
 
@@ -101,7 +98,7 @@ TIE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Axis:
+class DhAxis:
     """A directed line: the unit ``direction`` (3,) through ``point`` (3,), in the base frame at q = 0, in metres.
 
     ``is_joint`` is False for the z axis of the base or the tool frame, which may be replaced by a
@@ -114,7 +111,7 @@ class Axis:
     is_joint: bool = True
 
 
-def frame_on(axis: Axis, like: Array) -> Array:
+def frame_on(axis: DhAxis, like: Array) -> Array:
     """A frame (4, 4) on an axis, as close as possible to the frame ``like`` (4, 4).
 
     Its origin is the point of the axis closest to the origin of ``like``. Its x axis is the x axis of ``like``,
@@ -125,7 +122,7 @@ def frame_on(axis: Axis, like: Array) -> Array:
     return _frame(axis.point + ((like[:3, 3] - axis.point) @ z) * z, x, z)
 
 
-def frames_along(first: Array, axes: Sequence[Axis], end: Array, *, backwards: bool = False) -> list[Array]:
+def frames_along(first: Array, axes: Sequence[DhAxis], end: Array, *, backwards: bool = False) -> list[Array]:
     """One frame (4, 4) on each axis of a sequence; x_k (k > 0) is on the common normal of the axes k-1 and k.
 
     Parameters
@@ -175,7 +172,7 @@ def row_numbers(before: Array, after: Array, convention: str) -> tuple[float, fl
 
 
 def _next(
-    frame: Array, before: Axis, after: Axis, *, at_own_point: bool, x_if_free: Array | None, sense: float
+    frame: Array, before: DhAxis, after: DhAxis, *, at_own_point: bool, x_if_free: Array | None, sense: float
 ) -> Array:
     """The frame on the axis ``after`` whose x axis is on the common normal with ``before``, the axis of ``frame``."""
     origin, z = frame[:3, 3], before.direction
@@ -305,7 +302,7 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
     return table
 
 
-def _axes(arm: Arm, links: list[str]) -> list[Axis]:
+def _axes(arm: Arm, links: list[str]) -> list[DhAxis]:
     """The axis of each joint, whose child links are given, in the base frame of the arm at q = 0."""
     zero = np.zeros(arm.dof)
     twists = arm.jacobian(zero, reference="WORLD")
@@ -313,12 +310,12 @@ def _axes(arm: Arm, links: list[str]) -> list[Axis]:
     for name, turns, twist, link in zip(arm.joint_names, arm.angular, twists.T, links, strict=True):
         direction = twist[3:] if turns else twist[:3]
         point = np.array(arm.frame_placement(zero, link).translation)
-        axes.append(Axis(f"joint {name!r}", point, direction / np.linalg.norm(direction)))
+        axes.append(DhAxis(f"joint {name!r}", point, direction / np.linalg.norm(direction)))
     return axes
 
 
-def _own_axis(name: str, frame: Array) -> Axis:
-    return Axis(name, frame[:3, 3], frame[:3, 2], is_joint=False)
+def _own_axis(name: str, frame: Array) -> DhAxis:
+    return DhAxis(name, frame[:3, 3], frame[:3, 2], is_joint=False)
 
 
 def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, alpha: float) -> DhRow:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinproof.description.srdf import DisabledPair, EndEffector, Group, GroupState, Srdf
+from pinproof.description.srdf import DisabledPair, EndEffector, GroupState, Srdf, SrdfGroup
 from pinproof.description.urdf import JointType, LinkGeometry, Urdf, UrdfJoint, urdf_of
 from pinproof.description.xml_reader import add_joint, numbers_text, origin_attributes, parse_text
 from pinproof.errors import InputError
@@ -76,7 +76,7 @@ def cell_urdf(name: str, robots: Mapping[str, tuple[Urdf, Array]]) -> Urdf:
 def cell_srdf(srdfs: Mapping[str, Srdf]) -> Srdf:
     """Return the pairs, groups, states and end effectors of several robots, with a prefix before each name."""
     disabled: list[DisabledPair] = []
-    groups: dict[str, Group] = {}
+    groups: dict[str, SrdfGroup] = {}
     states: list[GroupState] = []
     effectors: list[EndEffector] = []
     links: list[str] = []
@@ -88,7 +88,7 @@ def cell_srdf(srdfs: Mapping[str, Srdf]) -> Srdf:
         disabled += [replace(pair, links=(prefix + pair.links[0], prefix + pair.links[1])) for pair in srdf.disabled]
         for group in srdf.groups.values():
             chains = tuple((prefix + base, prefix + tip) for base, tip in group.chains)
-            groups[prefix + group.name] = Group(
+            groups[prefix + group.name] = SrdfGroup(
                 prefix + group.name, named(group.joints), chains, named(group.links), named(group.missing)
             )
         for state in srdf.states:

@@ -144,7 +144,7 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class DhBody:
     """Shapes of a link, its mass (kg), centre of mass (3,) (m) and inertia (3, 3) about the centre of mass (kg m^2)."""
 
     shapes: tuple[Shape, ...]
@@ -154,7 +154,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class _Segment:
+class _LinkSegment:
     """A straight segment of a link from ``start`` to ``end`` (3,) in the link frame; the next one starts at ``end``."""
 
     start: Array
@@ -165,7 +165,7 @@ class _Segment:
         return float(np.linalg.norm(self.end - self.start))
 
 
-def link_bodies(table: DhTable) -> tuple[Body, ...]:
+def link_bodies(table: DhTable) -> tuple[DhBody, ...]:
     """The n + 1 bodies of base_link, link_1, ..., link_n, each in the frame of its link; a body may have no shapes."""
     # the straight segments of each link; a link of short offsets only has no body of its own
     segments = [_segments(table, i) for i in range(len(table) + 1)]
@@ -210,11 +210,11 @@ def link_bodies(table: DhTable) -> tuple[Body, ...]:
             shapes = [replace(shape, origin=table.base @ shape.origin) for shape in shapes]
             shapes += [] if foot is None else [foot]
         others = (r for r in [radius, *reversed(radii[:i]), *radii[i + 1 :]] if r > 0)  # the nearest with length
-        bodies.append(Body(tuple(shapes), *_mass_properties(cylinders, next(others, BALL_RADIUS))))
+        bodies.append(DhBody(tuple(shapes), *_mass_properties(cylinders, next(others, BALL_RADIUS))))
     return tuple(bodies)
 
 
-def _segments(table: DhTable, i: int) -> list[_Segment]:
+def _segments(table: DhTable, i: int) -> list[_LinkSegment]:
     """The straight segments of link i (0: fixed to dh_0) in its frame, in the order of the chain."""
     points: list[Array] = []
     if table.convention == "standard":
@@ -236,20 +236,22 @@ def _segments(table: DhTable, i: int) -> list[_Segment]:
         reach = (bend, first - row.lower, first - row.upper)
         low, high = min(reach), max(reach)
         start, end = (low, high) if bend - low >= high - bend else (high, low)
-        rod = _Segment(np.array([0.0, 0.0, start]), np.array([0.0, 0.0, end]))
-        return [segment for segment in (rod, _Segment(points[1], points[2])) if segment.length > 0]
+        rod = _LinkSegment(np.array([0.0, 0.0, start]), np.array([0.0, 0.0, end]))
+        return [segment for segment in (rod, _LinkSegment(points[1], points[2])) if segment.length > 0]
     return [
-        segment for segment in (_Segment(points[0], points[1]), _Segment(points[1], points[2])) if segment.length > 0
+        segment
+        for segment in (_LinkSegment(points[0], points[1]), _LinkSegment(points[1], points[2]))
+        if segment.length > 0
     ]
 
 
-def _span(link: Sequence[_Segment]) -> float:
+def _span(link: Sequence[_LinkSegment]) -> float:
     """The distance between the two ends of a link."""
     return float(np.linalg.norm(link[-1].end - link[0].start)) if link else 0.0
 
 
 def _cylinders(
-    link: Sequence[_Segment], radius: float, *, on_foot: bool, is_tip: bool
+    link: Sequence[_LinkSegment], radius: float, *, on_foot: bool, is_tip: bool
 ) -> tuple[list[Shape], list[Shape]]:
     """The cylinders of a link and the spheres at their ends; the caller adds the sphere at the start of the link."""
     cylinders, balls = [], []
@@ -385,7 +387,7 @@ def _fixed(name: str, parent: str, child: str, origin: Any) -> Any:
     return yourdfpy.Joint(name=name, type="fixed", parent=parent, child=child, origin=origin)
 
 
-def _link(name: str, body: Body, *, with_inertial: bool) -> Any:
+def _link(name: str, body: DhBody, *, with_inertial: bool) -> Any:
     import yourdfpy
 
     link = yourdfpy.Link(name=name)

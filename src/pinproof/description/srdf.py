@@ -26,7 +26,7 @@ class DisabledPair:
 
 
 @dataclass(frozen=True)
-class Group:
+class SrdfGroup:
     """A planning group including its subgroups: joints and links by name, chains from a base link to a tip link.
 
     ``missing`` lists subgroups that the file does not define; such a group cannot be used.
@@ -70,7 +70,7 @@ class Srdf:
 
     path: Path | None = None
     disabled: tuple[DisabledPair, ...] = ()
-    groups: Mapping[str, Group] = field(default_factory=dict)
+    groups: Mapping[str, SrdfGroup] = field(default_factory=dict)
     states: tuple[GroupState, ...] = ()
     end_effectors: tuple[EndEffector, ...] = ()
     disabled_links: tuple[str, ...] = ()
@@ -115,7 +115,7 @@ def srdf_of(root: Element, path: Path) -> Srdf:
     elements: dict[str, list[Element]] = {}
     for e in root.findall("group"):
         elements.setdefault(required(e, "name", path), []).append(e)
-    groups: dict[str, Group] = {}
+    groups: dict[str, SrdfGroup] = {}
     for name in elements:
         _add_group(name, elements, groups, path, ())
     effectors = [
@@ -147,8 +147,12 @@ def _state(element: Element, path: Path) -> GroupState:
 
 
 def _add_group(
-    name: str, elements: Mapping[str, Sequence[Element]], groups: dict[str, Group], path: Path, within: tuple[str, ...]
-) -> Group:
+    name: str,
+    elements: Mapping[str, Sequence[Element]],
+    groups: dict[str, SrdfGroup],
+    path: Path,
+    within: tuple[str, ...],
+) -> SrdfGroup:
     """Add a group with the contents of its subgroups to ``groups``; duplicate definitions are combined."""
     if name in groups:
         return groups[name]
@@ -157,7 +161,7 @@ def _add_group(
     if name in within:
         raise UrdfError(path, f"the groups {' -> '.join((*within, name))} contain each other")
     if name not in elements:
-        return Group(name, missing=(name,))
+        return SrdfGroup(name, missing=(name,))
     # all elements of that name, with the groups they contain
     joints: list[str] = []
     links: list[str] = []
@@ -173,7 +177,7 @@ def _add_group(
             links += part.links
             chains += part.chains
             missing += part.missing
-    groups[name] = Group(name, _unique(joints), _unique(chains), _unique(links), _unique(missing))
+    groups[name] = SrdfGroup(name, _unique(joints), _unique(chains), _unique(links), _unique(missing))
     return groups[name]
 
 

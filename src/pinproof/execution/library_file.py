@@ -26,8 +26,7 @@ from pinproof.common.structs import (
     schema_version,
 )
 from pinproof.errors import FileError
-from pinproof.motion import Trajectory
-from pinproof.motion.trajectory_files import MOTION, Reader, from_message, to_message
+from pinproof.motion import MOTION, Reader, Trajectory, from_message, to_message
 
 SCHEMA = "pinproof/library/1"
 """The version of the format, raised by breaking changes."""

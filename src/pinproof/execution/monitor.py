@@ -27,8 +27,15 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free
-from pinproof.collision.certificates.identity import checked_hash, mesh_files, notes_of
+from pinproof.collision import (
+    Certificate,
+    CollisionChecker,
+    certify,
+    checked_hash,
+    is_proven_free,
+    mesh_files,
+    notes_of,
+)
 from pinproof.common.display import html_block, html_of, html_table
 from pinproof.common.validation import require_positive, require_type
 from pinproof.errors import InputError

@@ -10,18 +10,23 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, Scene, certify
-from pinproof.collision.certificates.reuse import SetupChange, StoredProof
-from pinproof.collision.checking.assembly import only_arm
-from pinproof.collision.checking.spec import checked_margin
+from pinproof.collision import (
+    Certificate,
+    CollisionChecker,
+    Scene,
+    SetupChange,
+    StoredProof,
+    certify,
+    checked_margin,
+    only_arm,
+)
 from pinproof.common.answer import Answer
 from pinproof.common.display import html_block, html_of, html_table, outline
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.execution import library_file
 from pinproof.motion import Trajectory, time_parametrise
-from pinproof.planning import PlanResult, shortcut
-from pinproof.planning.planners import Planner, planner_of
+from pinproof.planning import Planner, PlanResult, planner_of, shortcut
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
 
 JOINTS = 1e-3

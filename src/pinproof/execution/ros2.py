@@ -19,13 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, PointCloud, Scene, certify
-from pinproof.collision.scenes.moveit import moveit_message, read_moveit_message
+from pinproof.collision import CollisionChecker, PointCloud, Scene, certify, moveit_message, read_moveit_message
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, PinproofError, UnknownNameError
 from pinproof.execution.monitor import Monitor, MonitorResult
-from pinproof.motion import Trajectory
-from pinproof.motion.trajectory_files import Reader, from_message, to_message
+from pinproof.motion import Reader, Trajectory, from_message, to_message
 from pinproof.spatial import Array, finite
 
 __all__ = [
@@ -267,7 +265,7 @@ class Reply(NamedTuple):
     alarm: bool = False
 
 
-class _Reading(NamedTuple):
+class _ReceivedState(NamedTuple):
     """A joint state: the time (s) of its measurement, its positions and velocities (n,).
 
     Without measured velocities they follow from the state before, and are None without one. ``elsewhere`` is the joint
@@ -313,7 +311,7 @@ class CertifiedExecution:
         self._motion: Trajectory | None = None
         self._begin, self._unread, self._unproven = 0.0, "", ""
         self._frames: tuple[list[Any], ...] | None = None
-        self._last: _Reading | None = None
+        self._last: _ReceivedState | None = None
         """The last joint state; None before the first one, and after one that cannot be read."""
 
     def on_scene(self, message: Mapping[str, Any], seconds: float) -> Reply:  # noqa: ARG002
@@ -380,7 +378,7 @@ class CertifiedExecution:
             result = None if self.monitor is None else self.monitor.update(time - self._begin, q, dq)
         except MALFORMED as error:
             return self._stop(f"the joint state cannot be used: {error}", seconds)
-        self._last = _Reading(time, q, known, elsewhere)
+        self._last = _ReceivedState(time, q, known, elsewhere)
         if result is None or not (result.alarm or self._unproven or elsewhere):
             return Reply()
         return self._stop(self._unproven or elsewhere or str(result), seconds, result)

@@ -209,7 +209,7 @@ class Descender:
         if not callable(rule):
             raise InputError(f"step_rule() must return a function of (residual, jacobian), not {rule!r:.80}")
         observe = getattr(rule, "observe", None)
-        box = _Box(arm)
+        box = _LimitBox(arm)
         best_q, best, reached = q, np.inf, False
         mark, marked_at, iteration = np.inf, 0, 0
         while True:
@@ -250,7 +250,7 @@ class Descender:
         return Descent(best_q, best, reached, iteration)
 
 
-class _Box:
+class _LimitBox:
     """The limits of a descent.
 
     A joint with a range of at least 2 pi is not stopped by its limits: beyond one it continues 2 pi away.

@@ -73,7 +73,7 @@ class Steps:
 
 
 @dataclass(frozen=True, eq=False)
-class Overlap:
+class BodyOverlap:
     """A ball inside a body, and a box with rounded edges inside a body on another link.
 
     Configurations at which both share a point are in collision. Link 0 is the base of the arm, and link k is moved by
@@ -225,7 +225,7 @@ def check_exclusion(
     ranges: tuple[Array, Array],
     target: Array,
     tolerances: tuple[float, float],
-    overlaps: Sequence[Overlap] = (),
+    overlaps: Sequence[BodyOverlap] = (),
 ) -> bool:
     """Whether the steps prove that no configuration in the ranges (n,) reaches the target within tolerances (m, rad).
 
@@ -239,7 +239,7 @@ def check_exclusion(
         return False
     for number in np.unique(constraints).tolist():
         own = boxes[constraints == number]
-        motion = _Motion(loop, target, tolerances, own.mean(axis=1), (own[:, 1] - own[:, 0]) / 2)
+        motion = _LinkMotion(loop, target, tolerances, own.mean(axis=1), (own[:, 1] - own[:, 0]) / 2)
         if number < len(loop.pairs):
             inner, outer, error = loop.arcs(number)
             (low, high), (other_low, other_high) = (_distance(motion, arc, error) for arc in (inner, outer))
@@ -260,7 +260,7 @@ Balls = tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class _LinkMotion:
     """The motion of balls from link to link over k boxes, which have middles and half widths (k, n) of joint ranges."""
 
     loop: Loop
@@ -312,7 +312,7 @@ def _transformed(balls: Balls, matrix: npt.NDArray[Any]) -> Balls:
     return balls[0] @ matrix[:3, :3].T + matrix[:3, 3], balls[1]
 
 
-def _distance(motion: _Motion, arc: _Arc, error: float) -> tuple[Array, Array]:
+def _distance(motion: _LinkMotion, arc: _Arc, error: float) -> tuple[Array, Array]:
     """(k,) lower and upper bounds of the distance of the ends of an arc over k boxes, with each joint exact in turn."""
     loop, size = motion.loop, motion.loop.size
     before: list[Balls] = []
@@ -344,7 +344,7 @@ def _distance(motion: _Motion, arc: _Arc, error: float) -> tuple[Array, Array]:
     return low, high
 
 
-def _gap(motion: _Motion, overlap: Overlap, through_target: bool) -> Array:
+def _gap(motion: _LinkMotion, overlap: BodyOverlap, through_target: bool) -> Array:
     """(k,) upper bounds of the signed distance of ball and box over k boxes: below 0, they overlap everywhere.
 
     The ball is moved to the link of the box along the joints between the links, or through the target.

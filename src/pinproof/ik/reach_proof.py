@@ -21,11 +21,10 @@ from pinproof.common.display import outline
 from pinproof.common.validation import Rng, require_integer, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.jacobian_methods import Clik
-from pinproof.ik.reach_check import Loop, Overlap, Steps, check_exclusion, excluded_boxes
+from pinproof.ik.reach_check import BodyOverlap, Loop, Steps, check_exclusion, excluded_boxes
 from pinproof.ik.result import IkAnswer, judge
 from pinproof.ik.task import make_task
-from pinproof.model import Arm
-from pinproof.model.limits import AT_LIMIT
+from pinproof.model import AT_LIMIT, Arm
 from pinproof.spatial import SE3, Array, rigid
 from pinproof.units import far_hint
 
@@ -78,7 +77,7 @@ class ReachProof(IkAnswer):
     orientation_tolerance: float
     examined: int
     q: Solution[Array] = Solution()
-    overlaps: tuple[Overlap, ...] = ()
+    overlaps: tuple[BodyOverlap, ...] = ()
 
     @property
     def proven(self) -> bool:
@@ -181,7 +180,7 @@ def prove_unreachable(
     budget: int = BUDGET,
     search: bool = True,
     rng: Rng = 0,
-    overlaps: Sequence[Overlap] = (),
+    overlaps: Sequence[BodyOverlap] = (),
 ) -> ReachProof:
     """Prove that no configuration within the joint limits reaches a pose, or find one that does.
 
@@ -248,7 +247,7 @@ def prove_unreachable(
     return ReachProof(ReachStatus.UNDECIDED, arm, matrix, *tolerances, proof.boxes, left, tuple(overlaps))
 
 
-def _packed(overlaps: Sequence[Overlap]) -> _core.Overlaps | None:
+def _packed(overlaps: Sequence[BodyOverlap]) -> _core.Overlaps | None:
     if not overlaps:
         return None
     return _core.Overlaps(

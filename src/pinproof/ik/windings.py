@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.model import Arm
-from pinproof.model.limits import AT_LIMIT
+from pinproof.model import AT_LIMIT, Arm
 from pinproof.spatial import Array
 
 TURN = 2 * np.pi

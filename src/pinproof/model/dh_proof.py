@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinproof.description.dh import DhTable
-from pinproof.description.dh_urdf import TCP
-from pinproof.description.srdf import Srdf
-from pinproof.description.urdf import read_urdf_text
+from pinproof.description import TCP, DhTable, Srdf, read_urdf_text
 from pinproof.errors import ConversionError, PinproofError
 from pinproof.model.robot import Arm, Robot
 from pinproof.spatial import Array

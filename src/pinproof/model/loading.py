@@ -15,18 +15,20 @@ import pinocchio as pin
 from pinproof.common.validation import require_type
 from pinproof.description import (
     OVERLAP_REASON,
+    WORLD,
     CatalogueEntry,
     DhTable,
+    DisabledPair,
     Srdf,
+    cell_srdf,
+    cell_urdf,
     find_robot,
     read_description,
     read_srdf,
     read_urdf_text,
+    urdf_of_table,
 )
-from pinproof.description.cell import WORLD, cell_srdf, cell_urdf
-from pinproof.description.dh import SUFFIXES as TABLE_SUFFIXES
-from pinproof.description.dh_urdf import urdf_of_table
-from pinproof.description.srdf import DisabledPair
+from pinproof.description import SUFFIXES as TABLE_SUFFIXES
 from pinproof.errors import FileError, InputError, UrdfError
 from pinproof.model.chain import find_chain, held_values
 from pinproof.model.dh_proof import prove_urdf_equals_table

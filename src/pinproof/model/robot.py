@@ -23,9 +23,7 @@ import pinocchio as pin
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import ReadOnlyDict, require_type
-from pinproof.description import Srdf, Urdf, UrdfJoint
-from pinproof.description.catalogue import notes
-from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
+from pinproof.description import GENERATED_BODIES, Srdf, Urdf, UrdfJoint, has_generated_bodies, notes
 from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
     Chain,

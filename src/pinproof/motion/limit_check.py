@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from pinproof.errors import InputError
-from pinproof.model.limits import JointLimits, distinct
+from pinproof.model import JointLimits, distinct
 from pinproof.motion import bezier
 from pinproof.motion.curve import Curve, TimedCurve, parameter_text
 from pinproof.motion.trajectory import Trajectory

@@ -67,7 +67,7 @@ class Panel:
     upper: Array
 
 
-class _Motion(Protocol):
+class _PlottedMotion(Protocol):
     @property
     def joint_names(self) -> tuple[str, ...]: ...
 
@@ -87,7 +87,7 @@ class _Picture:
 
 
 def plot_trajectory(
-    trajectory: _Motion,
+    trajectory: _PlottedMotion,
     limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
@@ -118,7 +118,7 @@ def plot_trajectory(
 
 
 def panels_of(
-    trajectory: _Motion,
+    trajectory: _PlottedMotion,
     limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
@@ -141,7 +141,7 @@ def panels_of(
     return times, panels
 
 
-def _sampled(trajectory: _Motion, samples: int) -> tuple[Array, list[Array]]:
+def _sampled(trajectory: _PlottedMotion, samples: int) -> tuple[Array, list[Array]]:
     """(N,) times, and (N, n) positions and derivatives up to the jerk, with both values where one jumps."""
     knots, control = trajectory.bezier()
     pieces = len(control)

@@ -47,7 +47,7 @@ def rest(q: Iterable[float]) -> State:
 
 
 class _Source(Protocol):
-    """A motion that can be evaluated: a trajectory of ruckig or :class:`_Timed`."""
+    """A motion that can be evaluated: a trajectory of ruckig or :class:`_TimedMove`."""
 
     duration: float
 
@@ -55,7 +55,7 @@ class _Source(Protocol):
         """The state at a time (s) from 0 to the duration."""
 
 
-class _Timed:
+class _TimedMove:
     """A trajectory of this package as the source of a move."""
 
     def __init__(self, trajectory: Trajectory, bounds: Bounds) -> None:
@@ -111,7 +111,7 @@ class Move:
 
     def phase_ends(self) -> Array:
         """The times (s) after the start, within the move, at which a phase of a joint ends."""
-        if isinstance(self.source, _Timed):
+        if isinstance(self.source, _TimedMove):
             ends = self.source.times
         elif isinstance(self.source, StaggeredMove):
             ends = self.source.phase_ends()
@@ -245,7 +245,7 @@ class MoveSequence:
     @classmethod
     def of(cls, trajectory: Trajectory, bounds: Bounds) -> MoveSequence:
         """The sequence that consists of a trajectory."""
-        return cls([Move(_Timed(trajectory, bounds))])
+        return cls([Move(_TimedMove(trajectory, bounds))])
 
     def state(self, time: float) -> State:
         """The state at a time (s) from 0 to the duration."""
@@ -295,7 +295,7 @@ class MoveSequence:
         return Trajectory(times, q, velocity, joint_names, note, accelerations=acceleration if smooth else None)
 
     def _is_timed(self, time: float) -> bool:
-        return isinstance(self.moves[bisect_right(self._begins, time) - 1].source, _Timed)
+        return isinstance(self.moves[bisect_right(self._begins, time) - 1].source, _TimedMove)
 
 
 def _smooth_steps(times: Array, q: Array, velocity: Array, acceleration: Array, exact: Any) -> None:

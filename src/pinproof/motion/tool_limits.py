@@ -8,8 +8,7 @@ import numpy as np
 
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
-from pinproof.model import Arm, JointGroup
-from pinproof.model.dynamics import kinematic_tree
+from pinproof.model import Arm, JointGroup, kinematic_tree
 from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import Array
 

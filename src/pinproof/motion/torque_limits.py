@@ -11,11 +11,9 @@ import numpy.typing as npt
 from pinproof._core import DynamicTree
 from pinproof.common.display import outline
 from pinproof.common.structs import OPTIONAL_NUMBER, key, simple, struct, table_of
-from pinproof.description.dh import DEFAULT_EFFORT
-from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
+from pinproof.description import DEFAULT_EFFORT, GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
-from pinproof.model import JointGroup, Payload
-from pinproof.model.dynamics import GRAVITY, checked_payloads, dynamic_tree, massless_joints
+from pinproof.model import GRAVITY, JointGroup, Payload, checked_payloads, dynamic_tree, massless_joints
 from pinproof.motion.tool_limits import controls, require_joints, time_of
 from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import Array, finite

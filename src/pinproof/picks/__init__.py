@@ -10,23 +10,43 @@ from pinproof.picks.batch.campaign import Campaign, CampaignResult
 from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, attainable_orientations, reach_map
 from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, tool_orientations
 from pinproof.picks.batch.screen_picks import screen_picks
-from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
+from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of
 from pinproof.picks.batch.validate import validate_picks
 from pinproof.picks.input.conveyor import Conveyor
-from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Pick, PlaceTarget, ToolSpeed
-from pinproof.picks.input.picks import CellRobot, GripperFingers, NamedFrame, PickProblem, Picks, SuctionCup
+from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
+from pinproof.picks.input.picks import (
+    CellRobot,
+    GripperFingers,
+    NamedFrame,
+    PickProblem,
+    Picks,
+    SuctionCup,
+    root_from_frame,
+)
 from pinproof.picks.input.picks_file import open_picks, read_picks
 from pinproof.picks.input.settings import GripLimits, PickBudget, PickWeights
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable
 from pinproof.picks.judging.changes import apply_suggestion
+from pinproof.picks.judging.configurations import TURN, manipulability
+from pinproof.picks.judging.grasp import GraspCandidate, reach, screen
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
-from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.judging.judge import judge
+from pinproof.picks.judging.lines import Attempt, along, shifted, shortened, span, transit
+from pinproof.picks.judging.motion_limits import peaks_of, rate_limits, torque_limits_of_tool
+from pinproof.picks.judging.place import Placer, Placing, Release, release_lines
+from pinproof.picks.judging.setup import PickSetup, check_held_joints
+from pinproof.picks.judging.task import DOWN, SUPPORT_GAP, PickCell, PickTask
+from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
 from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.picks.report.program_export import PicksProgram, certify_picks_program, export_picks
 from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport, write_motion_pages
 
 __all__ = [
+    "DOWN",
     "REPORT_SUFFIXES",
+    "SUPPORT_GAP",
+    "TURN",
+    "Attempt",
     "BeltSequence",
     "Campaign",
     "CampaignResult",
@@ -34,15 +54,19 @@ __all__ = [
     "Conveyor",
     "CupContact",
     "FingerContact",
+    "GraspCandidate",
     "GraspSpin",
     "GraspTolerance",
     "GripLimits",
     "GripResult",
     "GripperFingers",
     "Intercept",
+    "Member",
+    "MotionPart",
     "NamedFrame",
     "Pick",
     "PickBudget",
+    "PickCell",
     "PickGrid",
     "PickList",
     "PickMotion",
@@ -52,31 +76,55 @@ __all__ = [
     "PickSource",
     "PickStatus",
     "PickTable",
+    "PickTask",
     "PickVerdict",
     "PickWeights",
     "Picks",
     "PicksProgram",
     "PlaceTarget",
+    "Placer",
+    "Placing",
     "ReachComparison",
     "ReachMap",
     "ReachRegion",
+    "Release",
     "ScreenResult",
     "ScreenStatus",
     "Stage",
     "StageResult",
     "SuctionCup",
     "ToolSpeed",
+    "along",
     "apply_suggestion",
     "approach_directions",
     "attainable_orientations",
     "certify_picks_program",
+    "check_held_joints",
+    "code_of",
     "export_picks",
+    "judge",
+    "manipulability",
+    "motion_parts",
     "open_picks",
+    "peaks_of",
     "pick_from_belt",
+    "prove_part",
+    "rate_limits",
+    "reach",
     "reach_map",
     "read_picks",
+    "release_lines",
+    "root_from_frame",
+    "screen",
     "screen_picks",
+    "shifted",
+    "shortened",
+    "span",
+    "support_names",
+    "time_part",
     "tool_orientations",
+    "torque_limits_of_tool",
+    "transit",
     "validate_picks",
     "write_motion_pages",
 ]

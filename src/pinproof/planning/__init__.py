@@ -3,8 +3,12 @@
 from pinproof.planning.among_movers import TimedPlanResult, plan_among_movers
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.coordination import CoordinationResult, coordinate, plan_arms
+from pinproof.planning.edges import Edges
+from pinproof.planning.ends import with_turns
+from pinproof.planning.follow import RouteFollower
+from pinproof.planning.moving_ends import MovingEnds
 from pinproof.planning.optimisation import OptimiseResult, optimise
-from pinproof.planning.planners import DEFAULT_PLANNER, Planner, make_planner
+from pinproof.planning.planners import DEFAULT_PLANNER, Planner, make_planner, planner_of
 from pinproof.planning.result import (
     LinearPlanResult,
     LinearStatus,
@@ -13,20 +17,25 @@ from pinproof.planning.result import (
     PlanStatus,
     PosesPlanResult,
 )
+from pinproof.planning.route import Route
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplification import SimplifyResult, blend, shortcut, simplify
 
 __all__ = [
     "DEFAULT_PLANNER",
     "CoordinationResult",
+    "Edges",
     "LinearPlanResult",
     "LinearStatus",
+    "MovingEnds",
     "OptimiseResult",
     "PlanProgress",
     "PlanResult",
     "PlanStatus",
     "Planner",
     "PosesPlanResult",
+    "Route",
+    "RouteFollower",
     "RrtConnect",
     "SimplifyResult",
     "TimedPlanResult",
@@ -38,6 +47,8 @@ __all__ = [
     "plan_arms",
     "plan_linear",
     "plan_poses",
+    "planner_of",
     "shortcut",
     "simplify",
+    "with_turns",
 ]

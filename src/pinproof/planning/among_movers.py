@@ -27,7 +27,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Mover, certify, with_movers
 from pinproof.common.answer import Solution
 from pinproof.common.validation import require_integer, require_positive
-from pinproof.description.urdf import moved_by
+from pinproof.description import moved_by
 from pinproof.errors import InputError
 from pinproof.model import guess_mark
 from pinproof.motion import JointPath, Trajectory, time_parametrise
@@ -281,7 +281,7 @@ class _Edge:
         self.samples = motion(self.offsets)
 
 
-class _Step(NamedTuple):
+class _MotionStep(NamedTuple):
     """A part of a motion: an edge between two configurations, or a wait at one of them (``edge`` is None)."""
 
     start: float
@@ -290,7 +290,7 @@ class _Step(NamedTuple):
     at: int
 
 
-class _Route(NamedTuple):
+class _TimedRoute(NamedTuple):
     """The configurations of a motion, with the times of arrival and of departure, and the index of the goal."""
 
     goal: int
@@ -370,7 +370,7 @@ class _Roadmap:
         edges = np.flatnonzero(np.diff(self._free[place].astype(np.int8), prepend=0, append=0))
         return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
 
-    def earliest(self) -> _Route | None:
+    def earliest(self) -> _TimedRoute | None:
         """The motion that ends first at a goal within the window; None if the roadmap has none."""
         times, grid = self._times, self._times.grid
         goals = np.array([self.q[goal] for goal in self._goals])
@@ -414,7 +414,7 @@ class _Roadmap:
             places.append(key[0])
             arrivals.append(best[key])
             departures.append(departure)
-        return _Route(goal, places[::-1], arrivals[::-1], departures[::-1], end)
+        return _TimedRoute(goal, places[::-1], arrivals[::-1], departures[::-1], end)
 
     def _arrivals(self, a: int, b: int, now: float, until: int) -> list[tuple[int, float, float]]:
         """The intervals of b that can be reached from a after ``now``: with the earliest arrival and its departure."""
@@ -445,16 +445,16 @@ class _Roadmap:
 
     # -- the motion ---------------------------------------------------------------------------------------------------
 
-    def motion(self, route: _Route) -> tuple[Trajectory, list[_Step]]:
+    def motion(self, route: _TimedRoute) -> tuple[Trajectory, list[_MotionStep]]:
         """The trajectory of a route, and its parts."""
         parts: list[Trajectory] = []
-        steps: list[_Step] = []
+        steps: list[_MotionStep] = []
 
         def wait(place: int, arrival: float, until: float) -> None:
             if until - arrival > STEP * 1e-6:
                 names, quintic = self._group.joint_names, self._jerk is not None
                 parts.append(Trajectory.at_rest(self.q[place], names, until - arrival, quintic=quintic))
-                steps.append(_Step(arrival, until, None, place))
+                steps.append(_MotionStep(arrival, until, None, place))
 
         for k, departure in enumerate(route.departures):
             a, b = route.places[k], route.places[k + 1]
@@ -463,13 +463,13 @@ class _Roadmap:
             if edge is None:
                 raise InputError("a route has an edge in contact")
             parts.append(edge.motion)
-            steps.append(_Step(departure, departure + edge.duration, (a, b), a))
+            steps.append(_MotionStep(departure, departure + edge.duration, (a, b), a))
         wait(route.places[-1], route.arrivals[-1], route.end)
         if not parts:
             return Trajectory.at_rest(self.q[self._start], self._group.joint_names), []
         return Trajectory.join(*parts), steps
 
-    def refuse(self, certificate: Certificate, steps: Sequence[_Step]) -> None:
+    def refuse(self, certificate: Certificate, steps: Sequence[_MotionStep]) -> None:
         """Remove the part of a motion that is not proven."""
         self.failures, self._last_failure = self.failures + 1, certificate.message
         if certificate.first_contact is not None:

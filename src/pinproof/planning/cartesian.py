@@ -12,8 +12,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, certify
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, NoClosedForm
-from pinproof.ik import AnalyticIk, Clik, IkTask
-from pinproof.ik.task import TaskName
+from pinproof.ik import AnalyticIk, Clik, IkTask, TaskName
 from pinproof.model import Arm
 from pinproof.motion import BlendedPath, CubicPath
 from pinproof.planning.follow import FollowedRoute, RouteFollower, line_task, nearest_target

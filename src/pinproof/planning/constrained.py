@@ -14,8 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from pinproof._core import Manifold
-from pinproof.collision import CollisionChecker, PathConstraint
-from pinproof.collision.certificates.path_constraints import amount
+from pinproof.collision import CollisionChecker, PathConstraint, amount
 from pinproof.model import Arm
 from pinproof.motion import BlendedPath, CubicPath
 from pinproof.planning.edges import Edges

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinproof._core import EdgeChecker
-from pinproof.collision import CollisionChecker
-from pinproof.collision.checking.placed_bodies import CoalJudge
+from pinproof.collision import CoalJudge, CollisionChecker
 from pinproof.errors import InputError
 from pinproof.motion import TorqueLimits
 from pinproof.spatial import Array

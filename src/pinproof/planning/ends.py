@@ -10,12 +10,10 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, Contact, PathConstraint
-from pinproof.collision.checking.checker import overlap_hint
+from pinproof.collision import CollisionChecker, Contact, PathConstraint, overlap_hint
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
-from pinproof.model import JointGroup
-from pinproof.model.limits import AT_LIMIT
+from pinproof.model import AT_LIMIT, JointGroup
 from pinproof.motion import TorqueLimits
 from pinproof.planning.constrained import manifold_of, violations_at
 from pinproof.planning.result import PlanResult, PlanStatus

@@ -16,9 +16,7 @@ import numpy.typing as npt
 from pinproof._core import RouteFollower as CompiledFollower
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
-from pinproof.ik import IkTask, track
-from pinproof.ik.result import AT_LIMIT
-from pinproof.ik.task import TaskName, make_task
+from pinproof.ik import AT_LIMIT, IkTask, TaskName, make_task, track
 from pinproof.model import Arm
 from pinproof.motion import CubicPath
 from pinproof.planning.result import LinearStatus

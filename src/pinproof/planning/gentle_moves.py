@@ -16,10 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from pinproof.errors import TimingError
-from pinproof.motion import Trajectory
-from pinproof.motion.limits import Bounds
-from pinproof.motion.rate_constraints import RateConstraint
-from pinproof.motion.steering import Move, State, Steering
+from pinproof.motion import Bounds, Move, RateConstraint, State, Steering, Trajectory
 from pinproof.spatial import Array
 
 SHARE = 0.998

@@ -12,10 +12,19 @@ import numpy as np
 
 from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.errors import TimingError
-from pinproof.motion import TorqueLimits, Trajectory
-from pinproof.motion.limits import RATE_TOLERANCE, Bounds
-from pinproof.motion.rate_constraints import RateConstraint
-from pinproof.motion.steering import Move, MoveSequence, State, Steering, inside_position_limits, rate_excess
+from pinproof.motion import (
+    RATE_TOLERANCE,
+    Bounds,
+    Move,
+    MoveSequence,
+    RateConstraint,
+    State,
+    Steering,
+    TorqueLimits,
+    Trajectory,
+    inside_position_limits,
+    rate_excess,
+)
 from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
 from pinproof.planning.gentle_moves import GentleMoves

@@ -22,26 +22,38 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Manifold, RrtSearch
-from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
-from pinproof.collision.certificates.certify import is_proven_free
-from pinproof.collision.certificates.path_constraints import check_constraints
-from pinproof.collision.checking.checker import require_curve
+from pinproof.collision import (
+    Certificate,
+    CollisionChecker,
+    PathConstraint,
+    certify,
+    check_constraints,
+    is_proven_free,
+    require_curve,
+)
 from pinproof.common.display import html_block, html_of, outline
 from pinproof.common.validation import require_integer
 from pinproof.errors import TimingError
 from pinproof.model import guess_mark
-from pinproof.motion import Curve, JointPath, MotionLimits, TorqueLimits, Trajectory, time_parametrise
-from pinproof.motion.limits import RATE_TOLERANCE, Bounds
-from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
-from pinproof.motion.steering import (
+from pinproof.motion import (
+    RATE_TOLERANCE,
+    Bounds,
+    Curve,
+    JointPath,
+    MotionLimits,
     Move,
     MoveSequence,
+    RateConstraint,
     State,
     Steering,
+    TorqueLimits,
+    Trajectory,
+    checked_constraints,
     inside_position_limits,
     least_times,
     rate_excess,
     rest,
+    time_parametrise,
 )
 from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
@@ -216,7 +228,7 @@ def optimise(
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(least_times(ends - path.start, bounds).min())
-    task = _Task(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
+    task = _MotionTask(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
     useful = budget > 0 and (further or before.duration > lower_bound * (1.0 + CLOSE_ENOUGH))
     trajectory, certificate, evaluations = _shortest(task, np.random.default_rng(rng), int(budget) if useful else 0)
     given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
@@ -229,11 +241,11 @@ def optimise(
     return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, evaluations, message)
 
 
-def _shortest(task: _Task, rng: np.random.Generator, budget: int) -> tuple[Trajectory, Certificate, int]:
+def _shortest(task: _MotionTask, rng: np.random.Generator, budget: int) -> tuple[Trajectory, Certificate, int]:
     """The shortest certified motion that is found, otherwise the given one, and the number of evaluations."""
     evaluations = 0
     if budget:
-        search = _Search(task, rng, budget)
+        search = _MotionSearch(task, rng, budget)
         if search.worthwhile:
             search.run()
         evaluations = search.evaluations
@@ -300,7 +312,7 @@ def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateCon
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _MotionTask:
     """What is searched for: the shortest motion from the start of ``path`` to one of ``goals`` (g, n).
 
     ``before`` is the path with time-optimal timing; ``manifold`` are the ``constraints`` in the compiled core.
@@ -324,7 +336,7 @@ class _Task:
         return bool((errors <= np.maximum(TOLERANCE_SHARE * self.tolerances, errors[[0, -1]].max(axis=0))).all())
 
 
-class _Search:
+class _MotionSearch:
     """The search for the shortest motion.
 
     Attributes
@@ -335,7 +347,7 @@ class _Search:
         Number of moves that were computed.
     """
 
-    def __init__(self, task: _Task, rng: np.random.Generator, budget: int, *, share: float = 1.0) -> None:
+    def __init__(self, task: _MotionTask, rng: np.random.Generator, budget: int, *, share: float = 1.0) -> None:
         self._task, self._checker, self._bounds, self._path = task, task.checker, task.bounds, task.path
         self._rng, self._goals, self._start = rng, task.goals, np.asarray(task.path.start)
         torques = next((each for each in task.rate_limits if isinstance(each, TorqueLimits)), None)
@@ -389,7 +401,7 @@ class _Search:
 
     def _try_without_rate_limits(self, budget: int) -> None:
         """Search without rate constraints, and slow the result down until it satisfies them at samples."""
-        search = _Search(replace(self._task, rate_limits=()), self._rng, budget, share=GENTLE_SHARE)
+        search = _MotionSearch(replace(self._task, rate_limits=()), self._rng, budget, share=GENTLE_SHARE)
         search._staggered = self._staggered
         search.run()
         self._spend(search.evaluations)

@@ -32,7 +32,7 @@ MIN_LENGTH = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class PoseSegment:
     """The straight segment from one pose to another.
 
     ``length`` (m) is its length including the weighted rotation; ``translation`` and ``rotation`` (3,) are per metre.
@@ -45,7 +45,7 @@ class Segment:
     length: float
 
     @classmethod
-    def between(cls, first: SE3, last: SE3) -> Segment:
+    def between(cls, first: SE3, last: SE3) -> PoseSegment:
         """The segment on which the orientation rotates about one fixed axis."""
         translation, rotation = last.translation - first.translation, log6(first.inverse() * last)[3:]
         length = float(np.hypot(np.linalg.norm(translation), LEVER * np.linalg.norm(rotation)))
@@ -71,18 +71,18 @@ class Segment:
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
+class _RoutePiece:
     """The pose (c, C), the incoming and outgoing segments, and the coefficients (6,) of a and b (m); see the module."""
 
     pose: Array
-    into: Segment
-    out: Segment
+    into: PoseSegment
+    out: PoseSegment
     a: Array
     b: Array
     width: float
 
     def derivatives(self) -> tuple[float, float, float]:
-        """Bounds of |p''|, |w| and |w'|, for the position p and the angular velocity w by the local parameter."""
+        """Bounds of ``|p''|``, ``|w|`` and ``|w'|`` for position p and angular velocity w by the local parameter."""
         first, second = 5.0 * np.diff([self.a, self.b], axis=1), 20.0 * np.diff([self.a, self.b], 2, axis=1)
         speed, acceleration = np.abs(first).max(axis=1), np.abs(second).max(axis=1)
         translation = np.array([np.linalg.norm(self.into.translation), np.linalg.norm(self.out.translation)])
@@ -100,7 +100,7 @@ class Route:
     ``passes`` are the parameters at which the route passes poses: the middle of each rounding, and the end.
     """
 
-    def __init__(self, pieces: list[_Piece]) -> None:
+    def __init__(self, pieces: list[_RoutePiece]) -> None:
         self._pieces = pieces
         ends = np.cumsum([piece.width for piece in pieces])
         self.length = float(ends[-1])
@@ -112,7 +112,7 @@ class Route:
     @classmethod
     def straight(cls, first: SE3, last: SE3) -> Route:
         """The route of a single segment."""
-        segment = Segment.between(first, last)
+        segment = PoseSegment.between(first, last)
         return cls([_straight_piece(segment, 0.0, segment.length)])
 
     @cached_property
@@ -133,12 +133,12 @@ class Route:
 
     @cached_property
     def _derivatives(self) -> Array:
-        """(k, 3) bounds of |p''|, |w| and |w'| on each piece."""
+        """(k, 3) bounds of ``|p''|``, ``|w|`` and ``|w'|`` on each piece."""
         width = np.diff(self.borders)
         return np.array([piece.derivatives() for piece in self._pieces]) / np.stack([width**2, width, width**2], 1)
 
     def derivatives(self, knots: Array) -> Array:
-        """(k, 3) bounds of |p''|, |w| and |w'| between knots (k+1,), which must include all borders."""
+        """(k, 3) bounds of ``|p''|``, ``|w|`` and ``|w'|`` between knots (k+1,), which must include all borders."""
         middle = 0.5 * (knots[1:] + knots[:-1])
         piece = np.clip(np.searchsorted(self.borders, middle, side="right") - 1, 0, len(self._pieces) - 1)
         result: Array = self._derivatives[piece]
@@ -161,7 +161,7 @@ def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) 
     A corner is rounded if its pose is missed by at most ``rounding`` (m) and ``rotation_rounding`` (rad). With 0, no
     corner is rounded. A corner at which the direction is reversed is never rounded.
     """
-    segments = [Segment.between(first, last) for first, last in pairwise(poses)]
+    segments = [PoseSegment.between(first, last) for first, last in pairwise(poses)]
     reach = np.zeros(len(poses))
     tiny = np.finfo(float).tiny
     for i, (into, out) in enumerate(pairwise(segments), 1):
@@ -176,7 +176,7 @@ def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) 
         longest = min(*allowed, into.length / 2, out.length / 2)
         reach[i] = longest if longest > MIN_LENGTH else 0.0
     routes: list[Route] = []
-    pieces: list[_Piece] = []
+    pieces: list[_RoutePiece] = []
     for i, segment in enumerate(segments):
         low, high = reach[i], segment.length - reach[i + 1]
         if high - low > MIN_LENGTH or segment.length == 0.0:
@@ -189,11 +189,11 @@ def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) 
     return routes
 
 
-def _straight_piece(segment: Segment, low: float, high: float) -> _Piece:
-    return _Piece(segment.start, segment, segment, np.zeros(6), np.linspace(low, high, 6), high - low)
+def _straight_piece(segment: PoseSegment, low: float, high: float) -> _RoutePiece:
+    return _RoutePiece(segment.start, segment, segment, np.zeros(6), np.linspace(low, high, 6), high - low)
 
 
-def _rounding(into: Segment, out: Segment, reach: float) -> _Piece:
+def _rounding(into: PoseSegment, out: PoseSegment, reach: float) -> _RoutePiece:
     h = reach * float(corner.spacing(into.direction, out.direction))
     increasing = np.array([0.0, 0.0, 0.0, reach - 2 * h, reach - h, reach])
-    return _Piece(out.start, into, out, increasing[::-1], increasing, 5.0 * h)
+    return _RoutePiece(out.start, into, out, increasing[::-1], increasing, 5.0 * h)

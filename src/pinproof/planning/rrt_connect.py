@@ -24,8 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import RrtSearch
-from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
-from pinproof.collision.certificates.path_constraints import check_constraints
+from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify, check_constraints
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
@@ -168,11 +167,11 @@ class RrtConnect:
         if isinstance(ends, PlanResult):
             return ends
         if portfolio == 1 and executor is None:
-            return Search(self, ends, constraints, rng, progress).run()
+            return ConnectSearch(self, ends, constraints, rng, progress).run()
         return _run_portfolio(self, ends, constraints, portfolio, np.random.default_rng(rng), executor, progress)
 
 
-class Search:
+class ConnectSearch:
     """One search between the start and the goals.
 
     Parameters
@@ -218,7 +217,7 @@ class Search:
         self._began = time.monotonic()
 
     def run(self) -> PlanResult:
-        """Search until a path is certified, a budget is exhausted or the callback requests to stop."""
+        """ConnectSearch until a path is certified, a budget is exhausted or the callback requests to stop."""
         search, settings, happened = self._core, self._settings, RrtSearch.Event
         if self._stop_requested():
             return self._cancelled()
@@ -419,7 +418,7 @@ def _run_portfolio(
     if executor is None:
         results = []
         for stream in streams:
-            results.append(Search(settings, ends, constraints, stream, progress).run())
+            results.append(ConnectSearch(settings, ends, constraints, stream, progress).run())
             if results[-1].status in (PlanStatus.CANCELLED, PlanStatus.IMPOSSIBLE):
                 break
     else:
@@ -432,7 +431,7 @@ def _search(
     settings: RrtConnect, ends: Ends, constraints: tuple[PathConstraint, ...], rng: np.random.Generator
 ) -> PlanResult:
     """One search in a worker. The checker is removed from the result, because it is expensive to transfer."""
-    return Search(settings, ends, constraints, rng, None).run().changed(checker=None)
+    return ConnectSearch(settings, ends, constraints, rng, None).run().changed(checker=None)
 
 
 def _gather(futures: list[Future[PlanResult]], progress: Progress | None) -> list[PlanResult]:

@@ -16,9 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinproof._core import shortcut as shorten
-from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify, is_proven_free
-from pinproof.collision.certificates.path_constraints import check_constraints
-from pinproof.collision.checking.checker import require_curve
+from pinproof.collision import (
+    Certificate,
+    CollisionChecker,
+    PathConstraint,
+    certify,
+    check_constraints,
+    is_proven_free,
+    require_curve,
+)
 from pinproof.common.display import html_block, html_of
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError

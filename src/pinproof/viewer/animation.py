@@ -14,7 +14,7 @@ from pinproof.ik import SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import Array, matrix
-from pinproof.viewer.stage import Stage
+from pinproof.viewer.stage import Drawing
 from pinproof.viewer.wire import Commands, node_path
 
 FRAME_RATE = 60.0
@@ -31,7 +31,7 @@ MOVING_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Phase:
+class FilmPhase:
     """A part of a motion with constant attached objects.
 
     Parameters
@@ -97,8 +97,8 @@ def checked_motion(arm: JointGroup, motion: Trajectory) -> Trajectory:
 
 
 def film(
-    stage: Stage,
-    phases: Sequence[Phase],
+    stage: Drawing,
+    phases: Sequence[FilmPhase],
     *,
     rate: float = FRAME_RATE,
     most: int = MAX_FRAMES,
@@ -155,7 +155,7 @@ ELBOW_STEP = 0.03
 """Largest motion (rad or m) of a joint between key frames of a self-motion; the viewer interpolates in between."""
 
 
-def film_of_elbow(stage: Stage, curve: SelfMotionCurve, frames: Sequence[str] = ()) -> Film:
+def film_of_elbow(stage: Drawing, curve: SelfMotionCurve, frames: Sequence[str] = ()) -> Film:
     """Key frames along a curve of IK solutions; the times are the values of its parameter minus the smallest one."""
     # Between the solutions of the curve, as many key frames as the fastest joint needs
     values = [curve.values[:1]]
@@ -170,14 +170,14 @@ def film_of_elbow(stage: Stage, curve: SelfMotionCurve, frames: Sequence[str] = 
     return Film(parameters - curve.lower, poses, tcps, frames=named)
 
 
-def still(stage: Stage, q: Array, *, frames: Sequence[str] = ()) -> Film:
+def still(stage: Drawing, q: Array, *, frames: Sequence[str] = ()) -> Film:
     """A single key frame at the configuration q (n,)."""
     named = dict(zip(frames, stage.frame_poses(q, frames)[:, None], strict=True))
     return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_poses(q)[None, :, :3, 3], frames=named)
 
 
 def tracks(
-    commands: Commands, stage: Stage, shown: Film, places: dict[str, str] | None = None, *, rest: float = REST
+    commands: Commands, stage: Drawing, shown: Film, places: dict[str, str] | None = None, *, rest: float = REST
 ) -> list[dict[str, Any]]:
     """The tracks of all links and carried objects that move, in the form that meshcat's ``set_animation`` expects.
 

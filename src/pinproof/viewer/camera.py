@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.geometry.inner_shapes import spiral_directions
+from pinproof.collision import spiral_directions
 from pinproof.spatial import Array
-from pinproof.viewer.stage import DrawnObstacle, Stage, box_corners
+from pinproof.viewer.stage import Drawing, DrawnObstacle, box_corners
 from pinproof.viewer.surfaces import Surface
 
 FIELD_OF_VIEW = 30.0
@@ -129,7 +129,7 @@ class View:
 
 
 def choose_view(
-    stage: Stage, poses: Array, points: Array, *, also: Array | None = None, tool: Array | None = None
+    stage: Drawing, poses: Array, points: Array, *, also: Array | None = None, tool: Array | None = None
 ) -> View:
     """Choose the view of a motion with poses (F, L, 4, 4) ``root_from_link`` of the links of the stage.
 
@@ -243,7 +243,7 @@ class _Boxes:
         return np.asarray((np.maximum(enter, 0.0) + MIN_OCCLUSION < np.minimum(leave, 1.0)).any(axis=0))
 
 
-def tool_points(stage: Stage, poses: Array) -> Array:
+def tool_points(stage: Drawing, poses: Array) -> Array:
     """(N, 3) points around the tool at all poses (F, L, 4, 4) of the links: the corners of the boxes of its links."""
     tool = np.flatnonzero(stage.tool)
     corners = [placed_points(box_corners(stage.links[k].surfaces), poses[:, k]) for k in tool]
@@ -255,7 +255,7 @@ def placed_points(points: Array, poses: Array) -> Array:
     return np.asarray((points @ np.swapaxes(poses[:, :3, :3], 1, 2) + poses[:, None, :3, 3]).reshape(-1, 3))
 
 
-def near_obstacles(stage: Stage, tool: Array, reach: float) -> Array:
+def near_obstacles(stage: Drawing, tool: Array, reach: float) -> Array:
     """(N, 3) points of the obstacles within ``reach`` (m) of points of the tool (M, 3).
 
     An obstacle of at most this size is contained as a whole, a larger one by the part of its surface that is near.

@@ -21,7 +21,7 @@ from pinproof.errors import InputError
 from pinproof.spatial import Array, finite
 from pinproof.viewer.animation import Film
 from pinproof.viewer.camera import View
-from pinproof.viewer.stage import Stage
+from pinproof.viewer.stage import Drawing
 from pinproof.viewer.surfaces import Surface, ball, box_triangles, cone, revolved, shade, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 
@@ -98,7 +98,7 @@ LABEL_DISTANCE = 0.2
 """Fraction of the length of an axis. The labels of frames that are closer to each other are stacked."""
 
 
-def frame_names(stage: Stage) -> list[str]:
+def frame_names(stage: Drawing) -> list[str]:
     """The links whose frames are drawn: for each arm the base, the child link of each joint, and the tcp."""
     arm, joints = stage.arm, stage.arm.robot.urdf.joints
     names: dict[str, None] = {}
@@ -191,7 +191,7 @@ def mark_radius(reach: float) -> float:
     return max(BALL_SHARE * reach, LEAST_BALL)
 
 
-def body_nodes(stage: Stage, marks: Sequence[Mark]) -> list[list[str]]:
+def body_nodes(stage: Drawing, marks: Sequence[Mark]) -> list[list[str]]:
     """The nodes of all bodies in contact; attached objects belong to the node of the tcp link."""
     links, obstacles = {link.name for link in stage.links}, {obstacle.name for obstacle in stage.obstacles}
     found: dict[tuple[str, str], None] = {}
@@ -213,7 +213,7 @@ SAME_POSE = 1e-4
 """Metres or matrix entries. Copies that differ by less are drawn once; often joints differ only by full rotations."""
 
 
-def ghosts_at(stage: Stage, q: Array) -> Array:
+def ghosts_at(stage: Drawing, q: Array) -> Array:
     """(k, L, 4, 4) ``root_from_link`` at the configurations q (m, n), without duplicates."""
     poses = np.array([stage.link_poses(configuration) for configuration in q]).reshape(-1, len(stage.links), 4, 4)
     return poses[_different(poses)] if len(poses) else poses
@@ -221,7 +221,7 @@ def ghosts_at(stage: Stage, q: Array) -> Array:
 
 def copies(
     commands: Commands,
-    stage: Stage,
+    stage: Drawing,
     poses: Array,
     into: str,
     *,
@@ -261,7 +261,7 @@ def _different(poses: Array) -> npt.NDArray[np.int64]:
     return np.sort(np.unique(rounded, axis=0, return_index=True)[1])
 
 
-def swept(stage: Stage, shown: Film, reach: float) -> Array:
+def swept(stage: Drawing, shown: Film, reach: float) -> Array:
     """(k, L, 4, 4) poses of the tool at several steps of a motion; NaN for all other links."""
     tool = stage.tool
     if len(shown.times) < 2 or not tool.any():

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CertificateStatus, CheckResult, Obstacle, Scene
-from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.collision import Certificate, CertificateStatus, CheckResult, Obstacle, Scene, proven_millimetres
 from pinproof.common import theme
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError, ViewerError
@@ -23,7 +22,7 @@ from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup, guess_mark
 from pinproof.motion import Trajectory, check_limits
 from pinproof.spatial import SE3, finite, matrix, rigid
-from pinproof.viewer.animation import Film, Phase, checked_motion, film, film_of_elbow, still, tracks
+from pinproof.viewer.animation import Film, FilmPhase, checked_motion, film, film_of_elbow, still, tracks
 from pinproof.viewer.camera import View, choose_view, tool_points
 from pinproof.viewer.overlays import (
     ColouredPoints,
@@ -38,7 +37,7 @@ from pinproof.viewer.overlays import (
     swept,
 )
 from pinproof.viewer.panels import Caption
-from pinproof.viewer.stage import Stage, set_stage, simplified
+from pinproof.viewer.stage import Drawing, set_stage, simplified
 from pinproof.viewer.surfaces import ball, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 
@@ -136,7 +135,7 @@ class RenderedPicture:
     ``moving`` states whether it shows a motion; ``frames`` names the links whose frames are drawn.
     """
 
-    stage: Stage
+    stage: Drawing
     commands: Commands
     settings: dict[str, Any]
     caption: Caption
@@ -197,7 +196,7 @@ class Picture:
         if curve is not None:
             shown = film_of_elbow(stage, curve, names)
         elif self.trajectory is not None:
-            shown = film(stage, [Phase(checked_motion(self.arm, self.trajectory))], frames=names)
+            shown = film(stage, [FilmPhase(checked_motion(self.arm, self.trajectory))], frames=names)
         else:
             shown = still(stage, q, frames=names)
         # The caption, and the slider of a self-motion, which opens at the solution closest to q
@@ -268,7 +267,7 @@ class Picture:
 
     def _layers(
         self,
-        stage: Stage,
+        stage: Drawing,
         shown: Film,
         wanted: Collection[str],
         marks: int,
@@ -298,7 +297,7 @@ class Picture:
         ]
 
 
-def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
+def stage_commands(stage: Drawing, shown: Film, view: View) -> Commands:
     """The commands that draw the links, obstacles, tcp path and motion in meshcat's viewer."""
     commands = Commands()
     add_surroundings(commands, view, stage.floor(shown.poses))

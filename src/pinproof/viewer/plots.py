@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from pinproof.common.theme import SERIES
 from pinproof.model import JointGroup
-from pinproof.motion import MotionLimits, RateConstraint, Trajectory
-from pinproof.motion.plot import Panel, panels_of
+from pinproof.motion import MotionLimits, Panel, RateConstraint, Trajectory, panels_of
 from pinproof.spatial import Array
 from pinproof.viewer.panels import legend
 

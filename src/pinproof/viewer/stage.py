@@ -52,7 +52,7 @@ class DrawnObstacle:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class Drawing:
     """The links and obstacles of a picture; ``notes`` states what could not be drawn, or not in full detail."""
 
     arm: JointGroup
@@ -118,7 +118,7 @@ def box_corners(surfaces: Iterable[Surface]) -> Array:
 
 def set_stage(
     arm: JointGroup, scene: Scene | None, attached: Sequence[Obstacle] = (), *, bodies: bool = False
-) -> Stage:
+) -> Drawing:
     """Load the surfaces of an arm and a scene, and with ``bodies`` those of the collision geometry of the links too.
 
     A mesh that cannot be loaded is left out and named in ``notes``; ViewerError if a shape cannot be drawn.
@@ -157,7 +157,7 @@ def set_stage(
             notes.append(f"obstacle {obstacle.name} is not drawn: {problem}")
         else:
             obstacles.append(DrawnObstacle(obstacle.name, tuple(surfaces), matrix(obstacle.pose)))
-    return Stage(arm, tuple(links), tuple(obstacles), tuple(notes))
+    return Drawing(arm, tuple(links), tuple(obstacles), tuple(notes))
 
 
 def _by_link(geometries: Sequence[LinkGeometry]) -> dict[str, list[LinkGeometry]]:
@@ -179,7 +179,7 @@ def _load_surfaces(items: Sequence[object], draw: Callable[..., list[Surface]]) 
     return surfaces, problem
 
 
-def size_in_bytes(stage: Stage) -> float:
+def size_in_bytes(stage: Drawing) -> float:
     """Size of the surfaces in a page: 15 bytes for each vertex, 2 or 4 for each index, in base64."""
     drawn = [surface for link in stage.links for surface in (*link.surfaces, *link.bodies)]
     drawn += [surface for obstacle in stage.obstacles for surface in obstacle.surfaces]
@@ -187,7 +187,7 @@ def size_in_bytes(stage: Stage) -> float:
     return 4 / 3 * sum(15 * len(s.vertices) + index * s.triangles.size for s, index in zip(drawn, wide, strict=True))
 
 
-def simplified(stage: Stage, max_bytes: float = MAX_BYTES) -> Stage:
+def simplified(stage: Drawing, max_bytes: float = MAX_BYTES) -> Drawing:
     """The stage with surfaces that together fit into ``max_bytes``; a note states the simplification.
 
     All vertices in a cell of a grid are replaced by their mean, and triangles with two vertices in the same cell are

@@ -7,6 +7,7 @@ other shape is refused.
 
 from __future__ import annotations
 
+import inspect
 import re
 from base64 import b64encode
 from collections.abc import Callable, Sequence
@@ -33,16 +34,24 @@ from pinproof.collision import (
     OccupancyGrid,
     PointCloud,
     Sphere,
+    cell_faces,
+    connected_parts,
+    ground_surface,
+    hull_triangles,
+    triangles_of,
 )
-from pinproof.collision.geometry import triangles as triangles_module
-from pinproof.collision.geometry.bodies import triangles_of
-from pinproof.collision.geometry.hulls import hull_triangles
-from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
-from pinproof.collision.geometry.triangles import connected_parts
 from pinproof.common import theme
 from pinproof.common.disk_cache import cached, content_digest
-from pinproof.description import LinkGeometry, meshes
-from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, metres_per_unit, read_mesh, resolved, z_up
+from pinproof.description import (
+    COLOURED_SUFFIXES,
+    LinkGeometry,
+    TriangleMesh,
+    meshes,
+    metres_per_unit,
+    read_mesh,
+    resolved,
+    z_up,
+)
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.spatial import Array
 
@@ -453,7 +462,7 @@ def _stored(kind: str, key: str, make: Callable[[], list[Surface]]) -> list[Surf
         kind,
         key,
         arrays,
-        code=[__file__, theme.__file__, *meshes.MESH_CODE, triangles_module.__file__],
+        code=[__file__, theme.__file__, *meshes.MESH_CODE, inspect.getfile(connected_parts)],
         libraries=["trimesh", "pycollada", "pillow"],
     )
     # Back from the arrays of the cache

@@ -23,8 +23,7 @@ from pinproof.cell.sequencing.sequence_run import SequenceBudget
 from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.validation import Rng, require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
-from pinproof.model import JointGroup, Payload
-from pinproof.model.robot import PART
+from pinproof.model import PART, JointGroup, Payload
 from pinproof.picks import Pick, Picks, PickSetup
 from pinproof.spatial import Array
 from pinproof.work import Progress

@@ -9,15 +9,12 @@ import numpy as np
 from pinproof.cell.allocation.allocation_result import AllocationResult
 from pinproof.cell.sequencing.sequence_page import MOST_FRAMES, RATE, CellPage, CellRow
 from pinproof.cell.sequencing.sequence_result import cycle_time
-from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.collision import proven_millimetres
 from pinproof.common.files import json_text, save_as
 from pinproof.errors import InputError
-from pinproof.model import guess_mark
-from pinproof.model.robot import PART
+from pinproof.model import PART, guess_mark
 from pinproof.spatial import Array, matrix
-from pinproof.viewer.animation import Film
-from pinproof.viewer.panels import Bar
-from pinproof.viewer.stage import Stage, set_stage, simplified
+from pinproof.viewer import Bar, Drawing, Film, set_stage, simplified
 
 ALLOCATION_SUFFIXES = (".json", ".md", ".html")
 """The file types of :func:`save_allocation`."""
@@ -73,7 +70,7 @@ def write_allocation_page(result: AllocationResult, path: str | Path, *, title: 
     page.write(path, stage, _film(stage, result), result.group.limits.acceleration_source)
 
 
-def _film(stage: Stage, result: AllocationResult) -> Film:
+def _film(stage: Drawing, result: AllocationResult) -> Film:
     """Key frames of all arms and of the parts, which rest before and after they are carried."""
     whole, arms = result.trajectory, list(result.group.ends)
     times = np.linspace(0.0, whole.duration, min(int(np.ceil(whole.duration * RATE)) + 1, MOST_FRAMES))

@@ -25,10 +25,8 @@ import numpy.typing as npt
 
 from pinproof.cell.sequencing.sequence_result import SequenceResult
 from pinproof.collision import Certificate, CollisionChecker, Obstacle, certify
-from pinproof.model import JointGroup
-from pinproof.model.chain import link_path
-from pinproof.motion import Trajectory, synchronise
-from pinproof.motion.trajectory_files import NANO, whole_nanoseconds
+from pinproof.model import JointGroup, link_path
+from pinproof.motion import NANO, Trajectory, synchronise, whole_nanoseconds
 from pinproof.picks import PickMotion
 from pinproof.spatial import Array
 

@@ -38,9 +38,17 @@ from pinproof.common.content_hash import code_here, digest
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.model import Arm
-from pinproof.picks import Pick, PickBudget, PickReport, Picks, PickSetup, PickVerdict, PickWeights
-from pinproof.picks.judging.setup import check_held_joints
-from pinproof.picks.judging.task import Cell
+from pinproof.picks import (
+    Pick,
+    PickBudget,
+    PickCell,
+    PickReport,
+    Picks,
+    PickSetup,
+    PickVerdict,
+    PickWeights,
+    check_held_joints,
+)
 from pinproof.spatial import Array
 from pinproof.work import IN_FLIGHT, Progress, Runner, Workers
 
@@ -229,7 +237,7 @@ class _Alternative:
         placed.refuse_picks_on_base(picks.picks, shared)
         middle = (region.lower + region.upper) / 2
         checker = CollisionChecker(placed.arm_at(middle), placed.scene, margin=shared.margin, attached=shared.open_tool)
-        cell = Cell(checker, replace(shared, picks=(), problems=()), start)
+        cell = PickCell(checker, replace(shared, picks=(), problems=()), start)
         table = GraspTable.of(shared, cell)
         if len(table.problems):
             index, reason = next(iter(table.problems.items()))

@@ -17,10 +17,7 @@ from typing import Literal
 import numpy as np
 
 from pinproof.collision import Box, Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Scene, Sphere
-from pinproof.description import LinkGeometry
-from pinproof.description.cell import CELL, PLACEMENT_JOINTS, with_movable_base
-from pinproof.description.packages import MeshFile
-from pinproof.description.urdf import moved_by
+from pinproof.description import CELL, PLACEMENT_JOINTS, LinkGeometry, MeshFile, moved_by, with_movable_base
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Robot
 from pinproof.picks import Pick, Picks

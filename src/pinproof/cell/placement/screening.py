@@ -21,12 +21,8 @@ from pinproof.collision import CollisionChecker, Obstacle
 from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
-from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import least_times
-from pinproof.picks import Picks, ScreenStatus
-from pinproof.picks.batch.screening import code_of
-from pinproof.picks.judging.configurations import TURN, manipulability
-from pinproof.picks.judging.task import Cell, Task
+from pinproof.motion import Bounds, least_times
+from pinproof.picks import TURN, PickCell, Picks, PickTask, ScreenStatus, code_of, manipulability
 from pinproof.spatial import Array, matrix
 
 Mask = npt.NDArray[np.bool_]
@@ -77,14 +73,14 @@ class GraspTable:
     problems: dict[int, str]
 
     @classmethod
-    def of(cls, picks: Picks, cell: Cell) -> GraspTable:
+    def of(cls, picks: Picks, cell: PickCell) -> GraspTable:
         """The table of all picks; ``cell`` has the frame of the placements as its root."""
         rows: list[tuple[int, bool, list[Array]]] = []
         problems: dict[int, str] = {}
         nominal = np.full((len(picks), 4, 4), np.nan)
         for index, pick in enumerate(picks):
             try:
-                task = Task(pick, cell)
+                task = PickTask(pick, cell)
             except ValueError as error:
                 problems[index] = str(error)
                 continue

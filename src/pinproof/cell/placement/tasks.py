@@ -19,8 +19,7 @@ from pinproof.cell.placement.placement_result import total_time
 from pinproof.cell.placement.region import METRES_PER_RADIAN, PlacementRegion
 from pinproof.cell.placement.screening import FREE, REACH, PlacementScores, PlacementScreening
 from pinproof.errors import InputError
-from pinproof.picks import PickReport, Picks, PickSetup, PickWeights
-from pinproof.picks.judging.configurations import manipulability
+from pinproof.picks import PickReport, Picks, PickSetup, PickWeights, manipulability
 from pinproof.spatial import Array
 
 FAILS = 1e4

@@ -21,21 +21,31 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm
-from pinproof.motion import CubicPath, time_parametrise
-from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import least_times, rest_to_rest_times
-from pinproof.picks import NamedFrame, Pick, Picks, PickSetup, PickVerdict
-from pinproof.picks.input.pick import support_names
-from pinproof.picks.input.picks import root_from_frame
-from pinproof.picks.judging.grasp import Candidate, reach, screen
-from pinproof.picks.judging.judge import judge
-from pinproof.picks.judging.lines import Attempt, along, shifted, span
-from pinproof.picks.judging.motion_limits import rate_limits
-from pinproof.picks.judging.place import Placer, Release, release_lines
-from pinproof.picks.judging.task import Cell, Task
-from pinproof.planning import make_planner
-from pinproof.planning.edges import Edges
-from pinproof.planning.ends import with_turns
+from pinproof.motion import Bounds, CubicPath, least_times, rest_to_rest_times, time_parametrise
+from pinproof.picks import (
+    Attempt,
+    GraspCandidate,
+    NamedFrame,
+    Pick,
+    PickCell,
+    Picks,
+    PickSetup,
+    PickTask,
+    PickVerdict,
+    Placer,
+    Release,
+    along,
+    judge,
+    rate_limits,
+    reach,
+    release_lines,
+    root_from_frame,
+    screen,
+    shifted,
+    span,
+    support_names,
+)
+from pinproof.planning import Edges, make_planner, with_turns
 from pinproof.spatial import Array
 
 Indices = npt.NDArray[np.int64]
@@ -195,7 +205,7 @@ def resolved(pick: Pick, setup: PickSetup) -> Pick:
         If a frame, an object or a support does not exist; the message names the pick.
     """
     try:
-        task = Task(pick, setup.cell)
+        task = PickTask(pick, setup.cell)
     except InputError as error:
         raise InputError(f"pick {pick.name!r}: {error}") from error
     return replace(task.pick, place=task.place)
@@ -224,8 +234,8 @@ class PickOptions:
         place = None if pick.place is None else replace(pick.place, support=other_supports(pick.place.support, parts))
         alone = replace(pick, support=other_supports(pick.support, parts), place=place)
         checker = setup.checker.with_scene(self.fixed if before is None else self.fixed.add(before))
-        cell = Cell(checker, setup.shared, setup.home, setup.weights, setup.budget)
-        task = Task(alone, cell)
+        cell = PickCell(checker, setup.shared, setup.home, setup.weights, setup.budget)
+        task = PickTask(alone, cell)
         seeds = setup.rng(index).integers(2**31, size=4).tolist()
         bounds = Bounds.of(task.arm.limits, task.arm.joint_names)
         for group in task.groups():
@@ -240,11 +250,13 @@ class PickOptions:
         return Job(pick, (), before, failed=judge(alone, quick, setup.rng(index)))
 
 
-def _options(task: Task, candidates: tuple[Candidate, ...], seed: int, bounds: Bounds, most: int) -> list[PickOption]:
+def _options(
+    task: PickTask, candidates: tuple[GraspCandidate, ...], seed: int, bounds: Bounds, most: int
+) -> list[PickOption]:
     """The options with the shortest lower bounds of their time from home."""
     # the nearest releases of each candidate, by the time from home through both and back
     placer = Placer(task, seed)
-    ranked: list[tuple[float, Candidate, Array | None]] = []
+    ranked: list[tuple[float, GraspCandidate, Array | None]] = []
     for candidate in candidates:
         into = least_times(candidate.q - task.cell.home, bounds)
         if task.place is None:

@@ -11,9 +11,7 @@ from pinproof.cell.sequencing.options import Job, PickOption
 from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import CubicPath
-from pinproof.picks import PickSetup
-from pinproof.picks.input.pick import support_names
-from pinproof.picks.judging.task import DOWN, SUPPORT_GAP, Cell, Task
+from pinproof.picks import DOWN, SUPPORT_GAP, PickCell, PickSetup, PickTask, support_names
 from pinproof.spatial import Array
 
 Pair = tuple[int, int]
@@ -175,8 +173,8 @@ def geometric_precedence(setup: PickSetup, jobs: list[Job], fixed: Scene) -> dic
             if job.places and member.words not in hands:
                 # the part in the closed hand, among all parts before and after
                 alone = setup.checker.with_scene(Scene(() if job.before is None else (job.before,)))
-                cell = Cell(alone, setup.shared, setup.home, setup.weights, setup.budget)
-                held = Task(replace(job.pick, place=None, support=None), cell).holding(member)
+                cell = PickCell(alone, setup.shared, setup.home, setup.weights, setup.budget)
+                held = PickTask(replace(job.pick, place=None, support=None), cell).holding(member)
                 hands[member.words] = closed_hand.with_attached(replace(held, name=CARRIED))
             blocked, supports = _contacts(job, option, open_hand, hands.get(member.words))
             for name in supports:
@@ -238,7 +236,7 @@ def _touched(checker: CollisionChecker, q: Array) -> set[str]:
 
 
 def _supports(carrying: CollisionChecker, q: Array, support: str | Sequence[str] | None) -> set[str]:
-    """What the carried part rests on at q (n,); see :meth:`pinproof.picks.judging.task.Task.supports`."""
+    """What the carried part rests on at q (n,); see :meth:`pinproof.picks.judging.task.PickTask.supports`."""
     names = set(support_names(support) or ())
     names |= {f"{name}{AT_PLACE}" for name in names}
     near = carrying.with_margin(max(SUPPORT_GAP, carrying.margin))

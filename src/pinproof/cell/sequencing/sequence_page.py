@@ -11,18 +11,28 @@ from pathlib import Path
 import numpy as np
 
 from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult, cycle_time
-from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.collision import proven_millimetres
 from pinproof.common.files import os_errors
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model import guess_mark, guess_note
 from pinproof.spatial import SE3
-from pinproof.viewer import panels
-from pinproof.viewer.animation import Film, Phase, film, tracks
-from pinproof.viewer.camera import choose_view, placed_points, tool_points
-from pinproof.viewer.overlays import ColouredPoints
-from pinproof.viewer.picture import stage_commands
-from pinproof.viewer.stage import Stage, box_corners, set_stage, simplified
-from pinproof.viewer.wire import node_path
+from pinproof.viewer import (
+    ColouredPoints,
+    Drawing,
+    Film,
+    FilmPhase,
+    box_corners,
+    choose_view,
+    film,
+    node_path,
+    panels,
+    placed_points,
+    set_stage,
+    simplified,
+    stage_commands,
+    tool_points,
+    tracks,
+)
 
 RATE = 15.0
 """Key frames per second; the viewer interpolates between them."""
@@ -84,7 +94,7 @@ class CellPage:
     def write(
         self,
         path: str | Path,
-        stage: Stage,
+        stage: Drawing,
         shown: Film,
         acceleration_source: str,
         heat_map: ColouredPoints | None = None,
@@ -184,7 +194,7 @@ def write_sequence_page(
     end = result.steps[-1].end
     closing = [] if result.closing is None else [(end, result.closing)]
     phases = [
-        Phase(
+        FilmPhase(
             motion.trajectory,
             tuple(thing for thing in motion.attached if thing.name not in own),
             held=motion.held,

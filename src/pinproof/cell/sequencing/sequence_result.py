@@ -14,9 +14,7 @@ from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.structs import TEXT, key, struct
 from pinproof.errors import NoAnswer
 from pinproof.model import Arm, guess_mark
-from pinproof.motion import MotionProgram
-from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import rest_to_rest_times
+from pinproof.motion import Bounds, MotionProgram, rest_to_rest_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 
 PHASES = ("transit", "approach", "grip", "retreat", "transfer", "place", "release", "leave")

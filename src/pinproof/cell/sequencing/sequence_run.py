@@ -25,9 +25,7 @@ from pinproof.cell.sequencing.transits import (
 from pinproof.collision import Scene
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, NoAnswer
-from pinproof.motion import Trajectory
-from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import least_times
+from pinproof.motion import Bounds, Trajectory, least_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 from pinproof.spatial import Array
 from pinproof.work import Runner

@@ -14,16 +14,31 @@ import numpy as np
 from pinproof.cell.sequencing.options import Job, PickOption
 from pinproof.collision import Scene
 from pinproof.errors import TimingError
-from pinproof.motion import BlendedPath, JointPath, MotionLimits, Trajectory, time_parametrise
-from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import least_times
-from pinproof.picks import PickMotion, PickSetup, PickStatus, PickVerdict, Stage, StageResult
-from pinproof.picks.input.pick import Member
-from pinproof.picks.judging.lines import Attempt, shortened, transit
-from pinproof.picks.judging.motion_limits import peaks_of, rate_limits, torque_limits_of_tool
-from pinproof.picks.judging.place import Placer, Placing, Release
-from pinproof.picks.judging.task import Cell, Task
-from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
+from pinproof.motion import BlendedPath, Bounds, JointPath, MotionLimits, Trajectory, least_times, time_parametrise
+from pinproof.picks import (
+    Attempt,
+    Member,
+    MotionPart,
+    PickCell,
+    PickMotion,
+    PickSetup,
+    PickStatus,
+    PickTask,
+    PickVerdict,
+    Placer,
+    Placing,
+    Release,
+    Stage,
+    StageResult,
+    motion_parts,
+    peaks_of,
+    prove_part,
+    rate_limits,
+    shortened,
+    time_part,
+    torque_limits_of_tool,
+    transit,
+)
 from pinproof.planning import make_planner, optimise
 from pinproof.spatial import Array
 
@@ -80,8 +95,8 @@ class StepMotions:
     def certified(self, step: SequencedPick) -> PickVerdict | MotionFailure:
         """The certified motions of a step, or the reason of the failure."""
         setup, job, option = self.setup, step.job, step.option
-        cell = Cell(setup.checker.with_scene(step.scene), setup.shared, step.q, setup.weights, setup.budget)
-        task = Task(job.pick, cell)
+        cell = PickCell(setup.checker.with_scene(step.scene), setup.shared, step.q, setup.weights, setup.budget)
+        task = PickTask(job.pick, cell)
         seeds = setup.rng(step.index).integers(2**31, size=4).tolist()
         carrying = task.carrying(option.attempt.candidate.member)
         attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, job.pick.support))
@@ -95,7 +110,7 @@ class StepMotions:
 
 
 def _parts(
-    task: Task, attempt: Attempt, release: Release | None, seeds: list[int], known: Mapping[str, Trajectory]
+    task: PickTask, attempt: Attempt, release: Release | None, seeds: list[int], known: Mapping[str, Trajectory]
 ) -> PickVerdict | MotionFailure:
     joints, member = task.arm.joint_names, attempt.candidate.member
     # transit and transfer: the known motions if they are proven free in this scene, else new paths
@@ -136,7 +151,7 @@ def _parts(
     return _with_motions(good, motions)
 
 
-def _part(task: Task, member: Member, name: str) -> MotionPart:
+def _part(task: PickTask, member: Member, name: str) -> MotionPart:
     """The conditions of a transit or a transfer."""
     if name == "transit":
         return MotionPart(name, (), task.outside)
@@ -204,8 +219,8 @@ class LongMotions:
     def shorter(self, scene: Scene, job: Job, verdict: PickVerdict, names: Sequence[str]) -> PickVerdict:
         """The verdict with the shortest motions of these names that were found."""
         setup = self.setup
-        task = Task(
-            job.pick, Cell(setup.checker.with_scene(scene), setup.shared, setup.home, setup.weights, setup.budget)
+        task = PickTask(
+            job.pick, PickCell(setup.checker.with_scene(scene), setup.shared, setup.home, setup.weights, setup.budget)
         )
         member = next(m for group in task.groups() for m in group if m.words == verdict.member)
         motions = [
@@ -215,7 +230,7 @@ class LongMotions:
         return _with_motions(verdict, motions)
 
 
-def _searched(task: Task, member: Member, motion: PickMotion, part: MotionPart) -> PickMotion:
+def _searched(task: PickTask, member: Member, motion: PickMotion, part: MotionPart) -> PickMotion:
     """The shortest motion of several searches, which start from the path of the given one."""
     best, limits = motion, task.arm.limits
     moved = motion.trajectory

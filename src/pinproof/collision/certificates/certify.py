@@ -38,8 +38,7 @@ from pinproof.collision.checking.movers import Mover, with_movers
 from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.errors import InputError
 from pinproof.model import JointLimits
-from pinproof.motion import Curve, Trajectory, check_limits
-from pinproof.motion.curve import parameter_text, read_only
+from pinproof.motion import Curve, Trajectory, check_limits, parameter_text, read_only
 from pinproof.spatial import Array, finite
 
 GOAL_SHARE = 0.5
@@ -155,14 +154,14 @@ def certify(
 
     def certified(each: ProofLimits) -> Certificate:
         if not parting:
-            return _Proof(curve, checker, each, constraints).run()
+            return _CurveProof(curve, checker, each, constraints).run()
         # The hashes and notes of a part are those of the complete curve, which prove_parting states.
         unnamed = Identity("", "", ())
         return prove_parting(
             curve,
             checker,
             parting,
-            lambda part, rest: _Proof(part, rest, each, constraints, identity=unnamed).run(),
+            lambda part, rest: _CurveProof(part, rest, each, constraints, identity=unnamed).run(),
             each,
         )
 
@@ -226,7 +225,7 @@ class KnownPairs(NamedTuple):
 def prove_rest(curve: Curve, checker: CollisionChecker, known: KnownPairs, limits: ProofLimits) -> Certificate:
     """Return the certificate of a curve of which some pairs are known to be apart."""
     return _at_finer_tolerances(
-        lambda each: _Proof(curve, checker, each, (), known, identity=known.identity).run(), limits
+        lambda each: _CurveProof(curve, checker, each, (), known, identity=known.identity).run(), limits
     )
 
 
@@ -239,7 +238,7 @@ def _at_finer_tolerances(prove: Callable[[ProofLimits], Certificate], limits: Pr
     return certificate
 
 
-class _Proof:
+class _CurveProof:
     """The certification of one curve at one tolerance.
 
     Indices of pairs are those of ``_judge``: the checker without the known pairs, and with displaced obstacles.

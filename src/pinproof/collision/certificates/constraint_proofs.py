@@ -21,8 +21,7 @@ from pinproof.collision.certificates.path_constraints import (
     amount,
 )
 from pinproof.model import Arm
-from pinproof.motion import Curve, LimitCheck
-from pinproof.motion.curve import parameter_text, read_only
+from pinproof.motion import Curve, LimitCheck, parameter_text, read_only
 
 RESOLUTION = 1e-6
 """rad or m: an interval in which the tcp moves less is not bisected further; the smallest tolerance of a constraint."""

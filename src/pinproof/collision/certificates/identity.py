@@ -20,7 +20,7 @@ from pinproof.collision.geometry.bodies import FileStamp
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import Mesh, Obstacle
 from pinproof.common.files import os_errors
-from pinproof.description.dh_urdf import GENERATED_BODIES
+from pinproof.description import GENERATED_BODIES
 from pinproof.motion import Curve, MotionRecord
 from pinproof.spatial import matrix
 from pinproof.verifier import curve_digest
@@ -109,8 +109,8 @@ def checked_hash(checker: CollisionChecker, files: MeshFiles) -> str:
 def notes_of(checker: CollisionChecker, files: MeshFiles | None = None) -> tuple[str, ...]:
     """Return the assumptions of a checker's verdicts as sentences: replaced meshes, held joints, unchecked links.
 
-    Excluded pairs are listed in :attr:`CollisionChecker.excluded`, each with its reason. ``files`` are the present mesh
-    files, which are examined by default.
+    Excluded pairs are listed in the attribute ``excluded`` of the checker, each with its reason. ``files`` are the
+    present mesh files, which are examined by default.
     """
     before, after = _unchanging_notes(checker)
     changed = [Path(file.path).name for file in (files or mesh_files(checker)).changed]

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinproof.model import Arm
-from pinproof.motion.joint_path import JointPath
+from pinproof.motion import JointPath
 from pinproof.spatial import Array
 
 UNIT = 0.2

@@ -41,8 +41,7 @@ from pinproof.collision.checking.separation import (
 )
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.motion import Curve, bezier
-from pinproof.motion.curve import BezierCurve, parameter_text, read_only
+from pinproof.motion import BezierCurve, Curve, bezier, parameter_text, read_only
 from pinproof.spatial import Array, matrix
 
 DEEPEST = 1e-3
@@ -69,7 +68,7 @@ def prove_parting(
     ``limits``.
     """
     knots, control = curve.bezier()
-    motion = _Motion(curve, knots, control, limits)
+    motion = _BodyMotion(curve, knots, control, limits)
     separating_pairs, full, start_contact = _departures(checker, _indices(checker, names), motion)
     if start_contact is not None:
         return _start_contact_verdict(curve, checker, start_contact, prove)
@@ -142,7 +141,7 @@ def _reported(separating_pairs: Sequence[_SeparatingPair], start: float) -> list
     return [*touching, *others.values()]
 
 
-class _Motion(NamedTuple):
+class _BodyMotion(NamedTuple):
     """The curve and the settings of the proof."""
 
     curve: Curve
@@ -217,7 +216,7 @@ class _Split:
 
 
 def _departures(
-    checker: CollisionChecker, pairs: Sequence[int], motion: _Motion
+    checker: CollisionChecker, pairs: Sequence[int], motion: _BodyMotion
 ) -> tuple[list[_SeparatingPair], _WithFacets, _StartContact | None]:
     """Return how each pair separates, and a checker that also has the facets close to the start."""
     convex: list[tuple[int, Departure, DepartureProof, float]] = []
@@ -270,7 +269,7 @@ def _separating_pair(
     departure: Departure,
     proof: DepartureProof,
     gap: float,
-    motion: _Motion,
+    motion: _BodyMotion,
     *,
     of_facets: bool = False,
 ) -> _SeparatingPair:
@@ -280,7 +279,7 @@ def _separating_pair(
 
 
 def _best(
-    moving: MovingBody, tried: Array, levels: Array, gaps: Array, enough: float, motion: _Motion
+    moving: MovingBody, tried: Array, levels: Array, gaps: Array, enough: float, motion: _BodyMotion
 ) -> tuple[Departure, DepartureProof, float]:
     """Return the direction along which a body separates from a convex obstacle; directions with a large gap come first.
 
@@ -310,7 +309,7 @@ def _directions(body: Body, at: Array, measured: Array) -> Array:
 
 
 def _split(
-    checker: CollisionChecker, pair: int, moving: MovingBody, tried: Array, enough: float, motion: _Motion
+    checker: CollisionChecker, pair: int, moving: MovingBody, tried: Array, enough: float, motion: _BodyMotion
 ) -> _Split:
     """Split an exact mesh into the facets close to the start of a body and the rest."""
     a, b = checker.pairs[pair]
@@ -409,7 +408,7 @@ def _owners(checker: CollisionChecker, pair: int) -> tuple[str, str]:
 
 
 def _find_start_contact(
-    checker: CollisionChecker, pair: int, measured: Distance, motion: _Motion, gap: float
+    checker: CollisionChecker, pair: int, measured: Distance, motion: _BodyMotion, gap: float
 ) -> _StartContact | None:
     """Return the refusal of a pair without a separating direction; None if its distance is larger than the margin.
 
@@ -460,7 +459,7 @@ def _distance_text(distance: float) -> str:
 
 
 def _not_separated(
-    checker: CollisionChecker, separating: _SeparatingPair, motion: _Motion, prove: Prove
+    checker: CollisionChecker, separating: _SeparatingPair, motion: _BodyMotion, prove: Prove
 ) -> Certificate:
     """Return the verdict on a pair that has not separated at the end of the span in which it does not approach."""
     curve, knots, control = motion.curve, motion.knots, motion.control

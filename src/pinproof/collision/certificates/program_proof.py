@@ -26,23 +26,26 @@ from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm, JointLimits
-from pinproof.motion.curve import Curve
-from pinproof.motion.dialects import find_dialect
-from pinproof.motion.joint_path import JointPath
-from pinproof.motion.limit_check import LIMIT_TOLERANCE
-from pinproof.motion.program_steps import (
+from pinproof.motion import (
+    LIMIT_TOLERANCE,
     Blend,
+    Curve,
+    JointMap,
     JointMove,
+    JointPath,
     LinearMove,
+    RobotProgram,
     SetOutput,
     Step,
     StreamedPoint,
     StreamedTrajectory,
+    Trajectory,
     Wait,
+    find_dialect,
+    make_program,
+    moves_along,
+    time_parametrise,
 )
-from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
-from pinproof.motion.timing import time_parametrise
-from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import Array
 
 StepKind = TypeVar("StepKind", bound=Step)

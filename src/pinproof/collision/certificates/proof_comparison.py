@@ -14,8 +14,7 @@ from pinproof.collision.certificates.proof_file import bodies_of, constraint_of,
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.errors import FileError, InputError
 from pinproof.model import Arm, JointLimits
-from pinproof.motion import Curve
-from pinproof.motion.curve import TimedCurve
+from pinproof.motion import Curve, TimedCurve
 from pinproof.verifier import Proof, ProofVerdict, load, verify
 
 SAME = 1e-12

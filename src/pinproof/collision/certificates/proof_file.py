@@ -31,8 +31,7 @@ from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.shapes import Mesh
 from pinproof.common.files import write_bytes_whole
 from pinproof.errors import InputError, NotProvenFree
-from pinproof.model import Arm, JointGroup
-from pinproof.model.chain import joint_axis
+from pinproof.model import Arm, JointGroup, joint_axis
 from pinproof.motion import Curve, LimitCheck
 from pinproof.spatial import SE3, Array
 from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, Refused, body_digest, verify

@@ -82,7 +82,7 @@ class SetupChange:
         return len(self.rest.pairs) - len(self.rest.still_pairs)
 
     def known(self, proof: StoredProof) -> KnownPairs | None:
-        """Return what a proof for :attr:`before` shows about :attr:`after`; None if not all kept pairs are proven."""
+        """Return what a proof for ``before`` shows about ``after``; None if not all kept pairs are proven."""
         lowest = proof.lowest[self.kept_before]
         obstacles = proof.obstacle_tolerance
         spare = lowest - self._required - obstacles * self._moved

@@ -41,7 +41,7 @@ from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
-from pinproof.motion.curve import Curve, refuse_broken
+from pinproof.motion import Curve, refuse_broken
 from pinproof.spatial import Array, finite
 
 

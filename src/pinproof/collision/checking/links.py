@@ -18,8 +18,7 @@ from pinproof.collision.geometry.decomposition import clusters
 from pinproof.collision.geometry.hulls import Solid
 from pinproof.collision.geometry.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from pinproof.common.disk_cache import cached, content_digest
-from pinproof.description import LinkGeometry
-from pinproof.description.meshes import read_mesh, resolved
+from pinproof.description import LinkGeometry, read_mesh, resolved
 from pinproof.errors import InputError, MeshError, UnknownNameError
 
 LinkMeshes = Literal["hull", "mesh", "surface", "decomposed"]
@@ -50,6 +49,7 @@ KINDS: dict[str, type[Box] | type[Sphere] | type[Cylinder] | type[Capsule]] = {
     "cylinder": Cylinder,
     "capsule": Capsule,
 }
+"""The shapes of the kinds of collision geometry that a URDF has besides meshes."""
 
 DEFAULT = "*"
 """The key of a mapping for every link without an own key."""

@@ -18,13 +18,10 @@ import numpy.typing as npt
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.shapes import HalfSpace
 from pinproof.collision.scenes.scene import Scene
-from pinproof.description.cell import Axis, urdf_with_axes
-from pinproof.description.urdf import JointType
+from pinproof.description import Axis, JointType, urdf_with_axes
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model import JointGroup, JointLimits, Robot
-from pinproof.model.chain import chain_of, held_values
-from pinproof.motion import Curve, Trajectory
-from pinproof.motion.group_motion import TimedColumns, merged
+from pinproof.model import JointGroup, JointLimits, Robot, chain_of, held_values
+from pinproof.motion import Curve, TimedColumns, Trajectory, merged
 from pinproof.spatial import SE3, Array, finite
 
 FARTHEST = 30.0

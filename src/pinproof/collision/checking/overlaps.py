@@ -25,8 +25,7 @@ from pinproof.collision.checking.links import AS_REQUESTED, DECOMPOSED, EXACT, G
 from pinproof.collision.geometry.bodies import Body
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import require_integer
-from pinproof.description import Urdf
-from pinproof.description.srdf import DisabledPair, srdf_text
+from pinproof.description import DisabledPair, Urdf, srdf_text
 from pinproof.model import Robot
 
 Booleans = npt.NDArray[np.bool_]

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.bodies import Body, shape_bodies
-from pinproof.collision.geometry.depth_image import DepthView, Piece, RemovedBody
+from pinproof.collision.geometry.depth_image import DepthPiece, DepthView, RemovedBody
 from pinproof.collision.geometry.inner_shapes import extremes
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import Obstacle
@@ -45,7 +45,7 @@ class _Polytope(NamedTuple):
         return np.where(beside, np.inf, enter), np.where(beside, -np.inf, leave)
 
 
-class _Crossing(NamedTuple):
+class _RayCrossing(NamedTuple):
     """Where the rays through the pixels of a window of the image cross a convex piece."""
 
     window: tuple[slice, slice]
@@ -143,13 +143,13 @@ def remove_body(sensed: DepthView | OccupancyGrid, body: Obstacle) -> DepthView 
     )
 
 
-def _piece(body: Body, root_from_body: Array) -> Piece:
+def _piece(body: Body, root_from_body: Array) -> DepthPiece:
     if body.support is None:
         raise InputError(
             f"{body.name} is not convex and bounded; use link_meshes='hull' for links, a Box or Mesh(hull=True) for "
             "other bodies"
         )
-    return Piece(body.core_shape, np.asarray(np.linalg.inv(root_from_body), dtype=float))
+    return DepthPiece(body.core_shape, np.asarray(np.linalg.inv(root_from_body), dtype=float))
 
 
 def _look_through(view: DepthView, name: str, parts: Sequence[Body], nearest: Array, farthest: Array) -> int:
@@ -195,7 +195,7 @@ def _polytope(body: Body, camera_from_root: pin.SE3) -> _Polytope:
     return _Polytope(hull.points[hull.vertices], hull.equations)
 
 
-def _crossing(view: DepthView, piece: _Polytope) -> _Crossing:
+def _crossing(view: DepthView, piece: _Polytope) -> _RayCrossing:
     camera = view.intrinsics
     rows, columns = slice(0, camera.height), slice(0, camera.width)
     if (piece.corners[:, 2] > 0).all():
@@ -215,7 +215,7 @@ def _crossing(view: DepthView, piece: _Polytope) -> _Crossing:
     hit = (enter <= leave) & (leave > 0)
     corners = [slice(None, -1), slice(1, None)]
     four = [(i, j) for i in corners for j in corners]
-    return _Crossing(
+    return _RayCrossing(
         (rows, columns),
         np.minimum.reduce([np.where(hit, enter, np.inf)[at] for at in four]),
         np.minimum.reduce([np.where(hit, leave, np.inf)[at] for at in four]),

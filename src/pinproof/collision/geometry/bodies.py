@@ -40,7 +40,7 @@ from pinproof.collision.geometry.shapes import (
     Sphere,
 )
 from pinproof.collision.geometry.surfaces import Cells, Ground, cell_faces, cells_of, ground_surface, merged_boxes
-from pinproof.description.meshes import TriangleMesh, read_mesh
+from pinproof.description import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import Array, frozen, matrix
 

@@ -162,7 +162,7 @@ def convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPieces 
     cells = []
     for part in solid.solids if len(solid.solids) <= most else (corners,):
         space = _Space(partial(inside, corners=part, box=box_of(part)), SNAP * size, NUDGE * size, size)
-        cells.append(_Cell(space, part, _box(part), *_reflex_edges(part, SNAP * size)))
+        cells.append(_ConvexCell(space, part, _box(part), *_reflex_edges(part, SNAP * size)))
     # The space of a hull takes seconds for a mesh of 100,000 triangles, so the planes are counted first.
     if sum(len(cell.reflex_planes()) for cell in cells) > 1.5 * most and (
         sum(len(each.reflex_planes()) for each in cells if each.hull.has_space(*each.samples, tolerance)) > 1.5 * most
@@ -180,12 +180,12 @@ class _Space:
     size: float
 
 
-def _cells(given: Sequence[_Cell], most: int, tolerance: float) -> list[tuple[PointHull, Samples]]:
+def _cells(given: Sequence[_ConvexCell], most: int, tolerance: float) -> list[tuple[PointHull, Samples]]:
     """Return the hulls of the cells, each with samples of its surface; the cell of the largest cost is cut first."""
     number = len(given)
     queue = [(-cell.cost, k, cell) for k, cell in enumerate(given)]
     heapq.heapify(queue)
-    done: list[_Cell] = []
+    done: list[_ConvexCell] = []
     while queue:
         cell = heapq.heappop(queue)[2]
         if cell.deepest <= tolerance:
@@ -230,7 +230,7 @@ def _joined(cells: list[tuple[PointHull, Samples]], tolerance: float) -> list[Po
 
 
 @dataclass(eq=False)
-class _Cell:
+class _ConvexCell:
     """A convex cell, the triangles (F, 3, 3) cut to it, and the reflex edges (E, 2, 3) in it."""
 
     space: _Space = field(repr=False)
@@ -280,9 +280,9 @@ class _Cell:
         areas = np.tile(with_area(self.corners)[2], len(AT)) / len(AT)
         return float(areas @ np.minimum(self._space, self.space.size))
 
-    def best_cut(self) -> tuple[_Cell, _Cell]:
+    def best_cut(self) -> tuple[_ConvexCell, _ConvexCell]:
         """Return the two halves of the cut with the smallest remaining cost."""
-        best: tuple[float, tuple[_Cell, _Cell]] | None = None
+        best: tuple[float, tuple[_ConvexCell, _ConvexCell]] | None = None
         for plane in self.reflex_planes()[:PLANES_TRIED] or self._middles():
             halves = self._cut(plane)
             if any(half.hull.volume >= self.hull.volume * (1 - 1e-9) for half in halves):
@@ -313,13 +313,13 @@ class _Cell:
             made.append(np.append(normal, -(low[axis] + high[axis]) / 2))
         return made
 
-    def _cut(self, plane: Array) -> tuple[_Cell, _Cell]:
+    def _cut(self, plane: Array) -> tuple[_ConvexCell, _ConvexCell]:
         """Return the cells below and above a plane."""
         snap = self.space.snap
         lower, upper = split_triangles(self.corners, plane, snap)
         faces = split_cell(self.faces, plane, snap)
         edges = split_edges(self.edges, self.planes, plane, snap)
-        return _Cell(self.space, lower, faces[0], *edges[0]), _Cell(self.space, upper, faces[1], *edges[1])
+        return _ConvexCell(self.space, lower, faces[0], *edges[0]), _ConvexCell(self.space, upper, faces[1], *edges[1])
 
 
 def _box(corners: Array) -> list[Array]:

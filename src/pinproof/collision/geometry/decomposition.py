@@ -76,7 +76,7 @@ def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PI
     flat = corners.reshape(-1, 3)
     # Cells share corners, and the test whether a corner is inside the body is slow.
     known = cache(lambda *corner: contains(np.array([corner])))
-    mesh_cell = _Cell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), known)
+    mesh_cell = _MeshCell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), known)
     enclosed = abs(float(np.linalg.det(corners - mesh_cell.box.mean(axis=0)).sum())) / 6
     if 0 < mesh_cell.hull.volume <= SNUG * enclosed:
         return [mesh_cell.hull.points]
@@ -87,7 +87,7 @@ def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PI
     return [hull.points for hull in halves]
 
 
-def _cut_up(mesh_cell: _Cell, closely: bool, pieces: int) -> list[PointHull]:
+def _cut_up(mesh_cell: _MeshCell, closely: bool, pieces: int) -> list[PointHull]:
     """Return the hulls of the cells: cut at the best plane, or in halves, which suits round and hollow bodies."""
     least = WORTH * float(np.prod(np.ptp(mesh_cell.box, axis=0)))
     number = 0
@@ -134,7 +134,7 @@ def _meet(one: PointHull, other: PointHull) -> bool:
 
 
 @dataclass
-class _Cell:
+class _MeshCell:
     """A box (2, 3) of space and the triangles (F, 3, 3) clipped to it."""
 
     corners: Array
@@ -167,7 +167,7 @@ class _Cell:
     @cached_property
     def best_cut(self) -> tuple[int, float]:
         """The axis and position of the cut with the smallest remaining volume; the middle if no cut is better."""
-        few = _Cell(self._few(), self.box, lambda *_: False)
+        few = _MeshCell(self._few(), self.box, lambda *_: False)
         best, least = self.middle, self.space * (1 - 1e-9)
         for axis in range(3):
             for place in _places(self.corners, axis):
@@ -200,12 +200,12 @@ class _Cell:
         distance = self.hull.space(corners[chosen].mean(axis=1), normals[chosen])
         return float(np.minimum(distance, np.linalg.norm(np.ptp(self.points, axis=0))) @ times) * total / SAMPLES
 
-    def cut(self, axis: int, place: float) -> tuple[_Cell, _Cell]:
+    def cut(self, axis: int, place: float) -> tuple[_MeshCell, _MeshCell]:
         """Return the two cells on both sides of a plane."""
         below, above = self.box.copy(), self.box.copy()
         below[1, axis] = above[0, axis] = place
         lower, upper = _split(self.corners, axis, place)
-        return _Cell(lower, below, self.contains), _Cell(upper, above, self.contains)
+        return _MeshCell(lower, below, self.contains), _MeshCell(upper, above, self.contains)
 
 
 def _spread(areas: Array, count: int) -> npt.NDArray[np.int64]:

@@ -87,7 +87,7 @@ class Intrinsics:
         return Intrinsics(self.fx * factor, self.fy * factor, cx, cy, *size)
 
 
-class Piece(NamedTuple):
+class DepthPiece(NamedTuple):
     """A convex piece of a body: its shape in the compiled core, and the pose of the root in its frame (4, 4)."""
 
     shape: Shape
@@ -98,7 +98,7 @@ class RemovedBody(NamedTuple):
     """A body that was removed from a view."""
 
     name: str
-    pieces: tuple[Piece, ...]
+    pieces: tuple[DepthPiece, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -162,7 +162,7 @@ class Solid:
         points, index = np.unique(self.vertices, axis=0, return_inverse=True)
         faces = index.reshape(-1)[self.triangles]
         faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-        edges = _Edges.of(faces, len(points))
+        edges = _HullEdges.of(faces, len(points))
         parts = edges.parts(len(faces))
         closed = not self.hollow and edges.closed(parts)
         object.__setattr__(self, "watertight", closed)
@@ -210,7 +210,7 @@ def winding_number(point: Array, corners: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Edges:
+class _HullEdges:
     """The three edges of each triangle (3 F,): the triangle, the number of the edge, and +-1 for the direction."""
 
     face: Triangles
@@ -218,7 +218,7 @@ class _Edges:
     direction: Triangles
 
     @classmethod
-    def of(cls, faces: Triangles, count: int) -> _Edges:
+    def of(cls, faces: Triangles, count: int) -> _HullEdges:
         ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
         number = np.unique(ends.min(axis=1) * count + ends.max(axis=1), return_inverse=True)[1].reshape(-1)
         return cls(np.tile(np.arange(len(faces)), 3), number, np.where(ends[:, 0] < ends[:, 1], 1, -1))

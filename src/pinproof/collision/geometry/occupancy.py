@@ -26,9 +26,9 @@ from pinproof.collision.geometry.depth_image import (
     DEPTH_UNCERTAINTY,
     PIXEL_MARGIN,
     VIEW,
+    DepthPiece,
     DepthView,
     Intrinsics,
-    Piece,
 )
 from pinproof.collision.geometry.octomap_file import THRESHOLD, OctomapLeaves, read_octomap
 from pinproof.collision.geometry.shape_values import COORDINATE, LARGEST_SIZE, LENGTH, ByContent, checked_size
@@ -372,7 +372,7 @@ class OccupancyGrid(ByContent):
 
     # -- combination and removal --------------------------------------------------------------------------------------
 
-    def cleared(self, pieces: Iterable[Piece], padding: float, where: str) -> OccupancyGrid:
+    def cleared(self, pieces: Iterable[DepthPiece], padding: float, where: str) -> OccupancyGrid:
         """Return the grid in which cells entirely within ``padding`` (m) of a convex piece are free.
 
         :func:`pinproof.collision.remove_robot` and :func:`pinproof.collision.remove_body` call this; ``where`` is a

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.files import refuse_unreadable, unknown_suffix
-from pinproof.description.mesh_formats.ply import positions, read_elements
+from pinproof.description import positions, read_elements
 from pinproof.errors import FileError, InputError
 
 LARGEST_FILE = 2**30

@@ -46,7 +46,7 @@ from pinproof.collision.geometry.shapes import (
 )
 from pinproof.common.structs import parsed
 from pinproof.common.yaml_file import LinedMapping, refuse_unknown, require_list
-from pinproof.description.packages import locate
+from pinproof.description import locate
 from pinproof.errors import FileError, InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose
 

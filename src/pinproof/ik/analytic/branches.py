@@ -16,8 +16,7 @@ from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
 from pinproof.ik.result import IkAnswer
 from pinproof.ik.windings import TURN, nearest_winding
-from pinproof.model import Arm
-from pinproof.model.limits import AT_LIMIT
+from pinproof.model import AT_LIMIT, Arm
 from pinproof.spatial import Array
 from pinproof.units import far_hint
 

@@ -33,7 +33,7 @@ DISTINCT = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class JointLine:
     """A joint axis: unit direction (3,), point (3,) in m, whether it is prismatic, and its index in q (-1: virtual)."""
 
     direction: Array
@@ -41,7 +41,7 @@ class Line:
     prismatic: bool
     joint: int
 
-    def nearest_to(self, other: Line) -> Array:
+    def nearest_to(self, other: JointLine) -> Array:
         """The point (3,) of this line that is closest to another line; for parallel lines, to the other's point."""
         gap = other.point - self.point
         cosine = float(self.direction @ other.direction)
@@ -71,7 +71,7 @@ class Triple:
     first: int
     planar: bool
     deviation: float
-    lines: tuple[Line, Line, Line]
+    lines: tuple[JointLine, JointLine, JointLine]
 
     @property
     def name(self) -> str:
@@ -82,7 +82,7 @@ class Triple:
         return kind
 
 
-def lines_of(arm: Arm) -> tuple[list[Line], Array]:
+def lines_of(arm: Arm) -> tuple[list[JointLine], Array]:
     """The joint axes at q = 0, and base_from_tcp (4, 4) at q = 0.
 
     Raises
@@ -99,17 +99,17 @@ def lines_of(arm: Arm) -> tuple[list[Line], Array]:
     pose, lines = np.eye(4), []
     for before, prismatic, index in zip(chain.before, chain.prismatic.tolist(), chain.index.tolist(), strict=True):
         pose = pose @ before
-        lines.append(Line(pose[:3, 2].copy(), pose[:3, 3].copy(), prismatic, index))
+        lines.append(JointLine(pose[:3, 2].copy(), pose[:3, 3].copy(), prismatic, index))
     return lines, pose @ chain.tool
 
 
-def size_of(lines: Sequence[Line], tool: Array) -> float:
+def size_of(lines: Sequence[JointLine], tool: Array) -> float:
     """The size of the arm (m): the largest distance between its joints and the tcp."""
     points = np.array([line.point for line in lines] + [tool[:3, 3]])
     return max(float(np.linalg.norm(points[:, None] - points[None], axis=2).max()), 1e-3)
 
 
-def find_triples(lines: Sequence[Line], size: float, tolerance: float = SNAP_TOLERANCE) -> Iterator[Triple]:
+def find_triples(lines: Sequence[JointLine], size: float, tolerance: float = SNAP_TOLERANCE) -> Iterator[Triple]:
     """All triples of consecutive lines whose deviation is within the tolerance."""
     for first in range(len(lines) - 2):
         three = (lines[first], lines[first + 1], lines[first + 2])
@@ -118,7 +118,7 @@ def find_triples(lines: Sequence[Line], size: float, tolerance: float = SNAP_TOL
                 yield triple
 
 
-def _spherical(first: int, three: tuple[Line, Line, Line], size: float) -> Triple | None:
+def _spherical(first: int, three: tuple[JointLine, JointLine, JointLine], size: float) -> Triple | None:
     if any(line.prismatic for line in three):
         return None
     axes = np.array([line.direction for line in three])
@@ -132,7 +132,7 @@ def _spherical(first: int, three: tuple[Line, Line, Line], size: float) -> Tripl
     return Triple(first, False, deviation, (a, b, c))
 
 
-def _planar(first: int, three: tuple[Line, Line, Line], size: float) -> Triple | None:
+def _planar(first: int, three: tuple[JointLine, JointLine, JointLine], size: float) -> Triple | None:
     turning = [line for line in three if not line.prismatic]
     if not turning:
         return None
@@ -170,13 +170,13 @@ def _planar(first: int, three: tuple[Line, Line, Line], size: float) -> Triple |
     return Triple(first, True, deviation, (ideal[0], ideal[1], ideal[2]))
 
 
-Order = list[Line]
+Order = list[JointLine]
 
 DRAWS = 24
 """Number of random choices of virtual axes that are compared."""
 
 
-def completed(lines: Sequence[Line], tool: Array, size: float) -> Iterator[tuple[int | None, Order]]:
+def completed(lines: Sequence[JointLine], tool: Array, size: float) -> Iterator[tuple[int | None, Order]]:
     """Chains of six lines, or of seven with the index of the locked one."""
     if len(lines) == 7:
         for locked in range(7):
@@ -226,19 +226,19 @@ def _with_triple(lines: Order, tool: Array, size: float) -> Iterator[Order]:
             if line.prismatic:
                 continue
             centre = line.point + ((place - line.point) @ line.direction) * line.direction
-            two = [Line(_unit(rng), centre, False, -1) for _ in range(2)]
+            two = [JointLine(_unit(rng), centre, False, -1) for _ in range(2)]
             found = True
             yield [*lines[: i + 1], *two, *lines[i + 1 :]]
     if missing >= 3 and not found:
-        yield [*lines, *(Line(direction, place, False, -1) for direction in np.eye(3))]
+        yield [*lines, *(JointLine(direction, place, False, -1) for direction in np.eye(3))]
 
 
-def _third(a: Line, b: Line, place: Array, size: float) -> Iterator[Line]:
+def _third(a: JointLine, b: JointLine, place: Array, size: float) -> Iterator[JointLine]:
     """Virtual axes that complete two adjacent axes to a triple."""
     if a.prismatic and b.prismatic:
         normal = np.cross(a.direction, b.direction)
         if np.linalg.norm(normal) > DISTINCT:
-            yield Line(normal / np.linalg.norm(normal), place, False, -1)
+            yield JointLine(normal / np.linalg.norm(normal), place, False, -1)
         return
     if a.prismatic or b.prismatic:
         turning = b if a.prismatic else a
@@ -251,17 +251,17 @@ def _third(a: Line, b: Line, place: Array, size: float) -> Iterator[Line]:
     elif np.linalg.norm(normal) > DISTINCT:
         centre = a.nearest_to(b)
         if np.linalg.norm(centre - b.nearest_to(a)) < SNAP_TOLERANCE * size:
-            yield Line(normal / np.linalg.norm(normal), centre, False, -1)
+            yield JointLine(normal / np.linalg.norm(normal), centre, False, -1)
 
 
-def _beside(direction: Array, a: Line, b: Line, place: Array, size: float) -> Line:
+def _beside(direction: Array, a: JointLine, b: JointLine, place: Array, size: float) -> JointLine:
     """A parallel axis distinct from both: through the tcp, or at a distance from it."""
     aside = np.cross(direction, np.eye(3)[int(np.abs(direction).argmin())])
     for offset in (0.0, 0.5, 1.1, 1.7):
         point = place + offset * size * aside
         if min(np.linalg.norm(np.cross(direction, point - line.point)) for line in (a, b)) > 0.1 * size:
-            return Line(direction, point, False, -1)
-    return Line(direction, place, False, -1)
+            return JointLine(direction, point, False, -1)
+    return JointLine(direction, place, False, -1)
 
 
 def in_general_position(lines: Order, missing: int, tool: Array, size: float) -> Order:
@@ -269,7 +269,9 @@ def in_general_position(lines: Order, missing: int, tool: Array, size: float) ->
     best, best_value = lines, -1.0
     for draw in range(DRAWS):
         rng = np.random.default_rng(draw)
-        more = [Line(_unit(rng), tool[:3, 3] + rng.uniform(-0.5, 0.5, 3) * size, False, -1) for _ in range(missing)]
+        more = [
+            JointLine(_unit(rng), tool[:3, 3] + rng.uniform(-0.5, 0.5, 3) * size, False, -1) for _ in range(missing)
+        ]
         order = [*lines, *more]
         value = min(_conditioning(order, np.random.default_rng(7 + k), size) for k in range(4))
         if value > best_value:
@@ -277,7 +279,7 @@ def in_general_position(lines: Order, missing: int, tool: Array, size: float) ->
     return best
 
 
-def _conditioning(lines: Sequence[Line], rng: np.random.Generator, size: float) -> float:
+def _conditioning(lines: Sequence[JointLine], rng: np.random.Generator, size: float) -> float:
     """The smallest singular value of the screws of the lines, at random values of the joints that are not virtual."""
     moved, screws = np.eye(4), []
     for line in lines:
@@ -291,7 +293,7 @@ def _conditioning(lines: Sequence[Line], rng: np.random.Generator, size: float) 
     return float(np.linalg.svd(np.array(screws), compute_uv=False)[-1])
 
 
-def _motion(line: Line, value: float, size: float) -> Array:
+def _motion(line: JointLine, value: float, size: float) -> Array:
     if not line.prismatic:
         return rotation_about_line(line.point, line.direction, value)
     pose = np.eye(4)

@@ -18,7 +18,7 @@ from pinproof import _core
 from pinproof.errors import InputError, NoClosedForm
 from pinproof.ik.analytic.geometry import (
     EXACT,
-    Line,
+    JointLine,
     Triple,
     completed,
     find_triples,
@@ -177,7 +177,7 @@ def general_plans_of(arm: Arm) -> Iterator[Plan]:
     lines, tool = lines_of(arm)
     size = size_of(lines, tool)
     if len(lines) == 7:
-        orders: list[tuple[int | None, list[Line]]] = [(locked, list(lines)) for locked in range(7)]
+        orders: list[tuple[int | None, list[JointLine]]] = [(locked, list(lines)) for locked in range(7)]
     elif len(lines) == 6:
         orders = [(None, list(lines))]
     else:
@@ -212,7 +212,9 @@ def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
     return found, int(not quartic), round(sensitivity, 3), -plan.deviation
 
 
-def _plan(arm: Arm, order: Sequence[Line], triple: Triple | None, locked: int | None, tool: Array, size: float) -> Plan:
+def _plan(
+    arm: Arm, order: Sequence[JointLine], triple: Triple | None, locked: int | None, tool: Array, size: float
+) -> Plan:
     six = [i for i in range(len(order)) if i != locked]
     ideal = list(order)
     names = [arm.joint_names[order[i].joint] if order[i].joint >= 0 else "a virtual joint" for i in six]
@@ -268,7 +270,7 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple | None, locked: int | 
     )
 
 
-def _choose_points(lines: list[Line], outside: Sequence[int]) -> None:
+def _choose_points(lines: list[JointLine], outside: Sequence[int]) -> None:
     """Set the point of each of the joints a, b, c closest to its neighbour: if axes meet, terms vanish."""
     a, b, c = outside
     pairs = ((a, b), (b, a), (c, b)) if b == a + 1 else ((a, b), (b, c), (c, b))

@@ -11,7 +11,7 @@ from pinproof.motion import Trajectory
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.intercept import judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.task import Cell
+from pinproof.picks.judging.task import PickCell
 from pinproof.picks.judging.verdict import PickVerdict
 
 
@@ -95,7 +95,7 @@ def pick_from_belt(setup: PickSetup, picks: Iterable[Pick]) -> BeltSequence:
     return BeltSequence(tuple(verdicts), now)
 
 
-def _after(cell: Cell, verdict: PickVerdict) -> Cell:
+def _after(cell: PickCell, verdict: PickVerdict) -> PickCell:
     """The cell after a pick: the arm at the end of its motion, and the part at its place or gone."""
     name, last, belt = str(verdict.pick.carried), verdict.motions[-1], cell.shared.conveyor
     if belt is None or verdict.trajectory is None:

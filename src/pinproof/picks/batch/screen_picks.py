@@ -21,7 +21,7 @@ from pinproof.picks.input.sources import PickSource, as_source
 from pinproof.picks.judging.configurations import limit_margin
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.setup import check_held_joints
-from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.spatial import SE3, Array, matrix, rigid, rigid_many
 
 Indices = npt.NDArray[np.int64]
@@ -62,7 +62,7 @@ class _Open:
 class GraspScreening:
     """Screens picks of a cell; safe to use from several threads. The arguments are those of :func:`screen_picks`."""
 
-    def __init__(self, cell: Cell, *, attempts: int, rng: int, clearance: bool) -> None:
+    def __init__(self, cell: PickCell, *, attempts: int, rng: int, clearance: bool) -> None:
         def screening(checker: CollisionChecker) -> Screening:
             return Screening(checker, cell.home, attempts=attempts, rng=rng, clearance=clearance)
 
@@ -111,7 +111,7 @@ class GraspScreening:
             pick, taken = item, None
             if item.frame or item.carried is not None:
                 try:
-                    task = Task(item, self._cell)
+                    task = PickTask(item, self._cell)
                 except InputError:
                     continue
                 pick, taken = task.pick, task.name if task.from_scene and self._hand else None
@@ -210,7 +210,7 @@ def screen_picks(
     check_held_joints(arm, shared)
     home_q = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
     checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
-    cell = Cell(checker, shared, arm.limits.snap(arm.configuration(home_q, "home")))
+    cell = PickCell(checker, shared, arm.limits.snap(arm.configuration(home_q, "home")))
     screening = GraspScreening(cell, attempts=attempts, rng=rng, clearance=clearance)
     total = len(source)
 
@@ -267,7 +267,7 @@ class _Numbered(Sequence[str]):
 class _Reasons:
     """Judges a single pick again, to obtain the messages of its stages."""
 
-    cell: Cell
+    cell: PickCell
     source: PickSource
     rng: int
 
@@ -276,7 +276,7 @@ class _Reasons:
         if isinstance(item, PickProblem):
             return item.reason
         try:
-            task = Task(item, self.cell)
+            task = PickTask(item, self.cell)
         except InputError as error:
             return str(error)
         members = next(task.groups())

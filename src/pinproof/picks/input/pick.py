@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pinproof.collision import Obstacle
-from pinproof.collision.certificates.path_constraints import SMALLEST
+from pinproof.collision import SMALLEST, Obstacle
 from pinproof.common.display import html_block, html_table
 from pinproof.common.structs import (
     ANGLE,

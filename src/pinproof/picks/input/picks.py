@@ -40,11 +40,9 @@ from pinproof.common.structs import (
 )
 from pinproof.common.validation import require_number
 from pinproof.common.yaml_file import LinedMapping
-from pinproof.description.meshes import COLOURED_SUFFIXES
-from pinproof.description.urdf import moved_by
+from pinproof.description import COLOURED_SUFFIXES, moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
-from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, load_robot
-from pinproof.model.dynamics import checked_payloads
+from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, checked_payloads, load_robot
 from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.pick import POSE_IN_REACH, Pick, pose_in_reach
 from pinproof.picks.input.settings import GripLimits, PickBudget

@@ -10,11 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinproof.collision import CollisionChecker
-from pinproof.collision.geometry.bodies import Body
-from pinproof.collision.geometry.inner_shapes import inner_shapes
-from pinproof.description.urdf import moved_by
-from pinproof.ik import Overlap, ReachProof, is_provable, prove_unreachable
+from pinproof.collision import Body, CollisionChecker, inner_shapes
+from pinproof.description import moved_by
+from pinproof.ik import BodyOverlap, ReachProof, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.spatial import SE3, Array
 
@@ -49,7 +47,7 @@ def prove_blocked(checker: CollisionChecker, target: SE3, q: Array) -> ReachProo
     return proof if proof.proven else None
 
 
-def _overlaps(checker: CollisionChecker, q: Array) -> list[Overlap]:
+def _overlaps(checker: CollisionChecker, q: Array) -> list[BodyOverlap]:
     """The overlaps of shapes inside the bodies that penetrate each other at some of the configurations q (k, n)."""
     bare = checker.with_margin(0.0, {})
     pairs: dict[tuple[str, str], tuple[Body, Body, tuple[str, str]]] = {}
@@ -59,7 +57,7 @@ def _overlaps(checker: CollisionChecker, q: Array) -> list[Overlap]:
             first, second = (exact.bodies[i] for i in exact.pairs[k])
             pairs.setdefault((first.name, second.name), (first, second, (first.owner, second.owner)))
     carriers = _Carriers(checker.arm)
-    found: list[Overlap] = []
+    found: list[BodyOverlap] = []
     for first, second, names in pairs.values():
         on = carriers.of(first), carriers.of(second)
         if on[0] is not None and on[1] is not None and on[0][0] != on[1][0]:
@@ -109,7 +107,7 @@ def _along(arm: Arm, q: Array) -> list[Array]:
 
 def _between(
     bodies: tuple[Body, Body], on: tuple[tuple[int, Array], tuple[int, Array]], names: tuple[str, str]
-) -> Sequence[Overlap]:
+) -> Sequence[BodyOverlap]:
     """The overlaps of the balls of each body with the box of the other one or, if neither has a box, with its balls."""
     found = []
     shapes = inner_shapes(bodies[0]), inner_shapes(bodies[1])
@@ -131,6 +129,8 @@ def _between(
                 pose = other_from_body.copy()
                 pose[:3, 3] = other_from_body[:3, :3] @ at + other_from_body[:3, 3]
                 found.append(
-                    Overlap((names[mine], names[other]), link, centre, float(ball[3]), other_link, pose, half, radius)
+                    BodyOverlap(
+                        (names[mine], names[other]), link, centre, float(ball[3]), other_link, pose, half, radius
+                    )
                 )
     return found

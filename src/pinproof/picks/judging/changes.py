@@ -27,10 +27,10 @@ import numpy as np
 
 from pinproof.errors import InputError
 from pinproof.ik import Clik
-from pinproof.motion.curve import read_only
+from pinproof.motion import read_only
 from pinproof.picks.input.pick import ROOT, TIP, Pick
 from pinproof.picks.judging.configurations import has_closed_form
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage
 from pinproof.spatial import SE3, Array, rotation_about, translated
 
@@ -246,12 +246,12 @@ def _changes(
     return sorted(made.values(), key=lambda each: each.size)
 
 
-def _keeps_place(task: Task, pick: Pick) -> bool:
+def _keeps_place(task: PickTask, pick: Pick) -> bool:
     """Whether the place moves with the grasp, so that the object is still put down at the requested pose."""
     return pick.place is not None and pick.place.pose_of == TIP and task.from_scene
 
 
-def turns(task: Task, pick: Pick) -> list[Change]:
+def turns(task: PickTask, pick: Pick) -> list[Change]:
     """The pick turned about its approach direction."""
     return [
         _turn_change(task, pick, sign * degrees, task.pick.axis_in(task.pick.pose), (sign,), degrees in EARLY_TURNS)
@@ -261,7 +261,7 @@ def turns(task: Task, pick: Pick) -> list[Change]:
     ]
 
 
-def tilts(task: Task, pick: Pick) -> list[Change]:
+def tilts(task: PickTask, pick: Pick) -> list[Change]:
     """The pick tilted about the axes of the tip that are most nearly across its approach direction."""
     across = np.delete(np.arange(3), int(np.argmax(np.abs(task.pick.axis_in(task.pick.pose)))))
     return [
@@ -272,12 +272,14 @@ def tilts(task: Task, pick: Pick) -> list[Change]:
     ]
 
 
-def _turn_change(task: Task, pick: Pick, degrees: int, axis: Array, direction: tuple[int, ...], early: bool) -> Change:
+def _turn_change(
+    task: PickTask, pick: Pick, degrees: int, axis: Array, direction: tuple[int, ...], early: bool
+) -> Change:
     words = turn_words(float(degrees), axis, with_place=_keeps_place(task, pick))
     return Change(words, pick, float(abs(degrees)), direction, early)
 
 
-def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], ChangesOf]:
+def shifts_of(task: PickTask, pick: Pick, stage: Stage) -> tuple[list[Shift], ChangesOf]:
     """Shifts of the pick along the axes of its frame and between them, and how they change it.
 
     If the pick is out of reach, also shifts towards the nearest pose that is reached.
@@ -306,7 +308,7 @@ def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], Change
     )
 
 
-def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], ChangesOf]:
+def place_shifts(task: PickTask, pick: Pick) -> tuple[list[Shift], ChangesOf]:
     """The result of :func:`shifts_of` for the place."""
     if task.place is None or pick.place is None:
         raise InputError(f"pick {pick.name!r} has no place")
@@ -337,7 +339,7 @@ def _vectors(distances: tuple[int, ...], directions: int) -> tuple[Shift, ...]:
     return tuple(shifts)
 
 
-def _towards_reach(task: Task, root_from_tip: SE3, root_from_frame: Array) -> Iterable[Shift]:
+def _towards_reach(task: PickTask, root_from_tip: SE3, root_from_frame: Array) -> Iterable[Shift]:
     """Shifts of a pose, in the axes of a frame, towards the nearest pose that inverse kinematics finds.
 
     All of the gap, its part across the z axis of the frame, and its largest component; rounded away from the pose.
@@ -354,7 +356,7 @@ def _towards_reach(task: Task, root_from_tip: SE3, root_from_frame: Array) -> It
                 yield Shift(by, (line,), stretch in EARLY_STRETCHES)
 
 
-def _detail(task: Task, members: int) -> tuple[tuple[int, ...], int]:
+def _detail(task: PickTask, members: int) -> tuple[tuple[int, ...], int]:
     """The distances, and the number of directions, that the screening budget allows."""
     weight = 1 if task.cell.closed_form else SWEPT if has_closed_form(task.arm, most=7) else SEARCHED
     for directions in (len(DIRECTIONS), AXES):

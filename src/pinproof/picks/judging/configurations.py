@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
-from pinproof.model import Arm, JointLimits
-from pinproof.model.limits import AT_LIMIT
+from pinproof.model import AT_LIMIT, Arm, JointLimits
 from pinproof.spatial import Array
 
 SWEEP = AnalyticIk(redundant_steps=24)

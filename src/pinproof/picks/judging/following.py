@@ -16,13 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pinproof.ik import IkTask, track
-from pinproof.motion import CubicPath, Trajectory
-from pinproof.motion.limits import RATE_TOLERANCE
+from pinproof.motion import RATE_TOLERANCE, CubicPath, Trajectory
 from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.pick import Member
-from pinproof.picks.judging.task import Task
-from pinproof.planning.follow import RouteFollower
-from pinproof.planning.route import Route
+from pinproof.picks.judging.task import PickTask
+from pinproof.planning import Route, RouteFollower
 from pinproof.spatial import SE3, Array, translated
 
 TIME_STEP = 0.01
@@ -63,7 +61,7 @@ class Following:
     rotation_deviation: float
 
 
-def follow_belt(task: Task, member: Member, q: Array, belt: Conveyor) -> Following | str:
+def follow_belt(task: PickTask, member: Member, q: Array, belt: Conveyor) -> Following | str:
     """The motion of a tool that is at the grasp with q (n,) when the tracking begins, or why it is not possible.
 
     ``task`` has all poses at the time at which the tracking begins.
@@ -76,7 +74,7 @@ def follow_belt(task: Task, member: Member, q: Array, belt: Conveyor) -> Followi
     for _ in range(ATTEMPTS):
         phases = _Phases(task, grasp, belt, *lines, *np.round(durations, 6).tolist())
         found = _followed(phases, q)
-        if not isinstance(found, _Excess):
+        if not isinstance(found, _BeltExcess):
             return found
         reason = found.reason
         durations = durations * found.longer
@@ -85,7 +83,7 @@ def follow_belt(task: Task, member: Member, q: Array, belt: Conveyor) -> Followi
     return reason
 
 
-class _Excess(NamedTuple):
+class _BeltExcess(NamedTuple):
     """Limits that are exceeded, and the factors (4,) by which the phases must take longer; infinite for no remedy."""
 
     reason: str
@@ -100,7 +98,7 @@ class _Phases:
     ``out`` those of the lines, whose displacements are ``approach`` and ``retreat``.
     """
 
-    task: Task
+    task: PickTask
     grasp: SE3
     belt: Conveyor
     approach: Array
@@ -145,7 +143,7 @@ def _smooth(u: float) -> tuple[float, float]:
     return u**3 * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * u * u * (1.0 - u) ** 2
 
 
-def _followed(phases: _Phases, q: Array) -> Following | _Excess | str:
+def _followed(phases: _Phases, q: Array) -> Following | _BeltExcess | str:
     arm, stops = phases.task.arm, phases.times
     before, after = _solved(phases, stops[2::-1], q), _solved(phases, stops[2:], q)
     if isinstance(before, str):
@@ -187,7 +185,7 @@ def _solved(phases: _Phases, stops: Sequence[float], q: Array) -> tuple[Array, A
     return times, np.vstack([q, solved.q])
 
 
-def _excess(task: Task, pieces: Sequence[Trajectory], tracking: Trajectory | None) -> _Excess | None:
+def _excess(task: PickTask, pieces: Sequence[Trajectory], tracking: Trajectory | None) -> _BeltExcess | None:
     """The limits of the joints that are exceeded; None if all are kept."""
     limits, names = task.arm.limits, task.arm.joint_names
     longer, reason = np.ones(len(pieces)), ""
@@ -203,12 +201,12 @@ def _excess(task: Task, pieces: Sequence[Trajectory], tracking: Trajectory | Non
             reason = f"to follow the belt, the {what} of {names[joint]} is {most[joint]:.3g} {unit}"
             reason += f"; its limit is {limit[joint]:.3g} {unit}"
             if k == len(pieces):  # the speed of the belt is given
-                return _Excess(reason, np.full(len(pieces), np.inf))
+                return _BeltExcess(reason, np.full(len(pieces), np.inf))
             longer[k] = max(longer[k], RESERVE * share**power)
         for outside in part.range():
             if exceeded := limits.violations(outside, names):
-                return _Excess(f"to follow the belt: {exceeded[0]}", np.full(len(pieces), np.inf))
-    return _Excess(reason, longer) if reason else None
+                return _BeltExcess(f"to follow the belt: {exceeded[0]}", np.full(len(pieces), np.inf))
+    return _BeltExcess(reason, longer) if reason else None
 
 
 def _deviation(phases: _Phases, tracking: Trajectory) -> tuple[float, float]:

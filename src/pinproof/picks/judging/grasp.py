@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker
-from pinproof.collision.checking.checker import CheckResult, Contact
+from pinproof.collision import CheckResult, CollisionChecker, Contact
 from pinproof.ik import AnalyticIk, Clik, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Member
@@ -29,7 +28,7 @@ from pinproof.picks.judging.configurations import (
     turned_inside,
 )
 from pinproof.picks.judging.motion_limits import at_rest
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.spatial import SE3, Array, twist_size
 
@@ -47,7 +46,7 @@ class Reached(NamedTuple):
     refuted: tuple[str, ...] = ()
 
 
-def reach(task: Task, members: list[Member], seed: int) -> Reached:
+def reach(task: PickTask, members: list[Member], seed: int) -> Reached:
     """The configurations at each of the given grasps."""
     arm, home = task.arm, task.cell.home
     targets = [task.target(task.grasp(member)) for member in members]
@@ -62,7 +61,9 @@ def reach(task: Task, members: list[Member], seed: int) -> Reached:
     return _reached(task, members, targets, row, q) if len(q) else _not_reached(task, members, targets, seed)
 
 
-def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDArray[np.int64], q: Array) -> Reached:
+def _reached(
+    task: PickTask, members: list[Member], targets: list[SE3], row: npt.NDArray[np.int64], q: Array
+) -> Reached:
     arm = task.arm
     off = max(twist_size(targets[i], arm.forward_kinematics(each))[0] for i, each in zip(row[:8], q[:8], strict=True))
     spread = f" for {len(members)} grasps" if len(members) > 1 else ""
@@ -76,7 +77,7 @@ def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDA
     return Reached(q, row, stages)
 
 
-def reach_between(task: Task, members: list[Member], reached: Reached) -> Reached | None:
+def reach_between(task: PickTask, members: list[Member], reached: Reached) -> Reached | None:
     """The configurations along the curves of IK solutions at the first grasps; None if all are in contact.
 
     An arm of seven joints has more configurations than those known for some values of the redundant joint. Grasps at
@@ -91,7 +92,7 @@ def reach_between(task: Task, members: list[Member], reached: Reached) -> Reache
     return _reached(task, members, targets, np.array(rest, dtype=np.int64)[row], q)
 
 
-def every_branch_is_known(task: Task, targets: list[SE3], arm: Arm | None = None) -> bool:
+def every_branch_is_known(task: PickTask, targets: list[SE3], arm: Arm | None = None) -> bool:
     """Whether the closed form is proven to give every configuration for each target."""
     if not task.cell.closed_form:
         return False
@@ -107,14 +108,14 @@ def proven_unreachable(arm: Arm, targets: list[SE3]) -> bool:
     return is_provable(arm) and all(prove_unreachable(arm, target, search=False).proven for target in targets)
 
 
-def every_branch(task: Task, root_from_tip: SE3, wanted: bool = True) -> Array:
+def every_branch(task: PickTask, root_from_tip: SE3, wanted: bool = True) -> Array:
     """(m, n) all configurations at a pose; empty if not all are known, or if they are not wanted."""
     if not wanted or not every_branch_is_known(task, [task.target(root_from_tip)]):
         return np.empty((0, task.arm.dof))
     return configurations(task.arm, task.targets([root_from_tip]), task.cell.home, 0)[1]
 
 
-def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: int) -> Reached:
+def _not_reached(task: PickTask, members: list[Member], targets: list[SE3], seed: int) -> Reached:
     """The result if no configuration was found: the reason is either the limits or the reach."""
     arm, wide, limits = task.arm, task.cell.wide_arm, task.arm.limits
     empty = np.empty((0, arm.dof)), np.empty(0, dtype=np.int64)
@@ -148,7 +149,7 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
     return Reached(*empty, (reached, failed), refuted)
 
 
-def out_of_reach(task: Task, stage: Stage, target: SE3, seed: int, what: str, where: str) -> StageResult:
+def out_of_reach(task: PickTask, stage: Stage, target: SE3, seed: int, what: str, where: str) -> StageResult:
     """The failure at a target ``base_from_tcp``, with the error of the nearest configuration found."""
     nearest = Clik().solve(task.arm, target, task.cell.home, rng=seed)
     error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
@@ -178,17 +179,17 @@ class Gripped(NamedTuple):
     refuted: tuple[str, ...]
 
 
-def grip_holds(task: Task, member: Member) -> bool:
+def grip_holds(task: PickTask, member: Member) -> bool:
     """Whether a grasp holds the object; True without an object."""
     return task.name is None or task.grip(member).held
 
 
-def not_held_words(task: Task, member: Member) -> str:
+def not_held_words(task: PickTask, member: Member) -> str:
     """Why a grasp does not hold the object."""
     return _of(member) + task.grip(member).message
 
 
-def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.int64]) -> Gripped:
+def judge_grip(task: PickTask, members: list[Member], q: Array, of: npt.NDArray[np.int64]) -> Gripped:
     """Judge collision-free configurations q (k, n) at the grasp; ``of`` (k,) is the member of each."""
     if task.name is None:
         message = "not checked: the pick states no object"
@@ -227,7 +228,7 @@ def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.i
     return gripped(closes, message, {**grip.figures, "closing_clearance": clear})
 
 
-def closing_words(task: Task, result: CheckResult) -> str:
+def closing_words(task: PickTask, result: CheckResult) -> str:
     """The contacts of the fingers while they close or open, each pair once, the deepest first."""
     finger_of = {body.name: name for name, bodies in task.cell.swept.items() for body in bodies}
     by_pair: dict[frozenset[str], str] = {}
@@ -254,7 +255,7 @@ RANKED = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class GraspCandidate:
     """A collision-free configuration at the grasp; its manipulability is relative to the best one, 0 to 1."""
 
     q: Array
@@ -270,13 +271,13 @@ class Screened(NamedTuple):
     object, which does not depend on the configuration.
     """
 
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[GraspCandidate, ...]
     stages: tuple[StageResult, ...]
     refuted: tuple[str, ...] = ()
     not_held: bool = False
 
 
-def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
+def screen(task: PickTask, members: list[Member], reached: Reached) -> Screened:
     """Judge all configurations at the grasp."""
     checker = task.at_grasp
     free = checker.is_free_batch(reached.q)
@@ -311,7 +312,7 @@ def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
     return Screened(tuple(candidates), (own, StageResult(Stage.GRASP, True, message, figures), gripped.result))
 
 
-def rank(task: Task, q: Array, members: list[Member]) -> list[Candidate]:
+def rank(task: PickTask, q: Array, members: list[Member]) -> list[GraspCandidate]:
     """The collision-free configurations q (k, n), ordered by score with the weights of the cell."""
     arm, home = task.arm, task.cell.home
     seconds = arm.limits.least_time(q - home)
@@ -322,7 +323,7 @@ def rank(task: Task, q: Array, members: list[Member]) -> list[Candidate]:
     volume = volume / max(volume.max(), np.finfo(float).tiny)
     parts = score_parts(seconds.min(), clearance, limit_margin(arm, q), volume, seconds)
     order = np.argsort(-weighed(parts, task.cell.weights), kind="stable").tolist()
-    return [Candidate(q[i], members[i], float(clearance[i]), float(volume[i])) for i in order]
+    return [GraspCandidate(q[i], members[i], float(clearance[i]), float(volume[i])) for i in order]
 
 
 def score_parts(
@@ -411,7 +412,7 @@ def _refuted(members: list[Member], reasons_of: Callable[[Member], list[str]]) -
     return tuple(reasons)
 
 
-def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, ...]:
+def refuted_by_name(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
     """Why each IK branch of each grasp is excluded, at the grasp or at the end of a line; empty if one is not.
 
     A line that could not be planned proves nothing. A grasp is refuted if no branch reaches an end of its lines or a
@@ -433,7 +434,7 @@ def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, 
     return _refuted(members, reasons_of)
 
 
-def refuted_at_release(task: Task, members: list[Member], seed: int) -> tuple[str, ...]:
+def refuted_at_release(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
     """Why each IK branch at the release of each grasp is excluded; empty if one is not."""
     if task.place is None:
         return ()
@@ -453,7 +454,7 @@ BETWEEN_BOXES = 100
 """Largest number of boxes of each of these proofs, a few milliseconds."""
 
 
-def _unreachable_between(task: Task, member: Member) -> str:
+def _unreachable_between(task: PickTask, member: Member) -> str:
     """Which pose on the lines of a grasp is proven to be out of reach within the deviation of lines; else empty."""
     grasp, position, orientation = task.grasp(member), *LINE_DEVIATION
     if not is_provable(task.arm):
@@ -475,7 +476,9 @@ def _unreachable_between(task: Task, member: Member) -> str:
     return ""
 
 
-def _branches_refuted(task: Task, root_from_tip: SE3, checker: CollisionChecker, where: str, seed: int) -> list[str]:
+def _branches_refuted(
+    task: PickTask, root_from_tip: SE3, checker: CollisionChecker, where: str, seed: int
+) -> list[str]:
     """Why each IK branch at a pose is excluded; empty if one is not, or if not all are known."""
     if not every_branch_is_known(task, [task.target(root_from_tip)]):
         if proven_unreachable(task.arm, [task.target(root_from_tip)]):
@@ -498,7 +501,7 @@ SPREAD = 1e-5
 agree to 1e-6 m and rad."""
 
 
-def refuted_by_contacts(task: Task, members: list[Member], reached: Reached, seed: int) -> tuple[str, ...]:
+def refuted_by_contacts(task: PickTask, members: list[Member], reached: Reached, seed: int) -> tuple[str, ...]:
     """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven."""
 
     def reasons_of(member: Member) -> list[str]:
@@ -512,7 +515,7 @@ def refuted_by_contacts(task: Task, members: list[Member], reached: Reached, see
 
 
 def _contacts_of_all(
-    task: Task, root_from_tip: SE3, checker: CollisionChecker, seed: int, known: Array | None = None
+    task: PickTask, root_from_tip: SE3, checker: CollisionChecker, seed: int, known: Array | None = None
 ) -> list[str]:
     """The contacts, as one text, by which every configuration at a pose is excluded; empty if this is not proven.
 

@@ -26,20 +26,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinproof.collision import ConvexHull, Obstacle
-from pinproof.collision.checking.line_surface import (
+from pinproof.collision import (
     TOUCH,
+    ConvexHull,
     LineSurface,
+    Obstacle,
     SurfacePoints,
     body_distance,
     depth_along,
+    link_bodies,
     outer_points,
     point_distance,
     travel_to_touch,
 )
-from pinproof.collision.checking.links import link_bodies
-from pinproof.description import UrdfJoint
-from pinproof.description.urdf import moved_by
+from pinproof.description import UrdfJoint, moved_by
 from pinproof.model import Arm
 from pinproof.picks.input.picks import GripperFingers
 from pinproof.picks.input.settings import GripLimits

@@ -16,18 +16,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinproof.collision import Certificate, CollisionChecker, Cylinder, Mesh, Mover, Obstacle, Scene, Shape, certify
-from pinproof.collision.checking.coal_checks import GJK_SLACK, MeasureConvex
-from pinproof.collision.checking.line_surface import MOST_ADVANCES, TOUCH, LineSurface, body_distance
-from pinproof.collision.checking.links import KINDS
-from pinproof.collision.checking.penetration import penetration
-from pinproof.description import LinkGeometry
-from pinproof.description.meshes import resolved
-from pinproof.description.urdf import moved_by
+from pinproof.collision import (
+    GJK_SLACK,
+    KINDS,
+    MOST_ADVANCES,
+    TOUCH,
+    Certificate,
+    CollisionChecker,
+    Cylinder,
+    LineSurface,
+    MeasureConvex,
+    Mesh,
+    Mover,
+    Obstacle,
+    Scene,
+    Shape,
+    body_distance,
+    certify,
+    penetration,
+)
+from pinproof.description import LinkGeometry, moved_by, resolved
 from pinproof.model import Arm
-from pinproof.motion import Curve
-from pinproof.motion.bezier import split
-from pinproof.motion.curve import BezierCurve
+from pinproof.motion import BezierCurve, Curve, split
 from pinproof.picks.input.picks import Picks, SuctionCup
 from pinproof.picks.judging.grip import HeldPart, MovingFinger
 from pinproof.spatial import SE3, Array, pose, translated

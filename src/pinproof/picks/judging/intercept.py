@@ -12,23 +12,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinproof.collision import Certificate, CollisionChecker, Mover, Upright, certify
-from pinproof.collision.certificates.identity import curve_hash
+from pinproof.collision import Certificate, CollisionChecker, Mover, Upright, certify, curve_hash
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import Trajectory
 from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.following import Following, follow_belt
-from pinproof.picks.judging.grasp import Candidate, reach, screen
+from pinproof.picks.judging.grasp import GraspCandidate, reach, screen
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.lines import Attempt, Pairs, along
 from pinproof.picks.judging.place import Placer, Scores
-from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.picks.judging.timing import MotionPart, part_of, timed_curve
 from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
-from pinproof.planning.among_movers import plan_among_movers
-from pinproof.planning.ends import with_turns
+from pinproof.planning import plan_among_movers, with_turns
 from pinproof.spatial import translated
 
 TIME_STEP = 0.1
@@ -56,13 +54,13 @@ VALID = StageResult(Stage.INPUT, True, "valid")
 """The first stage of every pick that can be judged."""
 
 
-def on_conveyor(pick: Pick, cell: Cell) -> bool:
+def on_conveyor(pick: Pick, cell: PickCell) -> bool:
     """Whether the object of a pick moves on the conveyor."""
     belt = cell.shared.conveyor
     return belt is not None and isinstance(pick.carried, str) and pick.carried in belt.parts
 
 
-class _Refused(Exception):
+class _InterceptRefused(Exception):
     """A stage failed at one time; ``stages`` are those after the input."""
 
     def __init__(self, *stages: StageResult) -> None:
@@ -70,11 +68,11 @@ class _Refused(Exception):
         self.stages = stages
 
 
-def judge_on_conveyor(pick: Pick, cell: Cell, seeds: list[int], start_time: float = 0.0) -> PickVerdict:
+def judge_on_conveyor(pick: Pick, cell: PickCell, seeds: list[int], start_time: float = 0.0) -> PickVerdict:
     """The verdict on a pick from the conveyor; the motion starts at the home of the cell at ``start_time`` (s)."""
     belt = cell.shared.conveyor
     try:
-        task = Task(pick, cell)
+        task = PickTask(pick, cell)
         if belt is None:
             raise InputError("the picks state no conveyor")
         _check(task, belt, start_time)
@@ -86,7 +84,7 @@ def judge_on_conveyor(pick: Pick, cell: Cell, seeds: list[int], start_time: floa
         tried += 1
         try:
             return _Moment(task, belt, time, member, seeds, start_time).verdict()
-        except _Refused as refused:
+        except _InterceptRefused as refused:
             farthest = max(farthest, refused.stages, key=len)
     if tried:
         failed = replace(farthest[-1], message=f"{farthest[-1].message}; the parts were tried at {tried} times")
@@ -95,7 +93,7 @@ def judge_on_conveyor(pick: Pick, cell: Cell, seeds: list[int], start_time: floa
     return PickVerdict(pick, PickStatus.NOT_FOUND, (VALID, *farthest[:-1], failed))
 
 
-def _check(task: Task, belt: Conveyor, start_time: float) -> None:
+def _check(task: PickTask, belt: Conveyor, start_time: float) -> None:
     if task.name not in belt.parts:
         raise InputError(f"{task.name!r} is not on the conveyor: it was taken before")
     unknown = [name for name in belt.parts if name not in task.scene]
@@ -107,7 +105,7 @@ def _check(task: Task, belt: Conveyor, start_time: float) -> None:
         raise InputError(f"start_time = {start_time!r}; it must be from 0 to {belt.duration:g} s, while the belt runs")
 
 
-def _meeting_times(task: Task, belt: Conveyor, start_time: float, seed: int) -> Iterator[tuple[float, Member]]:
+def _meeting_times(task: PickTask, belt: Conveyor, start_time: float, seed: int) -> Iterator[tuple[float, Member]]:
     """The times at which a grasp is in reach and the arm can be there, with the grasp; the earliest first."""
     arm, home = task.arm, task.cell.home
     times = np.arange(start_time + TIME_STEP, belt.duration - belt.dwell, TIME_STEP)
@@ -192,29 +190,29 @@ class _Timeline:
 class _Moment:
     """A pick at one time (s) of meeting the part; ``task`` has the cell as it is at time 0, ``then`` as it is then.
 
-    ``stages`` are the stages passed so far. A stage that fails raises :class:`_Refused`.
+    ``stages`` are the stages passed so far. A stage that fails raises :class:`_InterceptRefused`.
     """
 
     def __init__(
-        self, task: Task, belt: Conveyor, time: float, member: Member, seeds: list[int], start_time: float
+        self, task: PickTask, belt: Conveyor, time: float, member: Member, seeds: list[int], start_time: float
     ) -> None:
         self.task, self.belt, self.time, self.member, self.seeds = task, belt, time, member, seeds
         self.start_time = start_time
         self.then = _at_time(task, belt, time)
         self.stages: tuple[StageResult, ...] = ()
 
-    def _refused(self, stage: Stage, reason: str) -> _Refused:
-        return _Refused(*self.stages, StageResult(stage, False, reason))
+    def _refused(self, stage: Stage, reason: str) -> _InterceptRefused:
+        return _InterceptRefused(*self.stages, StageResult(stage, False, reason))
 
     def verdict(self) -> PickVerdict:
         """The good verdict."""
         reached = reach(self.then, [self.member], self.seeds[0])
         if not len(reached.q):
-            raise _Refused(*reached.stages)
+            raise _InterceptRefused(*reached.stages)
         screened = screen(self.then, [self.member], reached)
         at_grasp = (*reached.stages, *screened.stages)
         if not screened.candidates:
-            raise _Refused(*at_grasp)
+            raise _InterceptRefused(*at_grasp)
         home = self.task.cell.home
         order = sorted(
             screened.candidates, key=lambda each: float(least_seconds(self.task.arm, home[None], each.q[None])[0, 0])
@@ -224,15 +222,15 @@ class _Moment:
             self.stages = at_grasp
             try:
                 return self._complete(candidate, len(reached.q))
-            except _Refused as refused:
+            except _InterceptRefused as refused:
                 failed = max(failed, refused.stages, key=len)
-        raise _Refused(*failed)
+        raise _InterceptRefused(*failed)
 
-    def _complete(self, candidate: Candidate, tried: int) -> PickVerdict:
+    def _complete(self, candidate: GraspCandidate, tried: int) -> PickVerdict:
         attempt = along(self.then, self._turned(candidate))
         self.stages += attempt.stages
         if not attempt.passed:
-            raise _Refused(*self.stages)
+            raise _InterceptRefused(*self.stages)
         followed = follow_belt(self.then, self.member, attempt.q, self.belt)
         if isinstance(followed, str):
             raise self._refused(Stage.TIMING, followed)
@@ -268,7 +266,7 @@ class _Moment:
             intercept=Intercept(self.start_time, self.time, self.belt.speed * self.time, *deviations),
         )
 
-    def _turned(self, candidate: Candidate) -> Candidate:
+    def _turned(self, candidate: GraspCandidate) -> GraspCandidate:
         """The candidate with the full rotations nearest to home."""
         many, _ = with_turns(self.task.arm, self.task.cell.home, candidate.q[None])
         nearest = np.abs(many - self.task.cell.home).max(axis=1).argmin()
@@ -336,7 +334,7 @@ class _Moment:
         there = replace(attempt, retreat=None, candidate=replace(attempt.candidate, q=followed.retreat.end))
         result, placing = Placer(self.then, self.seeds[1]).place(there, self.seeds[1:3], Scores())
         if placing is None:
-            raise _Refused(*self.stages, result)
+            raise _InterceptRefused(*self.stages, result)
         task, member = self.task, self.member
         self._move(timeline, part_of(task, member, "transfer", (placing.transfer,)))
         if placing.lift is not None:
@@ -373,14 +371,14 @@ class _Moment:
         timeline.add(part.name, motion, part.checker, proof)
 
 
-def _at_time(task: Task, belt: Conveyor, time: float) -> Task:
+def _at_time(task: PickTask, belt: Conveyor, time: float) -> PickTask:
     """The pick with all poses as they are at a time (s)."""
     scene, by = task.scene, belt.travel(time)
     for name in belt.parts:
         if name in scene:
             scene = scene.move(name, translated(scene[name].pose, by))
     pick = replace(task.pick, pose=translated(task.pick.pose, by), place=task.place)
-    return Task(pick, replace(task.cell, checker=task.cell.checker.with_scene(scene)))
+    return PickTask(pick, replace(task.cell, checker=task.cell.checker.with_scene(scene)))
 
 
 def _lowered(name: str) -> str:

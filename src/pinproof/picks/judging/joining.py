@@ -17,10 +17,8 @@ import numpy as np
 from pinproof.collision import Certificate
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm
-from pinproof.motion import CubicPath, RateConstraint, Trajectory, time_parametrise
-from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import State, least_times, rest
-from pinproof.planning.moving_ends import MovingEnds
+from pinproof.motion import Bounds, CubicPath, RateConstraint, State, Trajectory, least_times, rest, time_parametrise
+from pinproof.planning import MovingEnds
 from pinproof.spatial import Array
 
 SPEEDS = (1.2, 0.95, 0.7)

@@ -17,7 +17,7 @@ from pinproof.errors import InputError
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.judging.configurations import REDUNDANT
 from pinproof.picks.judging.grasp import (
-    Candidate,
+    GraspCandidate,
     Reached,
     every_branch_is_known,
     reach,
@@ -32,8 +32,8 @@ from pinproof.picks.judging.intercept import VALID, judge_on_conveyor, on_convey
 from pinproof.picks.judging.lines import Attempt
 from pinproof.picks.judging.search import BestFirst, CompleteMotion
 from pinproof.picks.judging.suggest import suggest
-from pinproof.picks.judging.task import Cell, Task
-from pinproof.picks.judging.timing import Timed, time_motion
+from pinproof.picks.judging.task import PickCell, PickTask
+from pinproof.picks.judging.timing import TimedPart, time_motion
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult
 
 
@@ -44,15 +44,15 @@ class _GroupVerdict(NamedTuple):
     attempt: Attempt | None = None
 
 
-def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
+def judge(pick: Pick, cell: PickCell, rng: np.random.Generator) -> PickVerdict:
     """The verdict on one pick in a cell."""
     seeds = rng.integers(2**31, size=4).tolist()
     return judge_on_conveyor(pick, cell, seeds) if on_conveyor(pick, cell) else _judge(pick, cell, seeds)
 
 
-def _judge(pick: Pick, cell: Cell, seeds: list[int]) -> PickVerdict:
+def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
     try:
-        task = Task(pick, cell)
+        task = PickTask(pick, cell)
     except InputError as error:
         return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
     tried, members, judged = 0, 0, list[_GroupVerdict]()
@@ -70,7 +70,9 @@ def _judge(pick: Pick, cell: Cell, seeds: list[int]) -> PickVerdict:
     return replace(verdict, pick=pick, suggestions=suggestions)
 
 
-def _failed(task: Task, groups: list[_GroupVerdict], tried: int, members: int) -> tuple[PickVerdict, Attempt | None]:
+def _failed(
+    task: PickTask, groups: list[_GroupVerdict], tried: int, members: int
+) -> tuple[PickVerdict, Attempt | None]:
     """The verdict on a pick without a good group: that of the group that passed the most stages, and its attempt."""
     farthest, attempt = max(groups, key=lambda group: len(group.verdict.stages))
     status, stages = farthest.status, farthest.stages
@@ -84,7 +86,7 @@ def _failed(task: Task, groups: list[_GroupVerdict], tried: int, members: int) -
     return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), attempt
 
 
-def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVerdict:
+def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> _GroupVerdict:
     """The verdict on a group of grasps with equal displacement from the nominal grasp."""
     reached = reach(task, group, seeds[0])
     if not len(reached.q):
@@ -113,7 +115,7 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
 
 
 def _not_good(
-    task: Task,
+    task: PickTask,
     stages: tuple[StageResult, ...],
     tried: int,
     refuted: tuple[str, ...] = (),
@@ -125,9 +127,9 @@ def _not_good(
 
 
 def _search(
-    task: Task,
+    task: PickTask,
     group: list[Member],
-    candidates: tuple[Candidate, ...],
+    candidates: tuple[GraspCandidate, ...],
     stages: tuple[StageResult, ...],
     tried: int,
     seeds: list[int],
@@ -171,17 +173,19 @@ def _compared(result: StageResult, search: BestFirst) -> StageResult:
     return replace(result, message="; ".join([result.message, *notes]), figures=figures)
 
 
-def _finer(task: Task, reached: Reached) -> Task | None:
+def _finer(task: PickTask, reached: Reached) -> PickTask | None:
     """The task with finer bodies, if a configuration is in contact only between convex hulls of meshes."""
     # all configurations are checked if they can prove that the pick is impossible, otherwise only the first ones
     for q in reached.q[: task.cell.budget.configurations] if task.sampled else reached.q:
         finer = task.at_grasp.finer_at(q)
         if finer is not task.at_grasp and finer.is_free(q):
-            return Task(task.pick, replace(task.cell, checker=task.outside.finer_at(q)))
+            return PickTask(task.pick, replace(task.cell, checker=task.outside.finer_at(q)))
     return None
 
 
-def _good(task: Task, motion: CompleteMotion, stages: tuple[StageResult, ...], timed: Timed, tried: int) -> PickVerdict:
+def _good(
+    task: PickTask, motion: CompleteMotion, stages: tuple[StageResult, ...], timed: TimedPart, tried: int
+) -> PickVerdict:
     """The verdict on a pick that passed every stage."""
     return PickVerdict(
         task.pick,

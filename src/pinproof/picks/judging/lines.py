@@ -8,17 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinproof.collision import CollisionChecker, certify
-from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.collision import CollisionChecker, certify, proven_millimetres
 from pinproof.model import Arm
 from pinproof.motion import CubicPath, Curve, JointPath, TorqueLimits
-from pinproof.picks.judging.grasp import Candidate
+from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.motion_limits import torque_limits
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage, StageResult
-from pinproof.planning import LinearPlanResult, PlanResult, make_planner, plan_linear, shortcut
-from pinproof.planning.ends import with_turns
+from pinproof.planning import LinearPlanResult, PlanResult, make_planner, plan_linear, shortcut, with_turns
 from pinproof.spatial import SE3, Array
 
 Pairs = tuple[tuple[str, str], ...]
@@ -33,7 +31,7 @@ class Attempt:
     ``clearance`` the smallest observed clearance (m) of both lines.
     """
 
-    candidate: Candidate
+    candidate: GraspCandidate
     shift: Array
     stages: tuple[StageResult, ...] = ()
     approach: CubicPath | None = None
@@ -82,7 +80,7 @@ def shifted(path: CubicPath | None, by: Array) -> CubicPath | None:
     return CubicPath(path.q + by, path.tangents, path.knots, path.joint_names)
 
 
-class Line(NamedTuple):
+class ToolLine(NamedTuple):
     """A straight line: the result of the stage, the curve, the possible fraction, and the observed clearance (m)."""
 
     result: StageResult
@@ -102,7 +100,7 @@ def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def along(task: Task, candidate: Candidate) -> Attempt:
+def along(task: PickTask, candidate: GraspCandidate) -> Attempt:
     """The approach and the retreat of a configuration."""
     shift = np.zeros(task.arm.dof)
     # in a trial for a failed retreat, an approach is only needed if the retreat is possible
@@ -117,22 +115,24 @@ def along(task: Task, candidate: Candidate) -> Attempt:
     return Attempt(candidate, shift, stages, into.path, out.path, parting, out.fraction, clearance)
 
 
-def line_in(task: Task, candidate: Candidate) -> Line:
+def line_in(task: PickTask, candidate: GraspCandidate) -> ToolLine:
     """The approach, planned from the grasp outwards, so that both lines share exactly the same configuration."""
     end, q = task.pick.before(task.grasp(candidate.member)), candidate.q
     into = line(Stage.APPROACH, task, task.at_grasp, q, end, task.pick.approach)
     return passing(into, task.passing(candidate.member), q)
 
 
-def passing(found: Line, hand: OpenHand | None, q: Array) -> Line:
+def passing(found: ToolLine, hand: OpenHand | None, q: Array) -> ToolLine:
     """The line that starts at q (n,), failed if the open ``hand`` enters the object by more than is allowed."""
     if hand is None or found.path is None or (failure := hand.prove(found.path, q)) is None:
         return found
     depth = {} if np.isnan(failure.depth) else {"depth": failure.depth}
-    return Line(StageResult(found.result.stage, False, failure.reason, {**found.result.figures, **depth}), fraction=0.0)
+    return ToolLine(
+        StageResult(found.result.stage, False, failure.reason, {**found.result.figures, **depth}), fraction=0.0
+    )
 
 
-def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:
+def line_out(task: PickTask, candidate: GraspCandidate) -> tuple[ToolLine, Pairs]:
     """The retreat, and the pairs of the object and its supports."""
     member, q = candidate.member, candidate.q
     carrying = task.carrying(member)
@@ -143,7 +143,7 @@ def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:
 
 def line(
     stage: Stage,
-    task: Task,
+    task: PickTask,
     checker: CollisionChecker,
     q: Array,
     end: SE3,
@@ -151,10 +151,10 @@ def line(
     parting: Pairs = (),
     *,
     start: str = "the grasp",
-) -> Line:
+) -> ToolLine:
     """A straight line from q (n,), at ``start`` in messages, to a pose of the tip."""
     if length == 0:
-        return Line(StageResult(stage, True, "none requested"))
+        return ToolLine(StageResult(stage, True, "none requested"))
     # a support that is not checked against the object needs no permission for contact
     parting = tuple(pair for pair in parting if checker.pairs_of_owners(*pair))
     move = plan_linear(checker, q, task.target(end), parting=parting)
@@ -162,17 +162,17 @@ def line(
         message = f"{length * 1e3:.0f} mm path, planned outwards from {start}, {move.message}"
         message += _other_supports(stage, task, checker, q, parting) if move.fraction == 0 else ""
         figures = {"distance": length, "possible": move.fraction * length}
-        return Line(StageResult(stage, False, message, figures), fraction=move.fraction)
+        return ToolLine(StageResult(stage, False, message, figures), fraction=move.fraction)
     message = f"{length * 1e3:.0f} mm straight line, {_proven(move)}"
     figures = {"distance": length, "clearance": move.certificate.clearance}
-    return Line(StageResult(stage, True, message, figures), move.path, clearance=move.certificate.observed)
+    return ToolLine(StageResult(stage, True, message, figures), move.path, clearance=move.certificate.observed)
 
 
 TOUCH_DEPTH = 1e-4
 """Largest penetration (m) of the object into an obstacle that is taken for contact: rounding of stated positions."""
 
 
-def _other_supports(stage: Stage, task: Task, checker: CollisionChecker, q: Array, supports: Pairs) -> str:
+def _other_supports(stage: Stage, task: PickTask, checker: CollisionChecker, q: Array, supports: Pairs) -> str:
     """The key of a picks file that allows contact, if at q (n,) the held object only touches obstacles; else ''."""
     touched = []
     for contact in checker.allowing(*supports).check(q).contacts:
@@ -209,7 +209,7 @@ class Crossing(NamedTuple):
     clearance: float = np.inf
 
 
-def transit(task: Task, attempts: list[Attempt], nodes: int, seeds: list[int]) -> Crossing:
+def transit(task: PickTask, attempts: list[Attempt], nodes: int, seeds: list[int]) -> Crossing:
     """A path from home to the entrance of one of the attempts."""
     planner = make_planner(task.cell.budget.planner).limited_to(nodes)
     goals = np.array([attempt.entrance for attempt in attempts])

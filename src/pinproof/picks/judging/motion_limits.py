@@ -10,7 +10,7 @@ from pinproof.model import Arm, Payload
 from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.input.picks import Picks
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.spatial import Array
 
 CARRYING = ("retreat", "transfer", "place")
@@ -36,7 +36,7 @@ def torque_limits_of_tool(arm: Arm, shared: Picks) -> TorqueLimits | None:
         raise InputError(f"the picks limit torques: {error}") from error
 
 
-def carries(task: Task, member: Member, part: str) -> tuple[Payload, ...]:
+def carries(task: PickTask, member: Member, part: str) -> tuple[Payload, ...]:
     """The payloads during a part of the motion, the object in the frame of the tcp."""
     shared, payload = task.cell.shared.payload, task.pick.payload
     if payload is None or part not in CARRYING:
@@ -44,12 +44,12 @@ def carries(task: Task, member: Member, part: str) -> tuple[Payload, ...]:
     return (*shared, payload.placed(task.holding(member).pose))
 
 
-def torque_limits(task: Task, member: Member, part: str, arm: Arm) -> TorqueLimits | None:
+def torque_limits(task: PickTask, member: Member, part: str, arm: Arm) -> TorqueLimits | None:
     """The limits of torque during a part of the motion; None if torque is not limited."""
     return TorqueLimits(arm, carries(task, member, part)) if limits_torque(task.cell.shared, task.pick) else None
 
 
-def rate_limits(task: Task, member: Member, part: str, checker: CollisionChecker) -> list[RateConstraint]:
+def rate_limits(task: PickTask, member: Member, part: str, checker: CollisionChecker) -> list[RateConstraint]:
     """The limits of torque and of the tool during a part of the motion, beside those of the joints."""
     torques = torque_limits(task, member, part, checker.arm)
     constraints: list[RateConstraint] = [] if torques is None else [torques]
@@ -58,7 +58,7 @@ def rate_limits(task: Task, member: Member, part: str, checker: CollisionChecker
     return constraints
 
 
-def at_rest(task: Task, members: Sequence[Member], q: Array) -> list[str]:
+def at_rest(task: PickTask, members: Sequence[Member], q: Array) -> list[str]:
     """Why the arm cannot hold the object at rest at each configuration of the grasp (k, n); empty texts if it can."""
     if not limits_torque(task.cell.shared, task.pick):
         return [""] * len(q)

@@ -15,10 +15,9 @@ from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch, out_of_reach
 from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
 from pinproof.picks.judging.motion_limits import torque_limits
-from pinproof.picks.judging.task import Task, once_per_grasp
+from pinproof.picks.judging.task import PickTask, once_per_grasp
 from pinproof.picks.judging.verdict import Stage, StageResult
-from pinproof.planning import make_planner, simplify
-from pinproof.planning.ends import with_turns
+from pinproof.planning import make_planner, simplify, with_turns
 from pinproof.spatial import Array
 
 
@@ -101,7 +100,7 @@ class Placer:
     ``seed`` is that of the IK search at the release for arms without a closed form.
     """
 
-    def __init__(self, task: Task, seed: int) -> None:
+    def __init__(self, task: PickTask, seed: int) -> None:
         self._task, self._seed = task, seed
         self.kept: dict[tuple[Hashable, ...], Any] = {}
 
@@ -268,7 +267,7 @@ def _failure(down: Release) -> StageResult:
     return StageResult(Stage.PLACE, False, down.why, {"passed": float(down.passed)})
 
 
-def release_lines(task: Task, place: PlaceTarget, member: Member, q: Array) -> Release:
+def release_lines(task: PickTask, place: PlaceTarget, member: Member, q: Array) -> Release:
     """The approach to a release q (n,), and the retreat from it with the empty hand."""
     release = task.release(member)
     carrying, free_hand = task.carrying(member), task.letting_go(member)

@@ -33,10 +33,10 @@ from pinproof.model import Arm
 from pinproof.motion import JointPath
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.configurations import TURN, at_full_speed, joint_margins, least_seconds, limit_margin
-from pinproof.picks.judging.grasp import Candidate, every_branch, score_parts, weighed
+from pinproof.picks.judging.grasp import GraspCandidate, every_branch, score_parts, weighed
 from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, transit
 from pinproof.picks.judging.place import Placer, Placing, Release, Scores
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.spatial import Array
 
@@ -54,12 +54,14 @@ class Scoring:
     ``bounds`` (k,) are upper bounds of the score from each configuration, at any full rotations; ``least`` is T_0 (s).
     """
 
-    task: Task
+    task: PickTask
     bounds: Array
     least: float
 
     @classmethod
-    def of(cls, task: Task, candidates: tuple[Candidate, ...], rest: Callable[[Member, Array, bool], Array]) -> Scoring:
+    def of(
+        cls, task: PickTask, candidates: tuple[GraspCandidate, ...], rest: Callable[[Member, Array, bool], Array]
+    ) -> Scoring:
         """The scoring for the given configurations; ``rest`` is :meth:`Placer.rest`."""
         seconds = np.empty(len(candidates))
         members: dict[str, list[int]] = {}
@@ -88,7 +90,9 @@ class Scoring:
         return {name: float(part) for name, part in parts.items()}
 
 
-def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool) -> Array:
+def _least(
+    task: PickTask, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool
+) -> Array:
     """(k,) lower bound (s) of the time of a complete motion with the grasp at q (k, n)."""
     arm, home, grasp = task.arm, task.cell.home[None], task.grasp(member)
     ends = (task.pick.before(grasp), task.pick.approach), (task.pick.after(grasp), task.pick.retreat)
@@ -145,7 +149,7 @@ class BestFirst:
     """
 
     def __init__(
-        self, task: Task, candidates: tuple[Candidate, ...], seeds: list[int], *, bounded: bool = True
+        self, task: PickTask, candidates: tuple[GraspCandidate, ...], seeds: list[int], *, bounded: bool = True
     ) -> None:
         self._task, self._budget, self._seeds, self._bounded = task, task.cell.budget, seeds, bounded
         self._candidates = candidates
@@ -311,7 +315,7 @@ class BestFirst:
 class _Completions(Scores):
     """The :class:`Scores` of the motions with one crossing and the lines of its attempt."""
 
-    def __init__(self, scoring: Scoring, task: Task, attempt: Attempt, crossing: Crossing) -> None:
+    def __init__(self, scoring: Scoring, task: PickTask, attempt: Attempt, crossing: Crossing) -> None:
         self._scoring, self._task = scoring, task
         self._manipulability = attempt.candidate.manipulability
         self._clearance = min(attempt.candidate.clearance, attempt.clearance, crossing.clearance)

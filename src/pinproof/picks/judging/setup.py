@@ -10,14 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, OccupancyGrid, Scene
-from pinproof.collision.checking.checker import overlap_hint
-from pinproof.collision.checking.spec import files_examined_once
+from pinproof.collision import Certificate, CollisionChecker, OccupancyGrid, Scene, files_examined_once, overlap_hint
 from pinproof.common.content_hash import digest
 from pinproof.common.display import outline
 from pinproof.common.validation import Rng, require_positive, seed_sequence
-from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
-from pinproof.description.urdf import moved_by
+from pinproof.description import GENERATED_BODIES, has_generated_bodies, moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.motion import MotionProgram
@@ -27,7 +24,7 @@ from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import contact_words
 from pinproof.picks.judging.judge import judge
 from pinproof.picks.judging.motion_limits import torque_limits_of_tool
-from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.picks.judging.timing import certify_displaced, recertify
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import xyz_rpy
@@ -108,9 +105,9 @@ class PickSetup:
         return outline("PickSetup", (repr(self.checker), repr(self.shared)))
 
     @cached_property
-    def cell(self) -> Cell:
+    def cell(self) -> PickCell:
         """The cell in which every pick is judged."""
-        return Cell(self.checker, self.shared, self.home, self.weights, self.budget)
+        return PickCell(self.checker, self.shared, self.home, self.weights, self.budget)
 
     def rng(self, index: int) -> np.random.Generator:
         """The random stream of the pick at ``index``, which does not depend on where or when it is judged."""
@@ -153,7 +150,7 @@ class PickSetup:
             own = ", ".join(self.checker.arm.joint_names)
             raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
         require_positive("deviation", deviation, zero=True)
-        return recertify(Task(pick, self.cell), program, deviation)
+        return recertify(PickTask(pick, self.cell), program, deviation)
 
     def certify_displaced(self, verdict: PickVerdict, by: float) -> tuple[Certificate, ...]:
         """Certify the unchanged motions of a good pick for a part that is displaced by up to ``by`` metres.
@@ -169,7 +166,7 @@ class PickSetup:
         """
         require_positive("by", by, zero=True)
         self.shared.refuse_conveyor("the certificate for a displaced part")
-        task = Task(verdict.pick, self.cell)
+        task = PickTask(verdict.pick, self.cell)
         member = next(
             (each for group in task.groups() for each in group if each.words == verdict.member and verdict.ok), None
         )

@@ -38,7 +38,7 @@ from pinproof.picks.judging.changes import (
 )
 from pinproof.picks.judging.configurations import configurations
 from pinproof.picks.judging.lines import Attempt, line_in, line_out
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult
 from pinproof.spatial import Array
 
@@ -108,7 +108,7 @@ class _Trials:
         return f"{candidate.words}{REMARK}passes the {ORDER[self._failed].value} stage and fails at the {stage} stage"
 
 
-def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Judge) -> tuple[str, ...]:
+def suggest(task: PickTask, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Judge) -> tuple[str, ...]:
     """Suggestions for a pick as it was stated, one line for each kind of change; empty if nothing was found.
 
     If a line failed, ``attempt`` is the one that passed the most stages. ``judge`` gives the verdict on a changed pick,
@@ -142,7 +142,7 @@ def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None
 # -- lengths ----------------------------------------------------------------------------------------------------------
 
 
-def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Trials) -> str:
+def _shorter(task: PickTask, pick: Pick, stage: Stage, attempt: Attempt, trials: _Trials) -> str:
     """The longest good approach or retreat of those tried, with a resolution of one millimetre."""
     key = stage.value
     stated = float(getattr(pick, key))
@@ -150,7 +150,7 @@ def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Tr
     for _ in range(trials.left):  # the line alone costs much less than a judged pick
         if not 0 < length < stated:
             return ""
-        shorter = Task(replace(task.pick, **{key: float(length)}), task.cell)  # type: ignore[arg-type]
+        shorter = PickTask(replace(task.pick, **{key: float(length)}), task.cell)  # type: ignore[arg-type]
         line = (
             line_in(shorter, attempt.candidate) if stage is Stage.APPROACH else line_out(shorter, attempt.candidate)[0]
         )
@@ -173,7 +173,7 @@ def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Tr
 # -- screening --------------------------------------------------------------------------------------------------------
 
 
-def _screened(task: Task, candidates: list[Change]) -> list[Change]:
+def _screened(task: PickTask, candidates: list[Change]) -> list[Change]:
     """The candidates with a grasp that has a free configuration, also on its approach; the others are not good."""
     changed, pick = _ChangedPoses(task, candidates, "grasp"), task.pick
     fractions = FRACTIONS if task.cell.closed_form and pick.approach > 0 else ()
@@ -184,7 +184,7 @@ def _screened(task: Task, candidates: list[Change]) -> list[Change]:
     return left if task.place is None else _screened_places(task, left)
 
 
-def _screened_places(task: Task, candidates: list[Change]) -> list[Change]:
+def _screened_places(task: PickTask, candidates: list[Change]) -> list[Change]:
     """The candidates whose place is in reach."""
     changed = _ChangedPoses(task, candidates, "release")
     row, _ = configurations(task.arm, changed.targets(), task.cell.home, 0)
@@ -197,9 +197,11 @@ class _ChangedPoses:
     The changed pick is only made where more than the position changes.
     """
 
-    def __init__(self, task: Task, candidates: list[Change], which: Literal["grasp", "release"]) -> None:
+    def __init__(self, task: PickTask, candidates: list[Change], which: Literal["grasp", "release"]) -> None:
         self._task, self._which, self._count = task, which, len(candidates)
-        self._changed = {i: Task(each.pick, task.cell) for i, each in enumerate(candidates) if not each.displacement}
+        self._changed = {
+            i: PickTask(each.pick, task.cell) for i, each in enumerate(candidates) if not each.displacement
+        }
         counts = [len(self._changed.get(i, task).nearest_group) for i in range(len(candidates))]
         self.owner = np.repeat(np.arange(len(candidates)), counts)
         rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
@@ -214,14 +216,14 @@ class _ChangedPoses:
         found[:, :3, 3] += self._shifts
         return found
 
-    def _of(self, task: Task, share: float) -> Array:
+    def _of(self, task: PickTask, share: float) -> Array:
         at = task.grasp if self._which == "grasp" else task.release
         return task.targets([task.pick.before(at(member), share) for member in task.nearest_group])
 
 
-def _retreat_ends_free(task: Task, pick: Pick) -> bool:
+def _retreat_ends_free(task: PickTask, pick: Pick) -> bool:
     """Whether a free configuration was found at the end of the retreat, with the object in the hand."""
-    changed = Task(pick, task.cell)
+    changed = PickTask(pick, task.cell)
     grasps = changed.nearest_group
     if len(grasps) > 1:  # each needs a separate checker
         return True
@@ -229,7 +231,7 @@ def _retreat_ends_free(task: Task, pick: Pick) -> bool:
     return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
 
 
-def _has_free(task: Task, targets: Array) -> npt.NDArray[np.bool_]:
+def _has_free(task: PickTask, targets: Array) -> npt.NDArray[np.bool_]:
     """(N,) whether a configuration that is free at the grasp was found for each target (N, 4, 4)."""
     found = np.zeros(len(targets), dtype=bool)
     if len(targets):

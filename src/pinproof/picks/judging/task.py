@@ -10,10 +10,8 @@ from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, Obstacle, Upright
-from pinproof.collision.checking.line_surface import LineSurface, point_distance
-from pinproof.collision.checking.separation import directions_to_facets
-from pinproof.description.urdf import moved_by
+from pinproof.collision import CollisionChecker, LineSurface, Obstacle, Upright, directions_to_facets, point_distance
+from pinproof.description import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import OBJECT, TIP, Member, Pick, PlaceTarget, family, support_names
@@ -39,7 +37,7 @@ GRIPS_KEPT = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class PickCell:
     """The arm in its scene, with the checkers of the open, the closed and the closing hand.
 
     ``checker`` has the tool and the open fingers attached, and transits start at ``home`` (n,). ``trial`` is the stage
@@ -60,10 +58,10 @@ class Cell:
         return self.checker.arm
 
     @cached_property
-    def _trials(self) -> dict[Stage, Cell]:
+    def _trials(self) -> dict[Stage, PickCell]:
         return {}
 
-    def for_trials(self, failed: Stage) -> Cell:
+    def for_trials(self, failed: Stage) -> PickCell:
         """The cell for judging changed picks: one complete motion is sufficient, and no suggestions are made."""
         if failed not in self._trials:
             budget = replace(self.budget, compared=1, remedies=0, motion=0)
@@ -176,7 +174,7 @@ def once_per_grasp(
     return kept
 
 
-class Task:
+class PickTask:
     """One pick in its cell: poses, object and collision checkers for all stages.
 
     Raises
@@ -186,7 +184,7 @@ class Task:
         ``upright``.
     """
 
-    def __init__(self, pick: Pick, cell: Cell) -> None:
+    def __init__(self, pick: Pick, cell: PickCell) -> None:
         self.cell, self.arm, self.scene = cell, cell.arm, cell.checker.scene
         self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
         self._stated_pose, self._stated_frame = pick.pose, pick.frame

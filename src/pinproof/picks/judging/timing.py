@@ -7,20 +7,20 @@ from functools import partial
 
 import numpy as np
 
-from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Upright, certify
-from pinproof.collision.certificates.identity import curve_hash
+from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Upright, certify, curve_hash
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import (
     BlendedPath,
+    Bounds,
     CubicPath,
     JointPath,
     MotionProgram,
     RateConstraint,
     Trajectory,
+    seconds,
     time_parametrise,
+    whole_nanoseconds,
 )
-from pinproof.motion.limits import Bounds
-from pinproof.motion.trajectory_files import seconds, whole_nanoseconds
 from pinproof.picks.input.pick import PARTS, Member
 from pinproof.picks.judging.grasp import judge_grip
 from pinproof.picks.judging.hand import OpenHand
@@ -28,10 +28,9 @@ from pinproof.picks.judging.joining import Chosen, JoinedMotion, LineEnd, backwa
 from pinproof.picks.judging.lines import Attempt, Pairs
 from pinproof.picks.judging.motion_limits import peaks_of, rate_limits
 from pinproof.picks.judging.place import Placing
-from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
-from pinproof.planning import optimise
-from pinproof.planning.moving_ends import MovingEnds
+from pinproof.planning import MovingEnds, optimise
 from pinproof.spatial import twist_size
 
 GRASP_TOLERANCE = 1e-4
@@ -45,7 +44,7 @@ Curves = tuple[JointPath | BlendedPath | CubicPath, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Timed:
+class TimedPart:
     """The motions of a complete pick, and the times (s) of the grasp and the release."""
 
     motions: tuple[PickMotion, ...]
@@ -74,8 +73,8 @@ class MotionPart:
 
 
 def time_motion(
-    task: Task, attempt: Attempt, path: JointPath, placing: Placing | None
-) -> tuple[StageResult, Timed | None]:
+    task: PickTask, attempt: Attempt, path: JointPath, placing: Placing | None
+) -> tuple[StageResult, TimedPart | None]:
     """Time and certify all parts of a motion."""
     motions: list[PickMotion] = []
     try:
@@ -106,7 +105,7 @@ def time_motion(
         message += f"; largest torque {torque}, in {name}"
         figures["torque_share"] = share
     release_time = None if placing is None else _joined_duration(until_release)
-    timed = Timed(tuple(motions), joined, _joined_duration(until_grasp), release_time)
+    timed = TimedPart(tuple(motions), joined, _joined_duration(until_grasp), release_time)
     return StageResult(Stage.TIMING, True, message, figures), timed
 
 
@@ -115,7 +114,7 @@ def _joined_duration(parts: list[Trajectory]) -> float:
     return float(seconds(np.sum([whole_nanoseconds(np.array(part.duration)) for part in parts])))
 
 
-def time_part(task: Task, part: MotionPart, attempt: Attempt) -> tuple[PickMotion | None, str]:
+def time_part(task: PickTask, part: MotionPart, attempt: Attempt) -> tuple[PickMotion | None, str]:
     """Time and certify a part of a motion, from rest to rest: the certified motion, or None and the reason.
 
     Raises
@@ -145,7 +144,7 @@ class _StageCurve:
 class _PartsTiming:
     """Times the curves of the parts of a motion: from rest to rest, unless :meth:`join` is called before."""
 
-    def __init__(self, task: Task, parts: list[MotionPart], member: Member) -> None:
+    def __init__(self, task: PickTask, parts: list[MotionPart], member: Member) -> None:
         self._task, self.parts = task, parts
         self._curves = [
             _StageCurve(number, stage, curve, rate_limits(task, member, stage, part.checker))
@@ -237,7 +236,7 @@ class _PartsTiming:
 
 
 def timed_curve(
-    task: Task, part: MotionPart, curve: JointPath | BlendedPath | CubicPath, rates: list[RateConstraint]
+    task: PickTask, part: MotionPart, curve: JointPath | BlendedPath | CubicPath, rates: list[RateConstraint]
 ) -> tuple[Trajectory, Certificate | None]:
     """The timed curve. A path of the planner, but not a line, may become a shorter motion with a certificate."""
     limits, budget = task.arm.limits, task.cell.budget.motion
@@ -248,7 +247,7 @@ def timed_curve(
     return result.trajectory, result.certificate
 
 
-def recertify(task: Task, program: MotionProgram, deviation: float = 0.0) -> tuple[Certificate, ...]:
+def recertify(task: PickTask, program: MotionProgram, deviation: float = 0.0) -> tuple[Certificate, ...]:
     """Certify the motions of a program again in the present cell, each as :func:`time_motion` certifies it.
 
     Motions on which a part is lifted off a support, or put onto it, and depths of the hand in the part, are certified
@@ -278,7 +277,7 @@ def recertify(task: Task, program: MotionProgram, deviation: float = 0.0) -> tup
     return tuple(found)
 
 
-def _event_faults(task: Task, member: Member, program: MotionProgram) -> dict[str, str]:
+def _event_faults(task: PickTask, member: Member, program: MotionProgram) -> dict[str, str]:
     """What is wrong at the events of a program, by the key of the certificate of the motion that ends there."""
     expected = ["grip"] if task.pick.place is None else ["grip", "release"]
     kinds = [event.kind for event in program.events]
@@ -302,7 +301,7 @@ def _event_faults(task: Task, member: Member, program: MotionProgram) -> dict[st
     return faults
 
 
-def certify_displaced(task: Task, member: Member, motion: PickMotion, by: float) -> Certificate:
+def certify_displaced(task: PickTask, member: Member, motion: PickMotion, by: float) -> Certificate:
     """Certify a motion of a pick again, for a part that is displaced by up to ``by`` metres from its stated pose.
 
     No point of the part is farther than ``by`` from where it is stated: in the scene before the grasp, and in the hand
@@ -328,7 +327,7 @@ def _with_wider_margins(checker: CollisionChecker, name: str, by: float, kept: P
     return checker.with_margin(checker.margin, margins)
 
 
-def part_of(task: Task, member: Member, name: str, curves: Curves = (), parting: Pairs = ()) -> MotionPart:
+def part_of(task: PickTask, member: Member, name: str, curves: Curves = (), parting: Pairs = ()) -> MotionPart:
     """A part of a motion with the conditions under which it is certified; pairs of ``parting`` may touch at one end."""
     if task.name is None or name == "transit":
         return MotionPart(name, curves, task.outside)
@@ -340,7 +339,7 @@ def part_of(task: Task, member: Member, name: str, curves: Curves = (), parting:
     return MotionPart(name, curves, carrying, parting, backwards=name == "place", constraints=kept)
 
 
-def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
+def _part_again(task: PickTask, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
     """The part of a motion that is timed already, with the supports that the object leaves or reaches."""
     place = task.pick.place
     names: tuple[str, ...] = PARTS
@@ -360,7 +359,7 @@ def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -
 
 
 def motion_parts(
-    task: Task, attempt: Attempt, path: JointPath, placing: Placing | None, *, separate: bool = False
+    task: PickTask, attempt: Attempt, path: JointPath, placing: Placing | None, *, separate: bool = False
 ) -> list[MotionPart]:
     """The parts of a complete motion.
 

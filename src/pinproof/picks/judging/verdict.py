@@ -11,15 +11,22 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, Mover, Obstacle, Scene
-from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.collision import Certificate, Mover, Obstacle, Scene, proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.structs import ANY_TEXT, OPTIONAL_NUMBER, key, mapping_to, struct
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import InputError
-from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment, TorquePeak, Trajectory
-from pinproof.motion.motion_program import EventKind, certificate_id
-from pinproof.motion.trajectory_files import NANO
+from pinproof.motion import (
+    NANO,
+    EventKind,
+    MotionProgram,
+    MotionRecord,
+    ProgramEvent,
+    ProgramSegment,
+    TorquePeak,
+    Trajectory,
+    certificate_id,
+)
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.grip import GripResult
 

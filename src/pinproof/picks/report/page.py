@@ -16,9 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pinproof.collision import Obstacle, Scene
-from pinproof.collision.certificates.certificate import proven_millimetres
-from pinproof.collision.checking.spec import CheckerSpec
+from pinproof.collision import CheckerSpec, Obstacle, Scene, proven_millimetres
 from pinproof.common import theme
 from pinproof.common.display import Html
 from pinproof.common.files import write_text_whole
@@ -28,14 +26,34 @@ from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import Array, matrix, pose
-from pinproof.viewer import panels
-from pinproof.viewer.animation import Film, Phase, film, still, tracks
-from pinproof.viewer.camera import View, choose_view, extremes, placed_points, tool_points
-from pinproof.viewer.overlays import LONGEST, PoseMarkers, arrow
-from pinproof.viewer.picture import stage_commands
-from pinproof.viewer.stage import DrawnLink, Stage, box_corners, set_stage, simplified
-from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
-from pinproof.viewer.wire import Commands, node_path, transform_command
+from pinproof.viewer import (
+    LONGEST,
+    Commands,
+    Drawing,
+    DrawnLink,
+    Film,
+    FilmPhase,
+    PoseMarkers,
+    Surface,
+    View,
+    arrow,
+    box_corners,
+    choose_view,
+    extremes,
+    film,
+    merge_by_colour,
+    node_path,
+    obstacle_surfaces,
+    panels,
+    placed_points,
+    set_stage,
+    simplified,
+    stage_commands,
+    still,
+    tool_points,
+    tracks,
+    transform_command,
+)
 
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
@@ -256,7 +274,7 @@ GROUPS, A_GROUP = 6, 30
 """Number of groups of adjacent grasps whose visibility counts like that of a link, and of grasps drawn per group."""
 
 
-def frame_picks(stage: Stage, poses: Array, tcp: Array, grasps: Array, tool: Array) -> View:
+def frame_picks(stage: Drawing, poses: Array, tcp: Array, grasps: Array, tool: Array) -> View:
     """The view of a stage with links at poses (F, L, 4, 4), points of tcp paths (N, 3), and grasps (G, 4, 4).
 
     ``tool`` (M, 3) are points of the tool and of carried parts; they and the obstacles near them are in the picture.
@@ -307,7 +325,7 @@ class PageMotions:
     changed for display, in sentences.
     """
 
-    stage: Stage
+    stage: Drawing
     scene: Scene
     films: tuple[Film | None, ...]
     bodies: tuple[dict[str, Obstacle], ...]
@@ -315,13 +333,13 @@ class PageMotions:
 
     @classmethod
     def of(
-        cls, stage: Stage, scene: Scene, tool: Sequence[Obstacle], verdicts: Sequence[PickVerdict | None]
+        cls, stage: Drawing, scene: Scene, tool: Sequence[Obstacle], verdicts: Sequence[PickVerdict | None]
     ) -> PageMotions:
         """The motions of verdicts; ``tool`` are the bodies that the stage always draws attached to the tcp."""
         always = {thing.name for thing in tool}
         parts = [
             [
-                Phase(part.trajectory, tuple(t for t in part.attached if t.name not in always), movers=part.movers)
+                FilmPhase(part.trajectory, tuple(t for t in part.attached if t.name not in always), movers=part.movers)
                 for part in (() if verdict is None else verdict.motions)
             ]
             for verdict in verdicts
@@ -439,7 +457,7 @@ OPEN_HAND = "open hand"
 
 
 def _animated(
-    rows: Sequence[PageRow], stage: Stage, arm: Arm, scene: Scene, picks: Picks
+    rows: Sequence[PageRow], stage: Drawing, arm: Arm, scene: Scene, picks: Picks
 ) -> tuple[dict[str, Any], Commands, list[str]]:
     """The settings and commands of the film of all rows, and notes on what was changed for display."""
     verdicts = [verdict for _, verdict in rows]

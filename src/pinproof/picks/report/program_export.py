@@ -12,23 +12,28 @@ from itertools import pairwise
 
 import numpy as np
 
-from pinproof.collision import Certificate, CertificateStatus
-from pinproof.collision.certificates.program_proof import feasible, speed_violations, unknown_speeds
+from pinproof.collision import Certificate, CertificateStatus, feasible, speed_violations, unknown_speeds
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import (
+    MEET_TOLERANCE,
     JointMap,
+    JointMove,
     JointPath,
     MotionProgram,
     MotionRecord,
+    ProgramEvent,
     ProgramPick,
+    ProgramSegment,
     RobotProgram,
+    SetOutput,
+    Step,
+    Wait,
+    certificate_id,
+    find_dialect,
+    make_program,
+    moves_along,
     time_parametrise,
 )
-from pinproof.motion.curve import MEET_TOLERANCE
-from pinproof.motion.dialects import find_dialect
-from pinproof.motion.motion_program import ProgramEvent, ProgramSegment, certificate_id
-from pinproof.motion.program_steps import JointMove, SetOutput, Step, Wait
-from pinproof.motion.robot_program import make_program, moves_along
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.setup import PickSetup
 

@@ -9,8 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pinproof.collision import Scene
-from pinproof.collision.certificates.certificate import proven_millimetres
+from pinproof.collision import Scene, proven_millimetres
 from pinproof.common import theme
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import csv_text, file_stems, json_text, save_as

@@ -21,7 +21,7 @@ from pinproof import (
     load_robot,
     pose,
 )
-from pinproof.collision.certificates.identity import files_examined_once
+from pinproof.collision import files_examined_once
 
 
 def test_the_inputs_of_a_checker_cannot_be_changed_afterwards(panda):

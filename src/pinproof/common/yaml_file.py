@@ -66,6 +66,8 @@ def read_yaml(
     except Exception as caught:  # invalid dates and tags raise other exceptions than YAMLError
         mark = getattr(caught, "problem_mark", None)
         problem = getattr(caught, "problem", None) or str(caught) or type(caught).__name__
+        if "nesting depth" in problem:  # PyYAML 6.0.4 has a limit of its own; earlier versions end with RecursionError
+            problem = "it is nested too deeply"
         context = getattr(caught, "context_mark", None)
         if mark and context and context.line != mark.line:
             problem += f" (in the block that starts in line {context.line + 1})"

@@ -77,3 +77,11 @@ def test_invalid_value_is_refused(spec: CheckerSpec, wrong: dict[str, object]) -
     with pytest.raises(pp.InputError) as caught:
         replace(spec, **wrong)
     assert next(iter(wrong)) in str(caught.value)
+
+
+def test_pairs_that_were_left_out_are_checked_again_in_the_same_surroundings(spec: CheckerSpec) -> None:
+    checker = pp.CollisionChecker.of(spec)
+    partial = checker.without_pairs(range(len(checker.pairs)))
+    assert partial.pairs == ()
+    assert partial.with_scene(checker.scene).pairs == checker.pairs
+    assert partial.with_attached().pairs == checker.pairs

@@ -1,4 +1,4 @@
-"""Results that are a solution, or the reason why there is none."""
+"""Results that are a solution, or the reason why no solution exists or was found."""
 
 from __future__ import annotations
 

@@ -315,14 +315,14 @@ class CollisionChecker(CheckedBodies):
 
         Margins of single pairs are dropped if their obstacle is removed.
         """
-        return self._derived(self.spec.with_scene(scene))
+        return self._derived(self.spec.with_scene(scene), assemble=True)
 
     def with_attached(self, *objects: Obstacle) -> CollisionChecker:
         """Return a checker with more objects that move with the tcp; an object replaces an attached one of its name.
 
         When an object is grasped, also remove its obstacle from the scene.
         """
-        return self._derived(self.spec.with_attached(*objects))
+        return self._derived(self.spec.with_attached(*objects), assemble=True)
 
     def with_held(self, held: Mapping[str, float]) -> CollisionChecker:
         """Return a checker with other values (rad or m) of joints outside the arm, such as the robot's fingers."""
@@ -412,10 +412,11 @@ class CollisionChecker(CheckedBodies):
         """Return the checker in which pairs of owners have at least these levels of detail."""
         return self._derived(replace(self.spec, finer=levels), ("levels", frozenset(levels.items())))
 
-    def _derived(self, spec: CheckerSpec, key: Hashable = None) -> CollisionChecker:
+    def _derived(self, spec: CheckerSpec, key: Hashable = None, *, assemble: bool = False) -> CollisionChecker:
         """Return the checker of a specification that was derived from this one's; with a key, it is kept.
 
-        The two share what the change leaves as it is: the bodies of links and obstacles, and the pairs.
+        The two share what the change leaves as it is: the bodies of links and obstacles, and the pairs. With
+        ``assemble``, pairs that :meth:`without_pairs` left out are checked again even if nothing else changes.
         """
         if spec is self.spec:
             return self
@@ -432,7 +433,7 @@ class CollisionChecker(CheckedBodies):
         elif spec.finer is not before.finer:
             other._levels = {**self._levels, **spec.finer}
         bodies = ("arm", "scene", "attached", "link_meshes", "finer")
-        if any(getattr(spec, name) is not getattr(before, name) for name in bodies):
+        if assemble or any(getattr(spec, name) is not getattr(before, name) for name in bodies):
             other._assemble()
         elif spec.allowed is before.allowed:
             other._set_margins()

@@ -75,7 +75,7 @@ def load_robot(
         file.
     """
     require_type("source", source, str, PathLike, DhTable)
-    # a name of the catalogue stands for files
+    # a catalogue name is an alias of files
     entry: CatalogueEntry | None = None
     # XML begins with <, which no name of a robot or file does.
     is_text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from enum import Enum
 from operator import attrgetter
-from pathlib import Path
 
 from pinproof.cell.placement.placement_result import total_time
-from pinproof.common.display import html_block, html_table, markdown_table, outline
-from pinproof.common.files import csv_text, figure, json_text, save_as
+from pinproof.common.files import csv_text, figure
+from pinproof.common.results import Rows, Saved, View, Written
 from pinproof.common.structs import (
     ANY_TEXT,
     COUNT,
     OPTIONAL_NUMBER,
     TEXT,
-    Written,
     choice,
     key,
     mapping_to,
@@ -110,7 +108,7 @@ def _seconds(verdict: PickVerdict) -> float | None:
     version="pinproof/comparison/1",
     eq=False,
 )
-class CellComparison(Written):
+class CellComparison(Saved, Written):
     """Two set-ups compared pick by pick. Readers must accept unknown keys: they are additions of the same version."""
 
     before: PickReport = key("the first report", hidden=True)
@@ -174,18 +172,14 @@ class CellComparison(Written):
         both = sum(pick.gained is not None for pick in self.differences)
         return f"{counts}; {both} good in both take {before:.3f} s before and {after:.3f} s after{share}"
 
-    def __repr__(self) -> str:
-        rows = (f"{pick.name}: {pick.change.value}" for pick in self.differences)
-        return outline(f"CellComparison({self.summary})", rows, total=len(self.differences))
-
-    def _repr_html_(self) -> str:
-        return html_block(self.summary, html_table(_COLUMNS, self._rows(), total=len(self.differences)))
-
-    def _rows(self) -> list[tuple[object, ...]]:
-        return [
+    def _view(self) -> View:
+        rows = (
             (pick.name, pick.change.value, *("" if s is None else f"{s:.3f}" for s in pick.seconds), pick.reason)
             for pick in self.differences
-        ]
+        )
+        count = len(self.differences)
+        table = Rows(("pick", "change", "before [s]", "after [s]", "reason"), rows, count)
+        return View(self.summary, [table], (f"{pick.name}: {pick.change.value}" for pick in self.differences), count)
 
     def to_csv(self) -> str:
         """One row for each pick."""
@@ -195,25 +189,6 @@ class CellComparison(Written):
             for pick in self.differences
         )
         return csv_text(columns, rows)
-
-    def to_markdown(self) -> str:
-        """The summary and a table of the picks."""
-        return "\n".join([self.summary, "", *markdown_table(_COLUMNS, self._rows())]) + "\n"
-
-    def save(self, path: str | Path) -> None:
-        """Write the comparison as ``.json``, ``.csv`` or ``.md``, completely or not at all.
-
-        Raises
-        ------
-        InputError
-            For another suffix.
-        FileError
-            If the file cannot be written.
-        """
-        save_as(path, {".json": lambda: json_text(self.to_dict()), ".csv": self.to_csv, ".md": self.to_markdown})
-
-
-_COLUMNS = ("pick", "change", "before [s]", "after [s]", "reason")
 
 
 def compare(before: PickReport, after: PickReport, *, least: float = 0.01) -> CellComparison:

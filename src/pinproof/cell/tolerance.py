@@ -19,15 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from pinproof.collision import LineSurface, Obstacle, outer_points
-from pinproof.common.display import html_block, html_table, markdown_table, outline
-from pinproof.common.files import csv_text, json_text, save_as
-from pinproof.common.structs import OPTIONAL_NUMBER, TEXT, Written, key, reported, struct
+from pinproof.common.files import csv_text
+from pinproof.common.results import Rows, Saved, View, Written
+from pinproof.common.structs import OPTIONAL_NUMBER, TEXT, key, reported, struct
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
 from pinproof.picks import Pick, PickReport, PickSetup, PickTask, PickVerdict, screen_picks
@@ -76,7 +75,7 @@ class PickTolerance:
     version="pinproof/tolerance/1",
     eq=False,
 )  # fmt: skip
-class ToleranceStudy(Written):
+class ToleranceStudy(Saved, Written):
     """A study of the tolerance of picks. Readers must accept unknown keys: they are additions of the same version."""
 
     position: float = key("tolerance of the position along each axis", "m", minimum=0)
@@ -117,15 +116,8 @@ class ToleranceStudy(Written):
             f"all of {self.samples} sampled poses ({self.distribution}) if they are planned again"
         )
 
-    def __repr__(self) -> str:
-        rows = (f"{pick.name}: {pick.factor:.3g} of the tolerance" for pick in self.picks)
-        return outline(f"ToleranceStudy({self.summary})", rows, total=len(self.picks))
-
-    def _repr_html_(self) -> str:
-        return html_block(self.summary, html_table(_COLUMNS, self._rows(), total=len(self.picks)))
-
-    def _rows(self) -> list[tuple[object, ...]]:
-        return [
+    def _view(self) -> View:
+        rows = (
             (
                 pick.name,
                 "proven" if pick.proven else "not proven" if pick.good else "not good",
@@ -135,7 +127,11 @@ class ToleranceStudy(Written):
                 pick.limited_by,
             )
             for pick in self.picks
-        ]
+        )
+        notes = [f"not covered: {note}" for note in self.notes]
+        lines = (f"{pick.name}: {pick.factor:.3g} of the tolerance" for pick in self.picks)
+        columns = ("pick", "whole tolerance", "largest [mm]", "largest [deg]", "free if planned again", "limited by")
+        return View(self.summary, [Rows(columns, rows, len(self.picks)), notes], lines, len(self.picks))
 
     def to_csv(self) -> str:
         """One row for each pick."""
@@ -146,26 +142,6 @@ class ToleranceStudy(Written):
             rows.append((pick.name, int(pick.good), int(pick.proven), *cells, pick.limited_by))
         columns = ("name", "good", "proven", "largest_position", "largest_rotation", "share", "limited_by")
         return csv_text(columns, rows)
-
-    def to_markdown(self) -> str:
-        """The summary, a table of the picks and the notes."""
-        lines = [self.summary, "", *markdown_table(_COLUMNS, self._rows())]
-        return "\n".join([*lines, "", *(f"- not covered: {note}" for note in self.notes)]) + "\n"
-
-    def save(self, path: str | Path) -> None:
-        """Write the study as ``.json``, ``.csv`` or ``.md``, completely or not at all.
-
-        Raises
-        ------
-        InputError
-            For another suffix.
-        FileError
-            If the file cannot be written.
-        """
-        save_as(path, {".json": lambda: json_text(self.to_dict()), ".csv": self.to_csv, ".md": self.to_markdown})
-
-
-_COLUMNS = ("pick", "whole tolerance", "largest [mm]", "largest [deg]", "free if planned again", "limited by")
 
 
 def tolerance_study(

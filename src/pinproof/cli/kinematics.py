@@ -21,7 +21,7 @@ from pinproof.cli.options import (
     option,
     parse_configuration,
 )
-from pinproof.common.display import markdown_table
+from pinproof.common.results import Rows
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees
 
@@ -187,7 +187,7 @@ def bench(
         times = f"{row.mean_ms:.4f}", f"{row.median_ms:.4f}"
         table.append((row.method, row.task, row.restarts, *times, solved, row.false_positives, error, textbook))
     columns = ("method", "task", "restarts", "mean, ms", "median, ms", "success", "false positives", "largest error")
-    lines = markdown_table((*columns, "textbook"), table)
+    lines = [Rows((*columns, "textbook"), table).markdown()]
     lines += [f"not applicable: {name}: {reason}" for name, reason in left_out.items()]
     data = {"robot": arm.robot.name, "points": points, "seed": seed, "rows": [asdict(row) for row in rows]}
     print_result({**data, "left_out": left_out}, lines, as_json=as_json)

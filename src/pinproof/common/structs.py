@@ -584,14 +584,6 @@ class Table:
         return written
 
 
-class Written:
-    """A struct that is written as JSON."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The values for JSON; the keys are those of the schema."""
-        return table_of(type(self)).write(self)
-
-
 def report_table(title: str, text: str, *keys: Key, rules: Schema | None = None) -> Table:
     """The keys of a mapping in a report of this program, in which a later release may add keys."""
     return Table(title, text, *keys, rules=rules, more=True)

@@ -29,8 +29,8 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import csv_text, other_separator, read_text, unknown_suffix, write_text_whole
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANGLE,
     NUMBER,
@@ -341,7 +341,7 @@ TRANSFORM = Table(
 
 
 @struct("dh", first=("name", "convention", "base", "tool"), eq=False, repr=False)
-class DhTable:
+class DhTable(Shown):
     """A serial arm as a Denavit-Hartenberg table: frame dh_(i-1) is transformed to frame dh_i by row i."""
 
     rows: Accepting[tuple[DhRow, ...], Iterable[DhRow]] = key(
@@ -383,18 +383,20 @@ class DhTable:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def __repr__(self) -> str:
-        rows = (
+    def _view(self) -> View:
+        names = ("name", "joint_type", "theta", "d", "a", "alpha", "lower", "upper", "velocity")
+        cells = ([getattr(row, name) for name in names] for row in self.rows)
+        lines = (
             f"{row.name}: {row.joint_type}, theta {row.theta:.6g}, d {row.d:.6g}, a {row.a:.6g}, alpha {row.alpha:.6g}"
             for row in self.rows
         )
-        return outline(f"DhTable({self.name!r}, {self.convention}, {len(self)} rows)", rows, total=len(self))
-
-    def _repr_html_(self) -> str:
-        names = ("name", "joint_type", "theta", "d", "a", "alpha", "lower", "upper", "velocity")
-        rows = ([getattr(row, name) for name in names] for row in self.rows)
-        title = f"{self.name}: DH table, {self.convention} convention (m, rad)"
-        return html_block(title, html_table([name.replace("_", " ") for name in names], rows, total=len(self)))
+        return View(
+            f"{self.name!r}, {self.convention}, {len(self)} rows",
+            [Rows([name.replace("_", " ") for name in names], cells, len(self))],
+            lines,
+            len(self),
+            f"{self.name}: DH table, {self.convention} convention (m, rad)",
+        )
 
     @classmethod
     def load(cls, path: str | Path) -> DhTable:

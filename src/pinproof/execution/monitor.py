@@ -36,7 +36,7 @@ from pinproof.collision import (
     mesh_files,
     notes_of,
 )
-from pinproof.common.display import html_block, html_of, html_table
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.validation import require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory, check_limits
@@ -68,7 +68,7 @@ class MonitorStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class MonitorResult:
+class MonitorResult(Shown):
     """The result of one control tick.
 
     Parameters
@@ -130,14 +130,11 @@ class MonitorResult:
             return f"{text} ({self.joint})" if self.joint else text
         return f"{text}; {self.joint} leaves it by {self.excess:.4g} rad or m" if self.joint else text
 
-    def __repr__(self) -> str:
-        return f"MonitorResult({self})"
-
-    def _repr_html_(self) -> str:
-        return html_block(str(self), html_of(self.braking))
+    def _view(self) -> View:
+        return View(str(self), [self.braking])
 
 
-class Monitor:
+class Monitor(Shown):
     """Compares the measured state of a robot with a certified motion, at each tick of a controller.
 
     Parameters
@@ -381,13 +378,10 @@ class Monitor:
         near = (np.abs(np.asarray(self._trajectory(times)) - q) / self._tolerance).max(axis=1)
         return float(times[int(near.argmin())])
 
-    def __repr__(self) -> str:
-        return f"Monitor({self._headline})"
-
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         columns = ("joint", "tolerance", "largest drift within the latency", "acceleration")
         rows = zip(self._trajectory.joint_names, self._tolerance, self._spread, self._acceleration, strict=True)
-        return html_block(self._headline, html_table(columns, list(rows)))
+        return View(self._headline, [Rows(columns, rows)])
 
     @property
     def _headline(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -20,8 +20,7 @@ from pinproof.collision import (
     checked_margin,
     only_arm,
 )
-from pinproof.common.answer import Answer
-from pinproof.common.display import html_block, html_of, html_table, outline
+from pinproof.common.results import Answer, Rows, Shown, View
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.execution import library_file
@@ -46,7 +45,7 @@ MOST_ATTEMPTS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class StoredMotion:
+class StoredMotion(Shown):
     """A motion of a library, with its certificate in the scene of the library.
 
     Parameters
@@ -71,11 +70,9 @@ class StoredMotion:
         """Whether the motion is proven collision-free in the scene of the library."""
         return self.certificate.free
 
-    def __repr__(self) -> str:
-        return outline(f"StoredMotion({self.name!r}: {self.certificate.message})", (repr(self.trajectory),))
-
-    def _repr_html_(self) -> str:
-        return html_block(self.name, html_of(self.certificate), html_of(self.trajectory))
+    def _view(self) -> View:
+        head = f"{self.name!r}: {self.certificate.message}"
+        return View(head, [self.certificate, self.trajectory], (repr(self.trajectory),), title=self.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,14 +104,11 @@ class RepairResult(Answer):
         """Whether the motion is proven collision-free."""
         return self.motion.free
 
-    def __repr__(self) -> str:
-        return f"RepairResult({self.message})"
-
-    def _repr_html_(self) -> str:
-        return html_block(self.message, html_of(self.motion))
+    def _view(self) -> View:
+        return View(self.message, [self.motion])
 
 
-class MotionLibrary:
+class MotionLibrary(Shown):
     """Motions of one arm that are proven collision-free, and are certified again quickly when the scene changes.
 
     A library is immutable: :meth:`add`, :meth:`with_scene` and the other methods return new libraries. In a new scene,
@@ -435,15 +429,11 @@ class MotionLibrary:
         other._motions = motions
         return other
 
-    def __repr__(self) -> str:
+    def _view(self) -> View:
+        rows = ((m.name, m.trajectory.duration, m.certificate.status.name, m.certificate.message) for m in self)
         lines = (f"{m.name}: {m.trajectory.duration:.4g} s, {m.certificate.status.name}" for m in self)
-        return outline(f"MotionLibrary({self._headline})", lines, total=len(self))
-
-    def _repr_html_(self) -> str:
-        rows: Sequence[Sequence[object]] = [
-            (m.name, m.trajectory.duration, m.certificate.status.name, m.certificate.message) for m in self
-        ]
-        return html_block(self._headline, html_table(("motion", "duration [s]", "status", "certificate"), rows))
+        table = Rows(("motion", "duration [s]", "status", "certificate"), rows)
+        return View(self._headline, [table], lines, len(self))
 
     @property
     def _headline(self) -> str:

@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof import _core
-from pinproof.common.answer import Solution
-from pinproof.common.display import outline
+from pinproof.common.results import Solution
 from pinproof.common.validation import Rng, require_integer, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.jacobian_methods import Clik
@@ -161,9 +160,6 @@ class ReachProof(IkAnswer):
             f"proven impossible: no configuration within the limits reaches the target to within {size}{without} "
             f"({boxes} of joint values excluded){far}"
         )
-
-    def __repr__(self) -> str:
-        return outline(f"ReachProof({self.message})", ())
 
 
 def is_provable(arm: Arm) -> bool:

@@ -13,8 +13,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.answer import Answer
-from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.results import Answer, Rows, Shown, View
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import IkFailed
 from pinproof.ik.task import Task
@@ -199,13 +198,10 @@ class IkResult(IkAnswer):
             return self.words
         return found((self.position_error, self.orientation_error), self.counted, self.iterations, self.restarts)
 
-    def __repr__(self) -> str:
+    def _view(self) -> View:
+        table = Rows([f"q{number}" for number in range(1, len(self.q) + 1)], [self.q.tolist()])
         q = ", ".join(f"{value:.6g}" for value in self.q)
-        return outline(f"IkResult({self.message})", (f"q = [{q}]",))
-
-    def _repr_html_(self) -> str:
-        columns = [f"q{number}" for number in range(1, len(self.q) + 1)]
-        return html_block(f"{self.message} (rad or m)", html_table(columns, [self.q.tolist()]))
+        return View(self.message, [table], (f"q = [{q}]",), title=f"{self.message} (rad or m)")
 
     @property
     def ok(self) -> bool:
@@ -218,7 +214,7 @@ STATUSES = tuple(IkStatus)
 
 
 @dataclass(frozen=True, eq=False)
-class IkBatch:
+class IkBatch(Shown):
     """The results for N targets, in the order of the targets; indexing returns an :class:`IkResult`.
 
     Parameters
@@ -255,18 +251,16 @@ class IkBatch:
     def __post_init__(self) -> None:
         freeze_arrays(self, "q", "codes", "position_error", "orientation_error", "iterations", "restarts")
 
-    def __repr__(self) -> str:
+    def _view(self) -> View:
         counts = Counter(STATUSES[code].value for code in self.codes.tolist())
         found = ", ".join(f"{count:,} {status}" for status, count in counts.most_common())
-        return f"IkBatch({len(self.codes):,} targets{': ' if found else ''}{found})"
-
-    def _repr_html_(self) -> str:
         columns = ("target", "status", *self.arm.joint_names, "position error [m]", "orientation error [rad]")
         rows = (
             (k, STATUSES[code].value, *self.q[k].tolist(), self.position_error[k], self.orientation_error[k])
             for k, code in enumerate(self.codes.tolist())
         )
-        return html_block(repr(self), html_table(columns, rows, total=len(self.codes)))
+        head = f"{len(self.codes):,} targets{': ' if found else ''}{found}"
+        return View(head, [Rows(columns, rows, len(self.codes))], title=f"IkBatch({head})")
 
     @classmethod
     def of(cls, results: Sequence[IkResult], arm: Arm, engine: str) -> IkBatch:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Tracker as CompiledTracker
-from pinproof.common.display import html_block, html_plot
+from pinproof.common.results import View, html_plot
 from pinproof.common.validation import freeze_arrays, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.result import AT_LIMIT, IkAnswer
@@ -71,12 +71,9 @@ class TrackResult(IkAnswer):
     orientation_error: Array = field(init=False)
     reached: Flags = field(init=False)
 
-    def __repr__(self) -> str:
-        return f"TrackResult({self.message})"
-
-    def _repr_html_(self) -> str:
-        lines = dict(zip(self.arm.joint_names, self.q.T, strict=True)) if len(self.times) else {}
-        return html_block(self.message, html_plot(self.times, lines, "rad or m") if lines else "")
+    def _view(self) -> View:
+        lines = dict(zip(self.arm.joint_names, self.q.T, strict=True))
+        return View(self.message, [html_plot(self.times, lines, "rad or m") if len(self.times) else None])
 
     def __post_init__(self) -> None:
         errors = pose_errors(self.arm, self.task, self.poses, self.q)

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.results import Rows, Shown, View
 from pinproof.spatial import Array
 
 PARALLEL_TOLERANCE = 1e-4
@@ -143,7 +143,7 @@ class JointInfo:
 
 
 @dataclass(frozen=True)
-class RobotInfo:
+class RobotInfo(Shown):
     """Properties of a robot and of one of its arms; made by :meth:`pinproof.Robot.info`.
 
     Parameters
@@ -195,15 +195,12 @@ class RobotInfo:
         plain: dict[str, Any] = json.loads(json.dumps(asdict(self), allow_nan=False))
         return plain
 
-    def __repr__(self) -> str:
-        return outline(f"RobotInfo({self._headline})", (self.kinematic_class, *self.missing))
-
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         names = ("name", "type", "role", "parent", "child", "lower", "upper", "velocity", "acceleration")
-        rows = ([getattr(joint, name) for name in names] for joint in self.joints)
-        table = html_table(names, rows, total=len(self.joints))
+        table = Rows(names, ([getattr(joint, name) for name in names] for joint in self.joints))
         facts = (self.kinematic_class, f"Acceleration limits: {self.acceleration_source}", *self.missing)
-        return html_block(f"{self._headline} (rad or m)", html_list(facts), table)
+        lines = (self.kinematic_class, *self.missing)
+        return View(self._headline, [facts, table], lines, title=f"{self._headline} (rad or m)")
 
     @property
     def _headline(self) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANYTHING,
     BOOLEAN,
@@ -61,7 +61,7 @@ LIMIT_KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
 
 @named_arguments
 @dataclass(frozen=True, eq=False)
-class JointLimits:
+class JointLimits(Shown):
     """Limits of the n joints of an arm, in joint order.
 
     Parameters
@@ -98,18 +98,14 @@ class JointLimits:
     jerk_source: str = field(default="", kw_only=True)
     guessed: npt.NDArray[np.bool_] = field(default=None, kw_only=True)  # type: ignore[arg-type]  # filled in below
 
-    def __repr__(self) -> str:
-        known = [(kind, getattr(self, kind)) for kind in LIMIT_KINDS if getattr(self, kind) is not None]
-        rows = (f"{kind}: {', '.join(f'{value:.6g}' for value in values)}" for kind, values in known)
-        return outline(f"JointLimits({len(self.lower)} joints, acceleration: {self.acceleration_source})", rows)
-
-    def _repr_html_(self) -> str:
-        kinds = [kind for kind in LIMIT_KINDS if getattr(self, kind) is not None]
-        rows = zip(*(getattr(self, kind) for kind in kinds), strict=True)
-        notes = html_list(filter(None, (f"acceleration: {self.acceleration_source}", self.jerk_source)))
-        return html_block(
-            f"Limits of {len(self.lower)} joints (rad or m, s, N m)", html_table(kinds, list(rows)), notes
-        )
+    def _view(self) -> View:
+        known = {kind: value for kind in LIMIT_KINDS if (value := getattr(self, kind)) is not None}
+        rows = list(zip(*known.values(), strict=True))
+        notes = filter(None, (f"acceleration: {self.acceleration_source}", self.jerk_source))
+        lines = (f"{kind}: {', '.join(f'{value:.6g}' for value in values)}" for kind, values in known.items())
+        title = f"Limits of {len(self.lower)} joints (rad or m, s, N m)"
+        head = f"{len(self.lower)} joints, acceleration: {self.acceleration_source}"
+        return View(head, [Rows(tuple(known), rows), notes], lines, title=title)
 
     def __post_init__(self) -> None:
         source = self.acceleration_source or "given by the caller"

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import write_text_whole
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.validation import ReadOnlyDict, require_type
 from pinproof.description import GENERATED_BODIES, Srdf, Urdf, UrdfJoint, has_generated_bodies, notes
 from pinproof.errors import InputError, UnknownNameError, UrdfError
@@ -80,7 +80,7 @@ ENDS_READ_ONLY = "the arms of a joint group are read-only; robot.arms() makes ot
 HOME_READ_ONLY = "the home of a robot is read-only; pass the configuration where it is needed"
 
 
-class JointGroup:
+class JointGroup(Shown):
     """Joints of a robot that are planned, certified and timed together, with the tcps of one or several arms.
 
     Created by :meth:`pinproof.Robot.arms` and :func:`pinproof.assemble`; :class:`Arm` is the group of a single arm. The
@@ -357,19 +357,18 @@ class JointGroup:
         """Return the configuration of :attr:`model` (mimic joints included) for q (n,), without validating q."""
         return np.asarray(self.scale @ q + self.offset)
 
-    def __repr__(self) -> str:
+    def _view(self) -> View:
         arms = ", ".join(f"{name}: {base} -> {tcp}" for name, (base, tcp) in self.ends.items())
-        joints = f"{self.dof} joints: {', '.join(self.joint_names)}"
-        return f"JointGroup({self.robot.name!r}, {arms}, {joints})"
-
-    def _repr_html_(self) -> str:
+        ends = " and ".join(f"{base} -> {tcp}" for base, tcp in self.ends.values())
         columns = ("joint", "lower", "upper", "velocity", "acceleration", "home")
         limits = self.limits
-        cells = (self.joint_names, limits.lower, limits.upper, limits.velocity, limits.acceleration, self.home)
-        table = html_table(columns, list(zip(*cells, strict=True)))
+        rows = zip(
+            self.joint_names, limits.lower, limits.upper, limits.velocity, limits.acceleration, self.home, strict=True
+        )
         held = (f"{name} is held at {value:g}" for name, value in self.held.items())
-        ends = " and ".join(f"{base} -> {tcp}" for base, tcp in self.ends.values())
-        return html_block(f"{self._kind} of {self.robot.name}, {ends} (rad or m)", table, html_list(held))
+        joints = f"{self.dof} joints: {', '.join(self.joint_names)}"
+        title = f"{self._kind} of {self.robot.name}, {ends} (rad or m)"
+        return View(f"{self.robot.name!r}, {arms}, {joints}", [Rows(columns, rows), held], title=title)
 
     _kind = "Joint group"
 
@@ -515,7 +514,7 @@ def _is_mimic(joints: Mapping[str, UrdfJoint], name: str) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(Shown):
     """A robot: its description and its kinematic model; created by :func:`pinproof.load_robot`.
 
     Parameters
@@ -569,14 +568,12 @@ class Robot:
         """
         return self._model.copy()
 
-    def __repr__(self) -> str:
-        names = ", ".join(joint.name for joint in self._moving)
-        return outline(f"Robot({self.name!r}, {self._headline})", (f"joints: {names}", *self.notes))
-
-    def _repr_html_(self) -> str:
-        rows = [(joint.name, joint.type, joint.parent, joint.child) for joint in self._moving]
-        table = html_table(("joint", "type", "parent", "child"), rows)
-        return html_block(f"Robot {self.name}, {self._headline}", table, html_list(self.notes))
+    def _view(self) -> View:
+        rows = ((joint.name, joint.type, joint.parent, joint.child) for joint in self._moving)
+        table = Rows(("joint", "type", "parent", "child"), rows)
+        lines = (f"joints: {', '.join(joint.name for joint in self._moving)}", *self.notes)
+        title = f"Robot {self.name}, {self._headline}"
+        return View(f"{self.name!r}, {self._headline}", [table, self.notes], lines, title=title)
 
     @property
     def _moving(self) -> list[UrdfJoint]:

@@ -10,14 +10,14 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.display import html_block, html_table
+from pinproof.common.results import Rows, Shown, View
 from pinproof.errors import InputError
 from pinproof.motion.curve import BezierCurve, checked_joint_names, ends_meet, read_only
 from pinproof.spatial import Array, finite
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class JointPath(BezierCurve):
+class JointPath(BezierCurve, Shown):
     """Straight segments between waypoints; no timing.
 
     The parameter is the index of the waypoint as a float: ``path(1.5)`` is the middle between waypoints 1 and 2. A path
@@ -93,10 +93,8 @@ class JointPath(BezierCurve):
             return read_only(np.zeros(2)), read_only(np.stack([self.q, self.q], axis=1))
         return read_only(np.arange(len(self.q), dtype=float)), read_only(np.stack([self.q[:-1], self.q[1:]], axis=1))
 
-    def __repr__(self) -> str:
-        return f"JointPath({len(self.q)} waypoints, {len(self.joint_names)} joints, length {self.length:.6g})"
-
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         rows = ([number, *q] for number, q in enumerate(self.q))
+        head = f"{len(self.q)} waypoints, {len(self.joint_names)} joints, length {self.length:.6g}"
         title = f"Path of {len(self.q)} waypoints, length {self.length:.4g} (rad or m)"
-        return html_block(title, html_table(("waypoint", *self.joint_names), rows, total=len(self.q)))
+        return View(head, [Rows(("waypoint", *self.joint_names), rows, len(self.q))], title=title)

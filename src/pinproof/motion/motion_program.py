@@ -17,8 +17,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import read_text, write_text_whole
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANY_TEXT,
     PLAIN_NUMBER,
@@ -108,7 +108,7 @@ class ProgramEvent:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionProgram:
+class MotionProgram(Shown):
     """Segments and events on one clock, which starts at 0.
 
     Parameters
@@ -251,19 +251,14 @@ class MotionProgram:
         segments = ",\n".join(_segment_json(segment) for segment in self.segments)
         return f'{json.dumps(head, indent=1, allow_nan=False)[:-2]},\n "segments": [\n{segments}\n ]\n}}\n'
 
-    def __repr__(self) -> str:
-        return outline(f"MotionProgram({self.name!r}, {self.duration:.4g} s)", (row[-1] for row in self._rows()))
-
-    def _repr_html_(self) -> str:
-        rows = [row[:-1] for row in self._rows()]
-        title = f"Program {self.name}: {self.duration:.4g} s"
-        return html_block(title, html_table(("start [s]", "end [s]", "what"), rows))
-
-    def _rows(self) -> list[tuple[float, float, str, str]]:
+    def _view(self) -> View:
         rows = [(each.start, each.end, f"segment {each.name}") for each in self.segments]
         rows += [(e.time, e.end, f"event {e.kind}{e.object and f' {e.object}'}") for e in self.events]
         rows.sort(key=lambda row: row[:2])
-        return [(start, end, what, f"{start:.4f} to {end:.4f} s: {what}") for start, end, what in rows]
+        lines = (f"{start:.4f} to {end:.4f} s: {what}" for start, end, what in rows)
+        title = f"Program {self.name}: {self.duration:.4g} s"
+        table = Rows(("start [s]", "end [s]", "what"), rows)
+        return View(f"{self.name!r}, {self.duration:.4g} s", [table], lines, title=title)
 
     def _check_events(self) -> None:
         ends = {_clock(segment.end) for segment in self.segments}

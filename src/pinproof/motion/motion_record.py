@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Protocol
 
+from pinproof.common.results import Written
 from pinproof.common.structs import (
     ANY_TEXT,
     OPTIONAL_NUMBER,
     PLAIN_NUMBER,
-    Written,
     key,
     list_of,
     mapping_to,

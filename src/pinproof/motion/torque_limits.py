@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import DynamicTree
-from pinproof.common.display import outline
+from pinproof.common.results import Shown, View
 from pinproof.common.structs import OPTIONAL_NUMBER, key, simple, struct, table_of
 from pinproof.description import DEFAULT_EFFORT, GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
@@ -46,7 +46,7 @@ class TorquePeak:
         return f"{self.joint}: {self.torque:.3g} {self.unit}{limit} at {self.time:.3g} s"
 
 
-class TorqueLimits:
+class TorqueLimits(Shown):
     """Limits of the joint torques, a :class:`~pinproof.motion.RateConstraint`; docs/timing.md derives its bounds.
 
     Inertias come from the URDF and the payloads, as in :meth:`pinproof.Arm.torques`. A motion that is slowed down
@@ -199,9 +199,9 @@ class TorqueLimits:
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuilt, (self.arm, self.payloads, self.limits, self.gravity)
 
-    def __repr__(self) -> str:
-        rows = [f"limits: {', '.join(f'{limit:g}' for limit in self.limits)}", *map(str, self.payloads), *self.notes]
-        return outline(f"TorqueLimits({self.arm.robot.name!r}, {self.arm.dof} joints)", rows)
+    def _view(self) -> View:
+        lines = [f"limits: {', '.join(f'{limit:g}' for limit in self.limits)}", *map(str, self.payloads), *self.notes]
+        return View(f"{self.arm.robot.name!r}, {self.arm.dof} joints", [lines], lines)
 
 
 def _rebuilt(arm: JointGroup, payloads: tuple[Payload, ...], limits: Array, gravity: Array) -> TorqueLimits:

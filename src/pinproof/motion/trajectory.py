@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.display import PLOT_POINTS, html_block, html_list, html_plot, html_table
+from pinproof.common.results import PLOT_POINTS, Rows, Shown, View, html_plot
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.model import guess_mark
@@ -31,7 +31,7 @@ from pinproof.verifier import curve_digest
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Trajectory(BezierCurve):
+class Trajectory(BezierCurve, Shown):
     """A Hermite curve between points in time: cubic, or quintic if accelerations are given.
 
     This is the curve that the joint_trajectory_controller of ros2_control reconstructs with its default interpolation
@@ -496,22 +496,20 @@ class Trajectory(BezierCurve):
         again = partial(Trajectory, accelerations=self.accelerations, certified=self.certified)
         return again, (self.times, self.q, self.velocities, self.joint_names, self.limits_note)
 
-    def __repr__(self) -> str:
+    def _view(self) -> View:
         points = f"{len(self.times)} points, {self.interpolant}"
-        return f"Trajectory({self.duration:.6g} s, {points}, {len(self.joint_names)} joints)"
+        title = f"Trajectory of {self.duration:.4g} s{guess_mark(self.limits_note)}, {points} (rad or m, s)"
+        head = f"{self.duration:.6g} s, {points}, {len(self.joint_names)} joints"
+        return View(head, self._details(), title=title)
 
-    def _repr_html_(self) -> str:
-        low, high = self.range()
-        speeds, rates = self.max_velocity(), self.max_acceleration()
+    def _details(self) -> Iterator[object]:
+        """The table of joints, the plot, and the source of the limits."""
         columns = ("joint", "start", "end", "lowest", "highest", "largest velocity", "largest acceleration")
-        rows = zip(self.joint_names, self.q[0], self.q[-1], low, high, speeds, rates, strict=True)
+        figures = (self.q[0], self.q[-1], *self.range(), self.max_velocity(), self.max_acceleration())
+        yield Rows(columns, zip(self.joint_names, *figures, strict=True))
         instants = np.linspace(0.0, self.duration, PLOT_POINTS)
-        lines = dict(zip(self.joint_names, np.asarray(self(instants)).T, strict=True))
-        source = html_list([f"Limits: {self.limits_note}"] if self.limits_note else [])
-        plot = html_plot(instants, lines, "rad or m")
-        duration = f"{self.duration:.4g} s{guess_mark(self.limits_note)}"
-        title = f"Trajectory of {duration}, {len(self.times)} points, {self.interpolant} (rad or m, s)"
-        return html_block(title, html_table(columns, rows, total=len(low)), plot, source)
+        yield html_plot(instants, dict(zip(self.joint_names, np.asarray(self(instants)).T, strict=True)), "rad or m")
+        yield [f"Limits: {self.limits_note}"] if self.limits_note else None
 
 
 def _concatenated(parts: list[Array]) -> Array:

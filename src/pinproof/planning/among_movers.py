@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Mover, certify, with_movers
-from pinproof.common.answer import Solution
+from pinproof.common.results import Solution
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.description import moved_by
 from pinproof.errors import InputError

@@ -21,8 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, certify
-from pinproof.common.answer import Answer, Solution
-from pinproof.common.display import outline
+from pinproof.common.results import Answer, Solution
 from pinproof.common.validation import Rng, require_positive, require_type
 from pinproof.errors import InputError, NoAnswer
 from pinproof.model import guess_mark
@@ -71,9 +70,6 @@ class CoordinationResult(Answer):
     def ok(self) -> bool:
         """Whether the motion of all arms together is proven."""
         return self.certificate.free
-
-    def __repr__(self) -> str:
-        return outline(f"CoordinationResult({self.message})", [])
 
 
 def coordinate(

@@ -31,7 +31,7 @@ from pinproof.collision import (
     is_proven_free,
     require_curve,
 )
-from pinproof.common.display import html_block, html_of, outline
+from pinproof.common.results import Shown, View
 from pinproof.common.validation import require_integer
 from pinproof.errors import TimingError
 from pinproof.model import guess_mark
@@ -130,7 +130,7 @@ SLOW_ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class OptimiseResult:
+class OptimiseResult(Shown):
     """A timed and certified motion.
 
     Parameters
@@ -164,11 +164,9 @@ class OptimiseResult:
         """Seconds from start to end."""
         return self.trajectory.duration
 
-    def __repr__(self) -> str:
-        return outline(f"OptimiseResult({self.message})", (repr(self.trajectory), f"{self.evaluations} evaluations"))
-
-    def _repr_html_(self) -> str:
-        return html_block(self.message, html_of(self.trajectory), html_of(self.certificate))
+    def _view(self) -> View:
+        lines = (repr(self.trajectory), f"{self.evaluations} evaluations")
+        return View(self.message, [self.trajectory, self.certificate], lines)
 
 
 def optimise(

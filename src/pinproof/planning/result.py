@@ -10,8 +10,7 @@ from enum import Enum
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Contact
-from pinproof.common.answer import Answer, Solution
-from pinproof.common.display import html_block, html_list, html_of, outline
+from pinproof.common.results import Answer, Solution, View
 from pinproof.errors import PlanFailed
 from pinproof.motion import BlendedPath, CubicPath, JointPath
 
@@ -75,11 +74,9 @@ class PlanAnswer(Answer):
         """Whether the result is a certified motion to a goal or along the complete path."""
         return self.status in (PlanStatus.FOUND, LinearStatus.COMPLETE)
 
-    def __repr__(self) -> str:
-        return outline(f"{type(self).__name__}({self.status.name}: {self.message})", [])
-
-    def _repr_html_(self) -> str:
-        return html_block(self.message, *(html_of(vars(self).get(name)) for name in ("path", "certificate")))
+    def _view(self) -> View:
+        parts = [vars(self).get(name) for name in ("path", "certificate")]
+        return View(f"{self.status.name}: {self.message}", parts, title=self.message)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +127,10 @@ class PlanResult(PlanAnswer):
     contacts: tuple[Contact, ...] = ()
     checker: Solution[CollisionChecker] = Solution()
 
-    def __repr__(self) -> str:
-        path = (repr(self.path),) if self.ok else ()
-        return outline(f"PlanResult({self.status.name}: {self.message})", (*path, self._counts))
-
-    def _repr_html_(self) -> str:
-        path = self.path._repr_html_() if self.ok else ""
-        return html_block(f"{self.status.name}: {self.message}", html_list((self._counts,)), path)
+    def _view(self) -> View:
+        path = self.path if self.ok else None
+        lines = (self._counts,) if path is None else (repr(path), self._counts)
+        return View(f"{self.status.name}: {self.message}", [[self._counts], path], lines)
 
     @property
     def _counts(self) -> str:

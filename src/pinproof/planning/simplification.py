@@ -25,7 +25,7 @@ from pinproof.collision import (
     is_proven_free,
     require_curve,
 )
-from pinproof.common.display import html_block, html_of
+from pinproof.common.results import Shown, View
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier, corner
@@ -51,7 +51,7 @@ STRAIGHT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class SimplifyResult:
+class SimplifyResult(Shown):
     """A shortened and smoothed path.
 
     Parameters
@@ -75,8 +75,8 @@ class SimplifyResult:
     length_after: float
     message: str
 
-    def _repr_html_(self) -> str:
-        return html_block(self.message, html_of(self.path), html_of(self.certificate))
+    def _view(self) -> View:
+        return View(self.message, [self.path, self.certificate])
 
     @property
     def ok(self) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -17,8 +18,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pinproof.common import theme
-from pinproof.common.display import html_list, html_table
 from pinproof.common.files import write_text_whole
+from pinproof.common.results import Rows, html_list
 from pinproof.errors import FileError, ViewerError
 from pinproof.viewer.wire import Commands
 
@@ -131,19 +132,11 @@ def notes(texts: Sequence[str], summary: str = "Notes") -> str:
 
 def table(
     place: str,
-    columns: Sequence[str],
-    rows: Sequence[Sequence[object]],
+    rows: Rows,
     texts: Sequence[str],
-    *,
-    colours: Sequence[str] = (),
-    numbers: Sequence[str] = (),
 ) -> str:
-    """A panel with a table that can be sorted and filtered, and with notes; ``place`` is ``side`` or ``below``.
-
-    The other arguments are those of :func:`pinproof.common.display.html_table`.
-    """
-    cells = html_table(columns, rows, colours=colours, numbers=numbers, most=len(rows))
-    cells = cells.replace("<tbody>", '<tbody id="rows">', 1)
+    """A panel with a table that can be sorted and filtered, and with notes; ``place`` is ``side`` or ``below``."""
+    cells = rows.html(sys.maxsize).replace("<tbody>", '<tbody id="rows">', 1)
     return (
         f'<section id="list" class="{place}" aria-label="All picks"><div id="tools">'
         '<input type="search" id="find" placeholder="Filter" aria-label="Filter the table">'

@@ -11,6 +11,7 @@ from pinproof.cell.sequencing.sequence_page import MOST_FRAMES, RATE, CellPage, 
 from pinproof.cell.sequencing.sequence_result import cycle_time
 from pinproof.collision import proven_millimetres
 from pinproof.common.files import json_text, save_as
+from pinproof.common.results import Rows, markdown
 from pinproof.errors import InputError
 from pinproof.model import PART, guess_mark
 from pinproof.spatial import Array, matrix
@@ -116,12 +117,9 @@ def save_allocation(result: AllocationResult, path: str | Path) -> None:
 
 def allocation_markdown(result: AllocationResult) -> str:
     """The programs of all arms as tables in Markdown."""
-    lines = [f"# Picks of {result.group.robot.name}", "", result.message, ""]
+    parts: list[object] = [f"# Picks of {result.group.robot.name}", result.message]
     for arm in result.arms:
-        lines += [f"## {arm.arm}", "", "| start | duration | pick | phase |", "|--:|--:|---|---|"]
-        lines += [
-            f"| {piece.start:.2f} s | {piece.duration:.2f} s | {piece.pick} | {piece.name} |" for piece in arm.phases
-        ]
-        lines.append("")
-    lines += [f"left out: {pick.name}: {pick.reason}" for pick in result.missing]
-    return "\n".join(lines).rstrip() + "\n"
+        rows = [(f"{part.start:.2f} s", f"{part.duration:.2f} s", part.pick, part.name) for part in arm.phases]
+        table = Rows(("start", "duration", "pick", "phase"), rows, numbers={"start", "duration"})
+        parts += [f"## {arm.arm}", table]
+    return markdown(*parts, *(f"left out: {pick.name}: {pick.reason}" for pick in result.missing))

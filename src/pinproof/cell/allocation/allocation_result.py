@@ -11,14 +11,13 @@ from pinproof.cell.allocation.common_clock import WAIT, ArmPiece, CommonInterval
 from pinproof.cell.sequencing.precedence import AT_PLACE
 from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult
 from pinproof.collision import Obstacle, Scene
-from pinproof.common.display import outline
+from pinproof.common.results import Shown, View, Written
 from pinproof.common.structs import (
     ANY_TEXT,
     COUNT,
     NOT_NEGATIVE,
     OPTIONAL_NUMBER,
     TEXT,
-    Written,
     choice,
     key,
     list_of,
@@ -115,7 +114,7 @@ class PartState:
     version="pinproof/allocation/1",
     eq=False,
 )  # fmt: skip
-class AllocationResult(Written):
+class AllocationResult(Shown, Written):
     """Picks of several arms on a common clock.
 
     Readers must accept unknown keys: they are additions of the same version.
@@ -136,12 +135,12 @@ class AllocationResult(Written):
     alone: tuple[OneArm, ...] = key("the time of each arm alone, if it was computed", default=())
     tools: tuple[Obstacle, ...] = key("the open tools of all arms; each names its arm", default=(), hidden=True)
 
-    def __repr__(self) -> str:
-        rows = (
+    def _view(self) -> View:
+        lines = (
             f"{arm.arm}: {len(arm.picks)} picks in {arm.duration:.2f} s, including {arm.waiting:.2f} s of waiting"
             for arm in self.arms
         )
-        return outline(f"AllocationResult({self.message})", rows)
+        return View(self.message, lines=lines)
 
     @property
     @reported()

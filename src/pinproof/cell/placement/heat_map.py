@@ -12,7 +12,8 @@ import numpy.typing as npt
 from pinproof.cell.placement.region import AXES, Placement, PlacementRegion
 from pinproof.common import theme
 from pinproof.common.files import csv_text, figure
-from pinproof.common.structs import OPTIONAL_NUMBER, PLAIN_NUMBER, Written, key, list_of, reported, struct
+from pinproof.common.results import Shown, View, Written
+from pinproof.common.structs import OPTIONAL_NUMBER, PLAIN_NUMBER, key, list_of, reported, struct
 from pinproof.common.validation import freeze_arrays
 from pinproof.spatial import Array
 from pinproof.viewer import ColouredPoints
@@ -35,7 +36,7 @@ class FloorMap:
 
 
 @struct("placement_map", more=True, written=True, eq=False)
-class PlacementMap(Written):
+class PlacementMap(Shown, Written):
     """The heat map over the floor: the screened grid of placements."""
 
     placements: Array = key("(N, 4) x, y, z, yaw", hidden=True)
@@ -60,8 +61,8 @@ class PlacementMap(Written):
     def __len__(self) -> int:
         return len(self.placements)
 
-    def __repr__(self) -> str:
-        return f"PlacementMap({len(self):,} placements, all picks pass the screening at {self.feasible.sum():,})"
+    def _view(self) -> View:
+        return View(f"{len(self):,} placements, all picks pass the screening at {self.feasible.sum():,}")
 
     @property
     @reported("m", kind=list_of(PLAIN_NUMBER))

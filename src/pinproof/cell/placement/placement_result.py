@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -11,14 +10,11 @@ from pinproof.cell.placement.heat_map import PlacementMap, heat_map_picture
 from pinproof.cell.placement.placed_robot import PlacedRobot
 from pinproof.cell.placement.region import AXES, Placement, PlacementRegion
 from pinproof.collision import Scene
-from pinproof.common.answer import Answer
-from pinproof.common.display import html_block, html_list, html_table, markdown_table, outline
-from pinproof.common.files import json_text, save_as
+from pinproof.common.results import Answer, Rows, Saved, Shown, View, Written
 from pinproof.common.structs import (
     OPTIONAL_NUMBER,
     PLAIN_NUMBER,
     Kind,
-    Written,
     choice,
     key,
     list_of,
@@ -66,7 +62,7 @@ PLACED_POSE = report_table(
     written=True,
     eq=False,
 )
-class CertifiedPlacement(Written):
+class CertifiedPlacement(Shown, Written):
     """A placement at which all picks were judged."""
 
     placement: Placement = key("the placement", inline=table_of(Placement))
@@ -130,9 +126,8 @@ class CertifiedPlacement(Written):
         """
         return self.cell_from_root.inverse()
 
-    def __repr__(self) -> str:
-        count = f"{self.good} of {self.judged} picks good"
-        return f"CertifiedPlacement({self.placement}: {count}, {self.cycle_time:.3f} s)"
+    def _view(self) -> View:
+        return View(f"{self.placement}: {self.good} of {self.judged} picks good, {self.cycle_time:.3f} s")
 
 
 def total_time(report: PickReport) -> float:
@@ -187,13 +182,15 @@ class PlacementSensitivity:
     version="pinproof/placement/1",
     eq=False,
 )  # fmt: skip
-class PlacementResult(Answer, Written):
+class PlacementResult(Answer, Saved, Written):
     """The result of a search for a placement. Readers must accept unknown keys: they are additions of the same version.
 
     Notes
     -----
     It is returned by :func:`pinproof.place_base`.
     """
+
+    formats = (".json", ".csv", ".png", ".md")
 
     candidates: tuple[CertifiedPlacement, ...] = key(
         "the placements that were judged completely, the best first; those with a pick that fails are last",
@@ -248,68 +245,41 @@ class PlacementResult(Answer, Written):
         """The judged placement with the most good picks, which is the best one if every pick is good there."""
         return self.candidates[0] if self.candidates else None
 
-    def __repr__(self) -> str:
-        return outline(f"PlacementResult({self.message})", map(repr, self.candidates))
-
-    def _repr_html_(self) -> str:
-        return html_block("Placement of the base", html_table(_COLUMNS, self._rows()), html_list([self.message]))
-
-    def _rows(self) -> list[tuple[object, ...]]:
-        return [
+    def _view(self) -> View:
+        rows = (
             (
                 candidate.placement.choice,
-                *candidate.placement.values.tolist(),
+                *(f"{value:.4f}" for value in candidate.placement.values),
                 f"{candidate.good} of {candidate.judged}",
-                candidate.cycle_time,
-                candidate.clearance * 1e3,
+                f"{candidate.cycle_time:.4f}",
+                f"{candidate.clearance * 1e3:.4f}",
             )
             for candidate in self.candidates
-        ]
-
-    def to_markdown(self) -> str:
-        """The tables of placements and of the sensitivity, and the picks that fail."""
-        rows = [[f"{cell:.4f}" if isinstance(cell, float) else cell for cell in row] for row in self._rows()]
-        lines = [self.message, "", *markdown_table(_COLUMNS, rows)]
-        if self.sensitivity:
-            heads = ("axis", "all picks good below to", "fails first", "all picks good above to", "fails first")
-            lines += ["", *markdown_table(heads, [axis.row() for axis in self.sensitivity])]
-        failing = [f"- {name}: {reason}" for name, reason in self.failing.items()]
-        lines += failing[:MOST_FAILING]
+        )
+        columns = ("choice", "x [m]", "y [m]", "z [m]", "yaw [rad]", "good", "cycle time [s]", "clearance [mm]")
+        heads = ("axis", "all picks good below to", "fails first", "all picks good above to", "fails first")
+        failing = [f"{name}: {reason}" for name, reason in self.failing.items()]
         if len(failing) > MOST_FAILING:
-            lines.append(f"- and {len(failing) - MOST_FAILING} more picks")
-        return "\n".join(lines) + "\n"
+            failing[MOST_FAILING:] = [f"and {len(failing) - MOST_FAILING} more picks"]
+        parts = [
+            Rows(columns, rows, numbers={*columns[1:5], *columns[6:]}),
+            Rows(heads, [axis.row() for axis in self.sensitivity]) if self.sensitivity else None,
+            failing,
+        ]
+        return View(self.message, parts, map(repr, self.candidates))
 
-    def save(self, path: str | Path) -> None:
-        """Write the result as ``.json`` or ``.md``, or the heat map as ``.csv`` or ``.png``.
+    def to_csv(self) -> str:
+        """The heat map: one row per placement."""
+        return self._whole_map().to_csv()
 
-        The file is written completely or not at all.
+    def _png(self) -> bytes:
+        judged = [candidate.placement for candidate in self.candidates]
+        return heat_map_picture(self._whole_map(), self.region, judged, best=self.ok)
 
-        Raises
-        ------
-        InputError
-            For another suffix, or for the heat map if the search was interrupted before it was complete.
-        FileError
-            If the file cannot be written.
-        """
-        if self.map is None and Path(path).suffix.lower() in (".csv", ".png"):
-            raise InputError(f"{path}: the search was interrupted before the heat map was complete")
-        grid = self.map.to_csv if self.map is not None else str
-        formats: dict[str, Callable[[], str | bytes]] = {
-            ".json": lambda: json_text(self.to_dict()),
-            ".csv": grid,
-            ".png": self._picture,
-            ".md": self.to_markdown,
-        }
-        save_as(path, formats)
-
-    def _picture(self) -> bytes:
+    def _whole_map(self) -> PlacementMap:
         if self.map is None:
             raise InputError("the search was interrupted before the heat map was complete")
-        judged = [candidate.placement for candidate in self.candidates]
-        return heat_map_picture(self.map, self.region, judged, best=self.ok)
-
-
-_COLUMNS = ("choice", "x [m]", "y [m]", "z [m]", "yaw [rad]", "good", "cycle time [s]", "clearance [mm]")
+        return self.map
 
 
 def _length(axis: str, value: float) -> str:

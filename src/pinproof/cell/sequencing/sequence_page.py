@@ -13,6 +13,7 @@ import numpy as np
 from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult, cycle_time
 from pinproof.collision import proven_millimetres
 from pinproof.common.files import os_errors
+from pinproof.common.results import Rows
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model import guess_mark, guess_note
 from pinproof.spatial import SE3
@@ -139,7 +140,7 @@ class CellPage:
         text = panels.page(
             self.title,
             "cell",
-            chart + panels.table("side", COLUMNS, cells, notes, numbers=("#", "Start", "Duration", "Clearance")),
+            chart + panels.table("side", Rows(COLUMNS, cells, numbers=("#", "Start", "Duration", "Clearance")), notes),
             {
                 **view.settings(),
                 "duration": self.duration,

@@ -9,6 +9,7 @@ from typing import Any
 from pinproof.cell.sequencing.sequence_page import write_sequence_page
 from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult, cycle_time
 from pinproof.common.files import csv_text, json_text, save_as
+from pinproof.common.results import Rows, markdown
 from pinproof.common.structs import (
     ANY_TEXT,
     BOOLEAN,
@@ -178,10 +179,10 @@ def _csv(result: SequenceResult) -> str:
 
 def _markdown(result: SequenceResult) -> str:
     """The sequence as a table in Markdown."""
-    lines = [f"# Sequence of {result.setup.checker.arm.robot.name}", "", result.message, ""]
-    lines += ["| | pick | start | duration | limited by |", "|--:|---|--:|--:|---|"]
-    for number, time in enumerate(cycle_time(result).picks, start=1):
-        lines.append(f"| {number} | {time.name} | {time.start:.2f} s | {time.duration:.2f} s | {time.limited_by} |")
-    reasons = {pick.name: pick.reason.replace("|", "\\|") for pick in result.left_out}
-    lines += [f"| | {name} | | | left out: {reason} |" for name, reason in reasons.items()]
-    return "\n".join(lines) + "\n"
+    rows: list[tuple[object, ...]] = [
+        (number, time.name, f"{time.start:.2f} s", f"{time.duration:.2f} s", time.limited_by)
+        for number, time in enumerate(cycle_time(result).picks, start=1)
+    ]
+    rows += [("", pick.name, "", "", f"left out: {pick.reason}") for pick in result.left_out]
+    table = Rows(("", "pick", "start", "duration", "limited by"), rows, numbers={"", "start", "duration"})
+    return markdown(f"# Sequence of {result.setup.checker.arm.robot.name}", result.message, table)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.collision import Certificate, Scene
-from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import TEXT, key, struct
 from pinproof.errors import NoAnswer
 from pinproof.model import Arm, guess_mark
@@ -102,7 +102,7 @@ class SequenceStep:
 
 
 @dataclass(frozen=True, eq=False)
-class SequenceResult:
+class SequenceResult(Shown):
     """A sequence of picks with certified motions.
 
     Parameters
@@ -140,26 +140,15 @@ class SequenceResult:
     wanted: int
     interrupted: bool = False
 
-    def __repr__(self) -> str:
-        return outline(
-            f"SequenceResult({self.message})",
-            (f"{step.start:.2f} s {step.pick.name}: {step.duration:.2f} s" for step in self.steps),
-            total=len(self.steps),
-        )
-
-    def _repr_html_(self) -> str:
-        columns = ("pick", "start [s]", "duration [s]", "phases")
-        rows: list[tuple[object, ...]] = [
-            (
-                step.pick.name,
-                step.start,
-                step.duration,
-                ", ".join(f"{phase.name} {phase.duration:.2f} s" for phase in step.phases),
-            )
-            for step in self.steps
-        ]
+    def _view(self) -> View:
+        rows: list[tuple[object, ...]] = []
+        for step in self.steps:
+            phases = ", ".join(f"{phase.name} {phase.duration:.2f} s" for phase in step.phases)
+            rows.append((step.pick.name, step.start, step.duration, phases))
         rows += [(pick.name, "", "", f"left out: {pick.reason}") for pick in self.left_out]
-        return html_block(self.message, html_table(columns, rows))
+        lines = (f"{step.start:.2f} s {step.pick.name}: {step.duration:.2f} s" for step in self.steps)
+        table = Rows(("pick", "start [s]", "duration [s]", "phases"), rows)
+        return View(self.message, [table], lines, len(self.steps))
 
     def __iter__(self) -> Iterator[SequenceStep]:
         return iter(self.steps)

@@ -23,7 +23,7 @@ from pinproof.collision.checking.pairs import ExcludedPair
 from pinproof.collision.checking.spec import CheckerSpec
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.collision.scenes.scene import Scene
-from pinproof.common.display import html_block, html_list, outline
+from pinproof.common.results import Shown, View
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import JointGroup
 from pinproof.motion import Curve, LimitCheck, LimitViolation, MotionRecord
@@ -167,7 +167,7 @@ class Parting:
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate:
+class Certificate(Shown):
     """The verdict over a whole curve, valid between samples too.
 
     Parameters
@@ -371,12 +371,9 @@ class Certificate:
             raise NotProvenFree(self.message, self)
         return self
 
-    def __repr__(self) -> str:
-        return outline(f"Certificate({self.status.name}: {self.message})", self.notes)
-
-    def _repr_html_(self) -> str:
-        excluded = [f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in self.excluded]
-        return html_block(f"{self.status.name}: {self.message}", html_list((*self.notes, *excluded)))
+    def _view(self) -> View:
+        excluded = (f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in self.excluded)
+        return View(f"{self.status.name}: {self.message}", [[*self.notes, *excluded]], self.notes)
 
     def __str__(self) -> str:
         return "\n".join((f"{self.status.name}: {self.message}", *(f"note: {note}" for note in self.notes)))

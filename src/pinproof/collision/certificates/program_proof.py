@@ -23,7 +23,7 @@ from pinproof.collision.certificates.certificate import Certificate, Certificate
 from pinproof.collision.certificates.certify import certify
 from pinproof.collision.certificates.linear_moves import TURN_SHARE, LineTrace, levers, trace_line
 from pinproof.collision.checking.checker import CollisionChecker
-from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.results import Rows, Shown, View
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm, JointLimits
 from pinproof.motion import (
@@ -100,7 +100,7 @@ class ProgramPart:
 
 
 @dataclass(frozen=True, eq=False)
-class ProgramCertificate:
+class ProgramCertificate(Shown):
     """The certificates of all parts of a program; collision-free only if every part is.
 
     Parameters
@@ -132,10 +132,11 @@ class ProgramCertificate:
     untraced: tuple[str, ...] = ()
     outputs: tuple[int, ...] = ()
 
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         rows = [(each.name, each.certificate.status.name, each.certificate.clearance * 1e3) for each in self.parts]
-        columns = ("part", "status", "clearance [mm]")
-        return html_block(self.message, html_table(columns, rows), html_list((*self.notes, *self.outside_limits)))
+        table = Rows(("part", "status", "clearance [mm]"), rows)
+        lines = (f"{each.name}: {each.certificate}" for each in self.parts)
+        return View(self.message, [table, (*self.notes, *self.outside_limits)], lines)
 
     @property
     def free(self) -> bool:
@@ -197,9 +198,6 @@ class ProgramCertificate:
 
     def __str__(self) -> str:
         return self.message
-
-    def __repr__(self) -> str:
-        return outline(f"ProgramCertificate({self.message})", (f"{p.name}: {p.certificate}" for p in self.parts))
 
 
 def certify_program(program: RobotProgram, checker: CollisionChecker) -> ProgramCertificate:

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from pinproof.collision.checking.checker import CollisionChecker, require_curve
 from pinproof.collision.checking.movers import Mover, with_movers
-from pinproof.common.display import html_block, html_list
+from pinproof.common.results import Shown, View
 from pinproof.errors import InputError
 from pinproof.motion import Curve, Trajectory
 from pinproof.spatial import Array
@@ -32,7 +32,7 @@ MEASURE_EVERY = 10
 
 
 @dataclass(frozen=True, eq=False)
-class AuditResult:
+class AuditResult(Shown):
     """The result of an audit by dense sampling.
 
     Parameters
@@ -56,9 +56,9 @@ class AuditResult:
     geometry: str
     message: str
 
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         found = (f"{' and '.join(bodies)} from the parameter {at:.6g}" for at, bodies in self.contacts)
-        return html_block(self.message, html_list((f"{self.samples:,} samples; {self.geometry}", *found)))
+        return View(self.message, [(f"{self.samples:,} samples; {self.geometry}", *found)])
 
     @property
     def clean(self) -> bool:

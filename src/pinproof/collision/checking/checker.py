@@ -37,7 +37,7 @@ from pinproof.collision.checking.spec import CheckerSpec, Levels
 from pinproof.collision.geometry.bodies import Body, with_triangles
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.collision.scenes.scene import Scene
-from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
@@ -80,7 +80,7 @@ class Contact:
 
 
 @dataclass(frozen=True, eq=False)
-class CheckResult:
+class CheckResult(Shown):
     """All contacts at one configuration, sorted by distance."""
 
     contacts: tuple[Contact, ...]
@@ -93,12 +93,10 @@ class CheckResult:
     def __str__(self) -> str:
         return "; ".join(str(contact) for contact in self.contacts) or "free"
 
-    def __repr__(self) -> str:
-        return outline(f"CheckResult({self._headline})", map(str, self.contacts), total=len(self.contacts))
-
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         rows = [(*each.bodies, each.distance * 1e3) for each in self.contacts]
-        return html_block(self._headline, html_table(("body", "body", "distance [mm]"), rows) if rows else "")
+        table = Rows(("body", "body", "distance [mm]"), rows) if rows else None
+        return View(self._headline, [table], map(str, self.contacts), len(rows))
 
     @property
     def _headline(self) -> str:
@@ -113,7 +111,7 @@ CHUNK = 64
 """Number of configurations that a thread processes at a time."""
 
 
-class CollisionChecker(CheckedBodies):
+class CollisionChecker(CheckedBodies, Shown):
     """Checks configurations of an arm against itself and a scene.
 
     ``q`` contains the arm's own joints only; joints outside the arm keep the values that the arm holds. Two bodies are
@@ -219,17 +217,14 @@ class CollisionChecker(CheckedBodies):
         warn_of_units(spec, self.bodies)
         self._refuse_overlapping_robots()
 
-    def __repr__(self) -> str:
+    def _view(self) -> View:
         counts = f"{len(self.bodies)} bodies, {len(self.pairs)} checked pairs, {len(self.excluded)} excluded pairs"
         attached = "".join(f", {body.name} attached" for body in self.attached)
-        margin = f"margin {self.margin * 1e3:g} mm"
-        return outline(f"CollisionChecker({self.group.robot.name!r}, {counts}, {margin}{attached})")
-
-    def _repr_html_(self) -> str:
-        counts = Counter(owner for k in range(len(self.pairs)) for owner in self._owners(k))
-        table = html_table(("body", "checked pairs"), list(counts.items()))
-        excluded = html_table(("excluded pair", "reason"), [(" and ".join(p.owners), p.reason) for p in self.excluded])
-        return html_block(repr(self), table, excluded)
+        owners = Counter(owner for k in range(len(self.pairs)) for owner in self._owners(k))
+        excluded = ((" and ".join(pair.owners), pair.reason) for pair in self.excluded)
+        parts = [Rows(("body", "checked pairs"), owners.items()), Rows(("excluded pair", "reason"), excluded)]
+        head = f"{self.group.robot.name!r}, {counts}, margin {self.margin * 1e3:g} mm{attached}"
+        return View(head, parts, title=f"CollisionChecker({head})")
 
     # -- queries ----------------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.geometry.shapes import Obstacle, stated_shape
-from pinproof.common.display import html_block, html_list, html_table, outline, shortened
+from pinproof.common.results import Rows, Shown, View, shortened
 from pinproof.common.structs import (
     ANY_TEXT,
     Accepting,
@@ -49,7 +49,7 @@ PAIRS = list_of(simple(list_of(ANY_TEXT, 2, 2).schema, _pair))
 
 
 @struct("scene", first=("obstacles", "allowed_contacts", "disabled_pairs", "frame"), init=False, repr=False, eq=False)
-class Scene(Mapping[str, Obstacle]):
+class Scene(Mapping[str, Obstacle], Shown):
     """Obstacles, which are not checked against each other. Poses are in the frame of the robot's root link.
 
     Notes
@@ -83,20 +83,15 @@ class Scene(Mapping[str, Obstacle]):
     notes: tuple[str, ...] = key("simplifications made when the file was read", default=(), hidden=True)
     source: Path | None = key("the file from which it was read, for messages", default=None, hidden=True)
 
-    def __repr__(self) -> str:
-        things = (f"{each.name}: {shortened(repr(each.shape), SHAPE_WIDTH)}" for each in self.obstacles)
+    def _view(self) -> View:
         count = len(self.obstacles)
+        shapes = ((each, shortened(repr(each.shape), SHAPE_WIDTH)) for each in self.obstacles)
+        rows = ([each.name, shape, *(xyz_rpy(each.pose) + 0.0)] for each, shape in shapes)
+        lines = (f"{each.name}: {shortened(repr(each.shape), SHAPE_WIDTH)}" for each in self.obstacles)
+        table = Rows(("obstacle", "shape", "x", "y", "z", "roll", "pitch", "yaw"), rows, count)
         source = "" if self.source is None else f", from {self.source.name}"
-        return outline(f"Scene({count} obstacle{'' if count == 1 else 's'}{source})", things, total=count)
-
-    def _repr_html_(self) -> str:
-        rows = (
-            [each.name, shortened(repr(each.shape), SHAPE_WIDTH), *(xyz_rpy(each.pose) + 0.0)]
-            for each in self.obstacles
-        )
-        columns = ("obstacle", "shape", "x", "y", "z", "roll", "pitch", "yaw")
-        title = f"Scene of {len(self.obstacles)} obstacles (m, rad)"
-        return html_block(title, html_table(columns, rows, total=len(self.obstacles)), html_list(self.notes))
+        head = f"{count} obstacle{'' if count == 1 else 's'}{source}"
+        return View(head, [table, self.notes], lines, count, f"Scene of {count} obstacles (m, rad)")
 
     def __init__(
         self,

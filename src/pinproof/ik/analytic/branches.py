@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof import _core
-from pinproof.common.display import html_block, html_table
+from pinproof.common.results import Rows, View
 from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
 from pinproof.ik.result import IkAnswer
@@ -273,15 +273,12 @@ class IkBranches(IkAnswer):
     def __iter__(self) -> Iterator[Array]:
         return iter(self.q)
 
-    def __repr__(self) -> str:
-        return f"IkBranches({self.message})"
-
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         errors = zip(self.q, self.position_error, self.orientation_error, strict=True)
         rows = ([number, *q, *rest] for number, (q, *rest) in enumerate(errors))
         columns = ("branch", *self.arm.joint_names, "position error [m]", "orientation error [rad]")
         title = f"IK branches of {self.arm.robot.name} (rad or m): {self.message}"
-        return html_block(title, html_table(columns, rows, total=len(self)))
+        return View(self.message, [Rows(columns, rows, len(self))], title=title)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.display import outline
+from pinproof.common.results import View
 from pinproof.common.validation import require_positive
 from pinproof.errors import IkFailed, InputError
 from pinproof.ik.analytic.plan import Plan, plan_for
@@ -213,8 +213,8 @@ class SelfMotion(IkAnswer):
     def __iter__(self) -> Iterator[SelfMotionCurve]:
         return iter(self.curves)
 
-    def __repr__(self) -> str:
-        return outline(f"SelfMotion({self.message})", (repr(curve) for curve in self.curves), total=len(self.curves))
+    def _view(self) -> View:
+        return View(self.message, lines=map(repr, self.curves), total=len(self.curves))
 
 
 def self_motion_of(

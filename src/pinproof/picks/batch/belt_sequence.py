@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from pinproof.common.display import outline
+from pinproof.common.results import Shown, View
 from pinproof.errors import InputError
 from pinproof.motion import Trajectory
 from pinproof.picks.input.pick import Pick
@@ -16,7 +16,7 @@ from pinproof.picks.judging.verdict import PickVerdict
 
 
 @dataclass(frozen=True, eq=False)
-class BeltSequence:
+class BeltSequence(Shown):
     """The picks that an arm takes from a conveyor one after the other; result of :func:`pick_from_belt`.
 
     Parameters
@@ -58,9 +58,9 @@ class BeltSequence:
         mean = f", {sum(cycles) / len(cycles):.2f} s for each" if cycles else ""
         return f"{len(self.taken)} of {len(self.verdicts)} parts taken in {self.end_time:.1f} s{mean}"
 
-    def __repr__(self) -> str:
+    def _view(self) -> View:
         rows = (f"{each.pick.name}: {each.status.value}: {each.reason}" for each in self.verdicts)
-        return outline(f"BeltSequence({self.summary})", rows, total=len(self.verdicts))
+        return View(self.summary, lines=rows, total=len(self.verdicts))
 
 
 def pick_from_belt(setup: PickSetup, picks: Iterable[Pick]) -> BeltSequence:

@@ -22,8 +22,8 @@ import numpy.typing as npt
 
 from pinproof.collision import Scene
 from pinproof.common.content_hash import code_here, digest
-from pinproof.common.display import html_block, html_list, html_table
 from pinproof.common.files import os_errors, write_bytes_whole
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.validation import require_integer
 from pinproof.errors import CampaignError, FileError, InputError, RunInterrupted
 from pinproof.model import Arm
@@ -127,7 +127,7 @@ def crashed_row(index: int, name: str, reason: str, *, retry: bool) -> bytes:
 
 
 @dataclass(frozen=True)
-class CampaignResult:
+class CampaignResult(Shown):
     """The rows of a campaign, which stay on disk.
 
     Parameters
@@ -162,14 +162,10 @@ class CampaignResult:
     to_retry: int = 0
     setup: PickSetup | None = field(default=None, repr=False, compare=False)
 
-    def __repr__(self) -> str:
-        return f"CampaignResult({self.summary}; {str(self.path)!r})"
-
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         rows = [*self.verdicts.items(), *((f"failed at {stage}", count) for stage, count in self.failed_at.items())]
-        return html_block(
-            self.summary, html_table(("verdict", "picks"), rows), html_list((str(self.path), *self.notes))
-        )
+        parts = [Rows(("verdict", "picks"), rows), (str(self.path), *self.notes)]
+        return View(f"{self.summary}; {str(self.path)!r}", parts, title=self.summary)
 
     @classmethod
     def open(cls, folder: str | Path, *, resumed: int = 0, damaged: int = 0) -> CampaignResult:

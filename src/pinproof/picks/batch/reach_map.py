@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.common.files import csv_text, figure, save_as
+from pinproof.common.files import csv_text, figure
+from pinproof.common.results import Saved, View
 from pinproof.common.validation import Rng, freeze_arrays, require_integer
 from pinproof.errors import FileError, InputError
 from pinproof.ik import Clik
@@ -35,7 +36,7 @@ ARRAYS = ("orientations", "reachable", "free", "manipulability", "clearance")
 
 
 @dataclass(frozen=True, eq=False)
-class ReachMap:
+class ReachMap(Saved):
     """The poses that an arm reaches in a region.
 
     Parameters
@@ -69,10 +70,12 @@ class ReachMap:
     complete: bool
     title: str = ""
 
-    def __repr__(self) -> str:
+    formats = (".csv", ".npz", ".png")
+
+    def _view(self) -> View:
         points, orientations = self.reachable.shape
         shares = f"{self.reachable.mean():.1%} reachable, {self.free.mean():.1%} free"
-        return f"ReachMap({points:,} points, {orientations} orientations: {shares})"
+        return View(f"{points:,} points, {orientations} orientations: {shares}", title=self.summary)
 
     def __post_init__(self) -> None:
         count = len(self.region), len(self.orientations)
@@ -113,25 +116,12 @@ class ReachMap:
             f"{full:.1%} in all ({how})"
         )
 
-    def save(self, path: str | Path) -> None:
-        """Write the map as ``.csv`` (one row per point), ``.npz`` (all data) or ``.png`` (slices).
-
-        The file is written completely or not at all.
-
-        Raises
-        ------
-        InputError
-            For another suffix, or for ``.png`` if the points do not form a grid.
-        FileError
-            If the file cannot be written.
-        """
-        save_as(path, {".csv": self._csv, ".npz": self._npz, ".png": self._png})
-
     def coloured_points(self, world_from_root: SE3, *, size: float) -> ColouredPoints:
         """The points that are free in some orientation, for a page of the arm; ``size`` is the grid step (m)."""
         return _coloured(self, np.any(self.free, axis=1), self.free_share, world_from_root, size, label="share free:")
 
-    def _csv(self) -> str:
+    def to_csv(self) -> str:
+        """One row per point."""
         columns = ("x", "y", "z", "reach_share", "free_share", "best_manipulability", "best_clearance")
         figures = self.reach_share, self.free_share, self.best_manipulability, self.best_clearance
         return _table(columns, self.region.points, *figures)
@@ -186,7 +176,7 @@ def _best(values: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class ReachComparison:
+class ReachComparison(Saved):
     """The poses that a change of the setup gains and loses.
 
     Parameters
@@ -202,6 +192,11 @@ class ReachComparison:
 
     before: ReachMap
     after: ReachMap
+
+    formats = (".csv", ".png")
+
+    def _view(self) -> View:
+        return View(self.summary)
 
     def __post_init__(self) -> None:
         if differ := self.before.same_question(self.after):
@@ -231,20 +226,6 @@ class ReachComparison:
             words.append("poses that are not free were searched, not proven")
         return "; ".join(words)
 
-    def save(self, path: str | Path) -> None:
-        """Write the change as ``.csv`` (one row per point) or ``.png`` (slices, gained minus lost).
-
-        The file is written completely or not at all.
-
-        Raises
-        ------
-        InputError
-            For another suffix, or for ``.png`` if the points do not form a grid.
-        FileError
-            If the file cannot be written.
-        """
-        save_as(path, {".csv": self._csv, ".png": self._png})
-
     def coloured_points(self, world_from_root: SE3, *, size: float) -> ColouredPoints:
         """The points that gain or lose an orientation, for a page of the arm; ``size`` is the grid step (m)."""
         change, label = self.won.mean(axis=1) - self.lost.mean(axis=1), "gained minus lost:"
@@ -252,7 +233,8 @@ class ReachComparison:
         colours = {"colours": WON_AND_LOST[0], "low": WON_AND_LOST[1], "high": WON_AND_LOST[2]}
         return _coloured(self.after, changed, change, world_from_root, size, label=label, **colours)
 
-    def _csv(self) -> str:
+    def to_csv(self) -> str:
+        """One row per point."""
         shares = self.before.free_share, self.after.free_share, self.won.mean(axis=1), self.lost.mean(axis=1)
         return _table(("x", "y", "z", "before", "after", "won", "lost"), self.before.region.points, *shares)
 

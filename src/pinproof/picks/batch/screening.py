@@ -6,15 +6,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.common.display import html_block, html_table
-from pinproof.common.files import csv_text, figure, save_as
+from pinproof.common.files import csv_text, figure
+from pinproof.common.results import Rows, Saved, View
 from pinproof.common.validation import freeze_arrays, require_integer
 from pinproof.picks.batch.proposals import Wanted, proposals_for
 from pinproof.picks.judging.configurations import manipulability
@@ -237,7 +236,7 @@ FIGURES = ("limit_margin", "manipulability", "clearance")
 
 
 @dataclass(frozen=True, eq=False)
-class ScreenResult:
+class ScreenResult(Saved):
     """The screening results of N picks or poses at the grasp.
 
     FREE means that the grasp is reached within the limits and free of contact. Approach, retreat and transit are not
@@ -278,17 +277,14 @@ class ScreenResult:
     complete: bool
     _reason: Callable[[int], str] = field(repr=False)
 
-    def __repr__(self) -> str:
-        return f"ScreenResult({self.summary})"
+    formats = (".csv",)
 
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         rows = (
             (name, status.name, *self.q[k].tolist(), self.reason(k))
             for k, (name, status) in enumerate(zip(self.names, self.status, strict=True))
         )
-        return html_block(
-            self.summary, html_table(("pick", "status", *self.joint_names, "reason"), rows, total=len(self))
-        )
+        return View(self.summary, [Rows(("pick", "status", *self.joint_names, "reason"), rows, len(self))])
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "codes", "q", "member", "limit_margin", "manipulability", "clearance")
@@ -324,21 +320,8 @@ class ScreenResult:
             return "collision-free at the grasp"
         return self._reason(index % len(self)) or CODES[self.codes[index]].value
 
-    def save(self, path: str | Path) -> None:
-        """Write a table (``.csv``) with one row per pick: its status and all results.
-
-        The file is written completely or not at all.
-
-        Raises
-        ------
-        InputError
-            For another suffix.
-        FileError
-            If the file cannot be written.
-        """
-        save_as(path, {".csv": self._csv})
-
-    def _csv(self) -> str:
+    def to_csv(self) -> str:
+        """One row per pick: its status and all results."""
         figures = np.column_stack([*(getattr(self, name) for name in FIGURES), self.q])
         columns = (self.names, self.codes.tolist(), self.member.tolist(), figures.tolist())
         rows = (

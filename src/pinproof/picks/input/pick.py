@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pinproof.collision import SMALLEST, Obstacle
-from pinproof.common.display import html_block, html_table
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANGLE,
     NUMBER,
@@ -459,7 +459,7 @@ GRASP = Table(
 
 
 @struct("pick", eq=False, repr=False, first=("name", "pose", "frame", *LINE_KEYS))
-class Pick(StraightLines):
+class Pick(StraightLines, Shown):
     """One grasp, or a family of them, with its straight approach and retreat."""
 
     name: str = key("its name, unique in the file")
@@ -543,22 +543,18 @@ class Pick(StraightLines):
         place = None if self.place is None else _transformed(self.place, root_from_pick)
         return replace(_transformed(self, root_from_pick), place=place)
 
-    def __repr__(self) -> str:
+    def _view(self) -> View:
         x, y, z = self.pose.translation
         frame = f" in {self.frame}" if self.frame else ""
-        what = (
-            "" if self.object_name is None else f", object {self.object_name}{'' if self.place is None else ', placed'}"
-        )
+        carries = "" if self.object_name is None else f", object {self.object_name}"
         lines = f"approach {self.approach * 1e3:g} mm, retreat {self.retreat * 1e3:g} mm"
-        return f"Pick({self.name!r} at ({x:.4g}, {y:.4g}, {z:.4g}) m{frame}, {lines}{what})"
-
-    def _repr_html_(self) -> str:
+        placed = ", placed" if carries and self.place is not None else ""
         poses: list[tuple[str, Pick | PlaceTarget]] = [("grasp", self)]
         poses += [] if self.place is None else [("place", self.place)]
         rows = [(kind, *xyz_rpy(each.pose), each.frame or "root", each.approach, each.retreat) for kind, each in poses]
         columns = ("pose", "x", "y", "z", "roll", "pitch", "yaw", "frame", "approach", "retreat")
-        carries = "" if self.object_name is None else f", object {self.object_name}"
-        return html_block(f"Pick {self.name}{carries} (m, rad)", html_table(columns, rows))
+        head = f"{self.name!r} at ({x:.4g}, {y:.4g}, {z:.4g}) m{frame}, {lines}{carries}{placed}"
+        return View(head, [Rows(columns, rows)], title=f"Pick {self.name}{carries} (m, rad)")
 
     @property
     def object_name(self) -> str | None:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Mesh, Obstacle, Scene
-from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANY_TEXT,
     NUMBER,
@@ -278,7 +278,7 @@ def _folders(_: str, value: Any) -> tuple[Path, ...]:
         "straight", "robots", "frames",
     ),
 )  # fmt: skip
-class Picks:
+class Picks(Shown):
     """A list of picks and their shared settings."""
 
     picks: Accepting[tuple[Pick, ...], Iterable[Pick]] = key("the picks in order; their names are unique", hidden=True)
@@ -392,14 +392,12 @@ class Picks:
         hidden=True,
     )
 
-    def __repr__(self) -> str:
-        return outline(f"Picks({self._headline})", map(repr, self.picks), total=len(self.picks))
-
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         rows = ([each.name, *each.pose.translation, each.frame, each.approach, each.retreat] for each in self.picks)
-        columns = ("pick", "x", "y", "z", "frame", "approach", "retreat")
-        problems = html_list(f"unreadable: {each.name}: {each.reason}" for each in self.problems)
-        return html_block(f"{self._headline} (m)", html_table(columns, rows, total=len(self.picks)), problems)
+        table = Rows(("pick", "x", "y", "z", "frame", "approach", "retreat"), rows, len(self.picks))
+        problems = (f"unreadable: {each.name}: {each.reason}" for each in self.problems)
+        title = f"{self._headline} (m)"
+        return View(self._headline, [table, problems], map(repr, self.picks), len(self.picks), title)
 
     @property
     def _headline(self) -> str:

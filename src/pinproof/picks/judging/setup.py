@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, OccupancyGrid, Scene, files_examined_once, overlap_hint
 from pinproof.common.content_hash import digest
-from pinproof.common.display import outline
+from pinproof.common.results import outline
 from pinproof.common.validation import Rng, require_positive, seed_sequence
 from pinproof.description import GENERATED_BODIES, has_generated_bodies, moved_by
 from pinproof.errors import InputError, UnknownNameError

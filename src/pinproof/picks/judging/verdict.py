@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, Mover, Obstacle, Scene, proven_millimetres
-from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import ANY_TEXT, OPTIONAL_NUMBER, key, mapping_to, struct
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import InputError
@@ -134,7 +134,7 @@ class Intercept:
 
 
 @dataclass(frozen=True, eq=False)
-class PickVerdict:
+class PickVerdict(Shown):
     """The verdict on one pick.
 
     Parameters
@@ -196,13 +196,11 @@ class PickVerdict:
     def __post_init__(self) -> None:
         freeze_arrays(self, "q_grasp")
 
-    def __repr__(self) -> str:
-        return outline(f"PickVerdict({self._headline})", (*map(str, self.stages), *self._suggested()))
-
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         rows = ([each.stage.value, "passed" if each.ok else "failed", each.message] for each in self.stages)
-        table = html_table(("stage", "result", "figures or reason"), rows, total=len(self.stages))
-        return html_block(self._headline, table, html_list(self._suggested()), html_list(self.refuted))
+        table = Rows(("stage", "result", "figures or reason"), rows)
+        lines = (*map(str, self.stages), *self._suggested())
+        return View(self._headline, [table, self._suggested(), self.refuted], lines)
 
     @property
     def _headline(self) -> str:

@@ -18,8 +18,8 @@ import numpy as np
 
 from pinproof.collision import CheckerSpec, Obstacle, Scene, proven_millimetres
 from pinproof.common import theme
-from pinproof.common.display import Html
 from pinproof.common.files import write_text_whole
+from pinproof.common.results import Html, Rows
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm, guess_mark, guess_note
 from pinproof.picks.input.picks import Picks, root_from_frame
@@ -173,7 +173,9 @@ def write_page(
         "picks",
         card
         + panels.table(
-            "below", COLUMNS, cells, [*notes, *stage.notes], colours=colours, numbers=("Clearance", "Duration")
+            "below",
+            Rows(COLUMNS, cells, numbers=("Clearance", "Duration"), colours=colours),
+            [*notes, *stage.notes],
         ),
         settings,
         commands,

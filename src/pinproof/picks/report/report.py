@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pinproof.collision import Scene, proven_millimetres
 from pinproof.common import theme
-from pinproof.common.display import html_block, html_list, html_table, outline
-from pinproof.common.files import csv_text, file_stems, json_text, save_as
+from pinproof.common.files import csv_text, file_stems
+from pinproof.common.results import Rows, Saved, View, markdown
 from pinproof.model import Arm, guess_note
 from pinproof.motion import MotionProgram
 from pinproof.picks.input.picks import PickProblem, Picks
@@ -43,7 +41,7 @@ CSV_COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False)
-class PickReport:
+class PickReport(Saved):
     """Verdicts on a list of picks.
 
     Parameters
@@ -72,19 +70,19 @@ class PickReport:
     setup: PickSetup | None = field(default=None, repr=False)
     not_judged: int = 0
 
-    def __repr__(self) -> str:
-        rows = (
-            ", ".join(filter(None, (f"{name}: {verdict}{stage and f' at {stage}'}", clearance, duration, reason)))
-            for name, verdict, stage, clearance, duration, reason, _ in self.rows()
-        )
-        return outline(f"PickReport({self.robot}: {self.summary})", rows)
+    formats = (".json", ".md", ".csv", ".html")
+    indent = 2
 
-    def _repr_html_(self) -> str:
+    def _view(self) -> View:
         rows = self.rows()
-        colours = [theme.VERDICTS[row[1]] for row in rows]
+        lines = (
+            ", ".join(filter(None, (f"{name}: {verdict}{stage and f' at {stage}'}", clearance, duration, reason)))
+            for name, verdict, stage, clearance, duration, reason, _ in rows
+        )
         notes = [f"not covered: {note}" for note in self.notes]
         notes.append(self.guessed_accelerations or f"Acceleration limits: {self.acceleration_source}")
-        return html_block(f"{self.robot}: {self.summary}", html_table(COLUMNS, rows, colours=colours), html_list(notes))
+        table = Rows(COLUMNS, rows, colours=[theme.VERDICTS[row[1]] for row in rows])
+        return View(f"{self.robot}: {self.summary}", [table, notes], lines, len(rows))
 
     @property
     def good(self) -> tuple[PickVerdict, ...]:
@@ -125,20 +123,14 @@ class PickReport:
 
     def to_markdown(self) -> str:
         """The summary and the table in Markdown."""
-        lines = [f"**{self.robot}**: {self.summary}", "", _line(COLUMNS), _line(("---",) * len(COLUMNS))]
-        lines += [_line(row) for row in self.rows()]
-        lines += ["", self.guessed_accelerations or f"Acceleration limits: {self.acceleration_source}"]
-        lines += ["", "Not covered:", "", *(f"- {note}" for note in self.notes)] if self.notes else []
-        return "\n".join(lines) + "\n"
+        source = self.guessed_accelerations or f"Acceleration limits: {self.acceleration_source}"
+        notes = ("Not covered:", self.notes) if self.notes else ()
+        return markdown(f"**{self.robot}**: {self.summary}", Rows(COLUMNS, self.rows()), source, *notes)
 
     def to_csv(self) -> str:
         """The table with plain numbers in the columns :data:`CSV_COLUMNS`, for spreadsheets and data frames."""
         cells = map(_cells, (*map(VERDICT.write, self.verdicts), *map(problem_row, self.problems)))
         return csv_text(CSV_COLUMNS, ([row.get(column) for column in CSV_COLUMNS] for row in cells))
-
-    def to_json(self) -> str:
-        """The text of :meth:`to_dict` in JSON."""
-        return json_text(self.to_dict(), indent=2)
 
     def to_dict(self) -> dict[str, Any]:
         """The complete report as plain values for JSON; lengths in metres, angles in radians, times in seconds.
@@ -180,16 +172,14 @@ class PickReport:
         FileError
             If the file cannot be written.
         """
+        self._save(path, arm=arm, scene=scene, picks=picks, title=title)
 
-        def page() -> None:
-            from pinproof.picks.report.page import PageRow, write_page
+    def _write_page(self, path: str | Path, **settings: Any) -> None:
+        from pinproof.picks.report.page import PageRow, write_page
 
-            rows: list[PageRow] = [(VERDICT.write(verdict), verdict) for verdict in self.verdicts]
-            rows += [(problem_row(problem), None) for problem in self.problems]
-            counts = Counter(values["verdict"] for values, _ in rows)
-            write_page(path, self, rows, counts, arm=arm, scene=scene, picks=picks, title=title)
-
-        save_as(path, {**{suffix: partial(text, self) for suffix, text in TEXTS.items()}, ".html": page})
+        rows: list[PageRow] = [(VERDICT.write(verdict), verdict) for verdict in self.verdicts]
+        rows += [(problem_row(problem), None) for problem in self.problems]
+        write_page(path, self, rows, Counter(values["verdict"] for values, _ in rows), **settings)
 
     def programs(self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0) -> tuple[MotionProgram, ...]:
         """The programs of the good picks, with the dwell times of :meth:`pinproof.picks.PickVerdict.program`."""
@@ -262,14 +252,7 @@ def write_motion_pages(verdict: PickVerdict, arm: Arm, path: str | Path) -> list
     return pages
 
 
-TEXTS: dict[str, Callable[[PickReport], str]] = {
-    ".json": PickReport.to_json,
-    ".md": PickReport.to_markdown,
-    ".csv": PickReport.to_csv,
-}
-"""The text formats of a report by suffix."""
-
-REPORT_SUFFIXES = (*TEXTS, ".html")
+REPORT_SUFFIXES = PickReport.formats
 """The suffixes of all formats; ``.html`` is the page with a 3D view."""
 
 
@@ -284,7 +267,3 @@ def _cells(row: dict[str, Any]) -> dict[str, Any]:
         "motions": " ".join(motion["name"] for motion in row.get("motions", ())),
         "refuted": "\n".join(row.get("refuted", ())),
     }
-
-
-def _line(cells: tuple[str, ...]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"

@@ -1,18 +1,21 @@
-"""How values are displayed: a ``repr`` of at most ten lines, and small HTML that is complete and escaped."""
+"""Results: a ``repr`` of at most ten lines, small HTML that is complete and escaped, and solutions or their failure."""
 
 from __future__ import annotations
 
+import copy
+import pickle
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.common.display import MOST_LINES, MOST_ROWS, html_plot, html_table, outline
+from pinproof.common.results import MOST_LINES, MOST_ROWS, Answer, Rows, Solution, html_plot, markdown, outline
 from pinproof.description import robots_folder
+from pinproof.errors import NoAnswer, PlanFailed
 from pinproof.picks.judging.verdict import PickStatus, Stage, StageResult
 
 HOSTILE = '<script>alert("x")</script> & <b>'
@@ -207,9 +210,16 @@ def test_html_of_a_verdict_has_every_stage_and_escapes_it(hundred) -> None:
 
 
 def test_table_states_the_rows_that_it_leaves_out() -> None:
-    page = Parsed(html_table(("number",), ([k] for k in range(1000)), total=1000))
+    page = Parsed(Rows(("number",), ([k] for k in range(1000)), 1000).html())
     assert page.tags.count("tr") == MOST_ROWS + 1
     assert "900 more rows" in page.text
+
+
+def test_bars_and_line_ends_in_cells_do_not_break_a_markdown_table() -> None:
+    table = Rows(("pick", "time"), [("a|b", 0.25), ("two\nlines", None)], numbers={"time"})
+    assert markdown("# Picks", table, [], ["a note"]) == (
+        "# Picks\n\n| pick | time |\n| --- | ---: |\n| a\\|b | 0.25 |\n| two lines |  |\n\n- a note\n"
+    )
 
 
 def test_plot_of_a_motion_without_duration_is_finite() -> None:
@@ -248,3 +258,40 @@ def test_displaying_a_value_does_not_import_ipython() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+@dataclass(frozen=True, eq=False)
+class _Root(Answer):
+    failure = PlanFailed
+    ok: bool
+    value: Solution[float] = Solution()
+    bound: Solution[float] = Solution()
+    message: str = ""
+
+
+def test_a_solution_is_read_and_returned() -> None:
+    root = _Root(True, 2.0, message="found")
+    for made in (root, pickle.loads(pickle.dumps(root)), copy.copy(root)):
+        assert made.or_raise() is made
+        assert (made.value, made.message) == (2.0, "found")
+    with pytest.raises(PlanFailed, match="no bound"):
+        root.bound  # noqa: B018
+    with pytest.raises(AttributeError):
+        root.value = 3.0  # type: ignore[misc]
+
+
+def test_a_failure_raises_its_message_where_a_solution_is_read() -> None:
+    failed = _Root(False, message="no root")
+    for answer in (failed.or_raise, lambda: failed.value, lambda: failed.bound):
+        with pytest.raises(NoAnswer, match="no root") as caught:
+            answer()
+        assert type(caught.value) is PlanFailed
+        assert caught.value.result is failed
+
+
+def test_a_changed_answer_keeps_all_other_values() -> None:
+    failed = _Root(False, message="no root")
+    changed = failed.changed(message="stopped", bound=1.0)
+    assert (changed.ok, changed.bound, changed.message, failed.message) == (False, 1.0, "stopped", "no root")
+    with pytest.raises(PlanFailed, match="stopped"):
+        changed.value  # noqa: B018

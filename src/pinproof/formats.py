@@ -15,7 +15,7 @@ __all__ = ["FORMATS", "file_schema"]
 
 FORMATS = {
     "scene": ("pinproof.collision.scenes.scene", "Scene"),
-    "picks": ("pinproof.picks.input.picks_file", "PICKS"),
+    "picks": ("pinproof.picks.input.sources", "PICKS"),
     "attached": ("pinproof.collision.scenes.scene", "Attachments"),
     "dh": ("pinproof.description.dh", "DhTable"),
     "limits": ("pinproof.model.limits", "FILE"),

@@ -10,8 +10,8 @@ import pytest
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks.judging.grasp import reach, screen
+from pinproof.picks.judging.judge import BestFirst
 from pinproof.picks.judging.place import Placer
-from pinproof.picks.judging.search import BestFirst
 from pinproof.picks.judging.task import PickTask
 
 ALL = pp.picks.PickBudget(configurations=10_000, compared=10_000, remedies=0)

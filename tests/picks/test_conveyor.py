@@ -13,9 +13,9 @@ import pinproof as pp
 from pinproof.collision import audit
 from pinproof.errors import PicksError
 from pinproof.picks import Conveyor, PickSetup, PickStatus, Stage, pick_from_belt
-from pinproof.picks.judging import following, intercept
+from pinproof.picks.judging import conveyor
 from pinproof.picks.judging.configurations import configurations
-from pinproof.picks.judging.following import _Phases
+from pinproof.picks.judging.conveyor import _Phases
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.task import PickTask
 from pinproof.spatial import translated
@@ -286,13 +286,13 @@ def test_phases_are_as_short_as_the_limits_allow_and_follow_the_exact_motion(mon
     task = PickTask(
         replace(picks.picks[0], approach=line, retreat=line), PickSetup.make(arm, scene, picks, home=None, rng=0).cell
     )
-    there = intercept._at_time(task, replace(belt, speed=0.2), 3.5)
+    there = conveyor._at_time(task, replace(belt, speed=0.2), 3.5)
     member = task.nearest_group[0]
     many = configurations(arm, task.targets([there.grasp(member)]), task.cell.home, 0)[1]
     q = many[np.abs(many - task.cell.home).max(axis=1).argmin()]
-    tried, original = [], following._followed
-    monkeypatch.setattr(following, "_followed", lambda phases, q: tried.append(phases) or original(phases, q))
-    found = following.follow_belt(there, member, q, belt)
+    tried, original = [], conveyor._followed
+    monkeypatch.setattr(conveyor, "_followed", lambda phases, q: tried.append(phases) or original(phases, q))
+    found = conveyor.follow_belt(there, member, q, belt)
     assert not isinstance(found, str)
     phases = tried[-1]
     assert [found.approach.duration, found.tracking.duration, found.retreat.duration] == pytest.approx(
@@ -305,7 +305,7 @@ def test_phases_are_as_short_as_the_limits_allow_and_follow_the_exact_motion(mon
         place = (arm.root_from_base * arm.forward_kinematics(whole(t)) * picks.tip).translation
         exact = there.grasp(member).translation + phases.offset(phases.times[0] + t)[0]
         assert np.linalg.norm(place - exact) < 2e-4
-    first = (following.SHORTEST, max(line / following.LINE_SPEED, following.SHORTEST)) * 2
+    first = (conveyor.SHORTEST, max(line / conveyor.LINE_SPEED, conveyor.SHORTEST)) * 2
     durations = (phases.take_up, phases.into, phases.give_up, phases.out)
     ends = np.cumsum([0.0, phases.take_up, phases.into, belt.dwell, phases.out, phases.give_up])
     for duration, shortest, k in zip(durations, first, (0, 1, 4, 3), strict=True):
@@ -326,10 +326,10 @@ def test_meeting_times_are_those_at_which_the_nearest_reachable_grasp_can_be_rea
     sideways = replace(picks.picks[0], tolerance=pp.picks.GraspTolerance(position=(0.0, 0.04, 0.0)))
     for pick, duration in ((picks.picks[0], 20.0), (sideways, 20.0), (picks.picks[2], 6.0)):
         belt, task = replace(picks.conveyor, duration=duration), PickTask(pick, setup().cell)
-        offered = list(intercept._meeting_times(task, belt, start, 0))
+        offered = list(conveyor._meeting_times(task, belt, start, 0))
         expected: list[tuple[float, str]] = []
         for group in task.groups():
-            for time in start + intercept.TIME_STEP * np.arange(1, 1000):
+            for time in start + conveyor.TIME_STEP * np.arange(1, 1000):
                 if time >= belt.duration - belt.dwell - 1e-9:
                     break
                 for member in group:
@@ -341,11 +341,11 @@ def test_meeting_times_are_those_at_which_the_nearest_reachable_grasp_can_be_rea
             if expected:
                 break
         assert bool(offered) == bool(expected)
-        assert len(offered) <= intercept.TRIED
+        assert len(offered) <= conveyor.TRIED
         if offered:
             assert (offered[0][0], offered[0][1].words) == pytest.approx(expected[0])
             times = [time for time, _ in offered]
-            assert np.diff(times).min() >= intercept.SPACING - 1e-6
+            assert np.diff(times).min() >= conveyor.SPACING - 1e-6
             known = {(round(time, 6), words) for time, words in expected}
             assert {(round(time, 6), member.words) for time, member in offered} <= known
 
@@ -355,20 +355,20 @@ def test_a_lowered_support_touches_what_the_support_may_touch() -> None:
     scene = replace(scene, allowed=(*scene.allowed, ("belt", "block_1"), ("block_2", "belt"), ("tray", "block_1")))
     part = pp.Obstacle("part", pp.Box(0.02, 0.02, 0.02), pp.pose((0, 0, 0.2)))
     checker = pp.CollisionChecker(arm, scene, margin=0.002, attached=(part,))
-    lowered = intercept._with_lowered(checker, (("part", "belt"), ("part", "tray")))
+    lowered = conveyor._with_lowered(checker, (("part", "belt"), ("part", "tray")))
     named = {frozenset(pair) for pair in lowered.scene.allowed}
     assert {frozenset(pair) for pair in scene.allowed} <= named
     for name in ("belt", "tray"):
         copy = lowered.scene[f"{name} (lowered)"]
         np.testing.assert_allclose(
-            scene[name].pose.translation - copy.pose.translation, [0.0, 0.0, 0.002 + intercept.SINK], atol=1e-12
+            scene[name].pose.translation - copy.pose.translation, [0.0, 0.0, 0.002 + conveyor.SINK], atol=1e-12
         )
         assert not lowered.pairs_of_owners("part", name)
         assert lowered.pairs_of_owners("part", copy.name)
         for pair in scene.allowed:
             if name in pair:
                 assert frozenset(copy.name if each == name else each for each in pair) in named
-    assert intercept._with_lowered(checker, ()) is checker
+    assert conveyor._with_lowered(checker, ()) is checker
 
 
 def test_a_motion_after_the_known_end_of_the_belt_is_not_proven_while_parts_are_on_it() -> None:
@@ -376,9 +376,9 @@ def test_a_motion_after_the_known_end_of_the_belt_is_not_proven_while_parts_are_
     task = PickTask(picks.picks[0], setup().cell)
     still = pp.Trajectory.at_rest(task.cell.home, arm.joint_names, 1.0)
     for start, raises in ((3.9, False), (4.1, True)):
-        timeline = intercept._Timeline(replace(picks.conveyor, duration=5.0), start)
+        timeline = conveyor._Timeline(replace(picks.conveyor, duration=5.0), start)
         if raises:
-            with pytest.raises(intercept._BeltEnds):
+            with pytest.raises(conveyor._BeltEnds):
                 timeline.prove(still, task.outside)
         else:
             assert timeline.prove(still, task.outside).free
@@ -388,7 +388,7 @@ def test_the_depth_of_the_palm_in_a_part_on_the_belt_is_that_where_the_part_is()
     """The hand rests 10 mm too low, and the belt brings the part to it."""
     arm, _, picks = cell()
     belt, task = picks.conveyor, PickTask(picks.picks[0], setup().cell)
-    there = intercept._at_time(task, belt, 3.5)
+    there = conveyor._at_time(task, belt, 3.5)
     member = task.nearest_group[0]
     low = translated(there.grasp(member), belt.travel(1.0) + np.array((0.0, 0.0, -0.05)))
     many = configurations(arm, task.targets([low]), task.cell.home, 0)[1]

@@ -12,8 +12,7 @@ import trimesh
 import pinproof as pp
 from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.picks import Stage, SuctionCup
-from pinproof.picks.judging.grip import HeldPart
-from pinproof.picks.judging.suction import grip_by_cup
+from pinproof.picks.judging.grip import HeldPart, grip_by_cup
 from pinproof.picks.report.report_keys import VERDICT
 from pinproof.spatial import SE3
 

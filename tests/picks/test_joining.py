@@ -14,7 +14,7 @@ from pinproof.errors import InputError, PicksError
 from pinproof.motion import MotionProgram
 from pinproof.motion.limits import Bounds
 from pinproof.picks import PickBudget, PickSetup, PickVerdict
-from pinproof.picks.judging.joining import GAIN, SPEEDS, JoinedMotion, LineEnd
+from pinproof.picks.judging.timing import GAIN, SPEEDS, JoinedMotion, LineEnd
 
 
 @pytest.fixture(scope="module")

@@ -80,7 +80,7 @@ def test_a_redundant_arm_is_searched_and_what_is_free_is_free() -> None:
 
 def test_targets_beyond_the_span_of_an_arm_are_not_searched() -> None:
     """On an arm that is searched: poses that its own configurations take are never left out."""
-    from pinproof.picks.batch.proposals import Span
+    from pinproof.picks.batch.screening import Span
 
     rng = np.random.default_rng(1)
     for name in ("panda", "stanford", "scara", "ur5", "iiwa14"):

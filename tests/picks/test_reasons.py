@@ -11,8 +11,8 @@ import pytest
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks import PickSetup, PickStatus, Stage, apply_suggestion
-from pinproof.picks.judging.blocked import prove_blocked
 from pinproof.picks.judging.configurations import along_families, configurations
+from pinproof.picks.judging.refute import prove_blocked
 from pinproof.picks.judging.task import PickTask
 
 DOWN = (np.pi, 0, 0)

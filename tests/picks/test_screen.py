@@ -135,7 +135,7 @@ def test_limit_violations_are_distinguished_from_reach(arms) -> None:
 
 
 def test_results_of_a_search_are_classified_like_closed_forms(arms, monkeypatch) -> None:
-    monkeypatch.setattr("pinproof.picks.batch.proposals.has_closed_form", lambda arm, most=6: False)
+    monkeypatch.setattr("pinproof.picks.batch.screening.has_closed_form", lambda arm, most=6: False)
     arm = arms["generic_6dof"]
     low, high = arm.limits.sampling_range()
     middle = JointLimits(low / 2, high / 2, arm.limits.velocity)

@@ -24,7 +24,8 @@ from pinproof.picks import (
     Stage,
     StageResult,
 )
-from pinproof.picks.input.picks import GripperFingers, NamedFrame, PickProblem
+from pinproof.picks.input.picks import NamedFrame, PickProblem
+from pinproof.picks.input.settings import GripperFingers
 from pinproof.picks.report import page as page_module
 from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, PageMotions
 from pinproof.picks.report.report_keys import VERDICT

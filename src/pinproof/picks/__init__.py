@@ -5,37 +5,40 @@ files), ``judging`` (one pick, from reach to the timed and certified motion), ``
 ``batch`` (lists, campaigns, screening, reach maps).
 """
 
-from pinproof.picks.batch.belt_sequence import BeltSequence, pick_from_belt
 from pinproof.picks.batch.campaign import Campaign, CampaignResult
-from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, attainable_orientations, reach_map
-from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, tool_orientations
+from pinproof.picks.batch.reach_map import (
+    ReachComparison,
+    ReachMap,
+    ReachRegion,
+    approach_directions,
+    attainable_orientations,
+    reach_map,
+    tool_orientations,
+)
 from pinproof.picks.batch.screen_picks import screen_picks
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of
-from pinproof.picks.batch.validate import validate_picks
-from pinproof.picks.input.conveyor import Conveyor
+from pinproof.picks.batch.validate import BeltSequence, pick_from_belt, validate_picks
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
-from pinproof.picks.input.picks import (
-    CellRobot,
-    GripperFingers,
-    NamedFrame,
-    PickProblem,
-    Picks,
-    SuctionCup,
-    root_from_frame,
-)
-from pinproof.picks.input.picks_file import open_picks, read_picks
-from pinproof.picks.input.settings import GripLimits, PickBudget, PickWeights
-from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable
+from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame
+from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
+from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
 from pinproof.picks.judging.changes import apply_suggestion
 from pinproof.picks.judging.configurations import TURN, manipulability
 from pinproof.picks.judging.grasp import GraspCandidate, reach, screen
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.judge import judge
 from pinproof.picks.judging.lines import Attempt, along, shifted, shortened, span, transit
-from pinproof.picks.judging.motion_limits import peaks_of, rate_limits, torque_limits_of_tool
 from pinproof.picks.judging.place import Placer, Placing, Release, release_lines
 from pinproof.picks.judging.setup import PickSetup, check_held_joints
-from pinproof.picks.judging.task import DOWN, SUPPORT_GAP, PickCell, PickTask
+from pinproof.picks.judging.task import (
+    DOWN,
+    SUPPORT_GAP,
+    PickCell,
+    PickTask,
+    peaks_of,
+    rate_limits,
+    torque_limits_of_tool,
+)
 from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
 from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.picks.report.program_export import PicksProgram, certify_picks_program, export_picks

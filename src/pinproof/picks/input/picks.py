@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Mesh, Obstacle, Scene
+from pinproof.collision import Obstacle, Scene
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANY_TEXT,
@@ -20,7 +20,6 @@ from pinproof.common.structs import (
     TEXT,
     TRANSFORM,
     Accepting,
-    Direction,
     Kind,
     Rule,
     Table,
@@ -40,12 +39,11 @@ from pinproof.common.structs import (
 )
 from pinproof.common.validation import require_number
 from pinproof.common.yaml_file import LinedMapping
-from pinproof.description import COLOURED_SUFFIXES, moved_by
+from pinproof.description import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, checked_payloads, load_robot
-from pinproof.picks.input.conveyor import Conveyor
 from pinproof.picks.input.pick import POSE_IN_REACH, Pick, pose_in_reach
-from pinproof.picks.input.settings import GripLimits, PickBudget
+from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, SuctionCup, bodies
 from pinproof.spatial import SE3, frozen, rigid
 from pinproof.units import (
     MOST_MARGIN,
@@ -92,88 +90,6 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
     return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
 
 
-def bodies(least: int = 0, most: int | None = None) -> Kind:
-    """Bodies with different names; in a file, they are grey if neither they nor their mesh state a colour."""
-    obstacles = list_of(table_of(Obstacle), least, most, named="body")
-
-    def parse(name: str, stated: object, path: Path) -> list[Obstacle]:
-        found: list[Obstacle] = []
-        for body in obstacles.parse(name, stated, path):
-            coloured = isinstance(body.shape, Mesh) and str(body.shape.path).lower().endswith(COLOURED_SUFFIXES)
-            found.append(body if body.rgba or coloured else replace(body, rgba=TOOL_GREY))
-        return found
-
-    return Kind(obstacles.schema, obstacles.check, parse)
-
-
-@struct(
-    "fingers",
-    first=("opening", "grip", "axis"),
-    rules=[
-        Rule(
-            ("grip", "opening"),
-            lambda fingers: (
-                f"open to {fingers.opening} m and grip at {fingers.grip} m; required: 0 <= grip <= opening"
-                if fingers.grip > fingers.opening
-                else ""
-            ),
-        )
-    ],
-    eq=False,
-)
-class GripperFingers:
-    """Two fingers of a parallel gripper that are not part of the robot."""
-
-    bodies: tuple[Obstacle, Obstacle] = key("the two fingers, fully closed; poses are tcp_from_body", kind=bodies(2, 2))
-    opening: float = key("distance between their faces before the grasp", "m", minimum=0)
-    grip: float = key("distance between their faces on the object, at most `opening`", "m", minimum=0)
-    axis: Direction = key(
-        "opening direction of the first finger, in the tcp frame; the second moves in the opposite direction",
-        default=(0.0, 1.0, 0.0),
-    )
-
-    def apart(self) -> tuple[Obstacle, Obstacle]:
-        """The open fingers, before the grasp."""
-        return self._at(self.opening)
-
-    def gripping(self) -> tuple[Obstacle, Obstacle]:
-        """The fingers on the object."""
-        return self._at(self.grip)
-
-    def _at(self, gap: float) -> tuple[Obstacle, Obstacle]:
-        aside = SE3(np.eye(3), gap / 2 * np.array(self.axis))
-        first, second = self.bodies
-        return replace(first, pose=aside * first.pose), replace(second, pose=aside.inverse() * second.pose)
-
-
-@struct("cup", kw_only=True)
-class SuctionCup:
-    """The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip."""
-
-    radius: float = key("radius of the face, above 0", "m", above=0)
-    gap: float = key(
-        "largest distance of any point of the rim from the surface of the object along the axis, in front of the face "
-        "or behind it; the default suits a flat cup, and bellows allow more",
-        "m",
-        default=1e-3,
-        above=0,
-    )
-    tilt: float = key(
-        "largest angle between the face and the surface at its rim", "rad", default=0.1, above=0, below=np.pi / 2
-    )
-    rise: float | None = key(
-        "how far the object may protrude into the cup, inside the rim and beyond the face; by default `gap`",
-        "m",
-        default=None,
-        above=0,
-    )
-
-    @property
-    def highest(self) -> float:
-        """Metres: how far the object may protrude into the cup."""
-        return self.gap if self.rise is None else self.rise
-
-
 @struct("problem", more=True, written=True)
 class PickProblem:
     """A row of the picks file that could not be read; the other rows are judged."""
@@ -205,8 +121,6 @@ class CellRobot:
 MOST_TOOL = 5.0
 """Metres. A longer tool is stated in millimetres."""
 
-TOOL_GREY = (0.30, 0.32, 0.36, 1.0)
-"""The colour of tools and fingers without ``rgba``, so that they differ from obstacles in pictures."""
 
 HELD = Table(
     "open_and_grip",

@@ -1,4 +1,4 @@
-"""Settings of the judgement: the weights of the score, the budget of the search, and the limits of a grip.
+"""The settings that picks share: conveyor, fingers and cup, limits of a grip, weights and budget of the search.
 
 Budgets count work instead of seconds, so that the verdict is the same on every machine.
 """
@@ -6,9 +6,55 @@ Budgets count work instead of seconds, so that the verdict is the same on every 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+from pathlib import Path
 
-from pinproof.common.structs import key, struct
+import numpy as np
+
+from pinproof.collision import Mesh, Mover, Obstacle
+from pinproof.common.structs import TEXT, Accepting, Direction, Kind, Rule, key, list_of, simple, struct, table_of
+from pinproof.common.validation import unique_names
+from pinproof.description import COLOURED_SUFFIXES
 from pinproof.planning import DEFAULT_PLANNER, make_planner
+from pinproof.spatial import SE3
+
+CONVEYOR = "conveyor"
+"""The name of the mover."""
+
+
+@struct("conveyor")
+class Conveyor:
+    """A belt of constant speed, with the obstacles on it.
+
+    A pick whose ``object`` is one of ``parts`` is judged on the moving belt; its pose, and those of the parts in the
+    scene file, are at time 0.
+    """
+
+    speed: float = key("speed of the belt, above 0", "m/s", above=0)
+    parts: Accepting[tuple[str, ...], Iterable[str]] = key(
+        "the obstacles that move", kind=simple(list_of(TEXT, 1).schema, unique_names)
+    )
+    direction: Direction = key(
+        "direction of the motion in the frame of the root link; it is normalised", default=(1.0, 0.0, 0.0)
+    )
+    dwell: float = key("time for which the tool follows the part while the gripper closes", "s", default=0.2, minimum=0)
+    duration: float = key("time for which the belt runs from time 0; picks must end before", "s", default=60.0, above=0)
+    tolerance: float = key(
+        "how far a part may be ahead or behind on the belt; the certificates include it", "m", default=0.0, minimum=0
+    )
+
+    def __post_init__(self) -> None:
+        self.mover(self.parts)  # refuses too long a travel
+
+    def travel(self, time: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """(3,) the displacement (m) of the parts at a time (s)."""
+        return self.speed * time * np.array(self.direction)
+
+    def mover(self, parts: Collection[str]) -> Mover:
+        """The motion of some of the parts."""
+        names = [name for name in self.parts if name in parts]
+        return Mover.constant(CONVEYOR, names, self.speed, self.duration, axis=self.direction, tolerance=self.tolerance)
 
 
 @struct(kw_only=True)
@@ -126,3 +172,89 @@ class GripLimits:
         default=5e-3,
         minimum=0,
     )
+
+
+TOOL_GREY = (0.30, 0.32, 0.36, 1.0)
+"""The colour of tools and fingers without ``rgba``, so that they differ from obstacles in pictures."""
+
+
+def bodies(least: int = 0, most: int | None = None) -> Kind:
+    """Bodies with different names; in a file, they are grey if neither they nor their mesh state a colour."""
+    obstacles = list_of(table_of(Obstacle), least, most, named="body")
+
+    def parse(name: str, stated: object, path: Path) -> list[Obstacle]:
+        found: list[Obstacle] = []
+        for body in obstacles.parse(name, stated, path):
+            coloured = isinstance(body.shape, Mesh) and str(body.shape.path).lower().endswith(COLOURED_SUFFIXES)
+            found.append(body if body.rgba or coloured else replace(body, rgba=TOOL_GREY))
+        return found
+
+    return Kind(obstacles.schema, obstacles.check, parse)
+
+
+@struct(
+    "fingers",
+    first=("opening", "grip", "axis"),
+    rules=[
+        Rule(
+            ("grip", "opening"),
+            lambda fingers: (
+                f"open to {fingers.opening} m and grip at {fingers.grip} m; required: 0 <= grip <= opening"
+                if fingers.grip > fingers.opening
+                else ""
+            ),
+        )
+    ],
+    eq=False,
+)
+class GripperFingers:
+    """Two fingers of a parallel gripper that are not part of the robot."""
+
+    bodies: tuple[Obstacle, Obstacle] = key("the two fingers, fully closed; poses are tcp_from_body", kind=bodies(2, 2))
+    opening: float = key("distance between their faces before the grasp", "m", minimum=0)
+    grip: float = key("distance between their faces on the object, at most `opening`", "m", minimum=0)
+    axis: Direction = key(
+        "opening direction of the first finger, in the tcp frame; the second moves in the opposite direction",
+        default=(0.0, 1.0, 0.0),
+    )
+
+    def apart(self) -> tuple[Obstacle, Obstacle]:
+        """The open fingers, before the grasp."""
+        return self._at(self.opening)
+
+    def gripping(self) -> tuple[Obstacle, Obstacle]:
+        """The fingers on the object."""
+        return self._at(self.grip)
+
+    def _at(self, gap: float) -> tuple[Obstacle, Obstacle]:
+        aside = SE3(np.eye(3), gap / 2 * np.array(self.axis))
+        first, second = self.bodies
+        return replace(first, pose=aside * first.pose), replace(second, pose=aside.inverse() * second.pose)
+
+
+@struct("cup", kw_only=True)
+class SuctionCup:
+    """The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip."""
+
+    radius: float = key("radius of the face, above 0", "m", above=0)
+    gap: float = key(
+        "largest distance of any point of the rim from the surface of the object along the axis, in front of the face "
+        "or behind it; the default suits a flat cup, and bellows allow more",
+        "m",
+        default=1e-3,
+        above=0,
+    )
+    tilt: float = key(
+        "largest angle between the face and the surface at its rim", "rad", default=0.1, above=0, below=np.pi / 2
+    )
+    rise: float | None = key(
+        "how far the object may protrude into the cup, inside the rim and beyond the face; by default `gap`",
+        "m",
+        default=None,
+        above=0,
+    )
+
+    @property
+    def highest(self) -> float:
+        """Metres: how far the object may protrude into the cup."""
+        return self.gap if self.rise is None else self.rise

@@ -6,7 +6,6 @@ Every IK solution of every grasp of the family is checked. Those that pass all s
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -14,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CheckResult, CollisionChecker, Contact
+from pinproof.description import moved_by
 from pinproof.ik import AnalyticIk, Clik, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Member
 from pinproof.picks.input.settings import PickWeights
-from pinproof.picks.judging.blocked import blocked_words, moving_joint
 from pinproof.picks.judging.configurations import (
     STARTS,
     along_families,
@@ -27,10 +26,11 @@ from pinproof.picks.judging.configurations import (
     manipulability,
     turned_inside,
 )
-from pinproof.picks.judging.motion_limits import at_rest
-from pinproof.picks.judging.task import PickTask
+from pinproof.picks.judging.task import PickTask, at_rest
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.spatial import SE3, Array, twist_size
+
+NO_SOLUTION = "no IK solution within the limits reaches"
 
 
 class Reached(NamedTuple):
@@ -399,136 +399,9 @@ def _other_pairs(found: list[CheckResult], described: CheckResult) -> str:
     return f" ({', '.join(f'{first} with {second} in {count}' for (first, second), count in common)})"
 
 
-NO_SOLUTION = "no IK solution within the limits reaches"
-
-
-def _refuted(members: list[Member], reasons_of: Callable[[Member], list[str]]) -> tuple[str, ...]:
-    """The reasons that exclude each grasp; empty if there are none for one of them."""
-    reasons: list[str] = []
-    for member in members:
-        if not (found := reasons_of(member)):
-            return ()
-        reasons += [_of(member) + words for words in found]
-    return tuple(reasons)
-
-
-def refuted_by_name(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
-    """Why each IK branch of each grasp is excluded, at the grasp or at the end of a line; empty if one is not.
-
-    A line that could not be planned proves nothing. A grasp is refuted if no branch reaches an end of its lines or a
-    pose on them, or if every branch is in contact at an end.
-    """
-    pick = task.pick
-
-    def reasons_of(member: Member) -> list[str]:
-        grasp = task.grasp(member)
-        found = _branches_refuted(task, grasp, task.at_grasp, "the grasp", seed)
-        if not found and pick.approach:
-            found = _branches_refuted(task, pick.before(grasp), task.at_grasp, "the end of the approach", seed)
-        if not found and pick.retreat:
-            found = _branches_refuted(task, pick.after(grasp), task.carrying(member), "the end of the retreat", seed)
-        if not found and (where := _unreachable_between(task, member)):
-            found = [f"{NO_SOLUTION} {where}"]
-        return found
-
-    return _refuted(members, reasons_of)
-
-
-def refuted_at_release(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
-    """Why each IK branch at the release of each grasp is excluded; empty if one is not."""
-    if task.place is None:
-        return ()
-    return _refuted(
-        members,
-        lambda each: _branches_refuted(task, task.release(each), task.letting_go(each), "the release", seed),
-    )
-
-
-LINE_DEVIATION = 1e-3, 1e-2
-"""Metres and rad: the deviation of the tcp from the pose on a straight line that :func:`plan_linear` permits."""
-
-BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
-"""Shares of a line at which its poses are tested."""
-
-BETWEEN_BOXES = 100
-"""Largest number of boxes of each of these proofs, a few milliseconds."""
-
-
-def _unreachable_between(task: PickTask, member: Member) -> str:
-    """Which pose on the lines of a grasp is proven to be out of reach within the deviation of lines; else empty."""
-    grasp, position, orientation = task.grasp(member), *LINE_DEVIATION
-    if not is_provable(task.arm):
-        return ""
-    pick = task.pick
-    lines = (pick.approach, pick.before, "approach"), (pick.retreat, pick.after, "retreat")
-    for length, pose_at, name in lines:
-        for share in BETWEEN if length else ():
-            proof = prove_unreachable(
-                task.arm,
-                task.target(pose_at(grasp, share)),
-                position_tolerance=position,
-                orientation_tolerance=orientation,
-                budget=BETWEEN_BOXES,
-                search=False,
-            )
-            if proof.proven:
-                return f"the {name} {share * length * 1e3:.0f} mm from the grasp"
-    return ""
-
-
-def _branches_refuted(
-    task: PickTask, root_from_tip: SE3, checker: CollisionChecker, where: str, seed: int
-) -> list[str]:
-    """Why each IK branch at a pose is excluded; empty if one is not, or if not all are known."""
-    if not every_branch_is_known(task, [task.target(root_from_tip)]):
-        if proven_unreachable(task.arm, [task.target(root_from_tip)]):
-            return [f"{NO_SOLUTION} {where}"]
-        return [f"at {where}: {words}" for words in _contacts_of_all(task, root_from_tip, checker, seed)]
-    _, many = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
-    if checker.is_free_batch(many).any():
-        return []
-    reasons = []
-    for q in many:
-        result = checker.finer_at(q).check(q)  # contact between convex hulls is no proof of contact between the meshes
-        if result.free:
-            return []
-        reasons.append(f"at {where}: {'; '.join(contact_words(result))}")
-    return reasons or [f"{NO_SOLUTION} {where}"]
-
-
 SPREAD = 1e-5
 """Metres: more than the bodies at the tcp move relative to obstacles between IK solutions for the same target, which
 agree to 1e-6 m and rad."""
-
-
-def refuted_by_contacts(task: PickTask, members: list[Member], reached: Reached, seed: int) -> tuple[str, ...]:
-    """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven."""
-
-    def reasons_of(member: Member) -> list[str]:
-        known = reached.q[reached.member == members.index(member)]
-        if not len(known) and proven_unreachable(task.arm, [task.target(task.grasp(member))]):
-            return [f"{NO_SOLUTION} the grasp"]
-        words = _contacts_of_all(task, task.grasp(member), task.at_grasp, seed, known)
-        return [f"{each}, for every IK solution" for each in words]
-
-    return _refuted(members, reasons_of)
-
-
-def _contacts_of_all(
-    task: PickTask, root_from_tip: SE3, checker: CollisionChecker, seed: int, known: Array | None = None
-) -> list[str]:
-    """The contacts, as one text, by which every configuration at a pose is excluded; empty if this is not proven.
-
-    Bodies that are rigidly connected to the tcp have the same pose for every IK solution, so their contacts with
-    obstacles exclude all of them. Otherwise the joint values are divided into boxes (:func:`blocked_words`).
-    """
-    targets = task.targets([root_from_tip])
-    some = configurations(task.arm, targets, task.cell.home, seed)[1] if known is None else known
-    if len(some) and (words := _contacts_at_every_configuration(checker, some[0])):
-        return ["; ".join(words)]
-    many = np.concatenate([some, along_families(task.arm, targets, task.cell.home)[1]])
-    pairs = blocked_words(checker, task.target(root_from_tip), many)
-    return [pairs] if pairs else []
 
 
 def _contacts_at_every_configuration(checker: CollisionChecker, q: Array) -> list[str]:
@@ -551,3 +424,11 @@ def _contacts_at_every_configuration(checker: CollisionChecker, q: Array) -> lis
 def unreached(member: Member) -> str:
     """The reason for a grasp without an IK solution."""
     return f"{_of(member)}{NO_SOLUTION} the grasp"
+
+
+def moving_joint(arm: Arm, link: str) -> str:
+    """The last of the joints between the root and a link that move with the arm; empty if the link does not move.
+
+    Links with the same joint are rigidly connected.
+    """
+    return moved_by(arm.robot.urdf, link, (*arm.joint_names, *arm.followers))

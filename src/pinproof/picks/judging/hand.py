@@ -38,7 +38,8 @@ from pinproof.collision import (
 from pinproof.description import LinkGeometry, moved_by, resolved
 from pinproof.model import Arm
 from pinproof.motion import BezierCurve, Curve, split
-from pinproof.picks.input.picks import Picks, SuctionCup
+from pinproof.picks.input.picks import Picks
+from pinproof.picks.input.settings import SuctionCup
 from pinproof.picks.judging.grip import HeldPart, MovingFinger
 from pinproof.spatial import SE3, Array, pose, translated
 

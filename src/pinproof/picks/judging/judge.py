@@ -1,40 +1,387 @@
-"""The verdict on one pick, stage by stage; see :class:`pinproof.picks.Stage`.
+r"""The verdict on one pick, stage by stage, and the best motion by branch and bound; see :class:`pinproof.picks.Stage`.
 
 The grasps of a family are judged in groups of equal distance from the nominal grasp. The IK solutions of all grasps of
-a group are checked together, and the best motion is searched among those that pass
-(:mod:`pinproof.picks.judging.search`). If no motion exists, the verdict describes the attempt that passed the most
-stages.
+a group are checked together, and the best motion is searched among those that pass. If no motion exists, the verdict
+describes the attempt that passed the most stages.
+
+The score of a complete motion is the weighted sum of four parts from 0 to 1: the smallest clearance observed on the
+motion, the smallest distance of a joint from its limits, the manipulability at the grasp, and the duration part
+
+.. math:: \frac{T_0 + c}{T + c}
+
+where T is the time of the motion at full speed, without stops at corners, and c is a constant. T_0 is a lower bound of
+that time over all configurations at the grasp, so the score of one does not depend on which others were planned.
+
+A part of the motion bounds the score from above: its clearance and its distance from limits are at least those of the
+complete motion, and a motion takes at least the time of the joint with the longest travel, from home to the start of
+the approach, to the grasp, to the end of the retreat, and to the release. Where the closed form gives every
+configuration at these poses, the motion passes through one of them; otherwise only the grasp is used.
+
+The search expands the candidate with the highest bound: first the configuration at the grasp, then its two lines at
+each of their full rotations, then the transit, then the place. It stops when no bound exceeds the best score of a
+complete motion, so that the result is the same as if all candidates had been planned.
+
+Source of the search: A. Land, A. Doig (1960), "An automatic method of solving discrete programming problems",
+Econometrica 28(3).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from pinproof.errors import InputError
+from pinproof.model import Arm
+from pinproof.motion import JointPath
 from pinproof.picks.input.pick import Member, Pick
-from pinproof.picks.judging.configurations import REDUNDANT
+from pinproof.picks.judging.configurations import (
+    REDUNDANT,
+    TURN,
+    at_full_speed,
+    joint_margins,
+    least_seconds,
+    limit_margin,
+)
+from pinproof.picks.judging.conveyor import VALID, judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.grasp import (
     GraspCandidate,
     Reached,
+    every_branch,
     every_branch_is_known,
     reach,
     reach_between,
-    refuted_at_release,
-    refuted_by_contacts,
-    refuted_by_name,
+    score_parts,
     screen,
     unreached,
+    weighed,
 )
-from pinproof.picks.judging.intercept import VALID, judge_on_conveyor, on_conveyor
-from pinproof.picks.judging.lines import Attempt
-from pinproof.picks.judging.search import BestFirst, CompleteMotion
+from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, transit
+from pinproof.picks.judging.place import Placer, Placing, Release, Scores
+from pinproof.picks.judging.refute import refuted_at_release, refuted_by_contacts, refuted_by_name
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.picks.judging.timing import TimedPart, time_motion
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult
+from pinproof.spatial import Array
+
+TURNS = range(-2, 3)
+"""Numbers of full rotations at which a joint is searched within its limits."""
+
+MANY = 64
+"""Largest number of grasps for which the ends of the lines are solved to obtain tighter bounds of the time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scoring:
+    """The scores of complete motions from given configurations.
+
+    ``bounds`` (k,) are upper bounds of the score from each configuration, at any full rotations; ``least`` is T_0 (s).
+    """
+
+    task: PickTask
+    bounds: Array
+    least: float
+
+    @classmethod
+    def of(
+        cls, task: PickTask, candidates: tuple[GraspCandidate, ...], rest: Callable[[Member, Array, bool], Array]
+    ) -> Scoring:
+        """The scoring for the given configurations; ``rest`` is :meth:`Placer.rest`."""
+        seconds = np.empty(len(candidates))
+        members: dict[str, list[int]] = {}
+        for i, candidate in enumerate(candidates):
+            members.setdefault(candidate.member.words, []).append(i)
+        exact = len(members) <= MANY and task.cell.closed_form
+        for own in members.values():
+            q, member = np.array([candidates[i].q for i in own]), candidates[own[0]].member
+            seconds[own] = _least(task, q, member, rest, exact)
+        least = float(seconds.min(initial=np.inf))
+        margins = _widest(task.arm, np.array([candidate.q for candidate in candidates]).reshape(-1, task.arm.dof))
+        clearances = np.array([candidate.clearance for candidate in candidates])
+        volumes = np.array([candidate.manipulability for candidate in candidates])
+        parts = score_parts(least, clearances, margins, volumes, seconds)
+        return cls(task, weighed(parts, task.cell.weights), least)
+
+    def scores(self, clearance: float | Array, margins: Array, manipulability: float, seconds: Array) -> Array:
+        """(k,) the weighted sums of the parts."""
+        parts = score_parts(self.least, np.array(clearance), margins, np.array(manipulability), seconds)
+        return weighed(parts, self.task.cell.weights)
+
+    def parts(self, clearance: float, margin: float, manipulability: float, seconds: float) -> dict[str, float]:
+        """The four parts (0 to 1), and their weighted sum as ``score``."""
+        parts = score_parts(self.least, *map(np.array, (clearance, margin, manipulability, seconds)))
+        parts["score"] = weighed(parts, self.task.cell.weights)
+        return {name: float(part) for name, part in parts.items()}
+
+
+def _least(
+    task: PickTask, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool
+) -> Array:
+    """(k,) lower bound (s) of the time of a complete motion with the grasp at q (k, n)."""
+    arm, home, grasp = task.arm, task.cell.home[None], task.grasp(member)
+    ends = (task.pick.before(grasp), task.pick.approach), (task.pick.after(grasp), task.pick.retreat)
+    before, after = (every_branch(task, pose, exact and length > 0) for pose, length in ends)
+    into = least_seconds(arm, home, q)[0]
+    if len(before):
+        into = (least_seconds(arm, home, before) + least_seconds(arm, q, before)).min(axis=1)
+    if len(after):
+        return np.asarray(into + (least_seconds(arm, q, after) + rest(member, after, exact)).min(axis=1))
+    return np.asarray(into + rest(member, q, exact))
+
+
+def _widest(arm: Arm, q: Array) -> Array:
+    """(k,) upper bound of :func:`limit_margin` for each of q (k, n), at any full rotations within the limits."""
+    turned = (q + turns * TURN * arm.periodic for turns in TURNS)
+    return np.asarray(np.max([joint_margins(arm, at, at) for at in turned], axis=0).min(axis=1, initial=1.0))
+
+
+Key = tuple[float, int, int]
+"""The order of the search: minus the bound, then the index of the configuration, then of the full rotations."""
+
+
+@dataclass(frozen=True, eq=False)
+class CompleteMotion:
+    """A complete motion that passed every stage before the timing, with the parts of its score."""
+
+    attempt: Attempt
+    stages: tuple[StageResult, ...]
+    path: JointPath
+    placing: Placing | None
+    parts: dict[str, float]
+    key: Key
+
+
+@dataclass(order=True)
+class _OpenAttempt:
+    """An attempt that can be extended to a complete motion, at given full rotations."""
+
+    key: Key
+    attempt: Attempt = field(compare=False)
+    shift: Array = field(compare=False)
+    crossing: Crossing | None = field(default=None, compare=False)
+
+    def moved(self) -> Attempt:
+        """The attempt at its full rotations."""
+        return replace(self.attempt, shift=self.shift)
+
+
+class BestFirst:
+    """The branch-and-bound search for the best motion through one of the configurations at the grasp.
+
+    ``seeds`` are those of the planner and of the shortening. Unless ``bounded``, all motions within the budget are
+    planned, not only those whose bound exceeds the best score.
+    """
+
+    def __init__(
+        self, task: PickTask, candidates: tuple[GraspCandidate, ...], seeds: list[int], *, bounded: bool = True
+    ) -> None:
+        self._task, self._budget, self._seeds, self._bounded = task, task.cell.budget, seeds, bounded
+        self._candidates = candidates
+        self._placer = Placer(task, seeds[0])
+        self._scoring = Scoring.of(task, candidates, self._placer.rest)
+        self._order = np.argsort(-self._scoring.bounds, kind="stable").tolist()
+        self._next = 0
+        self._open: list[_OpenAttempt] = []
+        self._stuck: set[int] = set()
+        self.attempts: list[Attempt] = []
+        """The attempts: one for each configuration whose lines were planned."""
+        self.motions: list[CompleteMotion] = []
+        """The complete motions that are not rejected."""
+        self.made = 0
+        """The number of complete motions, rejected ones included."""
+        self.failed: list[tuple[StageResult, ...]] = []
+        """The stages of attempts whose lines are possible but which cannot be completed."""
+
+    # -- results ------------------------------------------------------------------------------------------------------
+
+    @property
+    def best(self) -> CompleteMotion | None:
+        """The best complete motion."""
+        return min(self.motions, key=lambda motion: motion.key, default=None)
+
+    @property
+    def excluded(self) -> int:
+        """Number of configurations and full rotations whose bound does not exceed the best score."""
+        best = self.best
+        if best is None:
+            return 0
+        bounds = self._scoring.bounds
+        left = sum((-float(bounds[i]), i, 0) > best.key for i in self._order[self._next :])
+        return left + sum(each.key > best.key and each.key[1] not in self._stuck for each in self._open)
+
+    @property
+    def untried(self) -> int:
+        """Number of candidates that could be better but were not tried within the budget."""
+        left = len(self._order) - self._next
+        return left + sum(each.key[1] not in self._stuck for each in self._open) - self.excluded
+
+    # -- the search ---------------------------------------------------------------------------------------------------
+
+    def run(self) -> CompleteMotion | None:
+        """The best complete motion; None if none was found within the budget."""
+        while self.made < self._budget.compared:
+            best, key = self.best, self._first()
+            if key is None or (self._bounded and best is not None and key > best.key):
+                break
+            self._step()
+        return self.best
+
+    def may_place(self) -> bool:
+        """Whether a release of a grasp is possible, which does not depend on how the object is brought there."""
+        members = {candidate.member.words: candidate.member for candidate in self._candidates}
+        return any(self._placer.may_place(member) for member in members.values())
+
+    def reject(self, motion: CompleteMotion, stages: tuple[StageResult, ...]) -> None:
+        """Remove a motion that failed a later stage."""
+        self.motions.remove(motion)
+        self.failed.append(stages)
+
+    def with_full_budget(self) -> CompleteMotion | None:
+        """A motion to any attempt with possible lines, planned with the larger budget; None if none was found."""
+        while self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
+            self._lines()
+        passed = [attempt for attempt in self.attempts if attempt.passed]
+        if not passed or any(stages[-1].stage is not Stage.TRANSIT for stages in self.failed):
+            return None
+        home = self._task.cell.home
+        every = [
+            replace(attempt, shift=shift)
+            for attempt in passed
+            for shift in full_rotations(self._task.arm, home, attempt)
+        ]
+        crossing = transit(self._task, every, self._budget.nodes, self._seeds)
+        if crossing.attempt is None:
+            self.failed.append((*passed[0].stages, crossing.result))
+            return None
+        self._place((0.0, 0, 0), crossing)
+        return self.best
+
+    def _first(self) -> Key | None:
+        """The key of the next step: the best open attempt, or a configuration that is not planned yet."""
+        while self._open and self._open[0].key[1] in self._stuck:
+            heapq.heappop(self._open)
+        keys = [self._open[0].key] if self._open else []
+        if self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
+            keys.append(self._next_configuration())
+        return min(keys, default=None)
+
+    def _next_configuration(self) -> Key:
+        index = self._order[self._next]
+        return -float(self._scoring.bounds[index]), index, -1
+
+    def _step(self) -> None:
+        """Extend the attempt with the highest bound by one step."""
+        if not self._open or self._first() != self._open[0].key:
+            self._lines()
+            return
+        here = heapq.heappop(self._open)
+        if here.crossing is not None:
+            self._place(here.key, here.crossing)
+            return
+        crossing = transit(self._task, [here.moved()], self._budget.quick_nodes, self._seeds)
+        if crossing.attempt is None:
+            self._stop(here.key, (*here.attempt.stages, crossing.result))
+        elif self._task.place is None:
+            self._place(here.key, crossing)
+        else:
+            scores = _Completions(self._scoring, self._task, crossing.attempt, crossing)
+            score = scores.before_place(self._rest(crossing.attempt))
+            heapq.heappush(self._open, _OpenAttempt((-score, *here.key[1:]), here.attempt, here.shift, crossing))
+
+    def _lines(self) -> None:
+        """Plan the lines of the next configuration at all its full rotations."""
+        index = self._order[self._next]
+        self._next += 1
+        attempt = along(self._task, self._candidates[index])
+        self.attempts.append(attempt)
+        if not attempt.passed:
+            return
+        shifts = full_rotations(self._task.arm, self._task.cell.home, attempt)
+        for k, (score, shift) in enumerate(zip(self._bounds(attempt, shifts).tolist(), shifts, strict=True)):
+            heapq.heappush(self._open, _OpenAttempt((-score, index, k), attempt, shift))
+
+    def _place(self, key: Key, crossing: Crossing) -> None:
+        """Plan the place, which completes the motion."""
+        attempt, path = crossing.attempt, crossing.path
+        if attempt is None or path is None:
+            return
+        scores = _Completions(self._scoring, self._task, attempt, crossing)
+        placed, placing = self._placer.place(attempt, self._seeds, scores)
+        stages = (*attempt.stages, crossing.result, placed)
+        if not placed.ok:
+            self._stop(key, stages)
+            return
+        parts = scores.parts(placing)
+        self.motions.append(CompleteMotion(attempt, stages, path, placing, parts, (-parts["score"], *key[1:])))
+        self.made += 1
+
+    def _stop(self, key: Key, stages: tuple[StageResult, ...]) -> None:
+        """Record a failure, which also excludes the other full rotations of the attempt."""
+        self._stuck.add(key[1])
+        self.failed.append(stages)
+
+    # -- scores -------------------------------------------------------------------------------------------------------
+
+    def _bounds(self, attempt: Attempt, shifts: Array) -> Array:
+        """(k,) upper bounds of the score of complete motions with the lines of an attempt, at full rotations (k, n)."""
+        arm, (low, high) = self._task.arm, attempt.span()
+        seconds = arm.limits.least_time(attempt.entrance + shifts - self._task.cell.home) + self._rest(attempt)
+        seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, attempt.approach, attempt.retreat))
+        margins = limit_margin(arm, low + shifts, high + shifts)
+        clearance = min(attempt.candidate.clearance, attempt.clearance)
+        return self._scoring.scores(clearance, margins, attempt.candidate.manipulability, seconds)
+
+    def _rest(self, attempt: Attempt) -> float:
+        """Lower bound (s) of the time after the retreat."""
+        return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
+
+
+class _Completions(Scores):
+    """The :class:`Scores` of the motions with one crossing and the lines of its attempt."""
+
+    def __init__(self, scoring: Scoring, task: PickTask, attempt: Attempt, crossing: Crossing) -> None:
+        self._scoring, self._task = scoring, task
+        self._manipulability = attempt.candidate.manipulability
+        self._clearance = min(attempt.candidate.clearance, attempt.clearance, crossing.clearance)
+        points = [attempt.q[None], *control_points(task.arm.dof, crossing.path, attempt.line_in(), attempt.line_out())]
+        self._seconds = sum(at_full_speed(task.arm, each) for each in points)
+        self._low, self._high = (bound(np.vstack(points), axis=0) for bound in (np.min, np.max))
+        self._margin = limit_margin(task.arm, self._low, self._high)
+
+    def before_place(self, rest: float) -> float:
+        """The upper bound with any place; ``rest`` (s) is a lower bound of the time after the retreat."""
+        return self._score(self._clearance, self._margin, rest + self._seconds)["score"]
+
+    def without_lines(self, clearances: Array, seconds: Array) -> Array:
+        least = np.minimum(clearances, self._clearance)
+        return self._scoring.scores(least, self._margin, self._manipulability, self._seconds + seconds)
+
+    def with_lines(self, release: Release, seconds: float) -> float:
+        arm = self._task.arm
+        seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, release.lift, release.leave))
+        return self._score(min(self._clearance, release.clearance), self._margin, seconds + self._seconds)["score"]
+
+    def placed(self, placing: Placing) -> float:
+        return self.parts(placing)["score"]
+
+    def parts(self, placing: Placing | None) -> dict[str, float]:
+        """The parts of the score of the complete motion."""
+        if placing is None:
+            return self._score(self._clearance, self._margin, self._seconds)
+        arm, seconds = self._task.arm, self._seconds
+        points = [*control_points(arm.dof, placing.transfer, placing.lift, placing.leave)]
+        for each in points:
+            seconds += at_full_speed(arm, each)
+        every = np.vstack([self._low, self._high, *points])
+        margin = limit_margin(arm, every.min(axis=0), every.max(axis=0))
+        return self._score(min(self._clearance, placing.clearance), margin, seconds)
+
+    def _score(self, clearance: float, margin: Array, seconds: float) -> dict[str, float]:
+        return self._scoring.parts(clearance, float(margin), self._manipulability, seconds)
 
 
 class _GroupVerdict(NamedTuple):

@@ -13,8 +13,7 @@ from pinproof.model import Arm
 from pinproof.motion import CubicPath, Curve, JointPath, TorqueLimits
 from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.hand import OpenHand
-from pinproof.picks.judging.motion_limits import torque_limits
-from pinproof.picks.judging.task import PickTask
+from pinproof.picks.judging.task import PickTask, torque_limits
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import LinearPlanResult, PlanResult, make_planner, plan_linear, shortcut, with_turns
 from pinproof.spatial import SE3, Array

@@ -14,8 +14,7 @@ from pinproof.picks.input.pick import Member, PlaceTarget
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch, out_of_reach
 from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
-from pinproof.picks.judging.motion_limits import torque_limits
-from pinproof.picks.judging.task import PickTask, once_per_grasp
+from pinproof.picks.judging.task import PickTask, once_per_grasp, torque_limits
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify, with_turns
 from pinproof.spatial import Array

@@ -23,8 +23,7 @@ from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import contact_words
 from pinproof.picks.judging.judge import judge
-from pinproof.picks.judging.motion_limits import torque_limits_of_tool
-from pinproof.picks.judging.task import PickCell, PickTask
+from pinproof.picks.judging.task import PickCell, PickTask, torque_limits_of_tool
 from pinproof.picks.judging.timing import certify_displaced, recertify
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import xyz_rpy

@@ -316,6 +316,23 @@ def test_a_linear_move_whose_joint_values_are_not_known_is_undecided(line: Cell)
         assert re.search(words, certificate.message)
 
 
+def test_a_linear_move_begins_at_the_last_set_point(line: Cell) -> None:
+    checker, motion = line
+    arm = checker.arm
+    shift = 2e-3 * np.linspace(0.0, 1.0, 4)[:, None] * np.eye(6)[0]
+    points = [StreamedPoint(q, 0.02) for q in motion.start + shift[1:]]
+    target = pp.pose(arm.forward_kinematics(motion.start).translation + [0.0, 0.0, 0.05], (np.pi, 0, 0))
+    target.rotation = arm.forward_kinematics(points[-1].q).rotation
+    end = trace_line(arm, points[-1].q, target).path.end
+    steps = [JointMove(motion.start), *points, LinearMove(end, target, 2.0)]
+    program = make_program(steps, arm.joint_names, dialect="urscript")
+    certificate = certify_program(program, checker)
+    assert certificate.free, certificate.message
+    trace = trace_line(arm, program.moves[-2].q, arm.forward_kinematics(program.moves[-1].q))
+    (part,) = [part for part in certificate.parts if part.line == program.moves[-1].line]
+    assert part.certificate.matches(trace.path, arm, checker.scene)
+
+
 @pytest.fixture(scope="module")
 def checker() -> pp.CollisionChecker:
     return pp.CollisionChecker(pp.load_robot("ur5").arm())

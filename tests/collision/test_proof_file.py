@@ -198,6 +198,21 @@ def test_surfaces_are_named_with_the_remedy(tmp_path, slider, path):
         certificate.save(tmp_path / "proof.json")
 
 
+def test_the_hash_of_the_scene_is_that_of_its_obstacles_only(tmp_path, slider, path):
+    balls = [Obstacle(f"ball{k}", Sphere(0.1 + 0.01 * k), pose((0, 1, k))) for k in range(3)]
+    curve, tool = path(slider, [0.0], [0.2]), Obstacle("tool", Sphere(0.01), pose((0, -0.1, 0)))
+
+    def hashed(obstacles, *attached):
+        checker = CollisionChecker(slider, Scene(obstacles), attached=attached)
+        return load(saved(tmp_path, curve, checker)[1])["hashes"]["scene"]
+
+    changed = [[*balls[:k], Obstacle(f"ball{k}", Sphere(0.2), balls[k].pose), *balls[k + 1 :]] for k in range(3)]
+    moved = [[*balls[:k], Obstacle(f"ball{k}", balls[k].shape, pose((0, 1.5, k))), *balls[k + 1 :]] for k in range(3)]
+    found = [hashed(obstacles) for obstacles in (balls, balls[1:], balls[:-1], *changed, *moved)]
+    assert len(set(found)) == len(found)
+    assert hashed(balls, tool) == found[0]
+
+
 @pytest.mark.parametrize("name", ["proof.yaml", "proof", "proof.gz"])
 def test_another_ending_is_refused(tmp_path, slider, path, name):
     certificate = certify(path(slider, [0.0], [0.1]), CollisionChecker(slider), record=True)

@@ -79,6 +79,37 @@ def test_a_callback_stops_searches_that_wait(slot: pp.CollisionChecker) -> None:
     assert all(future.cancelled() for future in pool.futures)
 
 
+class _Some(Executor):
+    """An executor that completes all searches but the last with given results."""
+
+    def __init__(self, results: list[pp.planning.PlanResult]) -> None:
+        self.results, self.futures = list(results), []
+
+    def submit(self, *args: object, **kwargs: object) -> Future:
+        self.futures.append(Future())
+        if self.results:
+            self.futures[-1].set_result(self.results.pop(0))
+        return self.futures[-1]
+
+
+def test_the_progress_of_a_portfolio_is_the_sum_of_its_complete_searches(slot: pp.CollisionChecker) -> None:
+    out = pp.planning.PlanStatus.OUT_OF_BUDGET
+    results = [pp.planning.PlanResult(out, message="", nodes=n, samples=10 * n, gap=0.1 * n) for n in (3, 2, 5)]
+    pool, data = _Some(results), []
+
+    def stop(progress: pp.planning.PlanProgress) -> bool:
+        data.append(progress)
+        return len(data) < 2
+
+    plan = PLANNER.plan(slot, START, GOAL, portfolio=4, executor=pool, progress=stop)
+    assert plan.status is pp.planning.PlanStatus.CANCELLED
+    assert "3 of 4 searches" in plan.message
+    for each in (*data, plan):
+        assert (each.nodes, each.samples, each.gap) == (10, 100, pytest.approx(0.2))
+    assert 0 <= data[0].seconds <= data[1].seconds <= plan.seconds < 100
+    assert pool.futures[-1].cancelled()
+
+
 def test_a_callback_stops_searches_here(slot: pp.CollisionChecker) -> None:
     plan = PLANNER.plan(slot, START, GOAL, portfolio=3, progress=lambda _: False)
     assert plan.status is pp.planning.PlanStatus.CANCELLED

@@ -18,6 +18,7 @@ from pinproof import (
     Scene,
     Sphere,
     Trajectory,
+    Within,
     certify,
     pose,
 )
@@ -402,3 +403,35 @@ def test_a_graze_that_the_default_tolerance_leaves_open_is_proven_more_finely(sl
     grazing = certify(move, CollisionChecker(slider, nearer))
     assert grazing.status is UNDECIDED
     assert grazing.tolerance == 1e-6
+
+
+def test_the_dictionary_states_the_verdict_with_its_figures(slider, path):
+    blocked = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.5, 0, 0)))])
+    checker, curve = CollisionChecker(slider, blocked, margin=0.002), path(slider, [0.0], [0.2])
+    line = Within(tolerance=0.01, base_from_region=pose(), low=(-1, -1, -1), high=(1, 1, 1))
+    free, hit = certify(curve, checker, constraints=[line]), certify(path(slider, [0.0], [0.7]), checker)
+    out = certify(path(slider, [0.0], [-8.0]), checker)
+    off = certify(path(slider, [0.0], [-1.1]), checker, constraints=[line])
+    assert [each.status.name for each in (free, hit, out, off)] == ["FREE", "COLLIDING", "VIOLATED", "VIOLATED"]
+    for each in (free, hit, out, off):
+        data = each.to_dict()
+        assert (data["status"], data["message"], data["margin"]) == (each.status.name, each.message, 0.002)
+        assert data["clearance_observed"] == each.observed
+        assert data["clearance_proven"] == (each.clearance if each is free else None)
+        assert (data["first_contact"] is None) is (each.first_contact is None)
+        assert (data["violation"] is None) is (each.violation is None)
+        assert data["limits_compared"] == ["position"]
+        assert [row["largest_proven"] is None for row in data["constraints"]] == [each is off] * len(each.constraints)
+        for row, proof in zip(data["constraints"], each.constraints, strict=True):
+            assert (row["tolerance"], row["largest_observed"]) == (0.01, proof.observed)
+    assert free.to_dict()["constraints"][0]["largest_proven"] == free.constraints[0].largest
+    first = hit.to_dict()["first_contact"]
+    for name in ("time", "q", "bodies", "distance", "points", "proven_free_until"):
+        assert np.array_equal(first[name], getattr(hit.first_contact, name))
+    for data, names in (
+        (out, ("joint", "quantity", "value", "limit", "time", "q")),
+        (off, ("error", "satisfied_until", "time", "q")),
+    ):
+        for name in names:
+            assert np.array_equal(data.to_dict()["violation"][name], getattr(data.violation, name))
+    assert off.to_dict()["violation"]["constraint"] == str(line)

@@ -52,6 +52,16 @@ def test_a_derived_checker_equals_a_new_one(ur5):
     same(pickle.loads(pickle.dumps(checker)).with_attached(TOOL), checker.with_attached(TOOL), ur5)
 
 
+def test_a_checker_with_held_joints_equals_that_of_the_arm_with_these():
+    arm = load_robot("panda").arm()
+    checker, held = CollisionChecker(arm, Scene([BALL])), {"panda_finger_joint1": 0.03}
+    other = checker.with_held(held)
+    same(other, CollisionChecker(arm.with_held(held), Scene([BALL])), arm)
+    assert other.group.held["panda_finger_joint1"] == 0.03
+    assert other.fingerprint() != checker.fingerprint()
+    same(other.with_held(arm.held), checker, arm)
+
+
 def test_deriving_does_not_change_the_checker(ur5):
     checker, fresh = CollisionChecker(ur5, Scene([BALL])), CollisionChecker(ur5, Scene([BALL]))
     checker.is_free(np.zeros(6))

@@ -74,3 +74,12 @@ def test_pixels_that_may_show_the_removed_body_bound_nothing_else(seed: int) -> 
     assert after.nearest == pytest.approx(np.maximum(before.nearest, behind), abs=1e-9)
     assert (after.farthest == np.where(shows, 0.0, before.farthest)).all()
     assert f"{shows.sum()} pixels" in after.record[-1]
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.7, 3.0])
+def test_a_scaled_image_shows_each_point_at_the_same_share_of_its_sides(factor: float) -> None:
+    scaled = CAMERA.scaled(factor)
+    assert (scaled.width, scaled.height) == (round(64 * factor), round(48 * factor))
+    for x, y, z in np.random.default_rng(0).uniform([-0.4, -0.3, 0.8], [0.4, 0.3, 2.0], (20, 3)):
+        pixels = [(c.fx * x / z + c.cx + 0.5, c.fy * y / z + c.cy + 0.5) for c in (CAMERA, scaled)]
+        assert pixels[1] == pytest.approx(factor * np.array(pixels[0]))

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
+from pinproof.collision import hull_triangles
 from pinproof.collision.geometry import triangles
 from pinproof.collision.geometry.triangles import PointHull, connected_parts, cut_crossing, with_area
 
@@ -76,3 +77,14 @@ def test_flat_points_have_no_faces_and_no_space() -> None:
     assert (hull.volume, len(hull.planes), len(hull.triangles), len(hull.points)) == (0.0, 0, 0, 4)
     assert hull.space(np.zeros((2, 3)), np.eye(3)[:2]).tolist() == [0.0, 0.0]
     assert not hull.has_space(np.zeros((2, 3)), np.eye(3)[:2], 0.0)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])
+def test_triangles_of_a_hull_are_counterclockwise_from_outside_and_enclose_its_volume(scale: float) -> None:
+    rng = np.random.default_rng(1)
+    points = scale * (rng.normal(size=(30, 3)) + [5.0, -3.0, 1.0])
+    corners, middle = points[hull_triangles(points)], points.mean(axis=0)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    heights = np.einsum("ij,ij->i", normals, corners[:, 0] - middle)
+    assert (heights > 0).all()
+    assert heights.sum() / 6 == pytest.approx(ConvexHull(points).volume)

@@ -435,3 +435,29 @@ def test_the_dictionary_states_the_verdict_with_its_figures(slider, path):
         for name in names:
             assert np.array_equal(data.to_dict()["violation"][name], getattr(data.violation, name))
     assert off.to_dict()["violation"]["constraint"] == str(line)
+
+
+def test_finer_tolerances_are_used_only_while_the_verdict_is_undecided(planar_2r, path):
+    """The tip of the outer bar passes a wall at a distance of ``gap``."""
+    curve, used = path(planar_2r, [-0.3, 0.0], [0.3, 0.0]), []
+    for gap in (0.05, 3e-5, 3e-6, -0.001):
+        wall = Obstacle("wall", Box(0.1, 2.0, 0.1), pose((float(np.hypot(1.0, 0.01)) + 0.05 + gap, 0, 0.03)))
+        checker = CollisionChecker(planar_2r, Scene([wall]))
+        certificate = certify(curve, checker)
+        assert certificate.status is (COLLIDING if gap < 0 else FREE)
+        alone = {t: certify(curve, checker, tolerance=t).status is not UNDECIDED for t in (1e-4, 1e-5, 1e-6)}
+        assert certificate.tolerance == next(t for t, decided in alone.items() if decided)
+        assert certify(curve, checker, max_intervals=1).tolerance == 1e-4
+        if gap > 0:
+            assert f"at least {np.floor(certificate.clearance * 1e4) / 10:.1f} mm" in certificate.message
+        used.append(certificate.tolerance)
+    assert used[0] == used[-1] == 1e-4
+    assert min(used) < 1e-4
+
+
+def test_a_certificate_without_pairs_has_an_unbounded_clearance(slider, path):
+    certificate = certify(path(slider, [0.0], [0.2]), CollisionChecker(slider))
+    assert (certificate.free, certificate.clearance, certificate.pairs) == (True, np.inf, 0)
+    assert "unbounded" in str(certificate) or "no pair" in str(certificate)
+    record = certificate.motion_record()
+    assert (record.start, record.end) == (0.0, 0.0)

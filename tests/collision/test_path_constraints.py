@@ -280,3 +280,22 @@ def test_an_object_that_is_not_a_constraint_is_refused(constraints) -> None:
     arm = ARMS["ur5"]
     with pytest.raises(pp.InputError, match="constraints"):
         pp.certify(pp.JointPath([START], arm.joint_names), pp.CollisionChecker(arm), constraints=constraints)
+
+
+def test_the_message_names_the_limit_that_left_a_constraint_undecided() -> None:
+    """One of two constraints is proven by the first interval; evidence is kept on request only."""
+    arm = ARMS["ur5"]
+    path = pp.JointPath([START + x * np.eye(6)[0] for x in (0.0, 2.0)], arm.joint_names)
+    at = arm.forward_kinematics(START).translation
+    easy, hard = (pp.Within.plane(at, (0, 0, 1), tolerance=tolerance) for tolerance in (10.0, 2e-6))
+    checker = pp.CollisionChecker(arm)
+    certificate = pp.certify(path, checker, constraints=[easy, hard], joint_tolerance=3e-3, max_intervals=40)
+    few = [proof.intervals for proof in certificate.constraints]
+    assert few[0] < 40 <= few[1]
+    assert certificate.status is pp.CertificateStatus.UNDECIDED
+    assert "max_intervals of the proof was reached" in certificate.message
+    assert [proof.evidence for proof in certificate.constraints] == [None, None]
+    coarse = pp.certify(path, checker, constraints=[easy, hard], joint_tolerance=3e-3, tolerance=1.0)
+    assert "the tolerance of the proof was reached" in coarse.message
+    kept = pp.certify(path, checker, constraints=[easy], record=True).constraints[0].evidence
+    assert len(kept) >= 1

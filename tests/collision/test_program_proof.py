@@ -321,7 +321,7 @@ def test_a_linear_move_begins_at_the_last_set_point(line: Cell) -> None:
     arm = checker.arm
     shift = 2e-3 * np.linspace(0.0, 1.0, 4)[:, None] * np.eye(6)[0]
     points = [StreamedPoint(q, 0.02) for q in motion.start + shift[1:]]
-    target = pp.pose(arm.forward_kinematics(motion.start).translation + [0.0, 0.0, 0.05], (np.pi, 0, 0))
+    target = pp.pose(arm.forward_kinematics(motion.start).translation + 0.05 * np.eye(3)[2])
     target.rotation = arm.forward_kinematics(points[-1].q).rotation
     end = trace_line(arm, points[-1].q, target).path.end
     steps = [JointMove(motion.start), *points, LinearMove(end, target, 2.0)]

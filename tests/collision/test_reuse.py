@@ -83,6 +83,22 @@ def test_random_changes_give_the_verdict_of_a_certificate_from_scratch(checker, 
     assert min(found[pp.CertificateStatus.FREE], found[pp.CertificateStatus.COLLIDING]) >= 5
 
 
+def test_the_observed_distance_includes_that_of_kept_pairs_at_the_start() -> None:
+    """The nearest obstacle is kept, whatever its number among the pairs."""
+    text = """<robot name="slider"><link name="root"/><link name="ball"><collision><geometry><sphere radius="0.01"/>
+        </geometry></collision></link><joint name="slide" type="prismatic"><parent link="root"/><child link="ball"/>
+        <axis xyz="1 0 0"/><limit lower="-7" upper="7" velocity="1" effort="1"/></joint></robot>"""
+    arm = pp.load_robot(text).arm(tcp="ball")
+    path, ball = pp.JointPath([[0.0], [0.2]], arm.joint_names), pp.Sphere(0.05)
+    near, far = (pp.Obstacle(name, ball, pp.pose((-0.5, y, 0.0))) for name, y in (("near", 0.4), ("far", 3.0)))
+    for obstacles in ([near, far], [far, near]):
+        checker = pp.CollisionChecker(arm, pp.Scene(obstacles))
+        moved = checker.with_scene(checker.scene.move("far", pp.pose((-0.5, 4.0, 0.0))))
+        again = StoredProof(pp.certify(path, checker, record=True)).certify(SetupChange(checker, moved))
+        assert again.free
+        assert again.clearance <= again.observed <= moved.clearance(path.start) + 1e-9
+
+
 def test_the_figures_of_kept_pairs_are_reduced_by_the_rounding_of_a_larger_scene(checker, motion) -> None:
     proof = StoredProof(pp.certify(motion, checker, obstacle_tolerance=0.002, record=True))
     far = checker.with_scene(checker.scene.add(pp.Obstacle("far", pp.Box(1, 1, 1), pp.pose((2e3, 0, 0)))))

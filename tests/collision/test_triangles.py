@@ -82,7 +82,7 @@ def test_flat_points_have_no_faces_and_no_space() -> None:
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])
 def test_triangles_of_a_hull_are_counterclockwise_from_outside_and_enclose_its_volume(scale: float) -> None:
     rng = np.random.default_rng(1)
-    points = scale * (rng.normal(size=(30, 3)) + [5.0, -3.0, 1.0])
+    points = scale * (rng.normal(size=(30, 3)) + np.array([5.0, -3.0, 1.0]))
     corners, middle = points[hull_triangles(points)], points.mean(axis=0)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     heights = np.einsum("ij,ij->i", normals, corners[:, 0] - middle)

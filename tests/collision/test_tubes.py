@@ -95,7 +95,9 @@ def test_a_tolerance_for_each_joint(planar_2r, path):
     checker = CollisionChecker(planar_2r)
     certificate = certify(path(planar_2r, [0.0, 0.5], [0.3, 1.0]), checker, joint_tolerance=[0.1, 0.0])
     assert certificate.tube.joints.tolist() == [0.1, 0.0]
-    assert "joints may deviate" in certificate.message
+    assert "joints may deviate by up to the given tolerances" in certificate.message
+    equal = certify(path(planar_2r, [0.0, 0.5], [0.3, 1.0]), checker, joint_tolerance=[0.1, 0.1])
+    assert "joints may deviate by up to 0.1 rad" in equal.message
 
 
 @pytest.mark.parametrize(

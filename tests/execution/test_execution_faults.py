@@ -148,6 +148,10 @@ def faults(checker: pp.CollisionChecker, swing: pp.Trajectory) -> Iterator[tuple
                 yield f"clock of the node only jumps by {by} s ({words})", jumped(rows, by, stamps=False)
         for by in (-0.005, -0.015):
             yield f"clock jumps by {by} s ({words})", jumped(rows, by - TICK, stamps=True)
+        last = next(m for t, kind, m in rows if kind == "state" and t >= 10 + FAULT)
+        for rate in {"the last": last["velocity"], "no": []}.items():
+            frozen = {"position": last["position"], "velocity": rate[1]}
+            yield f"frozen positions, {rate[0]} velocities ({words})", changed(rows, lambda _, m, f=frozen: {**m, **f})
         slower = [(t + max(t - 10 - FAULT, 0.0) * (kind == "state"), kind, m) for t, kind, m in rows]
         if stamped:
             yield f"later and later ({words})", sorted(slower, key=lambda row: row[0])
@@ -165,7 +169,6 @@ def faults(checker: pp.CollisionChecker, swing: pp.Trajectory) -> Iterator[tuple
             yield f"one again later ({words})", repeated(rows, 1, 0.055)
             yield f"neighbours exchanged ({words})", swapped(rows, 1)
             yield f"far ones exchanged ({words})", swapped(rows, 5)
-            last = next(m for t, kind, m in rows if kind == "state" and t >= 10 + FAULT)
             yield f"the same one again and again ({words})", changed(rows, lambda _, m, last=last: last)
         for key, values in {
             "header": ("x", 7, *({"stamp": stamp} for stamp in (5, {"sec": "x"}, {"sec": np.nan}, {"sec": 1}))),

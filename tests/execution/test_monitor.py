@@ -305,6 +305,47 @@ def test_a_measurement_that_is_not_later_is_invalid(monitor, swing, time, measur
     assert update(0.0).inside  # the next execution
 
 
+@pytest.mark.parametrize("stated", ["the last velocity", "no velocity", "rest"])
+def test_a_measurement_that_freezes_while_the_robot_moves_is_invalid(checker, swing, certificate, stated) -> None:
+    """The alarm comes when the robot has surely moved by the tolerance, and not after three times this distance."""
+    for begin in (0.2, 0.3, 0.5, 1.3):
+        monitor = pp.Monitor(checker, swing, certificate=certificate, latency=TICK)
+        for time in np.arange(0.0, begin, TICK):
+            assert monitor.update(time, swing(time), None if stated == "no velocity" else swing.velocity(time)).inside
+        frozen, way = time, 0.0
+        rate = {"the last velocity": swing.velocity(frozen), "no velocity": None, "rest": np.zeros(6)}[stated]
+        while (result := monitor.update(time := time + TICK, swing(frozen), rate)).inside:
+            way = np.abs(swing(time) - swing(frozen)).max()
+            assert way < 0.06
+        assert result.status is MonitorStatus.INVALID
+        assert np.isnan(result.q).all()
+        assert way > 0.01
+        moving = int(np.abs(swing.velocity(frozen)).argmax())
+        assert result.joint == swing.joint_names[moving]
+        later = time + TICK
+        assert monitor.update(later, swing(later), swing.velocity(later)).inside  # it is measured again
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_repeated_measurement_is_valid_if_the_robot_may_be_there(checker, swing, certificate, measured) -> None:
+    """It brakes with all its acceleration and rests, or its sensor is slower than the ticks."""
+    limit = checker.arm.limits.acceleration
+    for begin in (0.2, 0.3, 0.5):
+        monitor = pp.Monitor(checker, swing, certificate=certificate)
+        time, q, dq = begin, swing(begin).copy(), swing.velocity(begin).copy()
+        for _ in range(200):
+            result = monitor.update(time, q, dq if measured else None)
+            assert result.status is not MonitorStatus.INVALID
+            slower = np.sign(dq) * np.maximum(np.abs(dq) - limit * TICK, 0.0)
+            time, q, dq = time + TICK, q + (dq + slower) / 2 * TICK, slower
+        assert not dq.any()
+    monitor = pp.Monitor(checker, swing, certificate=certificate)
+    for time in np.arange(0.0, swing.duration, 0.001):
+        sensed = np.floor(time * 200 + 1e-9) / 200
+        rate = swing.velocity(sensed) if measured else None
+        assert monitor.update(time, swing(sensed), rate).inside
+
+
 def test_only_the_start_counts_for_the_deviation_from_the_start(monitor, swing) -> None:
     assert (monitor.start_deviation(swing.start, np.zeros(6)) < 1.0).all()
     for time in np.linspace(0.2, swing.duration, 50):

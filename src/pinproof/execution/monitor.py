@@ -17,6 +17,9 @@ a L, the position is q(L) + v_L r with r in [0, T / 2]. It differs from q + v (L
     p + w L + a L^2 / 2 + (w + a L) T / 2 .
 
 The segment from q to q + v (L + T / 2) with this tolerance of each joint therefore covers the stop, and is certified.
+
+Frozen measurement. While q repeats exactly, a joint whose speed was at least u moves by at least u s - a s^2 / 2 in a
+time s up to u / a. If the sum since q last changed exceeds the tolerance, q is not the position of the robot.
 """
 
 from __future__ import annotations
@@ -64,7 +67,7 @@ class MonitorStatus(Enum):
     INSIDE = "inside the certified tube"
     OUTSIDE_BRAKING_FREE = "outside the certified tube; braking now is proven collision-free"
     OUTSIDE = "outside the certified tube; braking now is not proven collision-free"
-    INVALID = "the measurement is not finite, or not later than the last one"
+    INVALID = "the measurement is not finite, not later than the last one, or has not changed on a moving robot"
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +209,8 @@ class Monitor(Shown):
         self._times = np.linspace(0.0, trajectory.duration, count)
         self._samples = np.asarray(trajectory(self._times))
         self._last: tuple[float, Array] | None = None
+        self._changed: tuple[float, Array] | None = None
+        self._way = self._moved = self._speed = np.zeros(n)
 
     def _certified(self, given: Certificate | None, joint_tolerance: npt.ArrayLike | None) -> tuple[Certificate, Array]:
         """Return a FREE certificate of the motion and the tolerance (n,) that it covers."""
@@ -252,8 +257,9 @@ class Monitor(Shown):
             (n,) measured velocities. Default: the difference quotient of the last two measurements; at the first tick,
             and if time has returned to 0 or less for the next execution, the velocity of the motion.
 
-        The result is INVALID if a number is not finite, or if ``time`` is not later than at the last measurement and
-        has not returned to 0 or less.
+        The result is INVALID if a number is not finite, if ``time`` is not later than at the last measurement and has
+        not returned to 0 or less, or if q repeats exactly for so long that a joint must have left the tube, because it
+        moved before or dq states that it moves.
 
         Raises
         ------
@@ -271,7 +277,11 @@ class Monitor(Shown):
             bad = ~(np.isfinite(at) & np.isfinite(rate))
             name = "" if np.isfinite(at).all() and bad.all() else names[int(bad.argmax())]
             return MonitorResult(MonitorStatus.INVALID, time, time, np.abs(at), name, np.inf, q=at, dq=rate)
+        moved = self._moved_since_change(time, at, rate, measured=dq is not None)
         self._last = time, at
+        if (moved > self._tolerance).any():
+            name, unknown = names[int((moved / self._tolerance).argmax())], np.full(len(names), np.nan)
+            return MonitorResult(MonitorStatus.INVALID, time, time, moved, name, np.inf, q=unknown, dq=unknown)
         progress = min(max(time, 0.0), self._trajectory.duration)
         deviation = self._deviation(progress, at, rate)
         if (deviation > self._tolerance).any():
@@ -355,6 +365,24 @@ class Monitor(Shown):
             return np.asarray(self._trajectory.velocity(min(max(time, 0.0), self._trajectory.duration)))
         before, at = self._last
         return np.asarray((q - at) / (time - before)) if time > before else np.zeros(len(q))
+
+    def _moved_since_change(self, time: float, q: Array, dq: Array, *, measured: bool) -> Array:
+        """Return (n,) the least distance that each joint must have moved since q last changed, which is 0 if it did."""
+        before = self._last
+        if before is not None and before[0] < time and np.array_equal(q, before[1]):
+            step, limit = time - before[0], self._acceleration
+            braking = np.minimum(step, self._speed / limit)
+            self._moved = self._moved + (self._speed - limit * braking / 2) * braking
+            stated = self._way * dq - self._velocity_error if measured else np.zeros(len(q))
+            self._speed = np.maximum(np.maximum(self._speed - limit * step, stated), 0.0)
+            return np.asarray(self._moved)
+        # A sensor that is slower than the ticks repeats q: its speed is that since the change before.
+        changed = self._changed
+        if not measured and changed is not None and changed[0] < time:
+            dq = (q - changed[1]) / (time - changed[0])
+        self._changed, self._way, self._moved = (time, q), np.sign(dq), np.zeros(len(q))
+        self._speed = np.maximum(np.abs(dq) - self._velocity_error, 0.0)
+        return self._moved
 
     def _deviation(self, progress: float, q: Array, dq: Array) -> Array:
         """Return (n,) the largest deviation of each joint from the motion until the latency has passed."""

@@ -247,6 +247,10 @@ class Monitor(Shown):
     def update(self, time: float, q: npt.ArrayLike, dq: npt.ArrayLike | None = None) -> MonitorResult:
         """Judge the state of the robot at one tick.
 
+        The result is INVALID if a number is not finite, if ``time`` is not later than at the last measurement and has
+        not returned to 0 or less, or if q repeats exactly for so long that a joint must have left the tube: it moved
+        before, or dq states that it moves.
+
         Parameters
         ----------
         time
@@ -256,10 +260,6 @@ class Monitor(Shown):
         dq
             (n,) measured velocities. Default: the difference quotient of the last two measurements; at the first tick,
             and if time has returned to 0 or less for the next execution, the velocity of the motion.
-
-        The result is INVALID if a number is not finite, if ``time`` is not later than at the last measurement and has
-        not returned to 0 or less, or if q repeats exactly for so long that a joint must have left the tube, because it
-        moved before or dq states that it moves.
 
         Raises
         ------

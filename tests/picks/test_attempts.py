@@ -11,11 +11,10 @@ import pinproof as pp
 from pinproof.model import JointLimits
 from pinproof.motion import CubicPath
 from pinproof.picks.judging import grasp
-from pinproof.picks.judging.changes import Change
 from pinproof.picks.judging.configurations import at_full_speed, least_seconds
 from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.lines import Attempt, full_rotations, shifted
-from pinproof.picks.judging.suggest import _Trials
+from pinproof.picks.judging.suggest import Change, ShiftSuggestion, _Trials
 from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage
 
@@ -121,7 +120,7 @@ def test_ranked_configurations_reach_the_grasps_that_they_belong_to(arms, cells,
 def test_a_change_that_cannot_be_good_is_not_judged_and_not_good_when_it_is_tried_again() -> None:
     judged: list[str] = []
     trials = _Trials(lambda pick: judged.append(pick), Stage.GRASP, 3, lambda pick: False)
-    change = Change("move the pick 10 mm along +z (base frame)", pp.Pick("a", pp.pose((0.4, 0, 0.3))), 10.0)
+    change = Change(ShiftSuggestion(by=(0, 0, 10)), pp.Pick("a", pp.pose((0.4, 0, 0.3))), 10.0)
     assert [trials.good(change), trials.good(change)] == [False, False]
     assert judged == []
     assert (trials.best, trials.left) == (None, 3)

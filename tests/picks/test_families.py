@@ -9,7 +9,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.ik import Clik
-from pinproof.picks import PickStatus, Stage, apply_suggestion
+from pinproof.picks import PickStatus, Stage
 from pinproof.picks.input.pick import family
 
 DOWN = (np.pi, 0, 0)
@@ -93,8 +93,8 @@ def test_target_out_of_reach_of_seven_joints_is_impossible(arms) -> None:
 def test_a_shorter_approach_that_is_proposed_works_and_a_longer_one_does_not(arm) -> None:
     verdict = judge(arm, replace(PICK, approach=0.9))
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.APPROACH)
-    text = next(each for each in verdict.suggestions if each.startswith("shorten the approach"))
-    proposed = apply_suggestion(replace(PICK, approach=0.9), text).approach
+    suggestion = next(each for each in verdict.suggestions if each.text.startswith("shorten the approach"))
+    proposed = suggestion.apply(replace(PICK, approach=0.9)).approach
     assert 0.3 < proposed < 0.9
     assert judge(arm, replace(PICK, approach=proposed), remedies=0).failed is not Stage.APPROACH
     assert judge(arm, replace(PICK, approach=proposed + 0.02), remedies=0).failed is Stage.APPROACH
@@ -103,8 +103,8 @@ def test_a_shorter_approach_that_is_proposed_works_and_a_longer_one_does_not(arm
 def test_a_shift_that_is_proposed_works(arm) -> None:
     stone = pp.Obstacle("stone", pp.Sphere(0.02), pp.pose((0.45, 0.1 + 0.055, 0.2)))
     verdict = judge(arm, PICK, stone)
-    text = next(each for each in verdict.suggestions if each.startswith("move the pick"))
-    assert judge(arm, apply_suggestion(PICK, text), stone, remedies=0).ok
+    suggestion = next(each for each in verdict.suggestions if each.text.startswith("move the pick"))
+    assert judge(arm, suggestion.apply(PICK), stone, remedies=0).ok
 
 
 def test_out_of_reach_names_the_residual_and_a_shift_that_reaches(arm) -> None:
@@ -113,8 +113,8 @@ def test_out_of_reach_names_the_residual_and_a_shift_that_reaches(arm) -> None:
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.REACH)
     short = float(verdict.reason.split(" mm")[0].split()[-1])
     assert verdict.stages[-1].figures["position_error"] * 1e3 == pytest.approx(short, abs=0.06)
-    text = next(each for each in verdict.suggestions if each.startswith("move the pick"))
-    there = apply_suggestion(far, text)
+    suggestion = next(each for each in verdict.suggestions if each.text.startswith("move the pick"))
+    there = suggestion.apply(far)
     assert short <= 1e3 * np.linalg.norm(there.pose.translation - far.pose.translation) <= 2.1 * short
     assert judge(arm, there, remedies=0).failed is not Stage.REACH
 

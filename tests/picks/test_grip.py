@@ -11,7 +11,7 @@ import trimesh
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks import Stage, apply_suggestion
+from pinproof.picks import Stage
 from pinproof.picks.report.report_keys import VERDICT
 
 DOWN = (np.pi, 0, 0)
@@ -202,10 +202,10 @@ def test_suggestions_stay_within_grasps_that_hold_the_part(arm) -> None:
     for pick, obstacles, failed in ((grasp((0.0, 0.012, -0.015)), (), Stage.GRIP), (grasp(), (wall,), Stage.GRASP)):
         verdict = judge(arm, pick, *obstacles, budget=pp.picks.PickBudget(compared=1, remedies=6))
         assert verdict.failed is failed
-        complete = [text for text in verdict.suggestions if "fails at" not in text]
+        complete = [suggestion for suggestion in verdict.suggestions if not suggestion.effect]
         assert complete or failed is Stage.GRASP
-        for text in complete:
-            changed = apply_suggestion(pick, text)
+        for suggestion in complete:
+            changed = suggestion.apply(pick)
             again = judge(arm, changed, *obstacles, budget=pp.picks.PickBudget(compared=1, remedies=0))
             assert again.ok
             assert again.grip is not None

@@ -293,17 +293,17 @@ def test_suggestions_for_a_place_of_the_object_hold(arm) -> None:
     assert verdict.failed is Stage.PLACE
     assert verdict.suggestions
     for suggestion in verdict.suggestions:
-        changed = pp.picks.apply_suggestion(pick, suggestion)
+        changed = suggestion.apply(pick)
         assert changed.place.pose_of == "object"
         recheck(judge(arm, changed), arm)
 
 
 def test_a_shift_of_a_place_moves_the_object_and_a_rotation_of_pick_and_place_does_not_fit() -> None:
     pick = replace(PICK, place=pp.picks.PlaceTarget(FINAL, pose_of="object"))
-    moved = pp.picks.apply_suggestion(pick, "move the place 20 mm along -x (base frame)").place.pose
+    moved = pp.picks.ShiftSuggestion(place_by=(-20, 0, 0)).apply(pick).place.pose
     np.testing.assert_allclose(moved.translation, FINAL.translation - [0.02, 0, 0], atol=1e-15)
     with pytest.raises(InputError, match="pose of the object"):
-        pp.picks.apply_suggestion(pick, "turn the pick and the place by 15 deg about the z axis of the tip")
+        pp.picks.TurnSuggestion(degrees=15, axis=(0, 0, 1), with_place=True).apply(pick)
 
 
 def test_an_unknown_kind_of_pose_of_a_place_is_refused() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks import PickSetup, PickStatus, Stage, apply_suggestion
+from pinproof.picks import PickSetup, PickStatus, Stage, Suggestion
 from pinproof.picks.judging.configurations import along_families, configurations
 from pinproof.picks.judging.refute import prove_blocked
 from pinproof.picks.judging.task import PickTask
@@ -32,8 +32,8 @@ def judge(
     return verdict
 
 
-def suggested(verdict: pp.picks.PickVerdict, start: str) -> str:
-    return next(text for text in verdict.suggestions if text.startswith(start))
+def suggested(verdict: pp.picks.PickVerdict, start: str) -> Suggestion:
+    return next(suggestion for suggestion in verdict.suggestions if suggestion.text.startswith(start))
 
 
 def bolt(cell, name: str) -> pp.Pick:
@@ -47,10 +47,11 @@ def test_out_of_reach_reports_the_residual_and_a_reachable_shift(cell) -> None:
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.REACH)
     short = float(re.search(r"([\d.]+) mm and", verdict.reason)[1])
     assert short == pytest.approx(verdict.stages[-1].figures["position_error"] * 1e3, abs=0.06)
-    there = apply_suggestion(far, text := suggested(verdict, "move the pick"))
+    suggestion = suggested(verdict, "move the pick")
+    there = suggestion.apply(far)
     assert short <= 1e3 * np.linalg.norm(there.pose.translation - far.pose.translation) < 2.1 * short + 1
     found = judge(cell, there, budget=pp.picks.PickBudget(remedies=0))
-    assert found.ok or f"fails at the {found.failed.value} stage" in text
+    assert found.ok or f"fails at the {found.failed.value} stage" in str(suggestion)
 
 
 def test_limit_violations_name_the_joint_and_the_excess(arms) -> None:
@@ -88,7 +89,7 @@ def test_a_colliding_grasp_reports_pair_depth_and_a_free_shift(cell) -> None:
     assert len(verdict.refuted) == verdict.configurations
     assert all("picker penetrates" in words for words in verdict.refuted)
     corner = replace(bolt(cell, "in_the_corner"), spin=pp.picks.GraspSpin(), carried=None)
-    there = apply_suggestion(corner, suggested(verdict, "move the pick"))
+    there = suggested(verdict, "move the pick").apply(corner)
     assert judge(cell, there, budget=pp.picks.PickBudget(remedies=0)).ok
 
 

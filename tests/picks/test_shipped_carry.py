@@ -11,7 +11,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks import PickStatus, Stage, apply_suggestion
+from pinproof.picks import PickStatus, Stage
 
 pytestmark = pytest.mark.slow
 
@@ -83,7 +83,7 @@ def test_an_approach_too_long_reports_the_longest_that_works(report, judge) -> N
     assert verdict.refuted == ("no IK solution within the limits reaches the end of the approach",)
     assert verdict.remedy.startswith("shorten the approach from 900 mm to ")
     assert report.to_dict()["picks"][3]["remedy"] == verdict.remedy
-    length = apply_suggestion(high, verdict.suggestions[0]).approach
+    length = verdict.suggestions[0].apply(high).approach
     assert judge(replace(high, approach=length)).failed is None
     assert judge(replace(high, approach=length + 0.02)).failed is Stage.APPROACH
 
@@ -94,13 +94,13 @@ def test_a_retreat_that_drags_the_part_names_the_support_and_a_free_direction(re
     assert all(text.startswith("at the end of the retreat: ") for text in verdict.refuted)
     assert all(re.search(r"bolt_1 (penetrates|is [\d.]+ mm from) table", text) for text in verdict.refuted)
     assert verdict.remedy.startswith("retreat straight up, along +z (base frame)")
-    assert judge(apply_suggestion(verdict.pick, verdict.suggestions[0])).ok
+    assert judge(verdict.suggestions[0].apply(verdict.pick)).ok
 
 
 def test_a_place_out_of_reach_reports_the_residual_and_a_reachable_shift(report, judge) -> None:
     far = verdict_of(report, "too_far").pick
     verdict = judge(far, remedies=12)
     short = float(re.search(r"found is ([\d.]+) mm", verdict.reason)[1])
-    there = apply_suggestion(far, next(text for text in verdict.suggestions if text.startswith("move the place")))
+    there = next(each for each in verdict.suggestions if each.text.startswith("move the place")).apply(far)
     assert 200 < short < 1e3 * np.linalg.norm(there.place.pose.translation - far.place.pose.translation) < 2 * short
     assert judge(there).ok

@@ -152,4 +152,4 @@ def test_picks_of_the_plate_are_good_with_a_rotated_camera(examples) -> None:
     report = pp.validate_picks(
         example.arm, example.scene, replace(example.picks, picks=(example.verdict("unturned").pick,))
     )
-    assert any(text.startswith("turn the pick by ") for text in report.verdicts[0].suggestions)
+    assert any(each.text.startswith("turn the pick by ") for each in report.verdicts[0].suggestions)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.errors import InputError
-from pinproof.picks import NamedFrame, Stage, apply_suggestion
-from pinproof.picks.judging.changes import DIRECTIONS, DISTANCES, move_words, shorten_words, turn_words
+from pinproof.picks import LengthSuggestion, NamedFrame, RetreatSuggestion, ShiftSuggestion, Stage, TurnSuggestion
+from pinproof.picks.judging.suggest import DIRECTIONS, DISTANCES
 from pinproof.spatial import SE3
 
 from ..examples import examples
@@ -46,8 +46,8 @@ def shifted(pick: pp.Pick, millimetres: np.ndarray) -> pp.Pick:
     return replace(pick, pose=SE3(pick.pose.rotation, pick.pose.translation + millimetres / 1e3))
 
 
-def shift_of(verdict: pp.picks.PickVerdict) -> str:
-    return next(each for each in verdict.suggestions if each.startswith("move the pick"))
+def shift_of(verdict: pp.picks.PickVerdict) -> ShiftSuggestion:
+    return next(each for each in verdict.suggestions if each.text.startswith("move the pick"))
 
 
 @pytest.mark.slow
@@ -59,7 +59,7 @@ def test_the_smallest_shift_of_all_candidates_is_suggested(arm, gap) -> None:
     rod["tip"] = pp.pose((0, 0, 0.1))
     verdict = judge(arm, PICK, stone, near, remedies=500, **rod)
     assert verdict.failed is Stage.GRASP
-    by = vector(shift_of(verdict))
+    by = vector(str(shift_of(verdict)))
     assert judge(arm, shifted(PICK, by), stone, near, **rod).ok
     smaller = 0
     for distance in DISTANCES:
@@ -79,7 +79,7 @@ def test_a_shift_of_a_few_millimetres_is_found_with_the_default_budget(arm) -> N
     for side, axis in ((1, "-"), (-1, "+")):
         post = pp.Obstacle("post", pp.Box(0.02, 0.02, 0.02), pp.pose((0.45, 0.1 + side * 0.021, 0.23)))
         verdict = judge(arm, PICK, post, remedies=pp.picks.PickBudget().remedies, **rod)
-        assert shift_of(verdict) == f"move the pick 4 mm along {axis}y (base frame)"
+        assert str(shift_of(verdict)) == f"move the pick 4 mm along {axis}y (base frame)"
 
 
 @pytest.mark.slow
@@ -95,8 +95,8 @@ def test_every_suggestion_for_random_failed_picks_does_what_it_states(arm) -> No
         lengths = {key: float(rng.choice([0.05, 0.1, 0.4])) for key in ("approach", "retreat")}
         pick = pp.Pick("part", pose, frame=frame, retreat_direction=away, **lengths)
         verdict = judge(arm, pick, wall, post, remedies=4, frames={"turned": TURNED})
-        for text in verdict.suggestions:
-            there = judge(arm, apply_suggestion(pick, text), wall, post, frames={"turned": TURNED})
+        for suggestion in verdict.suggestions:
+            there, text = judge(arm, suggestion.apply(pick), wall, post, frames={"turned": TURNED}), str(suggestion)
             later = re.search(r"fails at the (\S+) stage", text)
             assert there.ok if later is None else there.failed.value == later[1], text
             checked += 1
@@ -112,7 +112,7 @@ def test_a_pick_out_of_reach_is_moved_by_the_printed_vector_into_reach(arm) -> N
         pick = pp.Pick("p", pp.pose((far * np.cos(angle), far * np.sin(angle), rng.uniform(0, 0.3)), DOWN))
         verdict = judge(arm, pick, remedies=4)
         assert verdict.failed is Stage.REACH
-        text = shift_of(verdict)
+        text = str(shift_of(verdict))
         by = vector(text)
         assert (by == np.round(by)).all()
         there = judge(arm, shifted(pick, by))
@@ -141,11 +141,11 @@ def test_grasp_and_place_move_together_so_that_the_object_is_placed_where_it_was
 
     verdict = of(bolt, 12)
     assert verdict.failed is Stage.GRASP
-    text = shift_of(verdict)
-    pick_part, place_part = text.split(" and the place ")
+    suggestion = shift_of(verdict)
+    pick_part, place_part = suggestion.text.split(" and the place ")
     assert pick_part.endswith("(base frame)")
     assert place_part.endswith("(frame 'drop')")
-    there = apply_suggestion(bolt, text)
+    there = suggestion.apply(bolt)
     np.testing.assert_allclose((there.pose.translation - bolt.pose.translation) * 1e3, vector(pick_part), atol=1e-9)
     moved = there.place.pose.translation - bolt.place.pose.translation
     np.testing.assert_allclose(moved * 1e3, vector(place_part), atol=1e-9)
@@ -160,11 +160,12 @@ def test_grasp_and_place_move_together_so_that_the_object_is_placed_where_it_was
 def test_a_vector_is_in_the_frame_of_the_pick(arm) -> None:
     pick = pp.Pick("p", TURNED.pose.inverse() * pp.pose((1.0, 0.0, 0.2), DOWN), frame="turned")
     verdict = judge(arm, pick, remedies=4, frames={"turned": TURNED})
-    text = shift_of(verdict)
+    suggestion = shift_of(verdict)
+    text = str(suggestion)
     assert "(frame 'turned')" in text
     assert judge(arm, shifted(pick, vector(text)), frames={"turned": TURNED}).ok or "; it then" in text
     with pytest.raises(InputError, match="its pick is stated in the base frame"):
-        apply_suggestion(PICK, text)
+        suggestion.apply(PICK)
 
 
 numbers = st.integers(-200_000, 200_000).map(lambda value: value / 100)
@@ -173,9 +174,9 @@ numbers = st.integers(-200_000, 200_000).map(lambda value: value / 100)
 @examples(200)
 @given(st.tuples(numbers, numbers, numbers).filter(any))
 def test_a_printed_vector_is_the_vector_that_is_applied(by) -> None:
-    text = move_words(PICK, np.array(by))
-    np.testing.assert_allclose(vector(text), by, atol=1e-9)
-    moved = apply_suggestion(PICK, text).pose.translation - PICK.pose.translation
+    suggestion = ShiftSuggestion(by=by)
+    np.testing.assert_allclose(vector(suggestion.text), by, atol=1e-9)
+    moved = suggestion.apply(PICK).pose.translation - PICK.pose.translation
     np.testing.assert_allclose(moved * 1e3, by, atol=1e-9)
 
 
@@ -186,7 +187,7 @@ def test_a_printed_vector_is_the_vector_that_is_applied(by) -> None:
 )
 def test_a_printed_turn_is_the_turn_that_is_applied(degrees, axis) -> None:
     axis = np.array(axis) / np.linalg.norm(axis)
-    turned = apply_suggestion(PICK, turn_words(degrees, axis, with_place=False))
+    turned = TurnSuggestion.about(axis, degrees, with_place=False).apply(PICK)
     turn = PICK.pose.actInv(turned.pose)
     np.testing.assert_allclose(turn.rotation @ axis, axis, atol=2e-6)
     cosine = (np.trace(turn.rotation) - 1) / 2
@@ -194,39 +195,50 @@ def test_a_printed_turn_is_the_turn_that_is_applied(degrees, axis) -> None:
     np.testing.assert_array_equal(turned.pose.translation, PICK.pose.translation)
 
 
-def test_suggestions_read_as_documented() -> None:
-    at_place = replace(PICK, carried="bolt", place=pp.picks.PlaceTarget(pp.pose(), frame="bin"))
-    assert move_words(PICK, np.array([-20.0, 0, 0])) == "move the pick 20 mm along -x (base frame)"
-    assert (
-        move_words(at_place, np.array([3.0, 0, -3.0]), np.array([3.0, 1.23, 0]))
-        == "move the pick by (+3, 0, -3) mm (base frame) and the place by (+3, +1.23, 0) mm (frame 'bin')"
-    )
-    assert (
-        turn_words(30.0, np.array([0, 0, -1.0]), with_place=True)
-        == "turn the pick and the place by -30 deg about the z axis of the tip"
-    )
-    assert shorten_words("approach", 0.3, 0.222) == "shorten the approach from 300 mm to 222 mm"
-    assert (
-        apply_suggestion(PICK, "shorten the approach from 50 mm to 20 mm; it then passes the approach stage").approach
-        == 0.02
-    )
-    up = apply_suggestion(replace(PICK, retreat_direction=(1, 0, 0)), "retreat straight up, along +z (base frame)")
-    assert up.retreat_direction == (0, 0, 1)
+@pytest.mark.parametrize(
+    ("suggestion", "text"),
+    [
+        (ShiftSuggestion(by=(-20, 0, 0)), "move the pick 20 mm along -x (base frame)"),
+        (
+            ShiftSuggestion(by=(3, 0, -3), place_by=(3, 1.23, 0), place_frame="bin", effect="ends"),
+            "move the pick by (+3, 0, -3) mm (base frame) and the place by (+3, +1.23, 0) mm (frame 'bin'); it then ends",
+        ),
+        (ShiftSuggestion(place_by=(0, 0, 0.5)), "move the place 0.5 mm along +z (base frame)"),
+        (
+            TurnSuggestion.about(np.array([0, 0, -1.0]), 30.0, with_place=True),
+            "turn the pick and the place by -30 deg about the z axis of the tip",
+        ),
+        (
+            TurnSuggestion.about(np.array([0.6, -0.8, 0]), 15.0, with_place=False),
+            "turn the pick by -15 deg about (-0.600000, 0.800000, -0.000000) of the tip",
+        ),
+        (LengthSuggestion(line="approach", before=300, after=222), "shorten the approach from 300 mm to 222 mm"),
+        (RetreatSuggestion(), "retreat straight up, along +z (base frame)"),
+    ],
+)
+def test_suggestions_read_as_documented(suggestion, text) -> None:
+    assert str(suggestion) == text
+
+
+def test_a_line_is_shortened_and_a_retreat_is_turned_upwards() -> None:
+    assert LengthSuggestion(line="approach", before=50, after=20).apply(PICK).approach == 0.02
+    assert LengthSuggestion(line="retreat", before=50, after=20).apply(PICK).retreat == 0.02
+    up = RetreatSuggestion().apply(replace(PICK, retreat_direction=(1, 0, 0), retreat_frame="tip"))
+    assert (up.retreat_direction, up.retreat_frame) == ((0, 0, 1), "root")
 
 
 @pytest.mark.parametrize(
-    "text",
+    "suggestion",
     [
-        "", "good luck", "move the pick 20 mm", "move the pick 20 mm along -x (frame 'bin')",
-        "move the place 20 mm along -x (base frame)", "move the pick by (1, 2) mm (base frame)",
-        "shorten the approach from 70 mm to 20 mm",
-        "turn the pick and the place by +30 deg about the z axis of the tip",
-        "move the pick 20 mm along -x (base frame) and more",
+        ShiftSuggestion(by=(-20, 0, 0), frame="bin"),
+        ShiftSuggestion(place_by=(-20, 0, 0)),
+        LengthSuggestion(line="approach", before=70, after=20),
+        TurnSuggestion(degrees=30, axis=(0, 0, 1), with_place=True),
     ],
-)  # fmt: skip
-def test_text_that_does_not_fit_the_pick_is_refused(text) -> None:
-    with pytest.raises(InputError, match=r"not a suggestion that can be applied|does not fit pick 'part'"):
-        apply_suggestion(PICK, text)
+)
+def test_a_suggestion_that_does_not_fit_the_pick_is_refused(suggestion) -> None:
+    with pytest.raises(InputError, match="does not fit pick 'part'"):
+        suggestion.apply(PICK)
 
 
 def test_no_suggestion_is_made_without_a_budget(arm) -> None:

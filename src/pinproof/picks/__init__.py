@@ -22,7 +22,6 @@ from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, P
 from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
-from pinproof.picks.judging.changes import apply_suggestion
 from pinproof.picks.judging.configurations import TURN, manipulability
 from pinproof.picks.judging.grasp import GraspCandidate, reach, screen
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
@@ -30,6 +29,7 @@ from pinproof.picks.judging.judge import judge
 from pinproof.picks.judging.lines import Attempt, along, shifted, shortened, span, transit
 from pinproof.picks.judging.place import Placer, Placing, Release, release_lines
 from pinproof.picks.judging.setup import PickSetup, check_held_joints
+from pinproof.picks.judging.suggest import LengthSuggestion, RetreatSuggestion, ShiftSuggestion, TurnSuggestion
 from pinproof.picks.judging.task import (
     DOWN,
     SUPPORT_GAP,
@@ -40,7 +40,15 @@ from pinproof.picks.judging.task import (
     torque_limits_of_tool,
 )
 from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
-from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
+from pinproof.picks.judging.verdict import (
+    Intercept,
+    PickMotion,
+    PickStatus,
+    PickVerdict,
+    Stage,
+    StageResult,
+    Suggestion,
+)
 from pinproof.picks.report.program_export import PicksProgram, certify_picks_program, export_picks
 from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport, write_motion_pages
 
@@ -64,6 +72,7 @@ __all__ = [
     "GripResult",
     "GripperFingers",
     "Intercept",
+    "LengthSuggestion",
     "Member",
     "MotionPart",
     "NamedFrame",
@@ -91,14 +100,17 @@ __all__ = [
     "ReachMap",
     "ReachRegion",
     "Release",
+    "RetreatSuggestion",
     "ScreenResult",
     "ScreenStatus",
+    "ShiftSuggestion",
     "Stage",
     "StageResult",
     "SuctionCup",
+    "Suggestion",
     "ToolSpeed",
+    "TurnSuggestion",
     "along",
-    "apply_suggestion",
     "approach_directions",
     "attainable_orientations",
     "certify_picks_program",

@@ -1,9 +1,9 @@
-"""Suggestions: the smallest changes of a failed pick that help, each judged as a complete pick before it is printed.
+"""Suggestions: the smallest changes of a failed pick that help, each judged as a complete pick before it is made.
 
 The kinds of change are a shorter line, a vertical retreat, a turn about the approach direction, a tilt, a shift of the
-pick, and a shift of its place. The candidates of each kind are ordered by size. A candidate is written as text, the
-text is applied to the pick (:func:`pinproof.picks.apply_suggestion`), and the result is judged through all stages, so
-the printed text is exactly what was judged. The suggestion is the smallest judged candidate of its kind with a good
+pick, and a shift of its place. The candidates of each kind are ordered by size. A candidate is a :class:`Suggestion`
+with every number as its text states it; it is applied to the pick, and the result is judged through all stages, so the
+printed text is exactly what was judged. The suggestion is the smallest judged candidate of its kind with a good
 verdict. If none is good, it is the smallest candidate that passes the stage that failed, and the text states the later
 stage at which it fails.
 
@@ -15,34 +15,313 @@ The budget is a number of judged picks (:attr:`pinproof.picks.PickBudget.remedie
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
-from typing import Literal
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
+from itertools import product
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.picks.input.pick import ROOT, Pick
-from pinproof.picks.judging.changes import (
-    REMARK,
-    UPWARDS,
-    Change,
-    ChangesOf,
-    Shift,
-    place_shifts,
-    shifts_of,
-    shorten_words,
-    tilts,
-    turns,
-)
-from pinproof.picks.judging.configurations import configurations
+from pinproof.ik import Clik
+from pinproof.motion import read_only
+from pinproof.picks.input.pick import ROOT, TIP, Pick
+from pinproof.picks.judging.configurations import configurations, has_closed_form
 from pinproof.picks.judging.lines import Attempt, line_in, line_out
 from pinproof.picks.judging.task import PickTask
-from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult
-from pinproof.spatial import Array
+from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult, Suggestion
+from pinproof.spatial import SE3, Array, rotation_about, translated
 
-Judge = Callable[[Pick], PickVerdict]
+Vector = tuple[float, float, float]
+
+UP: Vector = (0.0, 0.0, 1.0)
+
+RESOLUTION = 0.01
+"""Millimetres: lengths and components of vectors are multiples of this."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShiftSuggestion(Suggestion):
+    """Move the pick, its place, or both.
+
+    Parameters
+    ----------
+    by, place_by
+        (3,) millimetres in the frame in which the pick, or its place, is stated; None if it is not moved.
+    frame, place_frame
+        These frames; empty for the root link of the robot, the base frame.
+    """
+
+    by: Vector | None = None
+    frame: str = ""
+    place_by: Vector | None = None
+    place_frame: str = ""
+
+    @property
+    def text(self) -> str:
+        """The change in one line."""
+        moves = []
+        for what, by, frame in self._moves():
+            axes = [axis for axis in range(3) if by[axis]]
+            words = f"by ({', '.join(('+' if value > 0 else '') + _digits(value) for value in by)}) mm"
+            if len(axes) == 1:
+                along = by[axes[0]]
+                words = f"{_digits(abs(along))} mm along {'+' if along > 0 else '-'}{'xyz'[axes[0]]}"
+            moves.append(f"the {what} {words} ({_frame_words(frame)})")
+        return f"move {' and '.join(moves)}"
+
+    def apply(self, pick: Pick) -> Pick:
+        """Return the moved pick."""
+        for what, by, frame in self._moves():
+            thing = pick if what == "pick" else pick.place
+            if thing is None or thing.frame != frame:
+                own = "" if thing is None else f"its {what} is stated in the {_frame_words(thing.frame)}"
+                raise self.does_not_fit(pick, own or "no place")
+            moved = replace(thing, pose=translated(thing.pose, np.array(by) / 1e3))
+            pick = moved if isinstance(moved, Pick) else replace(pick, place=moved)
+        return pick
+
+    def _moves(self) -> list[tuple[str, Vector, str]]:
+        stated = ("pick", self.by, self.frame), ("place", self.place_by, self.place_frame)
+        return [(what, by, frame) for what, by, frame in stated if by is not None]
+
+
+def _printed(by: Array) -> Vector:
+    """A shift by (3,) mm, rounded to :data:`RESOLUTION`."""
+    x, y, z = (np.round(by, 2) + 0.0).tolist()
+    return x, y, z
+
+
+def _digits(value: float) -> str:
+    return f"{value + 0.0:.2f}".rstrip("0").rstrip(".")
+
+
+def _frame_words(frame: str) -> str:
+    return f"frame '{frame}'" if frame else "base frame"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnSuggestion(Suggestion):
+    """Turn the pick, and perhaps its place, by an angle in degrees about an axis (3,) of the tip."""
+
+    degrees: float
+    axis: Vector
+    with_place: bool
+
+    @classmethod
+    def about(cls, axis: Array, degrees: float, *, with_place: bool) -> TurnSuggestion:
+        """The turn about a unit vector (3,), which is rounded to six digits; its largest component is positive."""
+        main = int(np.argmax(np.abs(axis)))
+        sign = -1.0 if axis[main] < 0 else 1.0
+        x, y, z = (np.round(sign * axis, 6) if abs(axis[main]) <= 1 - 1e-12 else np.eye(3)[main]).tolist()
+        return cls(degrees=sign * degrees, axis=(x, y, z), with_place=with_place)
+
+    @property
+    def text(self) -> str:
+        """The change in one line."""
+        about = f"({', '.join(f'{value:.6f}' for value in self.axis)})"
+        if sorted(self.axis) == [0.0, 0.0, 1.0]:
+            about = f"the {'xyz'[self.axis.index(1.0)]} axis"
+        what = "the pick and the place" if self.with_place else "the pick"
+        return f"turn {what} by {self.degrees:+g} deg about {about} of the tip"
+
+    def apply(self, pick: Pick) -> Pick:
+        """Return the turned pick."""
+        axis = np.array(self.axis)
+        turn = SE3(rotation_about(axis / np.linalg.norm(axis), np.radians(self.degrees)), np.zeros(3))
+        if not self.with_place:
+            return replace(pick, pose=pick.pose * turn)
+        if pick.place is None or pick.place.pose_of != TIP:
+            what = "it has no place" if pick.place is None else "its place is stated as the pose of the object"
+            raise self.does_not_fit(pick, what)
+        return replace(pick, pose=pick.pose * turn, place=replace(pick.place, pose=pick.place.pose * turn))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LengthSuggestion(Suggestion):
+    """Shorten the ``approach`` or the ``retreat``; the lengths are in millimetres."""
+
+    line: Literal["approach", "retreat"]
+    before: float
+    after: float
+
+    @property
+    def text(self) -> str:
+        """The change in one line."""
+        return f"shorten the {self.line} from {self.before:.10g} mm to {self.after:.10g} mm"
+
+    def apply(self, pick: Pick) -> Pick:
+        """Return the pick with the shorter line."""
+        stated = getattr(pick, self.line)
+        if abs(stated - self.before / 1e3) > RESOLUTION / 1e3:
+            raise self.does_not_fit(pick, f"its {self.line} is {stated * 1e3:g} mm")
+        after = self.after / 1e3
+        return replace(pick, approach=after) if self.line == "approach" else replace(pick, retreat=after)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RetreatSuggestion(Suggestion):
+    """Retreat along the z axis of the root link of the robot."""
+
+    @property
+    def text(self) -> str:
+        """The change in one line."""
+        return "retreat straight up, along +z (base frame)"
+
+    def apply(self, pick: Pick) -> Pick:
+        """Return the pick with a vertical retreat."""
+        return replace(pick, retreat_direction=UP, retreat_frame=ROOT)
+
+
+# -- candidates -------------------------------------------------------------------------------------------------------
+
+DISTANCES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
+"""Millimetres by which a pick is moved."""
+
+FEW_DISTANCES = (1, 2, 5, 10, 20, 50, 100)
+"""Those of them that are tried if all of them exceed the budget of the screening."""
+
+EARLY_DISTANCES, EARLY_STRETCHES, EARLY_TURNS, EARLY_TILTS = (5, 20, 50, 100), (1.1, 1.5), (45, 90, 135, 180), (10, 30)
+"""Sizes that are judged first if the budget is less than the number of candidates."""
+
+DIRECTIONS = sorted((d for d in product((0, 1, -1), repeat=3) if any(d)), key=lambda d: sum(map(abs, d)))
+"""Directions along the axes of the frame of the pick, between two axes, and between all three."""
+
+AXES = 6
+"""Number of the directions that are axes; they are first."""
+
+STRETCHES = (1.0, 1.01, 1.02, 1.04, 1.06, 1.08, 1.1, 1.15, 1.2, 1.25, 1.35, 1.5, 1.75, 2.0)
+"""Shifts of a pose that is out of reach, as multiples of the gap to the nearest pose found by inverse kinematics."""
+
+TURNS = tuple(range(15, 181, 15))
+"""Degrees about the approach direction, to either side."""
+
+TILTS = (5, 10, 15, 20, 30)
+"""Degrees about the axes across the approach direction, to either side."""
+
+POSES = 6000
+"""Poses of the tip, weighted by the cost of their inverse kinematics, that are screened before any pick is judged."""
+
+SWEPT, SEARCHED = 8, 40
+"""The weight of a pose where a redundant joint is swept, and where a numerical method searches; 1 in closed form."""
+
+
+class Displacement(NamedTuple):
+    """The displacements (3,) of the tip in the root frame, in metres, at the grasp and at the release."""
+
+    grasp: Array
+    release: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A candidate for a pick: its size (mm, degrees, or metres of lost length) and its direction.
+
+    ``early`` marks the few candidates that are judged first if the budget is less than their number. If only the
+    positions of poses change, ``displacement`` states by how much, and they are screened without the changed pick.
+    """
+
+    suggestion: Suggestion
+    stated: Pick
+    size: float
+    direction: tuple[int, ...] = ()
+    early: bool = False
+    displacement: Displacement | None = None
+
+    @cached_property
+    def pick(self) -> Pick:
+        """The changed pick."""
+        return self.suggestion.apply(self.stated)
+
+
+class Shift(NamedTuple):
+    """A shift by (3,) mm; those along one line share a direction."""
+
+    by: Array
+    direction: tuple[int, ...]
+    early: bool
+
+
+def _rotations(
+    task: PickTask,
+    pick: Pick,
+    axes: Iterable[tuple[tuple[int, ...], Array]],
+    sizes: Iterable[int],
+    early: Iterable[int],
+) -> list[Change]:
+    """The pick turned by angles (degrees) to either side about axes (3,) of the tip, each with its direction."""
+    changes = []
+    for degrees, (direction, axis), sign in product(sizes, axes, (1, -1)):
+        if sign * degrees != -180:
+            turn = TurnSuggestion.about(axis, float(sign * degrees), with_place=_keeps_place(task, pick))
+            changes.append(Change(turn, pick, float(degrees), (sign, *direction), degrees in early))
+    return changes
+
+
+def _keeps_place(task: PickTask, pick: Pick) -> bool:
+    """Whether the place moves with the grasp, so that the object is still put down at the requested pose."""
+    return pick.place is not None and pick.place.pose_of == TIP and task.from_scene
+
+
+def _shift_changes(task: PickTask, pick: Pick, shifts: Iterable[Shift], *, of_place: bool) -> list[Change]:
+    """The pick, and its place with it if it keeps it, or its place alone, moved by shifts; each once, by length."""
+    place, nothing = pick.place, np.zeros(3)
+    rotation = task.root_from(pick.frame).rotation
+    place_rotation = np.eye(3) if place is None else task.root_from(place.frame).rotation
+    changes: dict[Suggestion, Change] = {}
+    for by, direction, early in shifts:
+        displacement: Displacement | None
+        if place is not None and of_place:
+            suggestion = ShiftSuggestion(place_by=_printed(by), place_frame=place.frame)
+            displacement = Displacement(nothing, place_rotation @ (np.array(suggestion.place_by) / 1e3))
+        elif place is not None and _keeps_place(task, pick):
+            place_by = _printed(place.pose.rotation @ pick.pose.rotation.T @ by)
+            suggestion = ShiftSuggestion(by=_printed(by), frame=pick.frame, place_by=place_by, place_frame=place.frame)
+            moved = rotation @ (np.array(suggestion.by) / 1e3), place_rotation @ (np.array(place_by) / 1e3)
+            displacement = Displacement(*moved)
+        else:
+            suggestion = ShiftSuggestion(by=_printed(by), frame=pick.frame)
+            displacement = Displacement(rotation @ (np.array(suggestion.by) / 1e3), nothing)
+            if place is not None and place.pose_of != TIP:  # the pose of the tip at the release changes with the grasp
+                displacement = None
+        if suggestion not in changes:
+            size = math.sqrt(sum(x * x for x in by.tolist()))
+            changes[suggestion] = Change(suggestion, pick, size, direction, early, displacement)
+    return sorted(changes.values(), key=lambda change: change.size)
+
+
+@cache
+def _vectors(distances: tuple[int, ...], directions: int) -> tuple[Shift, ...]:
+    """Shifts by whole millimetres along the axes and between them."""
+    shifts = []
+    for distance in distances:
+        for direction in DIRECTIONS[:directions]:
+            along = np.array(direction, dtype=float)
+            by = along * max(1.0, np.round(distance / np.linalg.norm(along)))
+            shifts.append(Shift(read_only(by), direction, distance in EARLY_DISTANCES and direction.count(0) == 2))
+    return tuple(shifts)
+
+
+def _towards_reach(task: PickTask, root_from_tip: SE3, root_from_frame: Array) -> Iterable[Shift]:
+    """Shifts of a pose, in the axes of a frame, towards the nearest pose that inverse kinematics finds.
+
+    All of the gap, its part across the z axis of the frame, and its largest component; rounded away from the pose.
+    """
+    target = task.target(root_from_tip)
+    nearest = Clik().solve(task.arm, target, task.cell.home, rng=0)
+    gap = task.arm.forward_kinematics(nearest.q).translation - target.translation
+    shift = root_from_frame.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
+    along = np.where(np.arange(3) == np.argmax(np.abs(shift)), shift, 0.0)
+    for line, part in enumerate((shift, shift * [1, 1, 0], along)):
+        for stretch in STRETCHES:
+            by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
+            if by.any():
+                yield Shift(by, (line,), stretch in EARLY_STRETCHES)
+
+
+# -- trials -----------------------------------------------------------------------------------------------------------
 
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 """Fractions of the approach at which the screening requires a free configuration."""
@@ -52,8 +331,6 @@ CHECKS = 4
 
 REFINEMENTS = 5
 """Number of picks judged between two distances of which the larger is good; enough to bisect 20 mm."""
-
-UP = (0.0, 0.0, 1.0)
 
 STEP = 1e-3
 """Metres: suggested lengths are multiples of this."""
@@ -70,27 +347,29 @@ class _Trials:
     ``possible`` is a cheap check that a candidate may be good; it has a separate, larger budget.
     """
 
-    def __init__(self, judge: Judge, failed: Stage, budget: int, possible: Callable[[Pick], bool]) -> None:
+    def __init__(
+        self, judge: Callable[[Pick], PickVerdict], failed: Stage, budget: int, possible: Callable[[Pick], bool]
+    ) -> None:
         self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
         self._possible, self._checks = possible, CHECKS * budget
-        self._seen: dict[str, bool] = {}
+        self._seen: dict[Suggestion, bool] = {}
         self.best: Change | None = None
         """The smallest good change so far."""
         self._helps: tuple[Change, str] | None = None
 
     def good(self, candidate: Change) -> bool:
         """Whether the changed pick is good; also False if the budget is exhausted."""
-        if candidate.words in self._seen:
-            return self._seen[candidate.words]
+        if candidate.suggestion in self._seen:
+            return self._seen[candidate.suggestion]
         if self.left <= 0:
             return False
         if self._checks > 0 and not self._possible(candidate.pick):
             self._checks -= 1
-            self._seen[candidate.words] = False
+            self._seen[candidate.suggestion] = False
             return False
         self.left -= 1
         verdict = self._judge(candidate.pick)
-        self._seen[candidate.words] = verdict.ok
+        self._seen[candidate.suggestion] = verdict.ok
         if verdict.ok and (self.best is None or candidate.size < self.best.size):
             self.best = candidate
         helps = verdict.failed is not None and ORDER.index(verdict.failed) > self._failed
@@ -98,18 +377,21 @@ class _Trials:
             self._helps = candidate, verdict.failed.value
         return verdict.ok
 
-    def words(self) -> str:
-        """The suggestion; empty if no candidate helps."""
+    def suggestion(self) -> Suggestion | None:
+        """The smallest good candidate, otherwise the smallest that helps; None if there is none."""
         if self.best is not None:
-            return self.best.words
+            return self.best.suggestion
         if self._helps is None:
-            return ""
+            return None
         candidate, stage = self._helps
-        return f"{candidate.words}{REMARK}passes the {ORDER[self._failed].value} stage and fails at the {stage} stage"
+        effect = f"passes the {ORDER[self._failed].value} stage and fails at the {stage} stage"
+        return replace(candidate.suggestion, effect=effect)
 
 
-def suggest(task: PickTask, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Judge) -> tuple[str, ...]:
-    """Suggestions for a pick as it was stated, one line for each kind of change; empty if nothing was found.
+def suggest(
+    task: PickTask, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Callable[[Pick], PickVerdict]
+) -> tuple[Suggestion, ...]:
+    """Suggestions for a pick as it was stated, one for each kind of change; empty if nothing was found.
 
     If a line failed, ``attempt`` is the one that passed the most stages. ``judge`` gives the verdict on a changed pick,
     without suggestions.
@@ -118,176 +400,177 @@ def suggest(task: PickTask, pick: Pick, failed: StageResult, attempt: Attempt | 
     if not budget or stage in NO_SUGGESTION:
         return ()
 
-    def trials() -> _Trials:
-        return _Trials(
-            judge, stage, budget, lambda other: stage is not Stage.RETREAT or _retreat_ends_free(task, other)
-        )
+    def possible(other: Pick) -> bool:
+        """Whether a free configuration was found at the end of a retreat that failed, with the object in the hand."""
+        changed = PickTask(other, task.cell) if stage is Stage.RETREAT else task
+        grasps = changed.nearest_group
+        if changed is task or len(grasps) > 1:  # each grasp needs a separate checker
+            return True
+        end = changed.pick.after(changed.grasp(grasps[0]))
+        q = configurations(task.arm, task.targets([end]), task.cell.home, 0)[1]
+        return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
 
-    found = []
+    def trials() -> _Trials:
+        return _Trials(judge, stage, budget, possible)
+
+    found: list[Suggestion | None] = []
     if attempt is not None and stage in (Stage.APPROACH, Stage.RETREAT):
         found.append(_shorter(task, pick, stage, attempt, trials()))
     if attempt is not None and stage is Stage.RETREAT and (pick.retreat_frame, pick.retreat_direction) != (ROOT, UP):
         upwards = trials()
-        upwards.good(Change(UPWARDS, pick, 0.0))
-        found.append(upwards.words())
+        upwards.good(Change(RetreatSuggestion(), pick, 0.0))
+        found.append(upwards.suggestion())
     if stage is Stage.PLACE and pick.place is not None:
-        found.append(_nearest_shift(*place_shifts(task, pick), partial(_screened_places, task), trials()))
+        found.append(_nearest_shift(task, pick, stage, trials(), of_place=True))
+    axis = task.pick.axis_in(task.pick.pose)
     if not task.pick.spin.sampled:
-        found.append(_nearest(_screened(task, turns(task, pick)), trials()))
-    found.append(_nearest(_screened(task, tilts(task, pick)), trials()))
-    found.append(_nearest_shift(*shifts_of(task, pick, stage), partial(_screened, task), trials()))
-    return tuple(filter(None, found))
+        found.append(_nearest(_screened(task, _rotations(task, pick, [((), axis)], TURNS, EARLY_TURNS)), trials()))
+    across = [((int(k),), np.eye(3)[k]) for k in np.delete(np.arange(3), int(np.argmax(np.abs(axis))))]
+    found.append(_nearest(_screened(task, _rotations(task, pick, across, TILTS, EARLY_TILTS)), trials()))
+    found.append(_nearest_shift(task, pick, stage, trials(), of_place=False))
+    return tuple(suggestion for suggestion in found if suggestion is not None)
 
 
-# -- lengths ----------------------------------------------------------------------------------------------------------
-
-
-def _shorter(task: PickTask, pick: Pick, stage: Stage, attempt: Attempt, trials: _Trials) -> str:
+def _shorter(task: PickTask, pick: Pick, stage: Stage, attempt: Attempt, trials: _Trials) -> Suggestion | None:
     """The longest good approach or retreat of those tried, with a resolution of one millimetre."""
-    key = stage.value
+    key: Literal["approach", "retreat"] = "approach" if stage is Stage.APPROACH else "retreat"
     stated = float(getattr(pick, key))
     length = np.floor(attempt.fraction * stated / STEP) * STEP
     for _ in range(trials.left):  # the line alone costs much less than a judged pick
         if not 0 < length < stated:
-            return ""
+            return None
         shorter = PickTask(replace(task.pick, **{key: float(length)}), task.cell)  # type: ignore[arg-type]
-        line = (
-            line_in(shorter, attempt.candidate) if stage is Stage.APPROACH else line_out(shorter, attempt.candidate)[0]
-        )
+        candidate = attempt.candidate
+        line = line_in(shorter, candidate) if stage is Stage.APPROACH else line_out(shorter, candidate)[0]
         if line.result.ok:
             break
         length = np.floor(min(line.fraction * length, length - STEP) / STEP) * STEP
 
     def to_length(steps: int) -> Change:
-        return Change(shorten_words(key, stated, steps * STEP), pick, stated - steps * STEP)
+        before, after = round(stated * 1e3, 2), round(steps * STEP * 1e3, 2)
+        return Change(LengthSuggestion(line=key, before=before, after=after), pick, stated - steps * STEP)
 
     low, high = round(length / STEP), int(np.ceil(stated / STEP - 1e-9))
     if low <= 0 or not trials.good(to_length(low)):
-        return trials.words()
+        return trials.suggestion()
     step = 1  # other configurations may allow more
     while low + step < high and trials.good(to_length(low + step)):
         low, step = low + step, 2 * step
-    return trials.words()
+    return trials.suggestion()
 
 
-# -- screening --------------------------------------------------------------------------------------------------------
+def _screened(task: PickTask, candidates: list[Change], *, of_place: bool = False) -> list[Change]:
+    """The candidates that may be good.
 
-
-def _screened(task: PickTask, candidates: list[Change]) -> list[Change]:
-    """The candidates with a grasp that has a free configuration, also on its approach; the others are not good."""
-    changed, pick = _ChangedPoses(task, candidates, "grasp"), task.pick
-    fractions = FRACTIONS if task.cell.closed_form and pick.approach > 0 else ()
-    at = np.arange(len(changed.owner))
-    for fraction in (0.0, *fractions):
-        at = at[_has_free(task, changed.targets(fraction)[at])]
-    left = [candidates[i] for i in sorted(set(changed.owner[at].tolist()))]
-    return left if task.place is None else _screened_places(task, left)
-
-
-def _screened_places(task: PickTask, candidates: list[Change]) -> list[Change]:
-    """The candidates whose place is in reach."""
-    changed = _ChangedPoses(task, candidates, "release")
-    row, _ = configurations(task.arm, changed.targets(), task.cell.home, 0)
-    return [candidates[i] for i in sorted(set(changed.owner[row].tolist()))]
-
-
-class _ChangedPoses:
-    """The poses of the tip at the grasps or releases of candidates; ``owner`` (N,) is the candidate of each.
-
-    The changed pick is only made where more than the position changes.
+    They have a grasp with a free configuration, also on its approach, and a release in reach; if only the place is
+    changed (``of_place``), the grasp is not checked.
     """
+    home = task.cell.home
+    if not of_place:
+        owner, targets = _poses_of(task, candidates, "grasp")
+        fractions = FRACTIONS if task.cell.closed_form and task.pick.approach > 0 else ()
+        left = np.arange(len(owner))
+        for fraction in (0.0, *fractions):
+            if len(left):
+                row, q = configurations(task.arm, targets(fraction)[left], home, 0)
+                left = left[np.unique(row[task.at_grasp.is_free_batch(q)])]
+        candidates = [candidates[i] for i in sorted(set(owner[left].tolist()))]
+    if task.place is None:
+        return candidates
+    owner, targets = _poses_of(task, candidates, "release")
+    row, _ = configurations(task.arm, targets(0.0), home, 0)
+    return [candidates[i] for i in sorted(set(owner[row].tolist()))]
 
-    def __init__(self, task: PickTask, candidates: list[Change], which: Literal["grasp", "release"]) -> None:
-        self._task, self._which, self._count = task, which, len(candidates)
-        self._changed = {
-            i: PickTask(each.pick, task.cell) for i, each in enumerate(candidates) if not each.displacement
-        }
-        counts = [len(self._changed.get(i, task).nearest_group) for i in range(len(candidates))]
-        self.owner = np.repeat(np.arange(len(candidates)), counts)
-        rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
-        shifts = [rotation @ getattr(each.displacement, which) if each.displacement else still for each in candidates]
-        self._shifts = np.array(shifts).reshape(-1, 3)[self.owner]
 
-    def targets(self, share: float = 0.0) -> Array:
-        """(N, 4, 4) ``base_from_tcp`` at each of them, or at a share of the approach before it."""
-        stated = self._of(self._task, share)
-        each = (self._of(self._changed[i], share) if i in self._changed else stated for i in range(self._count))
-        found = np.concatenate([*each, np.empty((0, 4, 4))])
-        found[:, :3, 3] += self._shifts
+def _poses_of(
+    task: PickTask, candidates: list[Change], which: Literal["grasp", "release"]
+) -> tuple[npt.NDArray[np.int64], Callable[[float], Array]]:
+    """The poses of the tip at the grasps or releases of candidates.
+
+    Returns the index (N,) of the candidate of each pose, and a function that gives (N, 4, 4) ``base_from_tcp`` at a
+    share of the approach before each of them. The changed pick is only made where more than the position changes.
+    """
+    changed = [task if change.displacement else PickTask(change.pick, task.cell) for change in candidates]
+    owner = np.repeat(np.arange(len(candidates)), [len(other.nearest_group) for other in changed])
+    rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
+    shifts = [rotation @ getattr(change.displacement, which) if change.displacement else still for change in candidates]
+    by = np.array(shifts).reshape(-1, 3)[owner]
+
+    def poses(other: PickTask, share: float) -> Array:
+        tip = other.grasp if which == "grasp" else other.release
+        return other.targets([other.pick.before(tip(member), share) for member in other.nearest_group])
+
+    def targets(share: float) -> Array:
+        stated = poses(task, share)
+        found = np.concatenate(
+            [np.empty((0, 4, 4)), *(stated if other is task else poses(other, share) for other in changed)]
+        )
+        found[:, :3, 3] += by
         return found
 
-    def _of(self, task: PickTask, share: float) -> Array:
-        at = task.grasp if self._which == "grasp" else task.release
-        return task.targets([task.pick.before(at(member), share) for member in task.nearest_group])
-
-
-def _retreat_ends_free(task: PickTask, pick: Pick) -> bool:
-    """Whether a free configuration was found at the end of the retreat, with the object in the hand."""
-    changed = PickTask(pick, task.cell)
-    grasps = changed.nearest_group
-    if len(grasps) > 1:  # each needs a separate checker
-        return True
-    _, q = configurations(task.arm, task.targets([changed.pick.after(changed.grasp(grasps[0]))]), task.cell.home, 0)
-    return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
-
-
-def _has_free(task: PickTask, targets: Array) -> npt.NDArray[np.bool_]:
-    """(N,) whether a configuration that is free at the grasp was found for each target (N, 4, 4)."""
-    found = np.zeros(len(targets), dtype=bool)
-    if len(targets):
-        row, q = configurations(task.arm, targets, task.cell.home, 0)
-        found[row[task.at_grasp.is_free_batch(q)]] = True
-    return found
+    return owner, targets
 
 
 # -- search -----------------------------------------------------------------------------------------------------------
 
 
-def _nearest(candidates: list[Change], trials: _Trials) -> str:
+def _nearest(candidates: list[Change], trials: _Trials) -> Suggestion | None:
     """The suggestion of the smallest good candidate of those that the budget allows to judge.
 
     All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then each
     direction is bisected below the best change found, and the rest of the budget is spent on the others by size.
     """
     if len(candidates) > trials.left:
-        for each in candidates:
-            if each.early and trials.good(each):
+        for change in candidates:
+            if change.early and trials.good(change):
                 break
-        directions = dict.fromkeys(each.direction for each in candidates)
+        directions = dict.fromkeys(change.direction for change in candidates)
         first = [] if trials.best is None else [trials.best.direction]
         for direction in [*first, *directions] if trials.best is not None else ():
-            _bisect([each for each in candidates if each.direction == direction], trials)
-    for each in candidates:
-        if trials.best is not None and each.size >= trials.best.size:
+            _bisect([change for change in candidates if change.direction == direction], trials)
+    for change in candidates:
+        if trials.best is not None and change.size >= trials.best.size:
             break
-        trials.good(each)
-    return trials.words()
+        trials.good(change)
+    return trials.suggestion()
 
 
-def _nearest_shift(
-    shifts: list[Shift],
-    changes_of: ChangesOf,
-    screened: Callable[[list[Change]], list[Change]],
-    trials: _Trials,
-) -> str:
-    """The result of :func:`_nearest` for shifts, bisected to whole millimetres along the direction of the best one."""
-    _nearest(screened(changes_of(shifts)), trials)
+def _nearest_shift(task: PickTask, pick: Pick, stage: Stage, trials: _Trials, *, of_place: bool) -> Suggestion | None:
+    """The result of :func:`_nearest` for shifts of the pick, or of its place, along the axes of its frame and between.
+
+    They are bisected to whole millimetres along the direction of the best one. A pose that is out of reach, and a
+    place, is also moved towards the nearest pose that is reached.
+    """
+    # The directions and distances that the budget of the screening allows
+    members = 1 if of_place else len(task.nearest_group)
+    weight = 1 if task.cell.closed_form else SWEPT if has_closed_form(task.arm, most=7) else SEARCHED
+    cost = len(DISTANCES) * members * weight
+    directions = next((number for number in (len(DIRECTIONS), AXES) if cost * number <= POSES), None)
+    shifts = [*_vectors(FEW_DISTANCES if directions is None else DISTANCES, directions or AXES)]
+    stated = pick.place if of_place else pick
+    target = (task.place or task.pick).pose if of_place else task.pick.pose
+    if stated is not None and (of_place or stage is Stage.REACH):
+        shifts += _towards_reach(task, target, task.root_from(stated.frame).rotation)
+    changes = partial(_shift_changes, task, pick, of_place=of_place)
+    _nearest(_screened(task, changes(shifts), of_place=of_place), trials)
+    # Whole millimetres below the best one, along its direction
     best = trials.best
-    if best is not None and len(best.direction) == len(best.pick.pose.translation):
+    if best is not None and len(best.direction) == 3:  # a shift along a vector
         along = np.array(best.direction, dtype=float)
-        steps = [round(float(each.by @ along / (along @ along))) for each in shifts if each.direction == best.direction]
+        steps = [
+            round(float(shift.by @ along / (along @ along))) for shift in shifts if shift.direction == best.direction
+        ]
         last = round(best.size / float(np.linalg.norm(along)))
         first = max((step for step in steps if step < last), default=0) + 1
         trials.left = max(trials.left, REFINEMENTS)
-        between = [Shift(step * along, best.direction, early=False) for step in range(first, last)]
-        _bisect(changes_of(between), trials)
-    return trials.words()
+        _bisect(changes(Shift(step * along, best.direction, early=False) for step in range(first, last)), trials)
+    return trials.suggestion()
 
 
 def _bisect(line: list[Change], trials: _Trials) -> None:
     """Look for a smaller good candidate along one direction, where the larger ones are more likely to be good."""
     best = trials.best
-    line = [each for each in line if best is None or each.size < best.size]
+    line = [change for change in line if best is None or change.size < best.size]
     if not line or (best is not None and best.direction != line[0].direction and not trials.good(line[-1])):
         return
     low, high = -1, len(line) - 1 if best is not None and best.direction != line[0].direction else len(line)

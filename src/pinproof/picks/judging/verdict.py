@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -133,6 +134,41 @@ class Intercept:
     rotation_deviation: float = key("upper bound of the deviation of its orientation", "rad", minimum=0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Suggestion(ABC):
+    """A change of a failed pick that was judged; ``str`` is its text, with every number as :meth:`apply` uses it.
+
+    Parameters
+    ----------
+    effect
+        The stage that the changed pick passes and the later one at which it fails; empty if it is good.
+    """
+
+    effect: str = ""
+
+    @property
+    @abstractmethod
+    def text(self) -> str:
+        """The change in one line, without its effect, such as ``move the pick 20 mm along -x (base frame)``."""
+
+    @abstractmethod
+    def apply(self, pick: Pick) -> Pick:
+        """Return the pick with the change.
+
+        Raises
+        ------
+        InputError
+            If the suggestion does not fit the pick: it is for another frame or length, or the pick has no place.
+        """
+
+    def __str__(self) -> str:
+        return f"{self.text}; it then {self.effect}" if self.effect else self.text
+
+    def does_not_fit(self, pick: Pick, reason: str) -> InputError:
+        """The error for a pick that the suggestion was not made for."""
+        return InputError(f"{self.text!r} does not fit pick {pick.name!r}: {reason}")
+
+
 @dataclass(frozen=True, eq=False)
 class PickVerdict(Shown):
     """The verdict on one pick.
@@ -161,9 +197,8 @@ class PickVerdict(Shown):
     release_time
         Seconds from the start of the trajectory to the release; None without a place.
     suggestions
-        One line for each kind of change that helps, each the smallest of those tried. The pick was judged again with
-        the change exactly as printed: it is then good, or the line states the later stage at which it fails. Apply a
-        suggestion with :func:`pinproof.picks.apply_suggestion`.
+        One for each kind of change that helps, each the smallest of those tried. The pick was judged again with the
+        change exactly as printed: it is then good, or the text states the later stage at which it fails.
     refuted
         One line for each configuration with the reason why it is excluded, if the pick is IMPOSSIBLE.
     member
@@ -186,7 +221,7 @@ class PickVerdict(Shown):
     certificate: Certificate | None = None
     motions: tuple[PickMotion, ...] = ()
     release_time: float | None = None
-    suggestions: tuple[str, ...] = ()
+    suggestions: tuple[Suggestion, ...] = ()
     refuted: tuple[str, ...] = ()
     member: str = ""
     score: Mapping[str, float] = field(default_factory=dict)
@@ -310,7 +345,7 @@ class PickVerdict(Shown):
     @property
     def remedy(self) -> str:
         """All suggestions in one line; empty without suggestions."""
-        return "; or ".join(self.suggestions)
+        return "; or ".join(map(str, self.suggestions))
 
     @property
     def clearance(self) -> float:

@@ -22,7 +22,7 @@ FORMATS = {
     "motion": ("pinproof.motion.trajectory_files", "MOTION"),
     "library": ("pinproof.execution.library_file", "LIBRARY"),
     "program": ("pinproof.motion.motion_program", "PROGRAM"),
-    "report": ("pinproof.picks.report.report_keys", "REPORT"),
+    "report": ("pinproof.picks.report.report", "PickReport"),
     "sequence": ("pinproof.cell.sequencing.sequence_report", "SEQUENCE"),
     "allocation": ("pinproof.cell.allocation.allocation_result", "AllocationResult"),
     "proof": ("pinproof.collision.certificates.proof_keys", "PROOF"),

@@ -13,7 +13,6 @@ import pinproof as pp
 from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.picks import Stage, SuctionCup
 from pinproof.picks.judging.grip import HeldPart, grip_by_cup
-from pinproof.picks.report.report_keys import VERDICT
 from pinproof.spatial import SE3
 
 DOWN = (np.pi, 0, 0)
@@ -133,7 +132,7 @@ def judge(arm: pp.Arm, tip: tuple[float, float, float], turn=DOWN, **shared) -> 
 def test_the_grip_stage_judges_the_cup_and_reports_its_figures(arms):
     good = judge(arms["ur5"], (0.0, 0.0, 0.0005))
     assert good.ok, good.reason
-    row = VERDICT.write(good)["grip"]
+    row = good.to_dict()["grip"]
     assert row["cup"]["gap"] == pytest.approx(0.0005, abs=1e-7)
     assert row["cup"]["contact_area"] == pytest.approx(np.pi * CUP.radius**2, rel=1e-6)
     assert row["tip_distance"] is None

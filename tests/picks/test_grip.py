@@ -12,7 +12,6 @@ import trimesh
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks import Stage
-from pinproof.picks.report.report_keys import VERDICT
 
 DOWN = (np.pi, 0, 0)
 QUICK = pp.picks.PickBudget(compared=1, remedies=0)
@@ -105,10 +104,10 @@ def test_the_stage_and_the_row_carry_the_figures(arm) -> None:
     figures = next(stage for stage in verdict.stages if stage.stage is Stage.GRIP).figures
     assert figures["contact_area"] == pytest.approx(3e-4, rel=1e-3)
     assert figures["closing_clearance"] > 0.002
-    row = VERDICT.write(verdict)
+    row = verdict.to_dict()
     assert [each["finger"] for each in row["grip"]["contacts"]] == ["finger_1", "finger_2"]
     assert row["grip"]["tip_distance"] is None
-    failed = VERDICT.write(judge(arm, grasp(turn=np.pi / 4)))
+    failed = judge(arm, grasp(turn=np.pi / 4)).to_dict()
     assert failed["grip"] is None
     assert failed["stages"][-1]["figures"]["pressed_in"] == pytest.approx((np.sqrt(2) - 1) * SIDE / 2, abs=1e-5)
     assert failed["refuted"]

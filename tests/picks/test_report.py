@@ -12,8 +12,7 @@ import pinproof as pp
 from pinproof.collision import remove_robot
 from pinproof.picks import PickStatus, Stage, StageResult
 from pinproof.picks.input.picks import PickProblem
-from pinproof.picks.report.report import CSV_COLUMNS, REPORT_SUFFIXES
-from pinproof.picks.report.report_keys import SCHEMA
+from pinproof.picks.report.report import CSV_COLUMNS, REPORT_SUFFIXES, SCHEMA
 
 PROBLEM = PickProblem(7, "torn, row", "xyz holds nan at index 1")
 

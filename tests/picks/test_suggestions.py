@@ -200,8 +200,8 @@ def test_a_printed_turn_is_the_turn_that_is_applied(degrees, axis) -> None:
     [
         (ShiftSuggestion(by=(-20, 0, 0)), "move the pick 20 mm along -x (base frame)"),
         (
-            ShiftSuggestion(by=(3, 0, -3), place_by=(3, 1.23, 0), place_frame="bin", effect="ends"),
-            "move the pick by (+3, 0, -3) mm (base frame) and the place by (+3, +1.23, 0) mm (frame 'bin'); it then ends",
+            ShiftSuggestion(by=(3, 0, -3), place_by=(3, 1, 0), place_frame="bin", effect="ends"),
+            "move the pick by (+3, 0, -3) mm (base frame) and the place by (+3, +1, 0) mm (frame 'bin'); it then ends",
         ),
         (ShiftSuggestion(place_by=(0, 0, 0.5)), "move the place 0.5 mm along +z (base frame)"),
         (

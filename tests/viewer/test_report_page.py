@@ -28,7 +28,6 @@ from pinproof.picks.input.picks import NamedFrame, PickProblem
 from pinproof.picks.input.settings import GripperFingers
 from pinproof.picks.report import page as page_module
 from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, PageMotions
-from pinproof.picks.report.report_keys import VERDICT
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import FilmPhase, film
 from pinproof.viewer.stage import set_stage
@@ -330,7 +329,7 @@ class Rows:
 def test_500_rows_of_a_campaign_play_nothing_and_claim_no_proof_of_the_page(
     browser: Browser, pages: Callable[[str], Path], report: PickReport
 ) -> None:
-    lone = [VERDICT.write(verdict) for verdict in report.verdicts]
+    lone = [verdict.to_dict() for verdict in report.verdicts]
     rows = [{**lone[k % 4], "name": f"p{k}", "xyz": [0.3, 0.01 * (k % 25), 0.02 * (k // 25)]} for k in range(500)]
     path = pages("campaign")
     Rows(rows).save(path, arm=ARM, scene=SCENE, picks=SHARED)

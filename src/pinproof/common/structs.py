@@ -72,6 +72,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 Schema = Mapping[str, Any]
 Class = TypeVar("Class", bound=type)
+Method = TypeVar("Method", bound=Callable[[Any], Any])
 
 
 # -- errors with the way to a value -----------------------------------------------------------------------------------
@@ -651,6 +652,7 @@ class _Declared:
     required: bool
     shown: Any
     bounds: Mapping[str, Any]
+    added: bool = False
 
 
 def key(
@@ -666,6 +668,8 @@ def key(
     hidden: bool = False,
     required: bool = False,
     shown: Any = MISSING,
+    added: bool = False,
+    compare: bool = True,
     **bounds: Any,
 ) -> Any:
     """Declare a field of a :func:`struct`, and the key of files that states it.
@@ -674,12 +678,14 @@ def key(
     ----------
     text, unit
         What it means, as a phrase or in sentences, and its unit.
-    default, default_factory, kw_only
+    default, default_factory, kw_only, compare
         As for a field of a dataclass.
     required
         Whether files must state it although it has a default; without one, they must.
     shown
         The default in the manual, if it is not that of the class; None for none.
+    added
+        Whether files of the same version that were written before may lack it.
     name
         The key, by default the name of the field.
     kind
@@ -692,14 +698,14 @@ def key(
         The range of a number (``minimum``, ``above``, ``maximum``, ``below``), or of the length of a list (``least``,
         ``most``).
     """
-    declared = _Declared(text, unit, name, kind, inline, hidden, required, shown, bounds)
-    options = {"default": default, "default_factory": default_factory, "kw_only": kw_only}
+    declared = _Declared(text, unit, name, kind, inline, hidden, required, shown, bounds, added)
+    options = {"default": default, "default_factory": default_factory, "kw_only": kw_only, "compare": compare}
     return field(metadata={"declared": declared}, **options)
 
 
 def reported(
     unit: str = "", *, name: str = "", kind: Kind | Table | None = None, **bounds: Any
-) -> Callable[[Callable[[Any], Any]], Any]:
+) -> Callable[[Method], Method]:
     """Declare that a property of a :func:`struct` is written as a key, whose text is the docstring.
 
     The decorator is below that of the property. The parameters are those of :func:`key`.
@@ -841,14 +847,16 @@ class _Struct:
             if own is None or own.hidden:
                 continue
             made = each.default_factory() if each.default_factory is not MISSING else each.default
-            needed = made is MISSING or own.required or self._written
-            shown = None if needed or (isinstance(made, str) and not made) else _shown(made)
+            needed = made is MISSING or own.required or (self._written and not own.added)
+            shown = None if needed or self._written or (isinstance(made, str) and not made) else _shown(made)
             key = Key(
                 own.name or each.name, own.inline or self.kinds[each.name], own.text, own.unit,
                 shown if own.shown is MISSING else own.shown, needed, each.name, own.inline is not None,
             )  # fmt: skip
             keys.append(key)
-        for name, value in vars(self._cls).items():
+        for name, value in {
+            name: value for base in self._cls.__mro__[::-1] for name, value in vars(base).items()
+        }.items():
             function = getattr(value, "fget", None) or getattr(value, "func", None)  # property or cached_property
             if own := getattr(function, "declared", None):
                 hint = get_type_hints(function, include_extras=True)["return"]

@@ -12,7 +12,7 @@ import pickle
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,8 @@ import numpy.typing as npt
 from pinproof.collision import Scene
 from pinproof.common.content_hash import code_here, digest
 from pinproof.common.files import os_errors, write_bytes_whole
-from pinproof.common.results import Rows, Shown, View
+from pinproof.common.results import Rows, Shown, View, Written
+from pinproof.common.structs import COUNT, TEXT, Kind, key, mapping_to, reported, struct
 from pinproof.common.validation import require_integer
 from pinproof.errors import CampaignError, FileError, InputError, RunInterrupted
 from pinproof.model import Arm
@@ -33,7 +34,6 @@ from pinproof.picks.input.sources import PickSource, as_source
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus
 from pinproof.picks.report.report import problem_row
-from pinproof.picks.report.report_keys import VERDICT
 from pinproof.work import (
     IN_FLIGHT,
     JOURNAL,
@@ -81,7 +81,7 @@ The function must be importable, because it is sent to the workers by name.
 
 def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
     """The row of the verdict of all stages. Pairs excluded from collision checking are stated once, in the header."""
-    row = VERDICT.write(setup.judge(index, pick))
+    row = setup.judge(index, pick).to_dict()
     del row["excluded_pairs"]
     return row
 
@@ -126,41 +126,43 @@ def crashed_row(index: int, name: str, reason: str, *, retry: bool) -> bytes:
     return to_line({**row, RETRY: True} if retry else row)
 
 
-@dataclass(frozen=True)
-class CampaignResult(Shown):
-    """The rows of a campaign, which stay on disk.
+@struct(
+    version="pinproof/campaign-summary/1",
+    first=("rows", "summary", "ok", "total", "resumed", "damaged", "to_retry", "verdicts", "failed_at",
+           "acceleration_source", "notes"),
+    more=True,
+    written=True,
+)  # fmt: skip
+class CampaignResult(Shown, Written):
+    """The rows of a campaign, which stay on disk."""
 
-    Parameters
-    ----------
-    path
-        The file of the rows, in the order of the picks: JSON lines after a header.
-    verdicts
-        The number of rows with each verdict.
-    failed_at
-        The number of rows that failed at each stage. Crashed picks are not counted at any stage.
-    acceleration_source
-        The source of the acceleration limits used in the timing.
-    notes
-        What the verdicts do not cover, in sentences.
-    resumed
-        The number of rows that existed when the campaign was resumed; 0 if it ran without interruption.
-    damaged
-        The number of rows found damaged or edited when the campaign was resumed; their picks were judged again.
-    to_retry
-        The number of picks that crashed because a worker died or ran out of memory. The next run judges them again.
-    setup
-        The setup that the picks were judged with, used for the page; None for a result opened from its folder.
-    """
-
-    path: Path
-    verdicts: dict[str, int]
-    failed_at: dict[str, int]
-    acceleration_source: str
-    notes: tuple[str, ...]
-    resumed: int = 0
-    damaged: int = 0
-    to_retry: int = 0
-    setup: PickSetup | None = field(default=None, repr=False, compare=False)
+    path: Path = key(
+        "the file of the rows, in the order of the picks: JSON lines after a header",
+        name="rows",
+        kind=Kind(TEXT.schema, lambda _, path: path, write=str),
+    )
+    verdicts: dict[str, int] = key("number of rows with each verdict", kind=mapping_to(COUNT))
+    failed_at: dict[str, int] = key(
+        "number of rows that failed at each stage; crashed picks are not counted at any stage", kind=mapping_to(COUNT)
+    )
+    acceleration_source: str = key("source of the acceleration limits used in the timing")
+    notes: tuple[str, ...] = key("what the verdicts do not cover, in sentences")
+    resumed: int = key(
+        "number of rows that existed when the campaign was resumed; 0 if it ran without interruption", default=0
+    )
+    damaged: int = key(
+        "number of rows found damaged or edited when the campaign was resumed; their picks were judged again", default=0
+    )
+    to_retry: int = key(
+        "number of picks that crashed because a worker died or ran out of memory. The next run judges them again",
+        default=0,
+    )
+    setup: PickSetup | None = key(
+        "the setup that the picks were judged with, used for the page; None for a result opened from its folder",
+        default=None,
+        hidden=True,
+        compare=False,
+    )
 
     def _view(self) -> View:
         rows = [*self.verdicts.items(), *((f"failed at {stage}", count) for stage, count in self.failed_at.items())]
@@ -207,6 +209,7 @@ class CampaignResult(Shown):
         return _read_rows(self.path)
 
     @property
+    @reported()
     def total(self) -> int:
         """The number of rows."""
         return sum(self.verdicts.values())
@@ -217,11 +220,13 @@ class CampaignResult(Shown):
         return self.verdicts.get(PickStatus.GOOD.value, 0)
 
     @property
+    @reported()
     def ok(self) -> bool:
         """Whether there is at least one row and every row is good."""
         return 0 < self.good == self.total
 
     @property
+    @reported()
     def summary(self) -> str:
         """One line: the number of good picks, and the stages at which the others fail."""
         places = dict(self.failed_at)
@@ -268,23 +273,6 @@ class CampaignResult(Shown):
             raise InputError(f"{path}: the page of a campaign is a .html file; its rows are in {self.path}")
         rows = ((row, None) for row in self.rows())
         write_page(path, self, rows, self.verdicts, arm=arm, scene=scene, picks=picks, title=title)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything except the rows, as plain values for JSON."""
-        return {
-            "schema": "pinproof/campaign-summary/1",
-            "rows": str(self.path),
-            "summary": self.summary,
-            "ok": self.ok,
-            "total": self.total,
-            "resumed": self.resumed,
-            "damaged": self.damaged,
-            "to_retry": self.to_retry,
-            "verdicts": self.verdicts,
-            "failed_at": self.failed_at,
-            "acceleration_source": self.acceleration_source,
-            "notes": list(self.notes),
-        }
 
 
 def _is_to_retry(row: Mapping[str, Any]) -> bool:

@@ -46,6 +46,7 @@ from pinproof.collision import (
     point_distance,
     travel_to_touch,
 )
+from pinproof.common.structs import OPTIONAL_NUMBER, key, struct
 from pinproof.description import UrdfJoint, moved_by
 from pinproof.model import Arm
 from pinproof.picks.input.settings import GripLimits, GripperFingers, SuctionCup
@@ -289,88 +290,64 @@ LEAST_WIDTH = 1e-7
 """Metres: a narrower overlap is ignored."""
 
 
-@dataclass(frozen=True)
+@struct("contact", more=True, written=True)
 class FingerContact:
-    """How one finger touches the part.
+    """The contact of a closed finger.
 
-    Parameters
-    ----------
-    finger
-        The link or the attached body.
-    closing_direction
-        (3,) unit vector of its motion in the tcp frame just before it is closed.
-    contact_area
-        m^2 of the contact patch perpendicular to the closing direction; 0 without contact, NaN if it was not measured
-        because the fingers do not stop at the part.
-    overlap
-        Metres: extent of the contact patch along the finger, with the same special values.
-    gap
-        Metres between the closed finger and the part along the closing direction; negative values are penetration
-        depths, inf means that the finger misses the part.
-    open_distance, closed_distance
-        Distance (m) of the open and of the closed finger from the part; negative if they overlap.
+    Notes
+    -----
+    Area and overlap are 0 without contact, and NaN if they were not measured because the fingers do not stop at the
+    part. The gap is inf if the finger misses the part.
     """
 
-    finger: str
-    closing_direction: tuple[float, float, float]
-    contact_area: float
-    overlap: float
-    gap: float
-    open_distance: float
-    closed_distance: float
+    finger: str = key("name of the finger")
+    closing_direction: tuple[float, float, float] = key("unit vector in the frame of the tcp")
+    contact_area: float = key("area of contact", "m²", minimum=0)
+    overlap: float = key("extent of the contact along the finger", "m", minimum=0)
+    gap: float = key(
+        "distance of the closed finger from the part; negative if it is pressed in", "m", kind=OPTIONAL_NUMBER
+    )
+    open_distance: float = key("distance from the open finger to the part", "m")
+    closed_distance: float = key("distance from the closed finger to the part; negative for an overlap", "m")
 
 
-@dataclass(frozen=True)
+@struct("cup", more=True, written=True)
 class CupContact:
-    """How the face of a suction cup lies on the part.
+    """The contact of a suction cup.
 
-    Parameters
-    ----------
-    contact_area
-        m^2 of the face that are within the allowed gap of the surface.
-    gap
-        Metres between rim and surface along the axis of the cup where it is largest; negative if the rim is inside the
-        part there, inf if a part of the rim is not over the part.
-    tilt
-        rad between the face and the plane fitted to the surface at the rim; NaN if the gap is inf.
+    Notes
+    -----
+    The gap is inf, and the tilt NaN, if a part of the rim is not over the part.
     """
 
-    contact_area: float
-    gap: float
-    tilt: float
+    contact_area: float = key("area of its face near the surface", "m²", minimum=0)
+    gap: float = key("largest distance of the rim; negative if the rim is inside the part", "m")
+    tilt: float = key("angle between face and surface", "rad", minimum=0)
 
 
-@dataclass(frozen=True)
+@struct("grip", more=True, written=True)
 class GripResult:
-    """Whether a part is held, and the contacts that hold it.
+    """How the part is held."""
 
-    Parameters
-    ----------
-    held
-        Whether the part is held.
-    message
-        The figures, and the criterion that is not met.
-    contacts
-        The contacts of the fingers that touch the part, the largest first; if it is not held, those of all fingers.
-    tip_distance
-        Metres from the tip to the surface of the part, for a tool without fingers and without a cup. Behind the surface
-        that the tip meets first on the approach, it is the distance from there along the approach.
-    cup
-        The contact of the suction cup, if the tool has one.
-    depth
-        Metres: how deep the deepest body of the hand is in the part, an upper bound; NaN if another criterion is not
-        met, because it is measured last.
-    proven
-        Whether it is proven that a part is not held. The depth of a body in a mesh is only an upper bound.
-    """
-
-    held: bool
-    message: str
-    contacts: tuple[FingerContact, ...] = ()
-    tip_distance: float | None = None
-    cup: CupContact | None = None
-    depth: float = math.nan
-    proven: bool = True
+    held: bool = key("whether the part is held", hidden=True)
+    message: str = key("the figures, and the criterion that is not met", hidden=True)
+    contacts: tuple[FingerContact, ...] = key("the fingers that touch it", default=())
+    tip_distance: float | None = key(
+        "for a tool without fingers or cup: distance from its tip to the surface of the part", "m", default=None
+    )
+    cup: CupContact | None = key("the contact of a suction cup", default=None)
+    depth: float = key(
+        "how deep the deepest body of the hand is in the part, an upper bound; NaN if another criterion is not met, "
+        "because it is measured last",
+        "m",
+        default=math.nan,
+        hidden=True,
+    )
+    proven: bool = key(
+        "whether it is proven that a part is not held. The depth of a body in a mesh is only an upper bound",
+        default=True,
+        hidden=True,
+    )
 
     @property
     def figures(self) -> dict[str, float]:

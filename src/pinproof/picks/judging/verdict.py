@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import cast
@@ -13,8 +13,20 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, Mover, Obstacle, Scene, proven_millimetres
-from pinproof.common.results import Rows, Shown, View
-from pinproof.common.structs import ANY_TEXT, OPTIONAL_NUMBER, key, mapping_to, struct
+from pinproof.common.results import Rows, Shown, View, Written
+from pinproof.common.structs import (
+    ANY_TEXT,
+    OPTIONAL_NUMBER,
+    PLAIN_NUMBER,
+    TEXT,
+    Kind,
+    key,
+    list_of,
+    mapping_to,
+    optional,
+    reported,
+    struct,
+)
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import InputError
 from pinproof.motion import (
@@ -30,6 +42,7 @@ from pinproof.motion import (
 )
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.grip import GripResult
+from pinproof.spatial import xyz_rpy
 
 
 class Stage(Enum):
@@ -81,42 +94,94 @@ class StageResult:
         return f"{self.stage.value}: {'passed' if self.ok else 'failed'}: {self.message}"
 
 
-@dataclass(frozen=True, eq=False)
-class PickMotion:
-    """A part of a pick's motion with constant attached bodies and constant scene.
+class ProvenMotion:
+    """The combined values of the certificates of a motion, or of the motions of a pick."""
 
-    Parameters
-    ----------
-    name
-        ``"pick"``, the only motion of a pick without an object; otherwise ``"transit"``, ``"approach"``, ``"retreat"``,
-        ``"transfer"``, ``"place"``, ``"leave"``; on a conveyor also ``"tracking"``, while the
-        gripper closes, and ``"release"``, while it opens.
-    trajectory
-        At rest at the grasp and at the release. It may move at its other end, where the next motion continues with the
-        same velocity: the approach begins on its line, and the retreat ends there.
-    certificate
-        FREE for exactly this trajectory; that of ``"place"`` is proven for the reversed motion.
-    attached
-        The bodies attached to the tcp: tool, fingers, object; poses are ``tcp_from_body``.
-    scene
-        The scene during this motion.
-    held
-        Values of the joints outside the arm (rad or m by name), such as finger joints. The certificate is for
-        ``arm.with_held(held)``.
-    torques
-        The largest torque of each joint; empty unless torque is limited.
-    movers
-        The obstacles that move during this motion, as seen from its start; the certificate includes them.
+    certificates: tuple[Certificate, ...]
+
+    @property
+    @reported("m")
+    def clearance_proven(self) -> float | None:
+        """Proven lower bound of every distance; null with a number in ``pairs_proven`` if no two bodies can touch."""
+        return float(np.min([each.clearance for each in self.certificates])) if self.certificates else None
+
+    @property
+    @reported("m")
+    def clearance_observed(self) -> float | None:
+        """Smallest distance found while proving."""
+        return float(np.min([each.observed for each in self.certificates])) if self.certificates else None
+
+    @property
+    @reported()
+    def pairs_proven(self) -> int | None:
+        """Number of pairs of bodies proven."""
+        return max((each.pairs for each in self.certificates), default=None)
+
+
+@struct(
+    "motion",
+    first=("name", "duration", "clearance_proven", "clearance_observed", "pairs_proven", "attached", "backwards",
+           "partings", "constraints"),
+    more=True,
+    written=True,
+    eq=False,
+)  # fmt: skip
+class PickMotion(ProvenMotion, Shown):
+    """A part of the motion of a good pick, with its own proof. The parts follow each other.
+
+    Notes
+    -----
+    The attached bodies and the scene are constant. The certificate is FREE for exactly the trajectory; that of
+    ``"place"`` is proven for the reversed motion. A trajectory is at rest at the grasp and at the release. It may move
+    at its other end, where the next motion continues with the same velocity: the approach begins on its line, and the
+    retreat ends there.
     """
 
-    name: str
-    trajectory: Trajectory
-    certificate: Certificate
-    attached: tuple[Obstacle, ...]
-    scene: Scene
-    held: Mapping[str, float] = field(default_factory=dict)
-    torques: tuple[TorquePeak, ...] = ()
-    movers: tuple[Mover, ...] = ()
+    name: str = key("`pick`, or `transit`, `approach`, `retreat`, `transfer`, `place`, `leave`")
+    trajectory: Trajectory = key("the timed motion", hidden=True)
+    certificate: Certificate = key("its proof, for `arm.with_held(held)`", hidden=True)
+    attached: tuple[Obstacle, ...] = key(
+        "names of the bodies that move with the tcp",
+        kind=Kind(list_of(ANY_TEXT).schema, lambda _, value: value, write=lambda found: [each.name for each in found]),
+    )
+    scene: Scene = key("the scene during this motion", hidden=True)
+    held: Mapping[str, float] = key(
+        "values of the joints outside the arm by name, such as finger joints", "rad or m", default_factory=dict,
+        hidden=True,
+    )  # fmt: skip
+    torques: tuple[TorquePeak, ...] = key("the largest torques, if torque is limited", default=(), added=True)
+    movers: tuple[Mover, ...] = key(
+        "the obstacles that move during this motion, as seen from its start", default=(), hidden=True
+    )
+
+    @property
+    def certificates(self) -> tuple[Certificate, ...]:  # type: ignore[override]  # read-only
+        """The only certificate."""
+        return (self.certificate,)
+
+    @property
+    @reported("s")
+    def duration(self) -> float:
+        """Duration."""
+        return self.trajectory.duration
+
+    @property
+    @reported()
+    def backwards(self) -> bool:
+        """Whether the reversed motion was proven."""
+        return self.certificate.backwards
+
+    @property
+    @reported()
+    def partings(self) -> tuple[str, ...]:
+        """Pairs that may touch at the start (at the end if ``backwards``), and how they were proven to separate."""
+        return tuple(map(str, self.certificate.partings))
+
+    @property
+    @reported()
+    def constraints(self) -> tuple[str, ...]:
+        """Constraints of the tcp, each with its proven largest error."""
+        return tuple(map(str, self.certificate.constraints))
 
     def __repr__(self) -> str:
         attached = f", attached: {', '.join(thing.name for thing in self.attached)}" if self.attached else ""
@@ -169,64 +234,77 @@ class Suggestion(ABC):
         return InputError(f"{self.text!r} does not fit pick {pick.name!r}: {reason}")
 
 
-@dataclass(frozen=True, eq=False)
-class PickVerdict(Shown):
+@struct(
+    "verdict",
+    first=("name", "verdict", "failed_at", "reason", "remedy", "frame", "xyz", "rpy", "member", "configurations_tried",
+           "grip", "stages", "refuted", "q_grasp", "grasp_time", "release_time", "intercept", "duration", "score",
+           "clearance_proven", "clearance_observed", "pairs_proven", "margin", "motions", "excluded_pairs"),
+    rules=[
+        {
+            "if": {"properties": {"verdict": {"const": "good"}}},
+            "then": {
+                "properties": {
+                    "failed_at": {"type": "null"},
+                    "q_grasp": {"type": "array"},
+                    "grasp_time": {"type": "number"},
+                    "duration": {"type": "number"},
+                    "pairs_proven": {"type": "integer"},
+                    "motions": {"minItems": 1},
+                    "refuted": {"maxItems": 0},
+                }
+            },
+            "else": {
+                "properties": {"reason": {"minLength": 1}, "duration": {"type": "null"}, "motions": {"maxItems": 0}}
+            },
+        }
+    ],
+    more=True,
+    written=True,
+    eq=False,
+)  # fmt: skip
+class PickVerdict(ProvenMotion, Shown, Written):
     """The verdict on one pick.
 
-    Parameters
-    ----------
-    pick
-        The pick.
-    status
-        The kind of verdict.
-    stages
-        The judged stages of the attempt that passed the most stages; if one failed, it is the last.
-    configurations
-        Number of configurations at the grasp that were tried.
-    q_grasp
-        (n,) the configuration at the grasp; None unless GOOD.
-    trajectory
-        All motions joined; None unless GOOD.
-    grasp_time
-        Seconds from the start of the trajectory to the grasp.
-    certificate
-        FREE for exactly the trajectory of a good pick without an object. With an object the moving bodies change, and
-        each of ``motions`` has its own certificate.
-    motions
-        The parts of the motion in order; empty unless GOOD.
-    release_time
-        Seconds from the start of the trajectory to the release; None without a place.
-    suggestions
-        One for each kind of change that helps, each the smallest of those tried. The pick was judged again with the
-        change exactly as printed: it is then good, or the text states the later stage at which it fails.
-    refuted
-        One line for each configuration with the reason why it is excluded, if the pick is IMPOSSIBLE.
-    member
-        The difference of the grasp from the nominal grasp of its family, as text.
-    grip
-        How the part is held, for a good pick with an object.
-    score
-        The parts of the score and their weighted sum, for a good pick.
-    intercept
-        Where and when a good pick takes its part from a conveyor; None for parts at rest.
+    Notes
+    -----
+    ``stages`` are those of the attempt that passed the most stages; if one failed, it is the last. Each suggestion is
+    the smallest change of its kind of those tried. The pick was judged again with the change exactly as printed: it is
+    then good, or the text states the later stage at which it fails.
     """
 
-    pick: Pick
-    status: PickStatus
-    stages: tuple[StageResult, ...]
-    configurations: int = 0
-    q_grasp: npt.NDArray[np.float64] | None = None
-    trajectory: Trajectory | None = None
-    grasp_time: float | None = None
-    certificate: Certificate | None = None
-    motions: tuple[PickMotion, ...] = ()
-    release_time: float | None = None
-    suggestions: tuple[Suggestion, ...] = ()
-    refuted: tuple[str, ...] = ()
-    member: str = ""
-    score: Mapping[str, float] = field(default_factory=dict)
-    grip: GripResult | None = None
-    intercept: Intercept | None = None
+    pick: Pick = key("the pick", hidden=True)
+    status: PickStatus = key("the verdict; `impossible` is proven, `not found` is not", name="verdict")
+    stages: tuple[StageResult, ...] = key("the stages in order")
+    configurations: int = key(
+        "number of configurations at the grasp that were tried", name="configurations_tried", default=0, minimum=0
+    )
+    q_grasp: npt.NDArray[np.float64] | None = key(
+        "configuration at the grasp", "rad or m", default=None, kind=optional(list_of(PLAIN_NUMBER))
+    )
+    trajectory: Trajectory | None = key("all motions joined; None unless GOOD", default=None, hidden=True)
+    grasp_time: float | None = key("time of the grasp", "s", default=None)
+    certificate: Certificate | None = key(
+        "FREE for exactly the trajectory of a good pick without an object. With an object the moving bodies change, "
+        "and each of `motions` has its own certificate",
+        default=None,
+        hidden=True,
+    )
+    motions: tuple[PickMotion, ...] = key("the parts of the motion of a good pick", default=())
+    release_time: float | None = key("time of the release; null without a place", "s", default=None)
+    suggestions: tuple[Suggestion, ...] = key("one for each kind of change that helps", default=(), hidden=True)
+    refuted: tuple[str, ...] = key(
+        "for an impossible pick: each configuration with the reason why it is excluded", default=()
+    )
+    member: str = key(
+        "how the grasp differs from the nominal one, such as its spin; empty for the nominal one", default=""
+    )
+    score: Mapping[str, float] = key(
+        "the parts of the score, from 0 to 1, and under `score` their weighted sum",
+        default_factory=dict,
+        kind=mapping_to(OPTIONAL_NUMBER),
+    )
+    grip: GripResult | None = key("how the part of a good pick is held", default=None, added=True)
+    intercept: Intercept | None = key("where and when a part is taken from a conveyor", default=None, added=True)
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "q_grasp")
@@ -253,14 +331,66 @@ class PickVerdict(Shown):
         return self.status is PickStatus.GOOD
 
     @property
+    @reported(name="failed_at", kind=optional(ANY_TEXT))
     def failed(self) -> Stage | None:
-        """The stage that failed; None for a good pick."""
+        """The stage that failed; null for a good pick."""
         return None if self.ok else self.stages[-1].stage
 
     @property
+    @reported()
     def reason(self) -> str:
-        """The message of the last stage judged."""
+        """Why it failed, or what is proven of a good pick: the message of the last stage judged."""
         return self.stages[-1].message
+
+    @property
+    @reported(kind=TEXT)
+    def name(self) -> str:
+        """Name of the pick."""
+        return self.pick.name
+
+    @property
+    @reported()
+    def frame(self) -> str:
+        """The frame of the pose; empty for the root link of the robot."""
+        return self.pick.frame
+
+    @property
+    @reported("m")
+    def xyz(self) -> tuple[float, float, float]:
+        """Position of the tip at the nominal grasp."""
+        x, y, z = (xyz_rpy(self.pick.pose)[:3] + 0.0).tolist()  # no negative zeros
+        return x, y, z
+
+    @property
+    @reported("rad")
+    def rpy(self) -> tuple[float, float, float]:
+        """Its orientation about fixed axes: R = Rz Ry Rx."""
+        roll, pitch, yaw = (xyz_rpy(self.pick.pose)[3:] + 0.0).tolist()
+        return roll, pitch, yaw
+
+    @property
+    @reported("s")
+    def duration(self) -> float | None:
+        """Duration of the motion."""
+        return None if self.trajectory is None else self.trajectory.duration
+
+    @property
+    def certificates(self) -> tuple[Certificate, ...]:  # type: ignore[override]  # read-only
+        """The certificates of all motions."""
+        return tuple(motion.certificate for motion in self.motions)
+
+    @property
+    @reported("m")
+    def margin(self) -> float | None:
+        """Required distance between any two bodies."""
+        return min((each.margin for each in self.certificates), default=None)
+
+    @property
+    @reported(kind=list_of(list_of(ANY_TEXT, 3, 3)))
+    def excluded_pairs(self) -> tuple[tuple[str, str, str], ...]:
+        """Pairs that no proof covers: name, name, reason."""
+        pairs = (pair for certificate in self.certificates for pair in certificate.excluded)
+        return tuple(dict.fromkeys((*pair.owners, pair.reason) for pair in pairs))
 
     def save_motion(self, path: str | Path) -> None:
         """Write the trajectory of a good pick, with a record of the conditions under which each part is certified.
@@ -343,8 +473,9 @@ class PickVerdict(Shown):
         )
 
     @property
+    @reported()
     def remedy(self) -> str:
-        """All suggestions in one line; empty without suggestions."""
+        """All suggestions with their effects in one line; empty if none was found."""
         return "; or ".join(map(str, self.suggestions))
 
     @property

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pinproof.collision import Scene, proven_millimetres
 from pinproof.common import theme
 from pinproof.common.files import csv_text, file_stems
-from pinproof.common.results import Rows, Saved, View, markdown
+from pinproof.common.results import Rows, Saved, View, Written, markdown
+from pinproof.common.structs import key, reported, struct
 from pinproof.model import Arm, guess_note
 from pinproof.motion import MotionProgram
 from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage
-from pinproof.picks.report.report_keys import REPORT, VERDICT
 
 
 def problem_row(problem: PickProblem) -> dict[str, Any]:
@@ -40,35 +39,37 @@ CSV_COLUMNS = (
 """
 
 
-@dataclass(frozen=True, eq=False)
-class PickReport(Saved):
-    """Verdicts on a list of picks.
+SCHEMA = "pinproof/picks/2"
+"""The version of the JSON format, raised by breaking changes.
 
-    Parameters
-    ----------
-    robot
-        The name of the robot.
-    verdicts
-        One verdict per pick, in the order of the list.
-    problems
-        Rows of the picks file that could not be read.
-    acceleration_source
-        The source of the acceleration limits used in the timing.
-    notes
-        What the verdicts do not cover, in sentences.
-    setup
-        The setup that the picks were judged with, used for the HTML page; None if it is not known.
-    not_judged
-        The number of picks without a verdict, because the judging was interrupted; they are last in the list.
-    """
+Version 2 adds ``member``, ``refuted``, ``release_time``, ``score`` and ``motions`` to each pick.
+"""
 
-    robot: str
-    verdicts: tuple[PickVerdict, ...]
-    problems: tuple[PickProblem, ...]
-    acceleration_source: str
-    notes: tuple[str, ...] = ()
-    setup: PickSetup | None = field(default=None, repr=False)
-    not_judged: int = 0
+
+@struct(
+    "report",
+    version=SCHEMA,
+    first=("robot", "summary", "ok", "acceleration_source", "notes", "picks", "problems"),
+    more=True,
+    written=True,
+    eq=False,
+)
+class PickReport(Saved, Written):
+    """A report on picks. Readers must accept unknown keys: they are additions of the same version."""
+
+    robot: str = key("name of the robot")
+    verdicts: tuple[PickVerdict, ...] = key("the verdicts in the order of the file", name="picks")
+    problems: tuple[PickProblem, ...] = key("rows that could not be read")
+    acceleration_source: str = key("source of the acceleration limits")
+    notes: tuple[str, ...] = key("what the verdicts do not cover, and what occupancy grids assume", default=())
+    setup: PickSetup | None = key(
+        "the setup that the picks were judged with, used for the HTML page; None if it is not known",
+        default=None,
+        hidden=True,
+    )
+    not_judged: int = key(
+        "number of picks without a verdict, because the run was interrupted", default=0, minimum=0, added=True
+    )
 
     formats = (".json", ".md", ".csv", ".html")
     indent = 2
@@ -90,8 +91,9 @@ class PickReport(Saved):
         return tuple(verdict for verdict in self.verdicts if verdict.ok)
 
     @property
+    @reported()
     def ok(self) -> bool:
-        """Whether there is at least one row and every row is a good pick."""
+        """Whether there is a pick, every pick is good, and every row was read."""
         return 0 < len(self.good) == len(self.verdicts) and not self.problems and not self.not_judged
 
     @property
@@ -100,8 +102,9 @@ class PickReport(Saved):
         return guess_note(self.acceleration_source)
 
     @property
+    @reported()
     def summary(self) -> str:
-        """One line: the number of good picks, and the stages at which the others fail."""
+        """One line: the number of good picks, and the stages at which others fail."""
         total = len(self.verdicts) + len(self.problems) + self.not_judged
         stages = Counter(verdict.failed.value for verdict in self.verdicts if verdict.failed is not None)
         stages += Counter(input=len(self.problems))
@@ -129,15 +132,8 @@ class PickReport(Saved):
 
     def to_csv(self) -> str:
         """The table with plain numbers in the columns :data:`CSV_COLUMNS`, for spreadsheets and data frames."""
-        cells = map(_cells, (*map(VERDICT.write, self.verdicts), *map(problem_row, self.problems)))
+        cells = map(_cells, (*(verdict.to_dict() for verdict in self.verdicts), *map(problem_row, self.problems)))
         return csv_text(CSV_COLUMNS, ([row.get(column) for column in CSV_COLUMNS] for row in cells))
-
-    def to_dict(self) -> dict[str, Any]:
-        """The complete report as plain values for JSON; lengths in metres, angles in radians, times in seconds.
-
-        A clearance of None with a number under ``pairs_proven`` is unbounded: no pair of bodies can touch.
-        """
-        return REPORT.write(self)
 
     def save(
         self,
@@ -177,7 +173,7 @@ class PickReport(Saved):
     def _write_page(self, path: str | Path, **settings: Any) -> None:
         from pinproof.picks.report.page import PageRow, write_page
 
-        rows: list[PageRow] = [(VERDICT.write(verdict), verdict) for verdict in self.verdicts]
+        rows: list[PageRow] = [(verdict.to_dict(), verdict) for verdict in self.verdicts]
         rows += [(problem_row(problem), None) for problem in self.problems]
         write_page(path, self, rows, Counter(values["verdict"] for values, _ in rows), **settings)
 

@@ -75,6 +75,22 @@ def test_a_link_mesh_in_millimetres_gives_a_warning(part, tmp_path):
         pp.CollisionChecker(pp.load_robot(tmp_path / "r.urdf").arm())
 
 
+@pytest.mark.parametrize(("size", "warned"), [(2.9, False), (4.0, True), (10.0, True)])
+def test_a_link_is_compared_with_the_size_of_its_robot(size, warned):
+    """The robot is 0.3 m long, so that a link of more than 3 m is too large; an obstacle may be larger."""
+    robot = pp.load_robot(
+        f'<robot name="r"><link name="a"/><link name="b"><collision><geometry><box size="{size} {size} {size}"/>'
+        '</geometry></collision></link><link name="tip"/><joint name="j" type="revolute"><parent link="a"/>'
+        '<child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        '<joint name="e" type="fixed"><parent link="b"/><child link="tip"/><origin xyz="0.3 0 0"/></joint></robot>'
+    )
+    table = pp.Obstacle("table", pp.Box(size, size, size), pp.pose((0, 0, -30)))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        pp.CollisionChecker(robot.arm(), pp.Scene([table]))
+    assert ["'b'" in str(each.message) for each in found] == [True] * warned
+
+
 def test_legitimate_sizes_give_no_warning(part):
     floor = pp.Obstacle("floor", pp.Box(200, 200, 0.1), pp.pose((0, 0, -0.3)))
     hall = pp.Obstacle("hall", pp.Box(60, 40, 8), pp.pose((0, 0, -10)))

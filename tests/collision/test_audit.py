@@ -55,8 +55,8 @@ def test_meshes_are_their_triangles_whatever_the_checker_uses(arm):
     shape = pp.Mesh.from_arrays(np.asarray(bracket.vertices), np.asarray(bracket.faces))
     scene = pp.Scene(
         [
-            pp.Obstacle("bracket", shape, pp.pose((0.2, -0.8, 0.2))),
             pp.Obstacle("post", pp.Box(0.1, 0.1, 1), pp.pose((-0.6, 0, 0.5))),
+            pp.Obstacle("bracket", shape, pp.pose((0.2, -0.8, 0.2))),
         ]
     )
     checker = pp.CollisionChecker(arm, scene)
@@ -94,15 +94,15 @@ def test_a_start_inside_a_closed_box_mesh_is_detected(arm):
 def test_every_pair_in_contact_is_listed_in_the_order_of_time(slider, floor):
     """The ball of 1 cm passes two obstacles at the same place, after one that the scene lists last."""
     late = [pp.Obstacle(name, pp.Sphere(0.02), pp.pose((0.3, 0.0, 0.0))) for name in ("late", "twin")]
-    early = pp.Obstacle("early", pp.Box(0.02, 0.02, 0.02), pp.pose((0.1, 0.0, 0.0)))
+    early = pp.Obstacle("very_early", pp.Box(0.02, 0.02, 0.02), pp.pose((0.1, 0.0, 0.0)))
     # It touches the end of the path only; its box is infinite.
     wall = [pp.Obstacle("wall", pp.HalfSpace(), pp.pose((0.51, 0, 0), (0, -np.pi / 2, 0)))] if floor else []
     checker = pp.CollisionChecker(slider, pp.Scene([*late, *wall, early]))
     curve = pp.JointPath([[0.0], [0.505]], slider.joint_names)
     seen = audit(curve, checker, step=1e-3)
-    assert set(seen.contacts[0][1]) == {"ball", "early"}
+    assert set(seen.contacts[0][1]) == {"ball", "very_early"}
     assert {frozenset(pair) for _, pair in seen.contacts} == {
-        frozenset({"ball", name}) for name in ["early", "late", "twin", *(["wall"] if floor else [])]
+        frozenset({"ball", name}) for name in ["very_early", "late", "twin", *(["wall"] if floor else [])]
     }
     assert np.diff([t for t, _ in seen.contacts]).min() >= 0
     assert seen.contacts[0][0] * 0.505 == pytest.approx(0.08, abs=2e-3)

@@ -233,3 +233,29 @@ def test_a_mesh_on_which_qhull_gives_up_is_refused_by_name():
             refused.append(str(error))
     assert refused
     assert all("hull=False" in expected for expected in refused)
+
+
+def test_distances_of_triangles_are_as_accurate_as_the_allowance_for_coal_assumes(arm_from_links):
+    """A cylinder and a box at metres from round meshes, whose hulls the compiled core measures exactly."""
+    arm = arm_from_links(
+        {"base": "", "drum": '<cylinder radius="0.3" length="1.0"/>', "block": '<box size="0.4 0.5 0.2"/>'},
+        [
+            ("q1", "revolute", "base", "drum", "0 0 0.3", "0.27 0.89 0.36"),
+            ("q2", "revolute", "drum", "block", "0.2 0 0.2", "0.91 0.09 0.4"),
+        ],
+    ).arm(tcp="block")
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.4)
+    places = [(3, 2, 1), (-2, 3, 1), (0, 0, 4), (1, -2, -2)]
+
+    def among(hull: bool) -> CollisionChecker:
+        mesh = Mesh.from_arrays(np.asarray(ball.vertices), np.asarray(ball.faces), hull=hull)
+        return CollisionChecker(arm, Scene([Obstacle(f"ball{k}", mesh, pose(at)) for k, at in enumerate(places)]))
+
+    meshes, hulls = among(False), among(True)
+    assert hulls.convex.all()
+    assert not meshes.convex.any()
+    for q in np.random.default_rng(0).uniform(-3, 3, (60, 2)):
+        exact = hulls.clearance(q)
+        assert exact - 1e-9 <= meshes.clearance(q) <= exact + GJK_TOLERANCE * (1 + exact)
+        assert not meshes.with_margin(exact).is_free(q)
+        assert meshes.with_margin(exact - 2 * GJK_SLACK).is_free(q)

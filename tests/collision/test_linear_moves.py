@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificates.linear_moves import TURN_SHARE, UNIT, levers, trace_line
+from pinproof.collision.certificates.linear_moves import ROUNDED, TURN_SHARE, UNIT, levers, trace_line
 
 
 @pytest.fixture(scope="module", params=["ur5", "generic_6dof"])
@@ -41,7 +41,7 @@ def test_the_jacobian_changes_by_no_more_than_its_bound(arm) -> None:
         assert moved <= change(arm) * np.linalg.norm(step)
 
 
-def test_the_tolerance_is_at_least_the_derived_bound(arm) -> None:
+def test_the_tolerance_is_the_derived_bound(arm) -> None:
     """The chord between samples, and the turn of the orientation by its share, with the inverse at the samples."""
     rng, traced = np.random.default_rng(2), 0
     while traced < 4:
@@ -63,7 +63,7 @@ def test_the_tolerance_is_at_least_the_derived_bound(arm) -> None:
         left = 1 / inverse**2 - 2 * bound * step
         chord = (bound * left**-1.5).max() * step**2 / 8
         tube = ((np.sqrt(left) - np.sqrt(left - 2 * bound * TURN_SHARE * angle)) / bound).max()
-        assert trace.tolerance >= chord + tube
+        assert chord + tube <= trace.tolerance <= (1 + 1e-6) * (chord + tube) + 1.01 * ROUNDED
         # The samples are on the line, in equal steps, and on one branch.
         for share, each in zip(np.linspace(0, 1, len(q)), q, strict=True):
             at = arm.forward_kinematics(each).translation

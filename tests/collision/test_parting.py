@@ -210,6 +210,28 @@ def test_a_support_with_a_position_tolerance(gantry):
     assert verdict(gantry, [0, 0, 0], [0, 0.3, 0], obstacle_tolerance=0.0011).status is COLLIDING
 
 
+@pytest.mark.parametrize("tolerance", [0.0, 0.0009])
+def test_the_support_is_left_by_the_margin_and_its_tolerance_in_a_lift_of_small_steps(gantry, tolerance):
+    ceiling = Obstacle("ceiling", Box(1, 1, 0.02), pose((0, 0, 0.141)))
+    steps = np.linspace(0.0, 0.025, 51)
+    certificate = verdict(gantry, *([0, z, 0] for z in steps), obstacle_tolerance=tolerance, scene=[ceiling])
+    assert certificate.status is FREE
+    (parting,) = certificate.partings
+    assert parting.until == pytest.approx((MARGIN + tolerance) / 0.0005, abs=1.0)
+    nearest = 0.131 - 0.1 - 0.025
+    assert nearest - tolerance - 1e-4 <= certificate.clearance <= nearest - tolerance
+    assert certificate.clearance <= certificate.observed
+    assert certificate.observed == pytest.approx(nearest, abs=1e-6)
+
+
+def test_the_observed_distance_is_that_of_all_parts_of_the_motion(gantry):
+    """The part is nearest to a wall at the end, after it has been lowered beside its support."""
+    wall = Obstacle("wall", Box(0.02, 1, 1), pose((1.015, 0, 0)))
+    certificate = verdict(gantry, [0, 0, 0], [0, 0.1, 0], [0.898, 0.1, 0], [0.9, 0.05, 0], scene=[wall])
+    assert certificate.status is FREE
+    assert MARGIN < certificate.clearance <= certificate.observed == pytest.approx(0.005, abs=1e-6)
+
+
 def test_invalid_partings_are_refused(gantry):
     checker = CollisionChecker(
         gantry, Scene([TABLE]), attached=[PART, Obstacle("other", Sphere(0.01), pose((0, 0, 1)))]

@@ -268,6 +268,8 @@ def test_values_of_constraints_at_the_ends_of_their_ranges() -> None:
         (lambda: pp.Within.line((0, 0, 0), (1, 0, 0), tolerance=-0.1), "tolerance"),
         (lambda: pp.Within.box(pp.pose(), (1, -1, 1), tolerance=0.1), "size"),
         (lambda: pp.Within(tolerance=0.1, base_from_region=pp.pose(), low=(1, 0, 0), high=(0, 0, 0)), "low"),
+        (lambda: pp.Within(tolerance=0.1, base_from_region=pp.pose(), low=(0,), high=(1, 1, 1)), "low"),
+        (lambda: pp.Within(tolerance=0.1, base_from_region=pp.pose(), low=(0, 0, 0), high=1), "high"),
     ],
 )
 def test_invalid_constraints_are_refused(create, words: str) -> None:

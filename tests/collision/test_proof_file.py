@@ -198,6 +198,29 @@ def test_surfaces_are_named_with_the_remedy(tmp_path, slider, path):
         certificate.save(tmp_path / "proof.json")
 
 
+def test_surfaces_of_links_are_named_with_the_remedy(tmp_path, arm_from_links, mesh_file, path):
+    file = mesh_file(trimesh.creation.box((0.1, 0.1, 0.1)))
+    arm = arm_from_links(
+        {"root": "", "block": f'<mesh filename="{file}"/>'},
+        [("slide", "prismatic", "root", "block", "0 0 0", "1 0 0")],
+    ).arm(tcp="block")
+    scene = Scene([Obstacle("ball", Sphere(0.1), pose((0, 1, 0)))])
+    certificate = certify(path(arm, [0.0], [0.1]), CollisionChecker(arm, scene, link_meshes="surface"), record=True)
+    with pytest.raises(InputError, match=r'block.*link_meshes="decomposed"'):
+        certificate.save(tmp_path / "proof.json")
+
+
+def test_shapes_of_different_kinds_do_not_match(tmp_path, slider, path):
+    """The obstacle is a half-space in the proof and a box in the scene, or the other way round."""
+    scenes = [Scene([Obstacle("floor", shape, pose((0, 0, -1)))]) for shape in (HalfSpace(), Box(1, 1, 0.1))]
+    checkers = [CollisionChecker(slider, scene) for scene in scenes]
+    curve = path(slider, [0.0], [0.1])
+    for k, checker in enumerate(checkers):
+        _, file = saved(tmp_path, curve, checker)
+        assert verify_proof(file, checker, curve).ok
+        assert any(".shape: differs from your floor" in each for each in verify_proof(file, checkers[1 - k]).reasons)
+
+
 def test_the_hash_of_the_scene_is_that_of_its_obstacles_only(tmp_path, slider, path):
     balls = [Obstacle(f"ball{k}", Sphere(0.1 + 0.01 * k), pose((0, 1, k))) for k in range(3)]
     curve, tool = path(slider, [0.0], [0.2]), Obstacle("tool", Sphere(0.01), pose((0, -0.1, 0)))
@@ -264,7 +287,7 @@ def test_omitted_comparisons_are_reported(known):
         (lambda c: c.with_scene(ROUND.add(Obstacle("more", Sphere(0.05), pose((3, 0, 0))))), "your more"),
         (lambda c: c.with_margin(0.002), "settings.margin"),
         (lambda c: CollisionChecker(load_robot("ur5").arm(), ROUND), "joint_names"),
-        (lambda c: c.with_attached(Obstacle("tool", Sphere(0.001), pose((0, 0, 0.05)))), "your tool"),
+        (lambda c: c.with_attached(Obstacle("tool", Sphere(0.001), pose((0, 0, 0.05)))), "your tool is missing"),
     ],
 )
 def test_another_robot_or_scene_does_not_match_the_proof(known, other, place):

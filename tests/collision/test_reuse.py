@@ -35,6 +35,15 @@ def proof(checker, motion):
     return StoredProof(pp.certify(motion, checker, record=True))
 
 
+def slider(base: float = 0.1, ball: float = 0.01) -> pp.Arm:
+    """A ball that slides along x, far from its base; the sizes (m) of both may be changed."""
+    part = '<link name="{}"><collision><origin xyz="0 {} 0"/><geometry>{}</geometry></collision></link>'
+    links = part.format("root", -9, f'<box size="{base} 1 1"/>') + part.format("ball", 0, f'<sphere radius="{ball}"/>')
+    joint = """<joint name="slide" type="prismatic"><parent link="root"/><child link="ball"/><axis xyz="1 0 0"/>
+        <limit lower="-7" upper="7" velocity="1" effort="1"/></joint>"""
+    return pp.load_robot(f'<robot name="slider">{links}{joint}</robot>').arm(tcp="ball")
+
+
 def changed_scene(scene: pp.Scene, near: np.ndarray, rng: np.random.Generator) -> pp.Scene:
     """The scene with one obstacle moved, removed, or added at a point that the tool passes."""
     kind, name = rng.integers(3), str(rng.choice(scene.names))
@@ -85,10 +94,7 @@ def test_random_changes_give_the_verdict_of_a_certificate_from_scratch(checker, 
 
 def test_the_observed_distance_includes_that_of_kept_pairs_at_the_start() -> None:
     """The nearest obstacle is kept, whatever its number among the pairs."""
-    text = """<robot name="slider"><link name="root"/><link name="ball"><collision><geometry><sphere radius="0.01"/>
-        </geometry></collision></link><joint name="slide" type="prismatic"><parent link="root"/><child link="ball"/>
-        <axis xyz="1 0 0"/><limit lower="-7" upper="7" velocity="1" effort="1"/></joint></robot>"""
-    arm = pp.load_robot(text).arm(tcp="ball")
+    arm = slider()
     path, ball = pp.JointPath([[0.0], [0.2]], arm.joint_names), pp.Sphere(0.05)
     near, far = (pp.Obstacle(name, ball, pp.pose((-0.5, y, 0.0))) for name, y in (("near", 0.4), ("far", 3.0)))
     for obstacles in ([near, far], [far, near]):
@@ -179,6 +185,33 @@ def test_tolerances_of_the_stored_certificate_apply_to_new_obstacles(checker, mo
 def test_another_setup_is_refused_by_name(checker, change, named) -> None:
     with pytest.raises(InputError, match=named):
         SetupChange(checker, change(checker))
+
+
+@pytest.mark.parametrize(("sizes", "named"), [((0.2, 0.01), "root"), ((0.1, 0.02), "ball")])
+def test_a_link_of_another_size_is_refused_by_name(sizes, named) -> None:
+    before, after = (pp.CollisionChecker(slider(*each)) for each in ((0.1, 0.01), sizes))
+    assert before.group.robot.urdf.kinematics == after.group.robot.urdf.kinematics
+    with pytest.raises(InputError, match=f"geometry of the links: {named}"):
+        SetupChange(before, after)
+
+
+def test_a_proof_with_less_to_spare_than_the_rounding_of_a_larger_scene_is_not_used() -> None:
+    arm = slider()
+    path = pp.JointPath([[-0.2], [0.2]], arm.joint_names)
+    post = pp.Obstacle("post", pp.Sphere(0.05), pp.pose((0.0, 0.06 + 0.002 + 5e-6, 0.0)))
+    checker = pp.CollisionChecker(arm, pp.Scene([post]), margin=0.002)
+    proof = StoredProof(pp.certify(path, checker, record=True))
+    for distance, used in ((100.0, True), (9e3, False)):
+        larger = checker.with_scene(checker.scene.add(pp.Obstacle("far", pp.Sphere(1), pp.pose((0, distance, 0)))))
+        change = SetupChange(checker, larger)
+        assert (change.known(proof) is not None) is used
+        assert proof.certify(change).free is used
+
+
+def test_a_proof_is_for_the_checker_at_which_the_change_begins(checker, proof) -> None:
+    other = checker.with_scene(checker.scene.remove("crate"))
+    with pytest.raises(InputError, match="another checker"):
+        proof.certify(SetupChange(other, checker))
 
 
 def test_a_pair_with_a_larger_margin_is_proven_again(checker, motion, proof) -> None:

@@ -7,9 +7,12 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
 
 import pinproof as pp
 from pinproof.collision import sample_overlaps
+from pinproof.collision.checking.links import AS_REQUESTED, DECOMPOSED, LinkBodies, meshes_of
+from pinproof.collision.checking.overlaps import Overlaps
 from pinproof.description import find_robot, read_srdf
 
 LIMIT = '<limit lower="-1.5" upper="1.5" velocity="1" effort="1"/>'
@@ -170,3 +173,24 @@ def test_few_samples_are_refused_because_chance_contacts_would_be_excluded() -> 
     """In a single configuration of the Panda, link 1 and link 7 touch by chance."""
     with pytest.raises(pp.InputError, match="samples"):
         sample_overlaps(pp.load_robot("panda"), samples=1)
+
+
+@pytest.mark.parametrize(("form", "level"), [("bar", AS_REQUESTED), ("angle", DECOMPOSED)])
+def test_a_pair_is_checked_with_the_coarsest_bodies_that_touch_about_as_often_as_the_meshes(
+    arm_from_links, mesh_file, form, level
+):
+    """A mesh turns about z past a block: a bar is its hull, an angle consists of two bars."""
+    bars = [trimesh.creation.box((0.6, 0.04, 0.1)).apply_translation((0.28, 0, 0))]
+    bars.append(trimesh.creation.box((0.04, 0.6, 0.1)).apply_translation((0, 0.28, 0)))
+    mesh = {"bar": bars[0], "angle": trimesh.boolean.union(bars, engine="manifold")}[form]
+    block, xyz = trimesh.creation.box((0.1, 0.2, 0.1)), "0.25 0 0"
+    robot = arm_from_links(
+        {
+            "base": f'<mesh filename="{mesh_file(block)}"/>@{xyz}',
+            "hand": f'<mesh filename="{mesh_file(mesh)}"/>',
+        },
+        [("turn", "continuous", "base", "hand", "0 0 0", "0 0 1")],
+    )
+    links = LinkBodies(robot.urdf.collisions, meshes_of(robot.urdf.links, "hull"))
+    found = Overlaps(robot, links).of("base", "hand")
+    assert found.level == level

@@ -158,6 +158,13 @@ def test_an_open_mesh_holds_what_most_of_it_surrounds() -> None:
     found = depth(pp.Sphere(0.005), pp.pose((0.0, 0.0, 0.02)), mesh_of(open_box))
     assert found.clearance <= 0.0
     assert found.depth > 0.03
+    rng, solid, hollow = np.random.default_rng(2), mesh_of(SQUARE), mesh_of(open_box)
+    for at in (*rng.uniform(-0.04, 0.04, (6, 3)), *rng.uniform(0.06, 0.2, (6, 3)) * rng.choice([-1, 1], (6, 3))):
+        turned = pp.pose(at, rng.uniform(-3, 3, 3))
+        closed, open_one = (depth(pp.Box(0.006, 0.004, 0.008), turned, each) for each in (solid, hollow))
+        assert (open_one.clearance > 0.0) is (closed.clearance > 0.0) is bool(np.abs(at).max() > 0.05)
+        if closed.clearance > 0.0:
+            assert open_one.clearance == pytest.approx(closed.clearance)
 
 
 @pytest.mark.parametrize("inserted", [0.003, 0.02, 0.06, 0.097])

@@ -138,7 +138,7 @@ def link(name: str, title: str) -> str:
 def page(name: str) -> str:
     """The text of a page with new tables."""
     tables = {"keys": keys_text(name), **({"columns": columns_text()} if name == "picks" else {})}
-    return with_tables((FOLDER / f"{name}.md").read_text(encoding="utf-8"), "format_tables", tables)
+    return with_tables((FOLDER / f"{name}.md").read_text(encoding="utf-8"), "format_tables.py", tables)
 
 
 if __name__ == "__main__":

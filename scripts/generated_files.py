@@ -11,7 +11,7 @@ from pathlib import Path
 def with_tables(text: str, script: str, tables: Mapping[str, str]) -> str:
     """Return the text of a page with new tables, each between the two comments with its name."""
     for name, table in tables.items():
-        begin, end = f"<!-- begin: {name} (written by scripts/{script}.py) -->", f"<!-- end: {name} -->"
+        begin, end = f"<!-- begin: {name} (written by scripts/{script}) -->", f"<!-- end: {name} -->"
         before, _, rest = text.partition(begin)
         _, found, after = rest.partition(end)
         if not found:

@@ -60,7 +60,7 @@ def urdf_table() -> str:
 
 def page(text: str) -> str:
     """The text of the page with new tables."""
-    return with_tables(text, "robot_table", {"catalogue": catalogue_table(), "urdfs": urdf_table()})
+    return with_tables(text, "robot_table.py", {"catalogue": catalogue_table(), "urdfs": urdf_table()})
 
 
 def _remarks(robot: pp.Robot) -> list[str]:

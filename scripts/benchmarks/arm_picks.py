@@ -5,11 +5,11 @@ All motions are audited on exact meshes: those of two arms on their common clock
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import process_time
 
 import pinproof as pp
-from benchmarks.tables import ROBOTS, report
+from benchmarks.tables import ROBOTS, Row, report
 from pinproof.cell import AllocationResult
 from pinproof.collision import audit
 from pinproof.picks import PickMotion, PickSetup, PickVerdict, pick_from_belt
@@ -25,31 +25,8 @@ SUPPORT = 1e-3
 """Metres: a part rests on what is at most this far from it."""
 
 
-@dataclass(frozen=True)
-class SharedBinRow:
-    """One cell: times in seconds, and the result of the independent check."""
-
-    cell: str
-    picks: int
-    makespan: float
-    one_arm: float
-    waiting: tuple[float, ...]
-    utilisation: tuple[float, ...]
-    status: str
-    clearance: float
-    intervals: int
-    seconds: float
-    samples: int
-    unsafe: tuple[str, ...]
-
-    @property
-    def ratio(self) -> float:
-        """The makespan divided by the time of one arm."""
-        return self.makespan / self.one_arm
-
-
-def measure_shared_bin(seed: int) -> SharedBinRow:
-    """Allocate the picks of the shipped cell, and audit the motion of both arms."""
+def shared_bin_row(seed: int) -> Row:
+    """Allocate the picks of the shipped cell, and audit the motion of both arms; times in s."""
     picks = pp.read_picks(TWO_ARMS)
     begin = process_time()
     scene = pp.Scene() if picks.scene is None else pp.Scene.load(picks.scene)
@@ -58,19 +35,19 @@ def measure_shared_bin(seed: int) -> SharedBinRow:
     report(result.message)
     samples, unsafe = audit_allocation(result)
     one = result.one_arm
-    return SharedBinRow(
-        TWO_ARMS.parent.name,
-        sum(len(each.picks) for each in result),
-        result.makespan,
-        float("nan") if one is None or one.duration is None else one.duration,
-        tuple(each.waiting for each in result),
-        tuple(each.utilisation for each in result),
-        "FREE" if result.ok else result.message,
-        result.clearance,
-        len(result.intervals),
-        seconds,
-        samples,
-        tuple(unsafe),
+    return Row(
+        cell=TWO_ARMS.parent.name,
+        picks=sum(len(each.picks) for each in result),
+        makespan=result.makespan,
+        one_arm=None if one is None or one.duration is None else one.duration,
+        waiting=[each.waiting for each in result],
+        utilisation=[each.utilisation for each in result],
+        status="FREE" if result.ok else result.message,
+        clearance=result.clearance,
+        intervals=len(result.intervals),
+        seconds=seconds,
+        samples=samples,
+        wrong=[f"{TWO_ARMS.parent.name}: {text}" for text in unsafe],
     )
 
 
@@ -126,25 +103,8 @@ BELT_STEP = 0.005
 """rad or m: nothing moves more between two samples of an audit."""
 
 
-@dataclass(frozen=True)
-class BeltRow:
-    """The picks of one cell at one speed of the belt."""
-
-    cell: str
-    speed: float
-    parts: int
-    taken: int
-    mean_cycle: float
-    deviation: float
-    clearance: float
-    seconds: float
-    samples: int
-    wrong: tuple[str, ...]
-    missed: tuple[str, ...]
-
-
-def belt_rows(speeds: tuple[float, ...], seed: int) -> list[BeltRow]:
-    """Take the parts of each cell at each speed, and audit every motion."""
+def belt_rows(speeds: tuple[float, ...], seed: int) -> list[Row]:
+    """Take the parts of each cell at each speed, and audit every motion; times in s."""
     rows = []
     for name, path in CONVEYORS.items():
         picks = pp.read_picks(ROBOTS / path)
@@ -173,18 +133,18 @@ def belt_rows(speeds: tuple[float, ...], seed: int) -> list[BeltRow]:
                     wrong += [] if found.clean else [f"{verdict.pick.name}, {motion.name}: {found.message}"]
             cycles, met = result.cycle_times, [each.intercept for each in result.taken if each.intercept is not None]
             rows.append(
-                BeltRow(
-                    name,
-                    speed,
-                    len(moving.picks),
-                    len(result.taken),
-                    sum(cycles) / max(len(cycles), 1),
-                    max((each.position_deviation for each in met), default=0.0),
-                    min((each.clearance for each in result.taken), default=0.0),
-                    seconds,
-                    samples,
-                    tuple(wrong),
-                    tuple(f"{each.pick.name}: {each.reason}" for each in result.verdicts if not each.ok),
+                Row(
+                    cell=name,
+                    speed=speed,
+                    parts=len(moving.picks),
+                    taken=len(result.taken),
+                    mean_cycle=sum(cycles) / max(len(cycles), 1),
+                    deviation=max((each.position_deviation for each in met), default=0.0),
+                    clearance=min((each.clearance for each in result.taken), default=0.0),
+                    seconds=seconds,
+                    samples=samples,
+                    wrong=wrong,
+                    missed=[f"{each.pick.name}: {each.reason}" for each in result.verdicts if not each.ok],
                 )
             )
     return rows

@@ -5,7 +5,6 @@
 ./scripts/benchmark cell "small bolts"            judges every placement of a small grid; takes long
 ./scripts/benchmark cell pallets --scale 10000    only screens so many placements, kills the process and resumes
 ./scripts/benchmark cell bolts --docs             replaces these rows in docs/benchmarks/cell.*
-./scripts/benchmark cell --render                 rewrites the page from cell.json
 """
 
 from __future__ import annotations
@@ -13,27 +12,28 @@ from __future__ import annotations
 import argparse
 import os
 import resource
+import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, sleep
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 import pinproof as pp
-from benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
+from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, report, row_table
 from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base, without_parts
 from pinproof.cell.placement.placed_robot import PlacedRobot
 from pinproof.cell.placement.screening import FREE
 from pinproof.description import robots_folder
 from pinproof.picks import PickBudget, PickWeights
 from pinproof.picks.judging.setup import PickSetup
-
-FOLDER = Path(__file__).resolve().parents[2] / "docs" / "benchmarks"
+from pinproof.work.journal import JOURNAL
 
 QUANTILES = 24
 """Number of placements of the grid, at equal steps of the rank of their estimates, that are judged for the median."""
@@ -134,78 +134,6 @@ SMALL = {
 """Cells for which every placement of a grid is judged, and the numbers of cells of the grid along x, y, z and yaw."""
 
 
-@dataclass(frozen=True)
-class PlacementRow:
-    """A search: the work and the time (s), and the cycle times (s) of its result and of the median placement."""
-
-    cell: str
-    picks: int
-    screened: int
-    workers: int
-    seconds: float
-    cpu_seconds: float
-    good: int
-    best: float | None
-    median: float | None
-    load: float | None = None
-    feasible: int = 0
-    tried: int = 0
-
-
-@dataclass(frozen=True)
-class ScaleRow:
-    """A screened grid: the work (s), memory and storage (MB), and what was left after the process was killed.
-
-    ``equal`` states whether the resumed search has the same rows as one that was not killed.
-    """
-
-    cell: str
-    picks: int
-    placements: int
-    workers: int
-    seconds: float
-    cpu_seconds: float
-    memory: float
-    worker_memory: float
-    storage: float
-    killed_after: int
-    equal: bool
-    load: float | None = None
-
-
-@dataclass(frozen=True)
-class ExhaustiveRow:
-    """An exhaustive grid: its placements, those that were judged, those where all picks are good, and times (s)."""
-
-    cell: str
-    picks: int
-    grid: int
-    judged: int
-    feasible: int
-    cpu_seconds: float
-    grid_best: float
-    grid_median: float
-    search_best: float
-    search_cpu_seconds: float
-    load: float | None = None
-
-
-@dataclass(frozen=True)
-class CellTable(BenchmarkTable):
-    """The results of all searches."""
-
-    placements: tuple[PlacementRow, ...] = ()
-    exhaustive: tuple[ExhaustiveRow, ...] = ()
-    scale: tuple[ScaleRow, ...] = ()
-
-    topic: ClassVar[str] = "cells"
-    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {
-        "placements": PlacementRow,
-        "exhaustive": ExhaustiveRow,
-        "scale": ScaleRow,
-    }
-
-
 def cpu_seconds() -> float:
     """Processor time (s) of this process and its finished children."""
     return sum(
@@ -252,26 +180,25 @@ def times_over_grid(cell: BenchmarkCell, found: PlacementResult) -> list[float]:
     return [time_if_all_good(cell, found.best.placed, found.map.placements[k]) for k in chosen]
 
 
-def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow:
-    """One search, with the certified median over feasible placements of its grid."""
-    load = os.getloadavg()[0]
+def search_row(name: str, workers: int) -> Row:
+    """One search, with the certified median over feasible placements of its grid; times in s."""
+    load, cell = os.getloadavg()[0], CELLS[name]()
     found, seconds, cpu = search(cell, workers)
     times = times_over_grid(cell, found)
     feasible = int(np.isfinite(times).sum())
-    good = len(found.least_failing.report.good) if found.least_failing is not None else 0
-    return PlacementRow(
-        name,
-        len(cell.picks),
-        found.evaluations,
-        workers or 1,
-        seconds,
-        cpu,
-        good,
-        found.best.cycle_time if found.ok else None,
-        float(np.nanmedian(times)) if feasible else None,
-        load,
-        feasible,
-        len(times),
+    return Row(
+        cell=name,
+        picks=len(cell.picks),
+        screened=found.evaluations,
+        workers=workers,
+        seconds=seconds,
+        cpu_seconds=cpu,
+        good=len(found.least_failing.report.good) if found.least_failing is not None else 0,
+        best=found.best.cycle_time if found.ok else None,
+        median=float(np.nanmedian(times)) if feasible else None,
+        load=load,
+        feasible=feasible,
+        tried=len(times),
     )
 
 
@@ -285,8 +212,8 @@ def screen_into(name: str, placements: int, workers: int, folder: Path) -> Place
     )  # fmt: skip
 
 
-def scale(name: str, placements: int, workers: int) -> ScaleRow:
-    """Screen a large grid; then again in a process that is killed, and resume."""
+def scale_row(name: str, placements: int, workers: int) -> Row:
+    """Screen a large grid; then again in a process that is killed, and resume; memory and storage in MB."""
     load = os.getloadavg()[0]
     with TemporaryDirectory() as scratch:
         once, killed = Path(scratch) / "once", Path(scratch) / "killed"
@@ -295,37 +222,43 @@ def scale(name: str, placements: int, workers: int) -> ScaleRow:
         seconds, cpu = perf_counter() - start, cpu_seconds() - before
         memory = [resource.getrusage(who).ru_maxrss / 1e3 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
         storage = sum(file.stat().st_size for file in once.rglob("*") if file.is_file()) / 1e6
-        command = [
-            sys.executable,
-            "-m",
-            "benchmarks",
-            "cell",
-            name,
-            "--scale",
-            str(placements),
-            "--workers",
-            str(workers),
-        ]
-        process = subprocess.Popen([*command, "--folder", str(killed)], stdout=subprocess.DEVNULL)
-        journal = killed / "grid" / "journal.jsonl"
-        while process.poll() is None and not (journal.exists() and lines(journal) > 0.4 * placements):
+        options = ["--scale", str(placements), "--workers", str(workers), "--folder", str(killed)]
+        command = [sys.executable, "-m", "benchmarks", "cell", name, *options]
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        while process.poll() is None and screened(killed) <= 0.4 * placements:
             sleep(0.1)
         process.kill()
         process.wait()
-        done = lines(journal) if journal.exists() else placements
+        done = screened(killed)
         again = screen_into(name, placements, workers, killed)
-    equal = again.to_dict() == found.to_dict() and again.map is not None and found.map is not None
-    equal = equal and again.map.to_csv() == found.map.to_csv()  # type: ignore[union-attr]
-    rows = 0 if found.map is None else len(found.map)
-    return ScaleRow(name, len(found.picks), rows, workers, seconds, cpu, *memory, storage, done, equal, load)
+    if again.map is None or found.map is None:
+        raise RuntimeError(f"{name}: no placement was screened")
+    return Row(
+        cell=name,
+        picks=len(found.picks),
+        placements=len(found.map),
+        workers=workers,
+        seconds=seconds,
+        cpu_seconds=cpu,
+        memory=memory[0],
+        worker_memory=memory[1],
+        storage=storage,
+        killed_after=done,
+        equal=again.to_dict() == found.to_dict() and again.map.to_csv() == found.map.to_csv(),
+        load=load,
+    )
 
 
-def lines(path: Path) -> int:
-    """The number of complete rows of a journal."""
-    return path.read_bytes().count(b"\n") - 1
+def screened(folder: Path) -> int:
+    """The number of placements in the journal of a search."""
+    journal = folder / "grid" / JOURNAL
+    if not journal.exists():
+        return 0
+    with closing(sqlite3.connect(journal)) as database:
+        return int(database.execute("SELECT count(*) FROM rows").fetchone()[0])
 
 
-def exhaustive(name: str) -> ExhaustiveRow:
+def exhaustive_row(name: str) -> Row:
     """Judge every placement of a grid at which the base and all grasps are free, and search for the best placement."""
     load, before = os.getloadavg()[0], cpu_seconds()
     make, numbers = SMALL[name]
@@ -340,136 +273,102 @@ def exhaustive(name: str) -> ExhaustiveRow:
             times.append(time_if_all_good(cell, placed, values))
     cpu = cpu_seconds() - before
     found, _, search_cpu = search(cell, None)
-    return ExhaustiveRow(
-        name, len(cell.picks), len(grid), len(times), int(np.isfinite(times).sum()), cpu, float(np.nanmin(times)),
-        float(np.nanmedian(times)), found.best.cycle_time if found.ok else np.nan, search_cpu, load,
-    )  # fmt: skip
-
-
-def markdown(table: CellTable) -> str:
-    """The page."""
-    note = "Times are in seconds. The load of a row is the load average of the machine when it was started."
-    lines = ["# Cell benchmark", "", *wrapped(provenance_text(table), note), "", "## Base placement", ""]
-    lines += section(
-        "Searches over x, y, z and yaw of the base. Screened: placements at which all picks are screened. Seconds: of "
-        "the complete search, including the start of the workers, on a machine with the load stated "
-        "above; CPU: the processor time of all processes. Good: picks that are certified at the best placement. Best: "
-        "the certified cycle time there, and how far it is below the median. For the median, placements of the grid at "
-        f"which the base and all grasps are free are judged, {QUANTILES} at equal steps of the rank of their estimated "
-        "cycle time, and those at which all picks are good count; feasible states how many.",
-        {
-            "cell": lambda row: row.cell,
-            "picks": lambda row: row.picks,
-            "screened": lambda row: f"{row.screened:,}",
-            "workers": lambda row: row.workers,
-            "seconds": lambda row: f"{row.seconds:.0f}",
-            "CPU": lambda row: f"{row.cpu_seconds:.0f}",
-            "good": lambda row: row.good,
-            "best": lambda row: _number(row.best),
-            "median": lambda row: _number(row.median),
-            "below": lambda row: "" if None in (row.best, row.median) else f"{1 - row.best / row.median:.0%}",
-            "feasible": lambda row: f"{row.feasible} of {row.tried}" if row.tried else "",
-            "load": lambda row: _number(row.load),
-        },
-        table.placements,
+    return Row(
+        cell=name,
+        picks=len(cell.picks),
+        grid=len(grid),
+        judged=len(times),
+        feasible=int(np.isfinite(times).sum()),
+        cpu_seconds=cpu,
+        grid_best=float(np.nanmin(times)),
+        grid_median=float(np.nanmedian(times)),
+        search_best=found.best.cycle_time if found.ok else None,
+        search_cpu_seconds=search_cpu,
+        load=load,
     )
-    lines += section(
-        "Exhaustive grids: every placement of the grid at which the base and all grasps are free is judged with all "
-        "picks, or up to the first pick that fails. The median is that of all placements at which all picks are good. "
-        "The search is that of the table above, on the same region and without knowledge of this grid.",
-        {
-            "cell": lambda row: row.cell,
-            "picks": lambda row: row.picks,
-            "grid": lambda row: f"{row.grid:,}",
-            "judged": lambda row: row.judged,
-            "all good": lambda row: row.feasible,
-            "CPU": lambda row: f"{row.cpu_seconds:.0f}",
-            "grid best": lambda row: _number(row.grid_best),
-            "grid median": lambda row: _number(row.grid_median),
-            "search best": lambda row: _number(row.search_best),
-            "below median": lambda row: f"{1 - row.search_best / row.grid_median:.0%}",
-            "difference": lambda row: f"{row.search_best / row.grid_best - 1:+.1%}",
-            "CPU of search": lambda row: f"{row.search_cpu_seconds:.0f}",
-            "load": lambda row: _number(row.load),
-        },
-        table.exhaustive,
+
+
+def blocks(results: Results) -> Blocks:
+    """The tables of the page."""
+
+    def share(ours: float | None, other: float | None, sign: str = "") -> str:
+        return "" if ours is None or other is None else f"{ours / other - 1:{sign}.1%}"
+
+    first = {"cell": "{.cell}", "picks": "{.picks}"}
+    last = {"load": "{.load:.2f}"}
+    placements = {
+        **first,
+        "screened": "{.screened:,}",
+        "workers": "{.workers}",
+        "seconds": "{.seconds:.0f}",
+        "CPU": "{.cpu_seconds:.0f}",
+        "good": "{.good}",
+        "best": "{.best:.2f}",
+        "median": "{.median:.2f}",
+        "against the median": lambda row: share(row.best, row.median),
+        "feasible": lambda row: f"{row.feasible} of {row.tried}" if row.tried else "",
+        **last,
+    }
+    exhaustive = {
+        **first,
+        "grid": "{.grid:,}",
+        "judged": "{.judged}",
+        "all good": "{.feasible}",
+        "CPU": "{.cpu_seconds:.0f}",
+        "grid best": "{.grid_best:.2f}",
+        "grid median": "{.grid_median:.2f}",
+        "search best": "{.search_best:.2f}",
+        "against the median": lambda row: share(row.search_best, row.grid_median),
+        "against the best": lambda row: share(row.search_best, row.grid_best, "+"),
+        "CPU of search": "{.search_cpu_seconds:.0f}",
+        **last,
+    }
+    scale = {
+        **first,
+        "placements": "{.placements:,}",
+        "workers": "{.workers}",
+        "seconds": "{.seconds:.0f}",
+        "CPU": "{.cpu_seconds:.0f}",
+        "MB": "{.memory:.0f}",
+        "MB of a worker": "{.worker_memory:.0f}",
+        "MB stored": "{.storage:.1f}",
+        "killed after": "{.killed_after:,}",
+        "equal": lambda row: "yes" if row.equal else "NO",
+        **last,
+    }
+    kinds = {"placements": placements, "exhaustive": exhaustive, "scale": scale}
+    return {name: row_table(columns, results[name]) for name, columns in kinds.items()}
+
+
+def measure(options: argparse.Namespace) -> Results:
+    """Measure the cells that the options select."""
+    names = options.cells or [*CELLS]
+    if options.folder is not None:
+        screen_into(names[0], options.scale, options.workers, options.folder)
+        sys.exit()
+    parts: dict[str, Any] = {"placements": [], "exhaustive": [], "scale": []}
+    results = Results({"workers": options.workers}, provenance(0), parts)
+    for name in names:
+        if options.scale:
+            parts["scale"].append(scale_row(name, options.scale, options.workers))
+        elif name in SMALL:
+            parts["exhaustive"].append(exhaustive_row(name))
+        else:
+            parts["placements"].append(search_row(name, options.workers))
+        report(f"{name}: done")
+    return results
+
+
+BENCHMARK = Benchmark("cell", measure, blocks, keys=("cell",))
+
+
+def main() -> None:
+    """Run the benchmark with the arguments of the command line."""
+    parser = page_parser(__doc__, "cell")
+    parser.add_argument(
+        "cells", nargs="*", metavar="CELL", choices=[*CELLS, *SMALL, []], help=", ".join([*CELLS, *SMALL])
     )
-    lines += section(
-        "Large grids: every placement of the grid is screened with all picks and stored in a folder, and the best is "
-        "certified. Memory: the largest resident memory of the main process and of a worker. The search is then run "
-        "again, its process is killed with SIGKILL after the stated number of placements, and the search is resumed: "
-        "the last column states whether the result and the heat map are equal to those of the first run.",
-        {
-            "cell": lambda row: row.cell,
-            "picks": lambda row: row.picks,
-            "placements": lambda row: f"{row.placements:,}",
-            "workers": lambda row: row.workers,
-            "seconds": lambda row: f"{row.seconds:.0f}",
-            "CPU": lambda row: f"{row.cpu_seconds:.0f}",
-            "MB": lambda row: f"{row.memory:.0f}",
-            "MB of a worker": lambda row: f"{row.worker_memory:.0f}",
-            "MB stored": lambda row: f"{row.storage:.1f}",
-            "killed after": lambda row: f"{row.killed_after:,}",
-            "equal": lambda row: "yes" if row.equal else "NO",
-            "load": lambda row: _number(row.load),
-        },
-        table.scale,
-    )
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def section(text: str, columns: Mapping[str, Callable[[Any], object]], rows: Sequence[Any]) -> list[str]:
-    """The text and the table of some rows; nothing without rows."""
-    if not rows:
-        return []
-    cells = [[str(cell(row)) for cell in columns.values()] for row in rows]
-    return [*wrapped(text), "", *markdown_table(tuple(columns), cells, text_columns=1), ""]
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.2f}"
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("cells", nargs="*", metavar="CELL", help=f"any of: {', '.join((*CELLS, *SMALL))}")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument("--scale", type=int, metavar="N", help="only screen N placements, kill the process and resume")
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
-    parser.add_argument("--docs", action="store_true", help="replace the rows in docs/benchmarks/cell.json and cell.md")
-    parser.add_argument("--render", action="store_true", help="rewrite the page from cell.json")
-    stated = parser.parse_args(arguments)
-    if stated.render:
-        table = CellTable.load(FOLDER / "cell.json")
-        table.write(FOLDER, "cell", markdown(table))
-        return
-    if unknown := [name for name in stated.cells if name not in (*CELLS, *SMALL)]:
-        parser.error(f"unknown cell {unknown[0]!r}; valid: {', '.join((*CELLS, *SMALL))}")
-    chosen = stated.cells or [*CELLS]
-    if stated.folder is not None:
-        screen_into(chosen[0], stated.scale, stated.workers, stated.folder)
-        return
-    table = CellTable({"workers": stated.workers}, provenance(0))
-    for name in chosen:
-        if stated.scale:
-            table = replace(table, scale=(*table.scale, scale(name, stated.scale, stated.workers)))
-        elif name in SMALL:
-            table = replace(table, exhaustive=(*table.exhaustive, exhaustive(name)))
-        else:
-            row = measure(name, CELLS[name](), stated.workers)
-            table = replace(table, placements=(*table.placements, row))
-        sys.stderr.write(f"{name}: done\n")
-    sys.stdout.write(markdown(table))
-    if stated.docs:
-        table = merged(CellTable.load(FOLDER / "cell.json"), table)
-        table.write(FOLDER, "cell", markdown(table))
-
-
-def merged(stored: CellTable, new: CellTable) -> CellTable:
-    """The stored table with the new rows in the place of those of the same cells; other cells are left out."""
-    kinds = {}
-    for kind in CellTable.row_types:
-        rows = {row.cell: row for table in (stored, new) for row in getattr(table, kind)}
-        kinds[kind] = tuple(rows[name] for name in (*CELLS, *SMALL) if name in rows)
-    return replace(new, **kinds)
+    BENCHMARK.run(parser)

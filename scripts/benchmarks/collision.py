@@ -5,7 +5,6 @@
 ./scripts/benchmark collision --edges 10000          also certifies random edges and checks every verdict
 ./scripts/benchmark collision --only-edges 10000     only random edges
 ./scripts/benchmark collision --mbm FOLDER --edges 10000 --docs    rewrites docs/benchmarks/collision.*
-./scripts/benchmark collision --render               rewrites the page and the plot from collision.json
 
 The checks take about two minutes, 10,000 edges some more. Exit code 1 if a verdict on an edge is wrong.
 """
@@ -14,23 +13,18 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from time import perf_counter
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.collision_edges import (
-    AUDIT_STEP,
     LARGEST,
     NEAR,
-    SAMPLES,
-    TOLERANCE,
-    EdgeRow,
     edge_rows,
     edge_table,
     random_configurations,
@@ -39,18 +33,17 @@ from benchmarks.collision_edges import (
 )
 from benchmarks.planning_problems import OWN_SCENES, PlanProblem, find_sets, own_problems, own_reach, read_problems
 from benchmarks.tables import (
-    BenchmarkTable,
-    bullet_section,
+    Benchmark,
+    Blocks,
+    Results,
+    Row,
     fastest,
     log_panel,
     new_figure,
     page_parser,
     provenance,
-    provenance_text,
     report,
     row_table,
-    run,
-    save_figure,
     seconds,
     wrapped,
 )
@@ -91,101 +84,6 @@ PROOF_REPEATS = 7
 """Runs of each certificate; the fastest counts."""
 
 
-@dataclass(frozen=True)
-class Times:
-    """Mean times (us) over the free configurations and over those in collision; None if there are none."""
-
-    free: float | None
-    colliding: float | None
-
-    def __str__(self) -> str:
-        return " / ".join("-" if us is None else f"{us:.1f}" for us in (self.free, self.colliding))
-
-
-@dataclass(frozen=True)
-class CheckRow:
-    """The figures of one arm in one scene.
-
-    Parameters
-    ----------
-    robot, scene, bodies, pairs
-        The arm, the scene, and the numbers of bodies and of checked pairs.
-    configurations, free_share
-        Number of random configurations, and the share of free ones.
-    disagreements, missed_contacts
-        Configurations at which coal and ``is_free`` disagree, and those of them at which only coal finds a contact.
-    setup_ms
-        Time to build the checker if one of the same arm was built before.
-    is_free, check, clearance
-        Single calls from Python.
-    batch_us, batch_threads_us
-        ``is_free_batch`` per configuration on one thread and on two.
-    coal, coal_tree
-        Pinocchio's ``computeCollisions`` until the first contact, over all pairs and with a broad phase.
-    """
-
-    robot: str
-    scene: str
-    bodies: int
-    pairs: int
-    configurations: int
-    free_share: float
-    disagreements: int
-    missed_contacts: int
-    setup_ms: float
-    is_free: Times
-    check: Times
-    clearance: Times
-    batch_us: float
-    batch_threads_us: float
-    coal: Times
-    coal_tree: Times
-
-
-@dataclass(frozen=True)
-class ProofRow:
-    """Certificates of planned and shortened paths: number of paths, verdicts, medians, and times (ms)."""
-
-    problems: str
-    paths: int
-    free: int
-    undecided: int
-    colliding: int
-    waypoints: float
-    intervals: float
-    median_ms: float
-    p95_ms: float
-    largest_ms: float
-
-
-def check_row(**values: Any) -> CheckRow:
-    """Return a row from the values in a JSON file."""
-    return CheckRow(**{name: Times(**value) if isinstance(value, dict) else value for name, value in values.items()})
-
-
-@dataclass(frozen=True)
-class CollisionTable(BenchmarkTable):
-    """Checks in scenes, checks among growing numbers of boxes, certificates of paths, and certificates of edges."""
-
-    checks: tuple[CheckRow, ...]
-    growth: tuple[CheckRow, ...]
-    proofs: tuple[ProofRow, ...]
-    edges: tuple[EdgeRow, ...]
-
-    topic: ClassVar[str] = "collision checks"
-    row_types: ClassVar[dict[str, Callable[..., Any]]] = {
-        "checks": check_row,
-        "growth": check_row,
-        "proofs": ProofRow,
-        "edges": EdgeRow,
-    }
-
-    @property
-    def wrong(self) -> tuple[str, ...]:
-        """The verdicts on edges that the independent check contradicts."""
-        return tuple(error for row in self.edges for error in row.wrong)
-
-
 def collision_benchmark(
     robots: Sequence[str] = ROBOTS,
     *,
@@ -195,7 +93,7 @@ def collision_benchmark(
     box_counts: Sequence[int] = BOX_COUNTS,
     edges: int = 0,
     seed: int = 0,
-) -> CollisionTable:
+) -> Results:
     """Run the benchmark: checks in the first problem of each set, certificates of the paths of all problems.
 
     ``problems`` is the largest number of problems per set, by default all of MotionBenchMaker and 5 of ours; ``edges``
@@ -233,8 +131,8 @@ def collision_benchmark(
         "boxes": list(box_counts),
         "edges": edges,
     }
-    verdicts = edge_rows(edges, seed)
-    return CollisionTable(settings, origin, tuple(checks), tuple(growth), tuple(proofs), tuple(verdicts))
+    parts = {"checks": checks, "growth": growth, "proofs": proofs, "edges": edge_rows(edges, seed)}
+    return Results(settings, origin, parts)
 
 
 def boxes(count: int, reach: float, seed: int) -> Scene:
@@ -250,8 +148,13 @@ def boxes(count: int, reach: float, seed: int) -> Scene:
     return Scene(obstacles)
 
 
-def measure_checks(arm: Arm, scene: Scene, name: str, count: int, seed: int) -> CheckRow:
-    """Time all kinds of checks at random configurations of an arm in a scene."""
+def measure_checks(arm: Arm, scene: Scene, name: str, count: int, seed: int) -> Row:
+    """Time all kinds of checks at random configurations of an arm in a scene.
+
+    Times are means in us over the free configurations and over those in collision. ``coal`` is Pinocchio's
+    ``computeCollisions`` until the first contact over all pairs, ``coal_tree`` with a broad phase; ``disagreements``
+    are configurations at which it and ``is_free`` disagree, and ``missed_contacts`` those where only coal finds one.
+    """
     CollisionChecker(arm, scene)
     begin = perf_counter()
     checker = CollisionChecker(arm, scene)
@@ -261,7 +164,7 @@ def measure_checks(arm: Arm, scene: Scene, name: str, count: int, seed: int) -> 
     plain, tree = PlainCoal(checker), PlainCoal(checker, broadphase=True)
     coal_q = plain.configurations(q)
     coal_free = np.array([[coal.is_free(each) for each in coal_q] for coal in (plain, tree)])
-    return CheckRow(
+    return Row(
         robot=arm.robot.name,
         scene=name,
         bodies=len(checker.bodies),
@@ -281,7 +184,7 @@ def measure_checks(arm: Arm, scene: Scene, name: str, count: int, seed: int) -> 
     )
 
 
-def measure_proofs(name: str, problems: Iterable[PlanProblem], seed: int) -> ProofRow | None:
+def measure_proofs(name: str, problems: Iterable[PlanProblem], seed: int) -> Row | None:
     """Plan and shorten a path for each problem, and time its certificate; None if no problem was solved."""
     times, certificates, waypoints = [], [], []
     for problem in problems:
@@ -296,7 +199,7 @@ def measure_proofs(name: str, problems: Iterable[PlanProblem], seed: int) -> Pro
     if not times:
         return None
     verdicts = [certificate.status for certificate in certificates]
-    return ProofRow(
+    return Row(
         problems=name,
         paths=len(times),
         free=verdicts.count(CertificateStatus.FREE),
@@ -310,9 +213,12 @@ def measure_proofs(name: str, problems: Iterable[PlanProblem], seed: int) -> Pro
     )
 
 
-def _times(call: Callable[[Any], object], items: Sequence[Any], free: npt.NDArray[np.bool_]) -> Times:
-    parts = [[items[i] for i in np.flatnonzero(free == wanted).tolist()] for wanted in (True, False)]
-    return Times(*(_mean_us(call, part) if part else None for part in parts))
+def _times(call: Callable[[Any], object], items: Sequence[Any], free: npt.NDArray[np.bool_]) -> dict[str, float | None]:
+    """The mean times (us) over the free configurations and over those in collision; None if there are none."""
+    parts = {"free": np.flatnonzero(free), "colliding": np.flatnonzero(~free)}
+    return {
+        kind: _mean_us(call, [items[i] for i in part.tolist()]) if len(part) else None for kind, part in parts.items()
+    }
 
 
 def _mean_us(call: Callable[[Any], object], items: Sequence[Any]) -> float:
@@ -346,90 +252,34 @@ CURVES = (
 """The fields, labels and colours of the curves in the plot."""
 
 
-def write_collision_table(table: CollisionTable, folder: str | Path) -> list[Path]:
-    """Write ``collision.json``, ``collision.md`` and, if checks among boxes were measured, ``collision.png``."""
-    written = table.write(folder, "collision", "# Collision check benchmark\n\n" + collision_markdown(table))
-    if table.growth:
-        written.append(save_figure(_growth_plot(table), Path(folder) / "collision.png"))
-    return written
+def blocks(results: Results) -> Blocks:
+    """The tables of the page."""
 
+    def times(name: str) -> Callable[[Row], str]:
+        return lambda row: " / ".join("-" if us is None else f"{us:.1f}" for us in getattr(row, name).values())
 
-def collision_markdown(table: CollisionTable) -> str:
-    """Return the table as Markdown, without a title."""
-    text = (
-        f"Links are convex hulls. Calls are timed in blocks of {BLOCK}, each {REPEATS} times (a certificate "
-        f"{PROOF_REPEATS} times), and the fastest run counts, which reduces the influence of other processes. Single "
-        "calls are from Python including all overhead."
-    )
-    lines = [*wrapped(text), "", *wrapped(provenance_text(table)), ""]
-    if table.checks:
-        lines += ["## Checks", "", *_checks(table.checks), ""]
-    if table.growth:
-        lines += ["## Number of obstacles", "", *_growth(table.growth), ""]
-    if table.proofs:
-        lines += ["## Certificates of planned paths", "", *_proofs(table), ""]
-    if table.edges:
-        lines += ["## Certificates of random edges", "", *_edges(table.edges), ""]
-    lines += bullet_section("Wrong verdicts", table.wrong)
-    return "\n".join(lines).rstrip() + "\n"
+    def speed_up(row: Row) -> str:
+        pairs = [(row.is_free[kind], row.coal[kind], row.coal_tree[kind]) for kind in ("free", "colliding")]
+        return " / ".join("-" if ours is None else f"{min(others) / ours:.1f}" for ours, *others in pairs)
 
-
-def _checks(rows: Sequence[CheckRow]) -> list[str]:
-    text = (
-        "Mean times in us at random configurations within the limits: free ones / ones in collision. For comparison, "
-        "Pinocchio's computeCollisions with coal, which stops at the first contact, was measured in the same run with "
-        "the same bodies and pairs: with all pairs, and with a broad phase (a dynamic AABB tree). The speed-up is the "
-        "time of the faster of these two divided by that of is_free."
-    )
-    columns = {
-        "robot": "{.robot}",
-        "scene": "{.scene}",
-        "pairs": "{.pairs:,}",
-        "free": _free,
-        "is_free": "{.is_free}",
-        "check": "{.check}",
-        "clearance": "{.clearance}",
+    compared = {
+        "is_free": times("is_free"),
+        "check": times("check"),
+        "clearance": times("clearance"),
         "batch, 1 thread": "{.batch_us:.2f}",
         "2 threads": "{.batch_threads_us:.2f}",
-        "coal, all pairs": "{.coal}",
-        "coal, broad phase": "{.coal_tree}",
-        "speed-up": _speed_up,
+        "coal, all pairs": times("coal"),
+        "coal, broad phase": times("coal_tree"),
+        "speed-up": speed_up,
     }
-    agreement = (
-        f"is_free and coal disagree at {sum(r.disagreements for r in rows)} of {sum(r.configurations for r in rows):,} "
-        f"configurations; at {sum(r.missed_contacts for r in rows)} of these only coal finds a contact."
-    )
-    return [*wrapped(text), "", *row_table(columns, rows, text_columns=2), "", *wrapped(agreement)]
-
-
-def _growth(rows: Sequence[CheckRow]) -> list[str]:
-    text = (
-        f"The {rows[0].robot} among boxes whose total volume is constant: more boxes are smaller. The time of a check "
-        "grows much more slowly than their number, since a bounding volume hierarchy excludes distant boxes. Times as "
-        "above; set-up is the time to build the checker of another scene."
-    )
-    columns = {
+    common = {"pairs": "{.pairs:,}", "free": lambda row: f"{100 * row.free_share:.0f} %"}
+    growth = {
         "boxes": lambda row: row.scene.partition(": ")[2],
-        "pairs": "{.pairs:,}",
-        "free": _free,
-        "is_free": "{.is_free}",
-        "batch, 1 thread": "{.batch_us:.2f}",
-        "coal, all pairs": "{.coal}",
-        "coal, broad phase": "{.coal_tree}",
-        "speed-up": _speed_up,
+        **common,
+        **{title: compared[title] for title in compared if title not in ("check", "clearance", "2 threads")},
         "set-up, ms": "{.setup_ms:.1f}",
     }
-    picture = "![Mean time of a check against the number of boxes](collision.png)"
-    return [*wrapped(text), "", picture, "", *row_table(columns, rows, text_columns=0)]
-
-
-def _proofs(table: CollisionTable) -> list[str]:
-    text = (
-        "Paths planned by RrtConnect and shortened by shortcut, certified with a margin of 0. Times in ms on one "
-        "thread, without building the checker. No peer measured here proves a path; [HPP and Drake](../comparison.md) "
-        "do."
-    )
-    columns = {
+    proofs = {
         "problems": "{.problems}",
         "paths": "{.paths}",
         "FREE": "{.free}",
@@ -441,63 +291,53 @@ def _proofs(table: CollisionTable) -> list[str]:
         "p95": "{.p95_ms:.2f}",
         "maximum": "{.largest_ms:.2f}",
     }
-    return [*wrapped(text), "", *row_table(columns, table.proofs)]
-
-
-def _edges(rows: Sequence[EdgeRow]) -> list[str]:
-    text = (
-        "Straight edges of different lengths in random scenes of one to eight boxes, spheres, cylinders, capsules, "
-        "cones, ellipsoids and convex hulls from 2 mm to 0.3 m, with margins of 0, 3 and 20 mm; the tolerance of the "
-        f"certificates is {TOLERANCE:g} m. Every FREE verdict is checked again by Pinocchio and coal only: the "
-        f"distances at {SAMPLES} samples must not be below the proven clearance, and the exact meshes must not collide "
-        f"at samples at most {AUDIT_STEP:g} rad or m apart. Every COLLIDING verdict must name a configuration at which "
-        "coal finds a distance not larger than the margin."
+    rows, edges = results["checks"], results["edges"]
+    agreement = (
+        f"is_free and coal disagree at {sum(r.disagreements for r in rows)} of {sum(r.configurations for r in rows):,} "
+        f"configurations; at {sum(r.missed_contacts for r in rows)} of these only coal finds a contact."
     )
-    total = total_row(rows)
+    total = total_row(edges)
     undecided = f"UNDECIDED: {100 * total.undecided / max(total.edges, 1):.3f} %."
-    return [*wrapped(text), "", *edge_table("robot", [*rows, total]), "", undecided]
+    checks = row_table({"robot": "{.robot}", "scene": "{.scene}", **common, **compared}, rows, text_columns=2)
+    return {
+        "checks": [*checks, "", *wrapped(agreement)] if rows else [],
+        "growth": row_table(growth, results["growth"], text_columns=0),
+        "proofs": row_table(proofs, results["proofs"]),
+        "edges": [*edge_table("robot", [*edges, total]), "", undecided] if edges else [],
+    }
 
 
-def _free(row: CheckRow) -> str:
-    return f"{100 * row.free_share:.0f} %"
-
-
-def _speed_up(row: CheckRow) -> str:
-    """For free and colliding configurations."""
-    ratios = []
-    for name in ("free", "colliding"):
-        ours, plain, tree = (getattr(times, name) for times in (row.is_free, row.coal, row.coal_tree))
-        ratios.append("-" if ours is None else f"{min(plain, tree) / ours:.1f}")
-    return " / ".join(ratios)
-
-
-def _growth_plot(table: CollisionTable) -> Any:
+def figures(results: Results) -> dict[str, Any]:
     """The time of a check against the number of boxes."""
+    rows = results["growth"]
     figure, ((panel,),) = new_figure(1, 1, width=7.2, height=4.6)
-    counts = [int(row.scene.partition(": ")[2].replace(",", "")) for row in table.growth]
+    counts = [int(row.scene.partition(": ")[2].replace(",", "")) for row in rows]
     for name, label, colour in CURVES:
-        times = [getattr(row, name) for row in table.growth]
-        panel.plot(counts, [each.free for each in times], "o-", color=colour, label=f"{label}: free")
-        colliding = [each.colliding for each in times]
+        times = [getattr(row, name) for row in rows]
+        panel.plot(counts, [each["free"] for each in times], "o-", color=colour, label=f"{label}: free")
+        colliding = [each["colliding"] for each in times]
         panel.plot(counts, colliding, "s--", color=colour, fillstyle="none", label="... in collision")
-    first = table.growth[0].is_free.free
+    first = rows[0].is_free["free"]
     if first is not None:
         panel.plot(counts, [first * count / counts[0] for count in counts], ":", color="grey", label="proportional")
         panel.set_ylim(first / 3, None)
-    title = f"{table.growth[0].robot}: time of a check against the number of boxes"
+    title = f"{rows[0].robot}: time of a check against the number of boxes"
     log_panel(panel, title, "boxes around the arm", "mean time of a single check, us", percent=False)
     panel.set_yscale("log")
     panel.set_xticks(counts, [f"{count:,}" for count in counts])
     panel.legend(fontsize=8, loc="upper left")
-    return figure
+    return {"collision.png": figure}
 
 
-def measure(options: argparse.Namespace) -> CollisionTable:
-    """Return the parts of the table that the options select."""
+def measure(options: argparse.Namespace) -> Results:
+    """Measure the parts that the options select."""
     if options.only_edges:
         return collision_benchmark((), box_counts=(), edges=options.only_edges, seed=options.seed)
     given = {"mbm": options.mbm, "problems": options.problems, "edges": options.edges, "seed": options.seed}
     return collision_benchmark(options.robots or ROBOTS, **given)
+
+
+BENCHMARK = Benchmark("collision", measure, blocks, figures)
 
 
 def main() -> None:
@@ -508,4 +348,4 @@ def main() -> None:
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
     parser.add_argument("--edges", type=int, default=0, metavar="N", help="number of random edges to certify and check")
     parser.add_argument("--only-edges", type=int, metavar="N", help="certify and check random edges only")
-    run(parser, "collision", CollisionTable, measure, collision_markdown, write_collision_table)
+    BENCHMARK.run(parser)

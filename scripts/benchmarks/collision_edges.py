@@ -8,14 +8,13 @@ name a configuration at which coal finds a distance not larger than the margin.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from time import process_time
 
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.planning_problems import own_reach
-from benchmarks.tables import report, row_table
+from benchmarks.tables import Row, report, row_table
 from pinproof.collision import (
     Box,
     Capsule,
@@ -75,35 +74,6 @@ DISTANCE_ERROR = 3e-6
 """Largest error in m of coal's distances."""
 
 
-@dataclass(frozen=True)
-class EdgeRow:
-    """The results for the edges of a robot.
-
-    Parameters
-    ----------
-    robot, scenes, edges
-        The robot and the numbers of scenes and edges.
-    free, colliding, undecided
-        Numbers of verdicts.
-    checked
-        Configurations at which verdicts were checked independently.
-    mean_ms
-        Mean processor time of a certificate.
-    wrong
-        Verdicts that the independent check contradicts, as sentences.
-    """
-
-    robot: str
-    scenes: int
-    edges: int
-    free: int
-    colliding: int
-    undecided: int
-    checked: int
-    mean_ms: float
-    wrong: tuple[str, ...]
-
-
 def distributed(edges: int, robots: Sequence[str]) -> dict[str, int]:
     """Return the number of edges of each robot that has some, as equal as possible."""
     each, rest = divmod(edges, len(robots))
@@ -111,7 +81,7 @@ def distributed(edges: int, robots: Sequence[str]) -> dict[str, int]:
     return {robot: count for robot, count in counts.items() if count}
 
 
-def edge_rows(edges: int, seed: int) -> list[EdgeRow]:
+def edge_rows(edges: int, seed: int) -> list[Row]:
     """Check this number of edges, distributed over :data:`ROBOTS`."""
     return [check_edges(robot, count, seed) for robot, count in distributed(edges, ROBOTS).items()]
 
@@ -125,21 +95,12 @@ def check_edges(
     reach: float | None = None,
     samples: int = SAMPLES,
     step: float = AUDIT_STEP,
-) -> EdgeRow:
+) -> Row:
     """Certify random edges of a robot and check the verdicts; each scene depends only on the seed and its number.
 
-    Parameters
-    ----------
-    robot
-        A robot of the catalogue, or the name of the joint group of ``checkers``.
-    edges, seed
-        The number of edges, and the seed of the scenes and edges.
-    checkers
-        Checkers without obstacles, by hulls and by exact meshes.
-    reach
-        Distance (m) from the root within which obstacles are placed.
-    samples, step
-        As :data:`SAMPLES` and :data:`AUDIT_STEP`.
+    ``robot`` is a name of the catalogue, or that of the joint group of ``checkers``, which have no obstacles and check
+    hulls and exact meshes. Obstacles are placed within ``reach`` (m) of the root. ``samples`` and ``step`` are as
+    :data:`SAMPLES` and :data:`AUDIT_STEP`.
     """
     if checkers is None:
         arm = load_robot(robot).arm()
@@ -177,7 +138,7 @@ def count_verdicts(
     edges: int,
     seeds: tuple[int, ...],
     edges_of_scene: Callable[[np.random.Generator], EdgeCase],
-) -> EdgeRow:
+) -> Row:
     """Certify this number of edges, a few in each scene; each scene depends only on the seeds and its number."""
     counts = dict.fromkeys(CertificateStatus, 0)
     wrong: list[str] = []
@@ -192,12 +153,20 @@ def count_verdicts(
                 wrong.append(f"{name}, seed {seeds[0]}, scene {number}, edge {edge}: {error}")
         if number % 10 == 9:
             report(f"{name}: {min((number + 1) * EDGES_PER_SCENE, edges)} of {edges} edges, {len(wrong)} wrong")
-    verdicts = (counts[each] for each in (CertificateStatus.FREE, CertificateStatus.COLLIDING))
-    mean, undecided = 1e3 * seconds / max(edges, 1), counts[CertificateStatus.UNDECIDED]
-    return EdgeRow(name, scenes, edges, *verdicts, undecided, checked, mean, tuple(wrong))
+    return Row(
+        robot=name,
+        scenes=scenes,
+        edges=edges,
+        free=counts[CertificateStatus.FREE],
+        colliding=counts[CertificateStatus.COLLIDING],
+        undecided=counts[CertificateStatus.UNDECIDED],
+        checked=checked,
+        mean_ms=1e3 * seconds / max(edges, 1),
+        wrong=wrong,
+    )
 
 
-def edge_table(name: str, rows: Sequence[EdgeRow]) -> list[str]:
+def edge_table(name: str, rows: Sequence[Row]) -> list[str]:
     """Return the lines of a table of edges; ``name`` is the title of the first column."""
     columns = {
         name: "{.robot}",
@@ -212,13 +181,12 @@ def edge_table(name: str, rows: Sequence[EdgeRow]) -> list[str]:
     return row_table(columns, rows)
 
 
-def total_row(rows: Sequence[EdgeRow]) -> EdgeRow:
+def total_row(rows: Sequence[Row]) -> Row:
     """Return the row of all edges."""
     counts = ("scenes", "edges", "free", "colliding", "undecided", "checked")
-    edges = sum(row.edges for row in rows)
-    mean = sum(row.edges * row.mean_ms for row in rows) / max(edges, 1)
-    wrong = tuple(text for row in rows for text in row.wrong)
-    return EdgeRow("all", *(sum(getattr(row, each) for row in rows) for each in counts), mean, wrong)
+    sums = {each: sum(getattr(row, each) for row in rows) for each in counts}
+    mean = sum(row.edges * row.mean_ms for row in rows) / max(sums["edges"], 1)
+    return Row(robot="all", **sums, mean_ms=mean, wrong=[text for row in rows for text in row.wrong])
 
 
 def check_verdict(

@@ -1,22 +1,19 @@
 """Benchmark of occupancy grids of depth images: making and fusing them, and certificates among them.
 
-./scripts/benchmark depth             prints the page; 5 s
+./scripts/benchmark depth             prints the table; 5 s
 ./scripts/benchmark depth --docs      rewrites docs/benchmarks/depth.*
-./scripts/benchmark depth --render    rewrites the page from depth.json
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
 from statistics import median
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 import pinproof as pp
-from benchmarks.tables import BenchmarkTable, page_parser, provenance, provenance_text, row_table, run, seconds, wrapped
+from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, row_table, seconds
 from pinproof.collision import Intrinsics
 
 REPEATS = 10
@@ -31,26 +28,6 @@ PARTS = 30
 
 TURN = np.array([0.4, 0, 0, 0, 0, 0])
 """Difference of the configurations (rad) at the end and at the start of the motion."""
-
-
-@dataclass(frozen=True)
-class TimeRow:
-    """The processor times (ms) of the first run and of the other runs of one step, and what it made."""
-
-    step: str
-    result: str
-    first: float
-    times: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class DepthTable(BenchmarkTable):
-    """Times of the steps from depth images to a certificate."""
-
-    times: tuple[TimeRow, ...]
-
-    topic: ClassVar[str] = "depth images"
-    row_types: ClassVar[dict[str, type]] = {"times": TimeRow}
 
 
 def depth_image(root_from_camera: np.ndarray, boxes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -71,14 +48,14 @@ def downwards(eye: tuple[float, float, float], tilt: float) -> np.ndarray:
     return np.array(pp.pose(eye, (np.pi + tilt, 0, 0)).homogeneous)
 
 
-def measured(step: str, call: Callable[[], Any], text: Callable[[Any], str]) -> tuple[TimeRow, Any]:
-    """Return the times of a call and its result."""
+def measured(step: str, call: Callable[[], Any], text: Callable[[Any], str]) -> tuple[Row, Any]:
+    """Return the processor times (ms) of the first call and of the others, and the result."""
     first, *times = (1e3 * seconds(call) for _ in range(REPEATS + 1))
     made = call()
-    return TimeRow(step, text(made), first, tuple(times)), made
+    return Row(step=step, result=text(made), first=first, times=times), made
 
 
-def time_rows(seed: int) -> tuple[TimeRow, ...]:
+def time_rows(seed: int) -> list[Row]:
     """Measure all steps for random boxes on a table, seen by two cameras."""
     rng = np.random.default_rng(seed)
     center, half = rng.uniform((0.35, -0.45, 0.0), (1.25, 0.45, 0.0), (PARTS, 3)), rng.uniform(0.01, 0.05, (PARTS, 3))
@@ -111,21 +88,15 @@ def time_rows(seed: int) -> tuple[TimeRow, ...]:
             lambda made: f"{made.status.name}, clearance {1e3 * made.clearance:.1f} mm",
         )
         rows += [step, proof]
-    return tuple(rows)
+    return rows
 
 
 def _cells(grid: pp.OccupancyGrid) -> str:
     return ", ".join(f"{n:,} {kind}" for n, kind in zip(grid.counts, ("free", "seen", "unknown"), strict=True))
 
 
-def page(table: DepthTable) -> str:
-    """Return the page as Markdown."""
-    text = (
-        f"Two images of {CAMERA.width} x {CAMERA.height} pixels show a table with {PARTS} boxes; the grid has "
-        f"1,000,000 cells of {1e3 * VOXEL:g} mm, and its occupied cells are obstacles for the UR5, as a grid and as a "
-        "point cloud of their centers. The motion turns the first joint by 0.4 rad above the boxes. Processor times "
-        f"in ms of a first run and of {REPEATS} more; among these, `certify` proves the same motion again."
-    )
+def blocks(results: Results) -> Blocks:
+    """The table of the page."""
     columns = {
         "step": "{.step}",
         "result": "{.result}",
@@ -134,15 +105,14 @@ def page(table: DepthTable) -> str:
         "least": lambda row: f"{min(row.times):.2f}",
         "largest": lambda row: f"{max(row.times):.2f}",
     }
-    lines = ["# Benchmark of depth images", "", *wrapped(provenance_text(table)), "", *wrapped(text), ""]
-    return "\n".join([*lines, *row_table(columns, table.times, text_columns=2)]) + "\n"
+    return {"times": row_table(columns, results["times"], text_columns=2)}
 
 
-def measure(options: argparse.Namespace) -> DepthTable:
-    """Return the table."""
-    return DepthTable({}, provenance(options.seed), time_rows(options.seed))
+BENCHMARK = Benchmark(
+    "depth", lambda options: Results({}, provenance(options.seed), {"times": time_rows(options.seed)}), blocks
+)
 
 
 def main() -> None:
     """Run the benchmark with the arguments of the command line."""
-    run(page_parser(__doc__, "depth"), "depth", DepthTable, measure, page)
+    BENCHMARK.run(page_parser(__doc__, "depth"))

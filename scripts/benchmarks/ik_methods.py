@@ -62,18 +62,10 @@ def _as_se3(pose: Array) -> SE3:
 class PreparedMethod:
     """A method, prepared for one arm and one part of the table.
 
-    Parameters
-    ----------
-    solve
-        Called with a converted target and a start q0 (n,). Only this call is timed.
-    read
-        Converts the result of ``solve`` to answers (k, n); k = 0 if it reported a failure.
-    convert_target
-        Converts a target (4, 4) to the argument of ``solve``.
-    solve_batch
-        Solves all targets (N, 4, 4) from q0 (n,) in one call on one thread: answers (N, k, n), NaN for no answer.
-    reset
-        Called with the start before the first call of ``solve``; for methods that keep a state.
+    ``convert_target`` makes the argument of ``solve`` of a target (4, 4); only ``solve`` is timed, called with it and a
+    start q0 (n,). ``read`` returns the answers (k, n) in its result, none if it reported a failure. ``solve_batch``
+    solves all targets (N, 4, 4) from q0 on one thread: (N, k, n), NaN for no answer. A method that keeps a state has
+    ``reset``, called with the start.
     """
 
     solve: Callable[[Any, Array], Any]
@@ -97,20 +89,10 @@ def poses_only(part: Part) -> bool:
 class IkMethod:
     """A method of the table: its name on the command line, and its label in the table.
 
-    Parameters
-    ----------
-    prepare
-        Returns the method prepared for an arm and a part of the table. Raises NotApplicableError, ImportError, or an
-        error of the library if the method cannot be used with the arm.
-    applies
-        Whether the method has rows in a part of the table.
-    tolerance
-        Largest accepted error of an answer, in m and rad.
-    textbook
-        The textbook's figures: mean time in ms, and success as a share.
-    compared_with, max_targets, distribution
-        For another library: the key of the method of this package that solves the same problem, the number of targets
-        after which a slow one stops, and the distribution that installs it.
+    ``prepare`` returns the method prepared for an arm and a part of the table, to which it ``applies``, or raises
+    NotApplicableError, ImportError or an error of the library. ``tolerance`` (m and rad) is the largest accepted error,
+    ``textbook`` the mean time in ms and the success that the textbook states. Another library has the key of ours that
+    solves the same problem, the number of targets after which a slow one stops, and the distribution that installs it.
     """
 
     key: str

@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from pathlib import Path
 from time import perf_counter_ns
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,15 +27,15 @@ from benchmarks.ik_methods import (
 )
 from benchmarks.ik_peers import PEERS
 from benchmarks.tables import (
-    BenchmarkTable,
+    Columns,
+    Results,
+    Row,
     installed_versions,
     leave_out,
     log_panel,
     new_figure,
     provenance,
-    provenance_text,
     row_table,
-    save_figure,
     wrapped,
 )
 from pinproof.errors import InputError
@@ -46,122 +45,37 @@ from pinproof.spatial import Array, rigid, twist_size
 MARKERS = "osD^vP*X<>ph"
 
 
-@dataclass(frozen=True)
-class IkRow:
-    """The figures of a method in one part of the table; times in ms, errors in m and rad, shares from 0 to 1.
-
-    Times are those of single calls from Python; ``batch_ms`` is the mean time per target of one batch on one thread.
-    ``success`` is the share of targets whose answers are inside the limits and within ``tolerance`` by Pinocchio's
-    forward kinematics, the lower one of single calls and batch. ``position_error`` and ``rotation_error`` are the
-    largest of all reported answers; ``false_positives`` counts answers that are reported as solutions and fail this
-    check. ``largest_step`` is the largest joint motion (rad or m) between consecutive answers on the trajectory.
-    ``ratio``, for another library, is its mean time divided by that of our method ``compared_with``.
-    """
-
-    robot: str
-    method: str
-    label: str
-    problem: str
-    task: str
-    restarts: bool
-    samples: int
-    mean_ms: float
-    median_ms: float
-    p999_ms: float
-    batch_ms: float | None
-    success: float
-    position_error: float | None
-    rotation_error: float | None
-    false_positives: int
-    largest_step: float | None
-    tolerance: float
-    textbook_ms: float | None = None
-    textbook_success: float | None = None
-    compared_with: str | None = None
-    ratio: float | None = None
-
-    @property
-    def robot_and_part(self) -> tuple[str, str, str, bool]:
-        """The robot and its part of the table, which identify the targets of the row."""
-        return self.robot, self.problem, self.task, self.restarts
+def rows_of(results: Results, robot: str, part: Part) -> list[Row]:
+    """The rows of a robot in one part of the table."""
+    return [row for row in results["rows"] if _part_of(row) == (robot, part.problem, part.task, part.restarts)]
 
 
-@dataclass(frozen=True)
-class IkTable(BenchmarkTable):
-    """The rows of every robot, part and method, and for each robot why methods could not be run."""
-
-    rows: tuple[IkRow, ...]
-    left_out: dict[str, dict[str, str]]
-
-    topic: ClassVar[str] = "inverse kinematics"
-    row_types: ClassVar[dict[str, type]] = {"rows": IkRow}
-
-    @property
-    def robots(self) -> tuple[str, ...]:
-        """The robots in the order of the run."""
-        return tuple(self.settings["robots"])
-
-    def part(self, robot: str, part: Part) -> tuple[IkRow, ...]:
-        """Return the rows of a robot in one part."""
-        return tuple(row for row in self.rows if row.robot_and_part == (robot, part.problem, part.task, part.restarts))
+def _part_of(row: Row) -> tuple[str, str, str, bool]:
+    return row.robot, row.problem, row.task, row.restarts
 
 
-def write_ik_table(table: IkTable, folder: str | Path, *, appendix: str = "") -> list[Path]:
-    """Write ``ik.json``, ``ik.md``, which ends with ``appendix``, and ``ik_latency.png``; return these files."""
-    written = table.write(folder, "ik", "# Inverse kinematics benchmark\n\n" + ik_markdown(table) + appendix)
-    return [*written, save_figure(_latency_plot(table), Path(folder) / "ik_latency.png")]
+# -- tables and plot ---------------------------------------------------------------------------------------------------
 
 
-# -- Markdown ----------------------------------------------------------------------------------------------------------
-
-
-def ik_markdown(table: IkTable) -> str:
-    """Return the table as Markdown, without a title."""
-    lines = [*_introduction(table), ""]
-    for robot in table.robots:
-        lines += [f"## {robot}", "", *_limits(table, robot), ""]
+def ik_tables(results: Results) -> list[str]:
+    """A section for each robot with a table for each part."""
+    lines: list[str] = []
+    for robot in results.settings["robots"]:
+        lines += [f"## {robot}", "", *_limits(results, robot), ""]
         for part in PARTS:
-            rows = table.part(robot, part)
-            if rows:
-                columns = {"method": partial(_name, table), **COLUMNS}
+            if rows := rows_of(results, robot, part):
+                columns = {"method": partial(_name, results), **COLUMNS}
                 lines += [f"### {robot}: {part}", "", *row_table(columns, rows), ""]
-        reasons = table.left_out.get(robot, {})
-        if reasons:
+        if reasons := results["left_out"].get(robot):
             lines += ["Left out:", "", *(f"- {name}: {reason}" for name, reason in reasons.items()), ""]
-    return "\n".join(lines).rstrip() + "\n"
+    return lines[:-1]
 
 
-def _introduction(table: IkTable) -> list[str]:
-    settings = table.settings
-    targets = (
-        f"{settings['points']:,} targets per part, joint limits enforced, {settings['limits']}. Random targets are the "
-        "poses of configurations drawn uniformly within the limits; each solve starts from the middle of the joint "
-        f"ranges. Methods with restarts may restart up to {settings['restarts']} times."
-    )
-    check = (
-        "A target counts as solved if the answer is inside the limits and within "
-        f"{settings['tolerance']:g} m and {settings['tolerance']:g} rad (or the tolerance given in the row) by "
-        "Pinocchio's forward kinematics, independent of the status that the method reports. A false positive is "
-        "reported as solved but fails this independent check."
-    )
-    times = (
-        "Times are in ms, for single calls from Python including all overhead; the batch mean is the time per target "
-        f"of one batch on one thread. p99.9 is the 99.9th percentile of {settings['points']:,} calls (with fewer than "
-        "1,000 calls it is the maximum). For other libraries, the relative time is their mean time divided by that of "
-        "our method for the same problem."
-    )
-    textbook = (
-        "The textbook columns are figures from the textbook: mean time and success over 10,000 points, position only, "
-        "one seed, on an unknown machine."
-    )
-    return [*wrapped(targets, check, times), "", *wrapped(provenance_text(table), textbook)]
-
-
-def _limits(table: IkTable, robot: str) -> list[str]:
+def _limits(results: Results, robot: str) -> list[str]:
     def bound(value: float | None) -> str:
         return "unbounded" if value is None else f"{value:.4g}"
 
-    chain = table.settings["chains"][robot]
+    chain = results.settings["chains"][robot]
     ranges = [
         f"{name} {bound(low)} to {bound(high)}"
         for name, low, high in zip(chain["joints"], chain["lower"], chain["upper"], strict=True)
@@ -176,16 +90,16 @@ def percent(value: float | None) -> str:
     return "100 %" if value == 1.0 else f"{min(100 * value, 99.999):.3f}".rstrip("0").rstrip(".") + " %"
 
 
-def _name(table: IkTable, row: IkRow) -> str:
+def _name(results: Results, row: Row) -> str:
     label = row.label if row.tolerance == TOLERANCE else f"{row.label} (within {row.tolerance:g})"
-    return label if row.samples == table.settings["points"] else f"{label} ({row.samples:,} targets)"
+    return label if row.samples == results.settings["points"] else f"{label} ({row.samples:,} targets)"
 
 
 def _milliseconds(value: float | None) -> str:
     return "" if value is None else f"{value:.3g}" if value < 100 else f"{value:.0f}"
 
 
-COLUMNS: dict[str, str | Callable[[IkRow], str]] = {
+COLUMNS: Columns = {
     "mean": lambda row: _milliseconds(row.mean_ms),
     "median": lambda row: _milliseconds(row.median_ms),
     "p99.9": lambda row: _milliseconds(row.p999_ms),
@@ -202,21 +116,19 @@ COLUMNS: dict[str, str | Callable[[IkRow], str]] = {
 """The columns after the method: their titles, and the format of a row."""
 
 
-# -- plot --------------------------------------------------------------------------------------------------------------
-
-
-def _latency_plot(table: IkTable) -> Any:
+def latency_plot(results: Results) -> Any:
     """Success against mean time: one row of panels per robot; filled: single calls, hollow: batches.
 
     Crosses are the figures of the textbook; a dotted line connects them with our figures of the same method.
     """
     styles: dict[str, tuple[str, str]] = {}
-    figure, panels = new_figure(len(table.robots), len(PARTS), width=3.4, height=3.0)
-    for robot, line in zip(table.robots, panels, strict=True):
+    robots = results.settings["robots"]
+    figure, panels = new_figure(len(robots), len(PARTS), width=3.4, height=3.0)
+    for robot, line in zip(robots, panels, strict=True):
         for part, panel in zip(PARTS, line, strict=True):
             restarts = "" if part.problem == "trajectory" else ", restarts" if part.restarts else ", one seed"
             log_panel(panel, f"{robot}: {part.problem}, {part.task}{restarts}", "mean time, ms", "solved, %")
-            for row in table.part(robot, part):
+            for row in rows_of(results, robot, part):
                 k = len(styles)
                 _plot_row(panel, row, *styles.setdefault(row.label, (f"C{k % 10}", MARKERS[k % len(MARKERS)])))
     first = panels[0][0]
@@ -228,7 +140,7 @@ def _latency_plot(table: IkTable) -> Any:
     return figure
 
 
-def _plot_row(panel: Any, row: IkRow, colour: str, marker: str) -> None:
+def _plot_row(panel: Any, row: Row, colour: str, marker: str) -> None:
     solved = 100 * row.success
     if row.textbook_ms is not None and row.textbook_success is not None:
         textbook = 100 * row.textbook_success
@@ -311,15 +223,9 @@ def smooth_targets(arm: Arm, points: int, seed: int) -> Targets:
 class CheckedAnswers:
     """The check of the answers to N targets.
 
-    Parameters
-    ----------
-    answered
-        (N,) whether the method reports an answer.
-    correct
-        (N,) whether all answers that it reports are inside the limits and within the tolerance.
-    errors
-        (N, 2) position and rotation error of the worst answer, in m and rad; infinite if it is not finite, 0 without an
-        answer and for what the task leaves free.
+    ``answered`` (N,) states whether the method reports an answer, and ``correct`` (N,) whether all that it reports are
+    inside the limits and within the tolerance. ``errors`` (N, 2) are position and rotation error of the worst answer in
+    m and rad: infinite if it is not finite, 0 without an answer and for what the task leaves free.
     """
 
     answered: Flags
@@ -362,8 +268,12 @@ def check_answers(arm: Arm, targets: Array, answers: Array, task: str, tolerance
 # -- measurement -------------------------------------------------------------------------------------------------------
 
 
-def measured_row(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets) -> IkRow:
-    """Return the row of a method in a part to which it applies.
+def measured_row(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets) -> Row:
+    """Return the row of a method in a part to which it applies; times in ms, errors in m and rad.
+
+    ``success`` is the share of targets whose answers pass :func:`check_answers`, the lower one of single calls and of
+    one batch; ``false_positives`` are reported as solved and fail. ``largest_step`` is the largest joint motion between
+    consecutive answers on the trajectory. ``ratio``, for another library, compares with our method ``compared_with``.
 
     All calls on random targets start at ``targets.start``; along the trajectory each starts at the last answer.
     """
@@ -385,7 +295,7 @@ def measured_row(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Ta
     errors = np.concatenate([each.errors[each.answered] for each in checked])
     both = single.correct[1:] & single.correct[:-1]  # two consecutive answers are correct
     steps = np.abs(np.diff(answers[:, 0], axis=0)).max(axis=1)[both] if part.problem == "trajectory" else np.empty(0)
-    return IkRow(
+    return Row(
         robot=robot,
         method=method.key,
         label=method.label,
@@ -404,6 +314,7 @@ def measured_row(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Ta
         textbook_ms=textbook_ms,
         textbook_success=textbook_success,
         compared_with=method.compared_with,
+        ratio=None,
     )
 
 
@@ -455,36 +366,18 @@ def ik_benchmark(
     limits_pi: bool = True,
     seed: int = 0,
     on_progress: Callable[[str], None] | None = None,
-) -> IkTable:
-    """Run the IK benchmark.
+) -> Results:
+    """Run the IK benchmark on arms of the catalogue or robot files; InputError for unknown methods.
 
-    Parameters
-    ----------
-    robots
-        Catalogue names or robot files.
-    points
-        Targets per part.
-    methods
-        Keys of the methods to run, including those of other libraries; by default all.
-    peers
-        Whether to include other libraries. Those that cannot be run are listed with the reason.
-    limits_pi
-        Reduce ranges wider than one full rotation to +-pi about their centre, as for the UR5.
-    seed
-        Seed of the targets.
-    on_progress
-        Called with a description of the current step.
-
-    Raises
-    ------
-    InputError
-        If ``points`` is below 1, or for an unknown method or robot.
+    ``points`` is the number of targets per part, ``methods`` are keys, by default all, and ``peers`` includes other
+    libraries, of which those that cannot be run are listed with the reason. ``limits_pi`` reduces ranges wider than one
+    full rotation to +-pi about their centre, as for the UR5.
     """
     if points < 1:
         raise InputError(f"points must be at least 1, not {points}")
     selected = select_methods(methods, (*OWN_METHODS, *(PEERS if peers else ())))
     report = on_progress or (lambda _: None)
-    rows: list[IkRow] = []
+    rows: list[Row] = []
     left_out: dict[str, dict[str, str]] = {name: {} for name in robots}
     chains: dict[str, Any] = {}
     origin = provenance(seed)
@@ -509,21 +402,17 @@ def ik_benchmark(
         "trajectory_period_s": PERIOD,
         "peer_versions": installed_versions(method.distribution for method in selected),
     }
-    return IkTable(settings, origin, tuple(_with_ratio(row, rows) for row in rows), left_out)
+    for row in rows:  # another library in relation to our method for the same part
+        for other in rows:
+            if _part_of(other) == _part_of(row) and other.method == row.compared_with:
+                row.ratio = row.mean_ms / other.mean_ms
+    return Results(settings, origin, {"rows": rows, "left_out": left_out})
 
 
 def load_arm(robot: str, limits_pi: bool) -> Arm:
     """Return an arm of the catalogue or a file, with ranges of at most one full rotation if ``limits_pi``."""
     arm = load_robot(robot).arm()
     return with_reduced_ranges(arm) if limits_pi else arm
-
-
-def _with_ratio(row: IkRow, rows: list[IkRow]) -> IkRow:
-    """Return the row of another library with the ratio of its mean time to that of our method."""
-    for other in rows:
-        if other.robot_and_part == row.robot_and_part and other.method == row.compared_with:
-            return replace(row, ratio=row.mean_ms / other.mean_ms)
-    return row
 
 
 def _finite(values: Array) -> list[float | None]:

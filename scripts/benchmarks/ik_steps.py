@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.tables import log_panel, new_figure, save_figure
+from benchmarks.tables import log_panel, new_figure
 from pinproof.ik import Clik, DampedLeastSquares, IkStep, IterativeIk, PseudoInverse
 from pinproof.model import Arm
 from pinproof.spatial import SE3, pose
@@ -35,16 +35,10 @@ SINGULAR = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class StepSizes:
-    """Step lengths on a joint motion into a singularity.
+    """Step lengths when ``joint`` moves into a singularity with the others at home.
 
-    Parameters
-    ----------
-    joint
-        The joint that moves; the others are at home.
-    smallest
-        (m,) smallest singular values of the Jacobian, decreasing.
-    steps
-        Method of :data:`METHODS` to (m,) lengths |dq| of its step, in rad (or m).
+    ``smallest`` (m,) are the smallest singular values of the Jacobian, decreasing, and ``steps`` maps each method to
+    the (m,) lengths |dq| of its step in rad (or m).
     """
 
     joint: str
@@ -63,8 +57,8 @@ def step_sizes(arm: Arm) -> StepSizes | None:
     return None
 
 
-def write_step_plot(steps: StepSizes, title: str, path: Path) -> Path:
-    """Write step lengths against the smallest singular value as PNG; return its path."""
+def step_plot(steps: StepSizes, title: str) -> Any:
+    """Plot step lengths against the smallest singular value."""
     figure, ((panel,),) = new_figure(1, 1, width=6.4, height=4.4)
     for (name, lengths), style in zip(steps.steps.items(), ("k:", "C0-", "C1-", "C2-"), strict=True):
         panel.plot(steps.smallest, lengths, style, label=name)
@@ -73,7 +67,7 @@ def write_step_plot(steps: StepSizes, title: str, path: Path) -> Path:
     panel.set_yscale("log")
     panel.invert_xaxis()
     panel.legend()
-    return save_figure(figure, path)
+    return figure
 
 
 def _towards(arm: Arm, joint: int, singular: float) -> StepSizes:

@@ -3,9 +3,7 @@
 ./scripts/benchmark picks                        all cells; prints the table; some minutes
 ./scripts/benchmark picks ur5 --campaign 0       one cell, without campaigns
 ./scripts/benchmark picks --docs                 rewrites docs/benchmarks/picks.*
-./scripts/benchmark picks --durations [--docs]   durations of the picks of the package only, which do not
-                                                         depend on the machine
-./scripts/benchmark picks --render               rewrites the page from picks.json
+./scripts/benchmark picks --durations [--docs]   only durations, which do not depend on the machine
 """
 
 from __future__ import annotations
@@ -18,21 +16,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.tables import (
-    FOLDER,
-    BenchmarkTable,
+    Benchmark,
+    Blocks,
+    Results,
+    Row,
     fastest,
     page_parser,
     provenance,
-    provenance_text,
     report,
     row_table,
-    run,
     wrapped,
 )
 from pinproof.collision import CollisionChecker, Cylinder, Obstacle, Scene, audit
@@ -100,97 +98,6 @@ STEADY_FROM, STEADY_TO = 0.2, 0.9
 """The steady rate is measured between these shares of the picks, while all workers are busy."""
 
 
-@dataclass(frozen=True)
-class VerdictRow:
-    """The picks of a cell with one verdict (``"all"`` for all of them): their number and times per pick (ms)."""
-
-    cell: str
-    verdict: str
-    picks: int
-    mean_ms: float
-    median_ms: float
-    p95_ms: float
-    largest_ms: float
-
-
-@dataclass(frozen=True)
-class DurationRow:
-    """The good picks of a file of the package: their number, mean durations (s), and audited motions.
-
-    ``stopping_s`` is the mean duration along the planned paths with stops after all stages; ``unsafe`` is the number of
-    motions with a contact of exact meshes.
-    """
-
-    cell: str
-    good: int
-    stopping_s: float
-    mean_s: float
-    motions: int
-    unsafe: int
-
-
-@dataclass(frozen=True)
-class ScreenRow:
-    """Screening in a cell, in poses per second on one thread unless stated otherwise.
-
-    Parameters
-    ----------
-    cell, poses, count, free
-        The cell, the kind and number of poses, and the share of free ones.
-    rate, with_clearance, two_threads
-        The default, with the clearance of free poses, and on two threads.
-    reach_only
-        Without collision checks.
-    as_picks
-        With Pick objects instead of an array of poses; None if the poses are not picks.
-    """
-
-    cell: str
-    poses: str
-    count: int
-    free: float
-    rate: float
-    with_clearance: float
-    reach_only: float
-    as_picks: float | None
-    two_threads: float
-
-
-@dataclass(frozen=True)
-class CampaignRow:
-    """A campaign: its workers and picks, seconds from ``run`` to the sorted file, and picks per second.
-
-    ``steady_rate`` is the rate while all workers are busy.
-    """
-
-    cell: str
-    workers: str
-    picks: int
-    wall_s: float
-    rate: float
-    steady_rate: float
-
-
-@dataclass(frozen=True)
-class PicksTable(BenchmarkTable):
-    """Judged picks, screened poses, campaigns (one worker first), and campaigns without judging."""
-
-    verdicts: tuple[VerdictRow, ...]
-    screening: tuple[ScreenRow, ...]
-    campaigns: tuple[CampaignRow, ...]
-    overhead: tuple[CampaignRow, ...]
-    durations: tuple[DurationRow, ...] = ()
-
-    topic: ClassVar[str] = "picks"
-    row_types: ClassVar[dict[str, type]] = {
-        "verdicts": VerdictRow,
-        "screening": ScreenRow,
-        "campaigns": CampaignRow,
-        "overhead": CampaignRow,
-        "durations": DurationRow,
-    }
-
-
 def picks_benchmark(
     cells: Sequence[str] = CELLS,
     *,
@@ -200,7 +107,7 @@ def picks_benchmark(
     overhead: int = 20_000,
     durations: Sequence[str] = tuple(SHIPPED),
     seed: int = 0,
-) -> PicksTable:
+) -> Results:
     """Run the benchmark in the cells of the package.
 
     ``picks`` and ``poses`` are judged and screened in each cell; ``campaign`` is the number of picks of the campaigns,
@@ -215,7 +122,8 @@ def picks_benchmark(
             raise UnknownNameError("file of picks", file, list(SHIPPED))
     selected = [pick_cell(name) for name in cells]
     origin = provenance(seed)  # first, since the load must be that of other processes
-    rows: dict[str, list[Any]] = {name: [] for name in PicksTable.row_types}
+    parts = ("verdicts", "screening", "campaigns", "overhead", "durations")
+    rows: dict[str, list[Row]] = {name: [] for name in parts}
     for cell in selected:
         if picks:
             report(f"{cell.name}: {picks} picks through all stages")
@@ -232,7 +140,7 @@ def picks_benchmark(
     for file in durations:
         report(f"{file}: durations")
         rows["durations"].append(duration_row(file))
-    return PicksTable(counts, origin, **{name: tuple(found) for name, found in rows.items()})
+    return Results(counts, origin, dict(rows))
 
 
 # -- random picks ------------------------------------------------------------------------------------------------------
@@ -295,8 +203,8 @@ def pick_cell(name: str) -> PickCell:
 # -- judging and screening ---------------------------------------------------------------------------------------------
 
 
-def verdict_rows(cell: PickCell, count: int, seed: int) -> list[VerdictRow]:
-    """Judge random picks one by one through all stages on one thread."""
+def verdict_rows(cell: PickCell, count: int, seed: int) -> list[Row]:
+    """Judge random picks one by one through all stages on one thread; one row for all and one for each verdict."""
     picks = cell.picks(count, seed)
     setup = PickSetup.make(cell.arm, cell.scene, picks, home=None, rng=seed)
     for index, pick in enumerate(cell.picks(WARM_UP_PICKS, seed + 1)):
@@ -311,12 +219,16 @@ def verdict_rows(cell: PickCell, count: int, seed: int) -> list[VerdictRow]:
     rows = []
     for name, values in times.items():
         median, p95 = np.percentile(values, (50, 95)).tolist()
-        rows.append(VerdictRow(cell.name, name, len(values), float(np.mean(values)), median, p95, max(values)))
+        figures = {"mean_ms": float(np.mean(values)), "median_ms": median, "p95_ms": p95, "largest_ms": max(values)}
+        rows.append(Row(cell=cell.name, verdict=name, picks=len(values), **figures))
     return rows
 
 
-def duration_row(file: str) -> DurationRow:
-    """Judge picks of a file of the package, with and without stops between stages, and audit the motions."""
+def duration_row(file: str) -> Row:
+    """Judge picks of a file of the package, with and without stops between stages, and audit the motions.
+
+    The durations are means in s of good picks; ``unsafe`` is the number of motions with a contact of exact meshes.
+    """
     shared = read_picks(robots_folder() / f"{file}.yaml")
     arm, scene = shared.load_arm(), Scene.load(shared.scene or Path())
     setup = PickSetup.make(arm, scene, shared, home=None, rng=0)
@@ -331,8 +243,8 @@ def duration_row(file: str) -> DurationRow:
             seconds[each].append(verdict.trajectory.duration)  # type: ignore[union-attr]
         motions += len(verdicts[setup].motions)
         unsafe += unsafe_motions(setup, verdicts[setup].motions)
-    means = [float(np.mean(each)) for each in seconds.values()]
-    return DurationRow(file, len(seconds[setup]), means[1], means[0], motions, unsafe)
+    mean, stopping = (float(np.mean(each)) for each in seconds.values())
+    return Row(cell=file, good=len(seconds[setup]), stopping_s=stopping, mean_s=mean, motions=motions, unsafe=unsafe)
 
 
 def unsafe_motions(setup: PickSetup, motions: Sequence[PickMotion], step: float = AUDIT_STEP) -> int:
@@ -357,8 +269,8 @@ def unsafe_motions(setup: PickSetup, motions: Sequence[PickMotion], step: float 
     return unsafe
 
 
-def screen_rows(cell: PickCell, count: int, seed: int) -> Iterator[ScreenRow]:
-    """Screen the poses of random picks, and poses of random configurations."""
+def screen_rows(cell: PickCell, count: int, seed: int) -> Iterator[Row]:
+    """Screen the poses of random picks, and poses of random configurations; poses per second."""
     settings: dict[str, Any] = {"tip": cell.shared.tip, "tool": cell.shared.open_tool, "margin": cell.shared.margin}
     picks = PickList(cell.picks(count, seed))
     setup = PickSetup.make(cell.arm, cell.scene, picks.shared, home=None, rng=seed)
@@ -379,7 +291,7 @@ def screen_rows(cell: PickCell, count: int, seed: int) -> Iterator[ScreenRow]:
         def screen_pick_objects() -> None:
             screen_picks(cell.arm, cell.scene, picks, home=setup.home)
 
-        yield ScreenRow(
+        yield Row(
             cell=cell.name,
             poses=kind,
             count=count,
@@ -405,7 +317,7 @@ class _NoContacts:
 # -- campaigns ---------------------------------------------------------------------------------------------------------
 
 
-def campaign_rows(cell: PickCell, count: int, seed: int) -> Iterator[CampaignRow]:
+def campaign_rows(cell: PickCell, count: int, seed: int) -> Iterator[Row]:
     """Judge the same random picks with one process, with two, and with two of Dask if it is installed."""
     warm_up = Campaign(cell.arm, cell.scene, cell.picks(min(count, CAMPAIGN_WARM_UP), seed), rng=seed)
     _run(warm_up, cell.name, "", workers=2)
@@ -417,7 +329,7 @@ def campaign_rows(cell: PickCell, count: int, seed: int) -> Iterator[CampaignRow
             yield _run(campaign, cell.name, "Dask, 2 processes", executor=executor, in_flight=4)
 
 
-def overhead_row(cell: PickCell, count: int, seed: int) -> CampaignRow:
+def overhead_row(cell: PickCell, count: int, seed: int) -> Row:
     """Run a campaign whose judge does nothing."""
     campaign = Campaign(cell.arm, cell.scene, cell.picks(count, seed), rng=seed, judge=empty_verdict)
     return _run(campaign, cell.name, "1 process, no judging", workers=1)
@@ -429,14 +341,15 @@ def empty_verdict(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
     return {"name": pick.name, "verdict": "not found", "failed_at": "input"}
 
 
-def _run(campaign: Campaign, cell: str, label: str, **options: Any) -> CampaignRow:
+def _run(campaign: Campaign, cell: str, label: str, **options: Any) -> Row:
     progress: list[tuple[float, int]] = []
     with tempfile.TemporaryDirectory() as folder:
         begin = perf_counter()
         campaign.run(Path(folder), progress=lambda done, _: progress.append((perf_counter(), done)), **options)
         wall = perf_counter() - begin
     count = len(campaign)
-    return CampaignRow(cell, label, count, wall, count / wall, steady_rate(progress, count))
+    steady = steady_rate(progress, count)
+    return Row(cell=cell, workers=label, picks=count, wall_s=wall, rate=count / wall, steady_rate=steady)
 
 
 def steady_rate(progress: list[tuple[float, int]], count: int) -> float:
@@ -471,34 +384,9 @@ def _dask_executor() -> Iterator[Any]:
         yield client.get_executor()
 
 
-def write_picks_table(table: PicksTable, folder: str | Path) -> list[Path]:
-    """Write ``picks.json`` and ``picks.md``; return both paths."""
-    return table.write(folder, "picks", "# Picks benchmark\n\n" + picks_markdown(table))
-
-
-def picks_markdown(table: PicksTable) -> str:
-    """Return the table as Markdown, without a title."""
-    lines = [*wrapped(provenance_text(table), "Figures are for one core unless stated otherwise."), ""]
-    if table.verdicts:
-        lines += ["## Judging through all stages", "", *_verdicts(table.verdicts), ""]
-    if table.durations:
-        lines += ["## Durations", "", *_durations(table.durations), ""]
-    if table.screening:
-        lines += ["## Screening", "", *_screening(table.screening), ""]
-    if table.campaigns or table.overhead:
-        lines += ["## Campaigns", "", *_campaigns(table.campaigns, table.overhead), ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _verdicts(rows: Sequence[VerdictRow]) -> list[str]:
-    text = (
-        "Random picks in the cells of the package: the tool approaches from above, tilted by up to 30 degrees, at "
-        "positions in front of the arm from near its base to slightly out of reach. In the cell with carried objects, "
-        "bolts on the table are picked, carried and placed elsewhere, which takes six certified motions each. Times "
-        "are in ms from the pick to its verdict, with all IK branches, linear motions, transits, time parametrisation, "
-        "certificates and, for failed picks, suggestions."
-    )
-    columns = {
+def blocks(results: Results) -> Blocks:
+    """The tables of the page."""
+    verdicts = {
         "cell": "{.cell}",
         "verdict": "{.verdict}",
         "picks": "{.picks}",
@@ -507,16 +395,7 @@ def _verdicts(rows: Sequence[VerdictRow]) -> list[str]:
         "maximum": "{.largest_ms:.1f}",
         "mean": "{.mean_ms:.1f}",
     }
-    return [*wrapped(text), "", *row_table(columns, rows, text_columns=2)]
-
-
-def _durations(rows: Sequence[DurationRow]) -> list[str]:
-    text = (
-        "Mean durations of whole picks of the files in `robots/`, from home to the end of the last retreat: along the "
-        "planned paths with a stop after every stage (`optimise: 0`), and with the default settings. Of the pallet, "
-        "every 20th pick. The motions are audited on exact meshes at steps of 0.002 rad."
-    )
-    columns = {
+    durations = {
         "cell": "{.cell}",
         "good picks": "{.good}",
         "with stops, s": "{.stopping_s:.3f}",
@@ -524,18 +403,7 @@ def _durations(rows: Sequence[DurationRow]) -> list[str]:
         "shorter by": lambda row: f"{100 * (1 - row.mean_s / row.stopping_s):.0f} %",
         "motions in contact": "{0.unsafe} of {0.motions}",
     }
-    return [*wrapped(text), "", *row_table(columns, rows)]
-
-
-def _screening(rows: Sequence[ScreenRow]) -> list[str]:
-    text = (
-        "Poses per second. Screening decides for each pose whether it is reachable inside the limits and free of "
-        "collisions at the grasp, and states the reason if not. The poses are those of picks as above, and those of "
-        "random configurations in any orientation, which take the most time because all of them are reachable. The "
-        f"fastest of {RUNS[0]} runs counts. Reach only: without collision checks; with clearance: also measures the "
-        "clearance of free poses; as picks: with Pick objects instead of an array of poses."
-    )
-    columns = {
+    screening = {
         "cell": "{.cell}",
         "poses": "{0.count:,}, {0.poses}",
         "free": lambda row: f"{100 * row.free:.0f} %",
@@ -545,55 +413,53 @@ def _screening(rows: Sequence[ScreenRow]) -> list[str]:
         "as picks": lambda row: "-" if row.as_picks is None else f"{row.as_picks:,.0f}",
         "2 threads": "{.two_threads:,.0f}",
     }
-    return [*wrapped(text), "", *row_table(columns, rows, text_columns=2)]
+    campaigns = {
+        "cell": "{.cell}",
+        "workers": "{.workers}",
+        "picks": "{.picks:,}",
+        "total, s": "{.wall_s:.1f}",
+        "picks/s": "{.rate:.1f}",
+        "speed-up": lambda row: f"{row.rate / results['campaigns'][0].rate:.2f}",
+        "steady picks/s": "{.steady_rate:.1f}",
+        "steady speed-up": lambda row: f"{row.steady_rate / results['campaigns'][0].steady_rate:.2f}",
+    }
+    overhead = [
+        f"Without judging, {row.picks:,} picks take {row.wall_s:.1f} s in one process; the steady overhead of a "
+        f"campaign is {1e6 / row.steady_rate:.0f} us per pick, for generating the picks and writing the results."
+        for row in results["overhead"]
+    ]
+    return {
+        "verdicts": row_table(verdicts, results["verdicts"], text_columns=2),
+        "durations": row_table(durations, results["durations"]),
+        "screening": row_table(screening, results["screening"], text_columns=2),
+        "campaigns": row_table(campaigns, results["campaigns"], text_columns=2),
+        "overhead": wrapped(*overhead),
+    }
 
 
-def _campaigns(rows: Sequence[CampaignRow], overhead: Sequence[CampaignRow]) -> list[str]:
-    lines: list[str] = []
-    if rows:
-        text = (
-            "Picks as above, judged in worker processes, with results written to disk. The total time is from the call "
-            "to the sorted file, including the start of the processes; the steady rate is measured from "
-            f"{100 * STEADY_FROM:.0f} to {100 * STEADY_TO:.0f} % of the picks. Speed-ups are relative to one process."
-        )
-        columns = {
-            "cell": "{.cell}",
-            "workers": "{.workers}",
-            "picks": "{.picks:,}",
-            "total, s": "{.wall_s:.1f}",
-            "picks/s": "{.rate:.1f}",
-            "speed-up": lambda row: f"{row.rate / rows[0].rate:.2f}",
-            "steady picks/s": "{.steady_rate:.1f}",
-            "steady speed-up": lambda row: f"{row.steady_rate / rows[0].steady_rate:.2f}",
-        }
-        lines += [*wrapped(text), "", *row_table(columns, rows, text_columns=2), ""]
-    for row in overhead:
-        text = (
-            f"Without judging, {row.picks:,} picks take {row.wall_s:.1f} s in one process; the steady overhead of a "
-            f"campaign is {1e6 / row.steady_rate:.0f} us per pick, for generating the picks and writing the results."
-        )
-        lines += [*wrapped(text), ""]
-    return lines[:-1]
-
-
-def measure(options: argparse.Namespace) -> PicksTable:
-    """Return the parts of the table that the options select."""
+def measure(options: argparse.Namespace) -> Results:
+    """Measure the parts that the options select."""
     if options.durations:
-        return replace(PicksTable.load(FOLDER / "picks.json"), durations=tuple(map(duration_row, options.files)))
+        return Results({}, provenance(options.seed), {"durations": list(map(duration_row, options.files))})
     counts = {name: getattr(options, name) for name in ("picks", "poses", "campaign", "overhead")}
     return picks_benchmark(options.cells or CELLS, **counts, durations=options.files, seed=options.seed)
+
+
+BENCHMARK = Benchmark("picks", measure, blocks)
 
 
 def main() -> None:
     """Run the benchmark with the arguments of the command line."""
     parser = page_parser(__doc__, "picks")
     parser.add_argument("cells", nargs="*", metavar="CELL", help="ur5, panda, generic_6dof, 'ur5, carried'")
-    parser.add_argument("--picks", type=int, default=200, metavar="N", help="picks to judge in each cell")
-    parser.add_argument("--poses", type=int, default=20_000, metavar="N", help="poses to screen in each cell")
-    parser.add_argument("--campaign", type=int, default=1_500, metavar="N", help="picks of the campaigns")
-    parser.add_argument("--overhead", type=int, default=20_000, metavar="N", help="picks of a campaign without judging")
-    parser.add_argument(
-        "--files", nargs="*", default=list(SHIPPED), metavar="FILE", help="files of which durations are measured"
-    )
-    parser.add_argument("--durations", action="store_true", help="measure durations only, into the table of the docs")
-    run(parser, "picks", PicksTable, measure, picks_markdown, write_picks_table)
+    for name, default, text in (
+        ("picks", 200, "picks to judge in each cell"),
+        ("poses", 20_000, "poses to screen in each cell"),
+        ("campaign", 1_500, "picks of the campaigns"),
+        ("overhead", 20_000, "picks of a campaign without judging"),
+    ):
+        parser.add_argument(f"--{name}", type=int, default=default, metavar="N", help=text)
+    files = "files of which durations are measured"
+    parser.add_argument("--files", nargs="*", default=list(SHIPPED), metavar="FILE", help=files)
+    parser.add_argument("--durations", action="store_true", help="measure durations only")
+    BENCHMARK.run(parser)

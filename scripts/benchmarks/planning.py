@@ -5,7 +5,6 @@
 ./scripts/benchmark planning --mbm FOLDER --mplib PYTHON --docs   both, with MPlib in the environment of that
                                                              Python, and rewrites docs/benchmarks/planning.*
 ./scripts/benchmark planning --mbm FOLDER --motion --docs   durations of motions to the goal poses
-./scripts/benchmark planning --render                rewrites the page and the plot from planning.json
 
 Our scenes take a minute with the other planners that are installed, MotionBenchMaker's problems some minutes. Exit
 code 1 if the independent check finds a fault in one of our motions.
@@ -14,39 +13,21 @@ code 1 if the independent check finds a fault in one of our motions.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from time import process_time_ns
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 
 from benchmarks.mplib_peer import mplib_method
 from benchmarks.planning_methods import PEERS, Stopwatch
 from benchmarks.planning_problems import OWN_ROBOTS, PlanProblem, find_sets, read_problems, select_sets
-from benchmarks.planning_run import (
-    CheckedRow,
-    PlanTable,
-    motion_faults,
-    plan_benchmark,
-    plan_markdown,
-    write_plan_table,
-)
-from benchmarks.tables import (
-    FOLDER,
-    BenchmarkTable,
-    markdown_table,
-    page_parser,
-    provenance,
-    provenance_text,
-    quantiles,
-    report,
-    run,
-    wrapped,
-)
+from benchmarks.planning_run import introduction, motion_faults, plan_benchmark, plan_tables, time_plot, total
+from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, quantiles, report, row_table
 from pinproof.collision import CollisionChecker
 from pinproof.collision.checking.audit import STEP
 from pinproof.errors import InputError, TimingError, UnknownNameError
@@ -70,9 +51,6 @@ the same 0.1 kg m^2 for each link, twenty times the real inertia of the last one
 SAME_POSE = 1e-6
 """Largest difference of the elements of two poses at which two descriptions have the same kinematics."""
 
-PUBLISHED = {"": 1.243, LOAD: 1.304}
-"""Median durations in s that cuRobo publishes for its own set of 2,600 problems, which contains other problems too."""
-
 PROMISING = 1.3
 """The path is planned to the goals at distances within this factor of the least, measured in time at full speed."""
 
@@ -83,37 +61,6 @@ LIMIT_ROUNDING = 1e-9
 """Relative excess over a limit that is attributed to rounding."""
 
 STEPS = ("goals", "plan", "optimise")
-
-
-@dataclass(frozen=True)
-class MotionRow(CheckedRow):
-    """The motion for one problem with a load (``variant``), and the CPU times of :data:`STEPS`; None if not solved.
-
-    ``goals`` is the number of free IK solutions of the goal pose, and ``excess`` the largest relative excess over a
-    limit on the grid, negative within the limits. ``before`` and ``lower_bound`` are durations (s): of the planned path
-    with time-optimal timing, and of the fastest motion to one of the goals without obstacles.
-    """
-
-    variant: str
-    goals: int
-    excess: float | None = None
-    before: float | None = None
-    lower_bound: float | None = None
-
-
-@dataclass(frozen=True)
-class MotionTable(BenchmarkTable):
-    """The motions of a run."""
-
-    rows: tuple[MotionRow, ...]
-
-    topic: ClassVar[str] = "motions"
-    row_types: ClassVar[dict[str, type]] = {"rows": MotionRow}
-
-    @property
-    def unsafe(self) -> list[MotionRow]:
-        """The motions in which the independent check found a fault."""
-        return [row for row in self.rows if row.faults]
 
 
 def pose_goals(checker: CollisionChecker, base_from_tcp: SE3, start: Array) -> Array:
@@ -131,25 +78,13 @@ def motion_benchmark(
     problems: int | None = None,
     seed: int = 0,
     on_progress: Callable[[str], None] | None = None,
-) -> MotionTable:
-    """Run the motion benchmark on MotionBenchMaker problems.
+) -> Results:
+    """Measure durations of motions to the goal poses of MotionBenchMaker problems.
 
-    Parameters
-    ----------
-    mbm, robot, sets, problems, on_progress
-        As for :func:`benchmarks.planning_run.plan_benchmark`.
-    seed
-        Seed of the planner and the optimisation.
-
-    Raises
-    ------
-    FileError
-        If problems cannot be read.
-    UnknownNameError
-        If there is no set of a name.
+    The arguments are as for :func:`benchmarks.planning_run.plan_benchmark`.
     """
     origin, found = provenance(seed), {each.full_set: each for each in find_sets(mbm, robot)}
-    rows: list[MotionRow] = []
+    rows: list[Row] = []
     for name in select_sets(list(found), tuple(sets)):
         if on_progress is not None:
             on_progress(name)
@@ -168,7 +103,7 @@ def motion_benchmark(
         "audit_step": STEP,
         "grid": GRID,
     }
-    return MotionTable(settings, origin, tuple(rows))
+    return Results(settings, origin, {"rows": rows})
 
 
 def _variants(arm: Arm) -> dict[str, tuple[RateConstraint, ...]]:
@@ -195,11 +130,22 @@ def _solve(
     variant: str,
     constraints: Sequence[RateConstraint],
     seed: int,
-) -> MotionRow:
+) -> Row:
+    """Plan, optimise and check a motion.
+
+    ``goals`` is the number of free IK solutions of the goal pose, and ``excess`` the largest relative excess over a
+    limit on the grid, negative within the limits. ``before`` and ``lower_bound`` are durations (s): of the planned path
+    with time-optimal timing, and of the fastest motion to one of the goals without obstacles.
+    """
     arm, start = problem.arm, problem.start
     limits = replace(arm.limits, acceleration=np.full(arm.dof, ACCELERATION), acceleration_source="of the benchmark")
     watch = Stopwatch(process_time_ns)
-    failed = partial(MotionRow, *problem.origin, False, (), watch.ms, None, variant=variant)
+    unknown = dict.fromkeys(("duration", "excess", "before", "lower_bound"))
+
+    def failed(message: str, goals: int) -> Row:
+        row = {"certified": False, "faults": [], "wrong": [], "ms": watch.ms, "message": message, "goals": goals}
+        return Row(**problem.origin, variant=variant, **row, **unknown)
+
     goals = pose_goals(checker, arm.forward_kinematics(problem.goals[0]), start)
     watch.lap("goals")
     if not len(goals):
@@ -221,18 +167,19 @@ def _solve(
     faults = motion_faults(result.trajectory, replace(problem, goals=goals), meshes)
     if excess > LIMIT_ROUNDING:
         faults = (*faults, f"exceeds a limit by a factor of {1.0 + excess:.12g}")
-    return MotionRow(
-        *problem.origin,
-        certified=result.certificate.free,
-        faults=faults,
-        ms={step: round(value, 4) for step, value in watch.ms.items()},
-        duration=round(result.duration, 6),
-        message="" if result.certificate.free else result.certificate.message,
+    return Row(
+        **problem.origin,
         variant=variant,
         goals=len(goals),
+        certified=result.certificate.free,
+        faults=faults,
+        wrong=[f"{problem.name}: {fault}" for fault in faults],
         excess=excess,
+        duration=round(result.duration, 6),
         before=round(result.duration_before, 6),
         lower_bound=round(result.lower_bound, 6),
+        ms={step: round(value, 4) for step, value in watch.ms.items()},
+        message="" if result.certificate.free else result.certificate.message,
     )
 
 
@@ -247,89 +194,61 @@ def limit_excess(trajectory: Trajectory, limits: JointLimits, jerk: float) -> fl
     return max(float(np.abs(rate).max()) for rate in rates) - 1.0
 
 
-# -- page ------------------------------------------------------------------------------------------------------------
-
-
-def motion_markdown(table: MotionTable) -> str:
-    """Return the table as Markdown, without a title."""
-    lines = [
-        "## Durations of motions to a pose",
-        "",
-        *wrapped(
-            "Motions from the start to the pose of the tool at the goal, with accelerations of at most "
-            f"{table.settings['acceleration']:g} rad/s^2, jerks of at most {table.settings['jerk']:g} rad/s^3 and the "
-            "velocities of the robot. All IK solutions found for the pose are goals. The lower bound is the duration "
-            "of the fastest motion to the best free goal without obstacles, and the ratio that of both durations. The "
-            "time is that from the problem to the certified trajectory, as CPU time of one core. A motion is unsafe if "
-            f"the check on the original meshes, with samples of at most {table.settings['audit_step']:g} rad, finds a "
-            f"contact, or if it exceeds a limit by more than a relative {LIMIT_ROUNDING:g} at one of "
-            f"{table.settings['grid']:,} times. cuRobo publishes a median of {PUBLISHED['']} s, and of "
-            f"{PUBLISHED[LOAD]} s with a load of 3 kg and torque limits, for its set of 2,600 problems. Torques are "
-            "those of the identified masses and inertias of the catalogue's panda, because the URDF of "
-            "MotionBenchMaker states 0.1 kg m^2 for each link, twenty times the real inertia of the last ones."
-        ),
-        "",
-        provenance_text(table),
-        "",
-    ]
-    for variant in dict.fromkeys(row.variant for row in table.rows):
-        rows = [row for row in table.rows if row.variant == variant]
-        groups = {"all sets": rows}
-        for row in rows:
-            groups.setdefault(row.set_name, []).append(row)
-        title = f"With a load of {variant} and torque limits" if variant else "Without a load"
-        cells = [_figures(*each) for each in groups.items()]
-        lines += [f"### {title}", "", *markdown_table(tuple(cells[0]), [tuple(each.values()) for each in cells]), ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _figures(name: str, rows: Sequence[MotionRow]) -> dict[str, str]:
-    """The cells of a group of problems by column."""
-    solved = [row for row in rows if row.duration is not None]
-    return {
-        "problems": name,
-        "certified": f"{sum(bool(row.certified) for row in rows)} of {len(rows)}",
-        "unsafe": str(sum(bool(row.faults) for row in rows)),
-        "duration, s: median / 98 %": " / ".join(
-            quantiles((row.duration for row in solved), text, [share])
-            for text, share in (("{:.3f}".format, 0.5), ("{:.2f}".format, 0.98))
-        ),
-        "before, s": quantiles((row.before for row in solved), "{:.3f}".format),
-        "lower bound, s": quantiles((row.lower_bound for row in solved), "{:.3f}".format),
-        "ratio": quantiles(((row.duration or 0.0) / (row.lower_bound or 1.0) for row in solved), "{:.3f}".format),
-        "time, ms: median / 95 %": quantiles((row.total for row in solved), "{:.1f}".format, (0.5, 0.95)),
-        **{step: quantiles((row.ms[step] for row in solved), "{:.1f}".format) for step in STEPS},
-        "largest excess": quantiles((row.excess for row in solved), "{:.1g}".format, (1.0,)),
+def motion_blocks(results: Results) -> Blocks:
+    """A table for each load, with a row for each set."""
+    columns = {
+        "problems": "{.name}",
+        "certified": lambda row: f"{sum(bool(each.certified) for each in row.all)} of {len(row.all)}",
+        "unsafe": lambda row: str(sum(bool(each.faults) for each in row.all)),
+        "duration, s: median / 98 %": lambda row: quantiles((r.duration for r in row.solved), "{:.3f}", (0.5, 0.98)),
+        "before, s": lambda row: quantiles((r.before for r in row.solved), "{:.3f}"),
+        "lower bound, s": lambda row: quantiles((r.lower_bound for r in row.solved), "{:.3f}"),
+        "ratio": lambda row: quantiles((r.duration / r.lower_bound for r in row.solved), "{:.3f}"),
+        "time, ms: median / 95 %": lambda row: quantiles(map(total, row.solved), "{:.1f}", (0.5, 0.95)),
+        **{s: lambda row, s=s: quantiles((r.ms[s] for r in row.solved), "{:.1f}") for s in STEPS},
+        "largest excess": lambda row: quantiles((r.excess for r in row.solved), "{:.1g}", (1.0,)),
     }
+    blocks = {}
+    for variant in dict.fromkeys(row.variant for row in results["rows"]):
+        rows = [row for row in results["rows"] if row.variant == variant]
+        sets = {"all sets": rows} | {
+            name: [row for row in rows if row.set_name == name] for name in dict.fromkeys(row.set_name for row in rows)
+        }
+        groups = [
+            Row(name=name, all=group, solved=[row for row in group if row.duration is not None])
+            for name, group in sets.items()
+        ]
+        blocks[f"load {variant}" if variant else "no load"] = row_table(columns, groups)
+    return blocks
 
 
-STORED, MOTIONS = FOLDER / "planning.json", FOLDER / "motion.json"
+def plan_blocks(results: Results) -> Blocks:
+    """The tables of the planners."""
+    return {"introduction": introduction(results), "results": plan_tables(results)}
 
 
-def measure(options: argparse.Namespace) -> PlanTable | MotionTable:
-    """Return the table of the planners, or that of the durations of motions."""
-    common = {"robot": options.robot, "sets": options.set, "problems": options.problems, "seed": options.seed}
-    if not options.motion:
-        peers = () if options.no_peers else (*PEERS, *map(mplib_method, options.mplib))
-        more = {"repeats": options.repeats, "peers": peers, "planners": options.planner or (DEFAULT_PLANNER,)}
-        return plan_benchmark(options.robots or OWN_ROBOTS, mbm=options.mbm, **more, **common, on_progress=report)
+def arguments_of(options: argparse.Namespace) -> dict[str, Any]:
+    """The arguments that both benchmarks have."""
+    names = {"robot": "robot", "set": "sets", "problems": "problems", "seed": "seed"}
+    return {name: getattr(options, option) for option, name in names.items()} | {"on_progress": report}
+
+
+def measure(options: argparse.Namespace) -> Results:
+    """Measure the planners."""
+    peers = () if options.no_peers else (*PEERS, *map(mplib_method, options.mplib))
+    more = {"repeats": options.repeats, "peers": peers, "planners": options.planner or (DEFAULT_PLANNER,)}
+    return plan_benchmark(options.robots or OWN_ROBOTS, mbm=options.mbm, **more, **arguments_of(options))
+
+
+def measure_motions(options: argparse.Namespace) -> Results:
+    """Measure the durations of motions."""
     if options.mbm is None:
         raise SystemExit("--motion needs --mbm")
-    return motion_benchmark(options.mbm, **common, on_progress=report)
+    return motion_benchmark(options.mbm, **arguments_of(options))
 
 
-def page(table: PlanTable | MotionTable) -> str:
-    """Return the part of the page that was measured."""
-    return motion_markdown(table) if isinstance(table, MotionTable) else plan_markdown(table)
-
-
-def write(table: PlanTable | MotionTable, folder: Path) -> None:
-    """Write the measured table, and the page of both."""
-    if isinstance(table, MotionTable):
-        table.save(MOTIONS)
-        table = PlanTable.load(STORED)
-    motions = motion_markdown(MotionTable.load(MOTIONS)) if MOTIONS.exists() else ""
-    write_plan_table(table, folder, sections=motions)
+BENCHMARK = Benchmark("planning", measure, plan_blocks, lambda results: {"planning.png": time_plot(results)})
+MOTION = Benchmark("motion", measure_motions, motion_blocks, page="planning")
 
 
 def main() -> None:
@@ -347,4 +266,4 @@ def main() -> None:
         "--mplib", action="append", default=[], metavar="PYTHON", help="a Python with MPlib, to include it"
     )
     parser.add_argument("--motion", action="store_true", help="durations of motions to the goal poses of --mbm")
-    run(parser, "planning", PlanTable, measure, page, write)
+    (MOTION if "--motion" in sys.argv else BENCHMARK).run(parser)

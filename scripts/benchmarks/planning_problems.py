@@ -233,17 +233,26 @@ SAMPLES, SHARE = 2_000, 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class ProblemName:
-    """The origin of a problem: ``"ur5"``, ``"shelf"``, 3."""
+class PlanProblem:
+    """A problem of the joints of one or several arms, from ``start`` (n,) to any of the ``goals`` (g, n).
+
+    Its origin is a collection, a set and a number: ``"ur5"``, ``"shelf"``, 3. ``notes`` are sentences that state how
+    the problem was adapted to the robot.
+    """
 
     collection: str
     set_name: str
     number: int
+    group: JointGroup
+    scene: Scene
+    start: Array
+    goals: Array
+    notes: tuple[str, ...] = ()
 
     @property
-    def origin(self) -> tuple[str, str, int]:
-        """The collection, the set and the number."""
-        return self.collection, self.set_name, self.number
+    def origin(self) -> dict[str, Any]:
+        """The collection, the set and the number, as in a row of results."""
+        return {"collection": self.collection, "set_name": self.set_name, "number": self.number}
 
     @property
     def full_set(self) -> str:
@@ -254,20 +263,6 @@ class ProblemName:
     def name(self) -> str:
         """``"ur5/shelf/3"``."""
         return f"{self.full_set}/{self.number}"
-
-
-@dataclass(frozen=True, eq=False)
-class PlanProblem(ProblemName):
-    """A problem of the joints of one or several arms, from ``start`` (n,) to any of the ``goals`` (g, n).
-
-    ``notes`` are sentences that state how the problem was adapted to the robot.
-    """
-
-    group: JointGroup
-    scene: Scene
-    start: Array
-    goals: Array
-    notes: tuple[str, ...] = ()
 
     @property
     def arm(self) -> Arm:

@@ -20,6 +20,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 import pinproof as pp
+from benchmarks.tables import Row, row_table
 from pinproof.model import load_robot
 from pinproof.motion import JointPath, RateConstraint, ToolLimits, TorqueLimits, Trajectory, time_parametrise
 
@@ -152,10 +153,10 @@ class Problem:
         return sum(int((values > bound * (1.0 + ROUNDING)).sum()) for values, bound in pairs)
 
 
-def row(name: str, trajectories: int, points: int) -> str:
-    """The row of a robot."""
+def measure_robot(name: str, trajectories: int, points: int) -> Row:
+    """Compare the bounds of the trajectories of a robot with samples."""
     arm, rng = load(name), np.random.default_rng(11)
-    count, violations, loose, times = 0, 0, {"torque": 1.0, "tool": 1.0}, []
+    found, times = Row(robot=name, trajectories=trajectories, samples=0, violations=0, torque=1.0, tool=1.0), []
     for number in range(trajectories):
         each = (
             Problem.random(arm, rng, points, quintic=number % 4 == 1)
@@ -164,20 +165,29 @@ def row(name: str, trajectories: int, points: int) -> str:
         )
         start = time.process_time()
         torque = each.torque.excess(each.trajectory)
-        times.append(time.process_time() - start)
+        times.append(1e3 * (time.process_time() - start))
         tool = each.tool.excess(each.trajectory)
-        count += len(each.samples.torque)
-        violations += each.violations(torque, tool)
-        if torque.max() > 1.0:
-            dense = each.samples.stretch_of_torque(each.torque.limits).max()
-            loose["torque"] = max(loose["torque"], float(torque.max() / dense))
-        if tool.max() > 1.0:
-            dense = each.samples.stretch_of_tool(each.tool.limits).max()
-            loose["tool"] = max(loose["tool"], float(tool.max() / dense))
-    return (
-        f"| {name} | {trajectories} | {count:,} | {violations} | {loose['torque'] - 1.0:.1e} | "
-        f"{loose['tool'] - 1.0:.1e} | {1e3 * np.median(times):.2f} |"
-    )
+        found.samples += len(each.samples.torque)
+        found.violations += each.violations(torque, tool)
+        for kind, bound, dense in (
+            ("torque", torque, each.samples.stretch_of_torque(each.torque.limits)),
+            ("tool", tool, each.samples.stretch_of_tool(each.tool.limits)),
+        ):
+            if bound.max() > 1.0:
+                setattr(found, kind, max(getattr(found, kind), float(bound.max() / dense.max())))
+    found.ms = float(np.median(times))
+    return found
+
+
+COLUMNS = {
+    "robot": "{.robot}",
+    "trajectories": "{.trajectories}",
+    "samples": "{.samples:,}",
+    "violations": "{.violations}",
+    "looseness, torque": lambda row: f"{row.torque - 1.0:.1e}",
+    "looseness, tool": lambda row: f"{row.tool - 1.0:.1e}",
+    "time (ms)": "{.ms:.2f}",
+}
 
 
 def main() -> None:
@@ -185,8 +195,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trajectories", type=int, default=40, help="number for each robot")
     parser.add_argument("--points", type=int, default=10_000, help="samples of each trajectory")
-    arguments = parser.parse_args()
-    print("| robot | trajectories | samples | violations | looseness, torque | looseness, tool | time (ms) |")
-    print("|---|--:|--:|--:|--:|--:|--:|")
-    for robot in ROBOTS:
-        print(row(robot, arguments.trajectories, arguments.points), flush=True)
+    options = parser.parse_args()
+    rows = [measure_robot(robot, options.trajectories, options.points) for robot in ROBOTS]
+    print("\n".join(row_table(COLUMNS, rows)))

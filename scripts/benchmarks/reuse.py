@@ -3,7 +3,6 @@
 ./scripts/benchmark reuse --mbm FOLDER                       times of reuse and of certificates from scratch
 ./scripts/benchmark reuse --mbm FOLDER --changes 100000      also checks the verdicts of random changes
 ./scripts/benchmark reuse --mbm FOLDER --changes 100000 --docs     rewrites docs/benchmarks/reuse.*
-./scripts/benchmark reuse --render                           rewrites the page from reuse.json
 
 The times take a minute, 100,000 changes some minutes more. Exit code 1 if a verdict is wrong.
 """
@@ -11,27 +10,24 @@ The times take a minute, 100,000 changes some minutes more. Exit code 1 if a ver
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
 import pinproof as pp
 from benchmarks.planning_problems import PlanProblem, find_sets, read_problems
 from benchmarks.tables import (
-    BenchmarkTable,
-    bullet_section,
+    Benchmark,
+    Blocks,
+    Results,
+    Row,
     fastest,
     page_parser,
     provenance,
-    provenance_text,
     quantiles,
     report,
     row_table,
-    run,
-    wrapped,
 )
 from pinproof.collision.certificates.reuse import SetupChange, StoredProof
 
@@ -51,47 +47,6 @@ AUDIT_STEP = 0.01
 
 SHOWN = 20
 """Largest number of wrong verdicts that are kept as sentences."""
-
-
-@dataclass(frozen=True)
-class TimeRow:
-    """The times in ms of all motions and changes of a set."""
-
-    set: str
-    motions: int
-    pairs: float
-    again: Mapping[str, list[float]]
-    scratch: list[float]
-    change: list[float]
-
-
-@dataclass(frozen=True)
-class VerdictRow:
-    """Random changes of the scenes of a set, and the comparison of their verdicts."""
-
-    set: str
-    changes: int
-    verdicts: Mapping[str, int]
-    different: int
-    audited: int
-    samples: int
-    wrong: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class ReuseTable(BenchmarkTable):
-    """Times of reuse, and checks of its verdicts."""
-
-    times: tuple[TimeRow, ...]
-    verdicts: tuple[VerdictRow, ...]
-
-    topic: ClassVar[str] = "reuse"
-    row_types: ClassVar[dict[str, type]] = {"times": TimeRow, "verdicts": VerdictRow}
-
-    @property
-    def wrong(self) -> list[str]:
-        """Wrong verdicts as sentences."""
-        return [text for row in self.verdicts for text in row.wrong]
 
 
 def stored_motions(problems: Iterator[PlanProblem], seed: int) -> list[StoredProof]:
@@ -129,8 +84,8 @@ def random_change(proof: StoredProof, kind: str, rng: np.random.Generator) -> pp
     return scene.add(pp.Obstacle("added", shape, place))
 
 
-def measure_times(name: str, proofs: list[StoredProof], seed: int) -> TimeRow:
-    """Measure certificates with and without reuse after random changes."""
+def measure_times(name: str, proofs: list[StoredProof], seed: int) -> Row:
+    """Measure certificates with and without reuse after random changes; times in ms."""
     rng = np.random.default_rng(seed)
     again: dict[str, list[float]] = {kind: [] for kind in KINDS}
     scratch, changes = [], []
@@ -147,10 +102,10 @@ def measure_times(name: str, proofs: list[StoredProof], seed: int) -> TimeRow:
             for times, call in measured:
                 times.append(1e3 * fastest(call, REPEATS))
     pairs = float(np.mean([len(proof.checker.pairs) for proof in proofs]))
-    return TimeRow(name, len(proofs), pairs, again, scratch, changes)
+    return Row(set=name, motions=len(proofs), pairs=pairs, again=again, scratch=scratch, change=changes)
 
 
-def check_verdicts(name: str, proofs: list[StoredProof], changes: int, seed: int) -> VerdictRow:
+def check_verdicts(name: str, proofs: list[StoredProof], changes: int, seed: int) -> Row:
     """Compare the verdicts of reuse after random changes with those from scratch, and some with dense samples."""
     rng = np.random.default_rng(seed + 1)
     counts = {status.name: 0 for status in pp.CertificateStatus}
@@ -175,61 +130,36 @@ def check_verdicts(name: str, proofs: list[StoredProof], changes: int, seed: int
             reason = "" if found.clean else f"FREE, but {found.message}"
         if reason and len(wrong) < SHOWN:
             wrong.append(f"{name}, change {k} ({kind}): {reason}")
-    return VerdictRow(name, changes, counts, different, audited, samples, tuple(wrong))
-
-
-def page(table: ReuseTable) -> str:
-    """Return the page as Markdown."""
-    lines = ["# Benchmark of reuse", "", *wrapped(provenance_text(table)), ""]
-    if table.times:
-        lines += ["## Times", "", *_times(table), ""]
-    if table.verdicts:
-        lines += ["## Verdicts after random changes", "", *_verdicts(table), ""]
-    lines += bullet_section("Wrong verdicts", table.wrong)
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _spread(values: list[float]) -> str:
-    return quantiles(values, "{:.3f}".format, (0.5, 0.95, 1.0))
-
-
-def _times(table: ReuseTable) -> list[str]:
-    text = (
-        "Motions of the Panda for MotionBenchMaker's problems (RRT-Connect, shortcuts, limits of the robot), certified "
-        f"again after {TIMED_CHANGES} random changes of their scene: an obstacle is moved, added near the path of the "
-        f"tool, or removed. Processor times in ms on one thread, of {REPEATS} runs the fastest: median / 95th "
-        "percentile / largest. The scene column is the new checker and its comparison with the old one, once for each "
-        "change and all motions of a library."
+    return Row(
+        set=name, changes=changes, verdicts=counts, different=different, audited=audited, samples=samples, wrong=wrong
     )
+
+
+def blocks(results: Results) -> Blocks:
+    """The tables of the page."""
+
+    def spread(values: list[float]) -> str:
+        return quantiles(values, "{:.3f}", (0.5, 0.95, 1.0))
+
     columns = {
         "set": "{.set}",
         "motions": "{.motions}",
         "pairs": "{.pairs:.0f}",
-        **{kind: lambda row, kind=kind: _spread(row.again[kind]) for kind in KINDS},
-        "all changes": lambda row: _spread([t for kind in KINDS for t in row.again[kind]]),
-        "from scratch": lambda row: _spread(row.scratch),
-        "scene": lambda row: _spread(row.change),
+        **{kind: lambda row, kind=kind: spread(row.again[kind]) for kind in KINDS},
+        "all changes": lambda row: spread([t for kind in KINDS for t in row.again[kind]]),
+        "from scratch": lambda row: spread(row.scratch),
+        "scene": lambda row: spread(row.change),
     }
-    rows = table.times
-    total = TimeRow(
-        "all",
-        sum(row.motions for row in rows),
-        float(np.mean([row.pairs for row in rows])),
-        {kind: [t for row in rows for t in row.again[kind]] for kind in KINDS},
-        [t for row in rows for t in row.scratch],
-        [t for row in rows for t in row.change],
+    rows = results["times"]
+    total = Row(
+        set="all",
+        motions=sum(row.motions for row in rows),
+        pairs=float(np.mean([row.pairs for row in rows])),
+        again={kind: [t for row in rows for t in row.again[kind]] for kind in KINDS},
+        scratch=[t for row in rows for t in row.scratch],
+        change=[t for row in rows for t in row.change],
     )
-    return [*wrapped(text), "", *row_table(columns, (*rows, total))]
-
-
-def _verdicts(table: ReuseTable) -> list[str]:
-    text = (
-        "Each verdict from reuse is compared with a certificate from scratch. A verdict is wrong if one is FREE and "
-        "the other COLLIDING, if the configuration of a first contact has no contact, or if the proven clearance "
-        f"exceeds a measured distance. One of {AUDITED} FREE motions is checked by coal at samples between which no "
-        f"joint moves more than {AUDIT_STEP:g} rad. The column 'different' counts verdicts of which one is UNDECIDED."
-    )
-    columns = {
+    verdicts = {
         "set": "{.set}",
         "changes": "{.changes:,}",
         **{key: f"{{0.verdicts[{key}]:,}}" for key in ("FREE", "COLLIDING", "UNDECIDED")},
@@ -238,23 +168,27 @@ def _verdicts(table: ReuseTable) -> list[str]:
         "samples": "{.samples:,}",
         "wrong": lambda row: str(len(row.wrong)),
     }
-    return [*wrapped(text), "", *row_table(columns, table.verdicts)]
+    return {"times": row_table(columns, (*rows, total)), "verdicts": row_table(verdicts, results["verdicts"])}
 
 
-def measure(options: argparse.Namespace) -> ReuseTable:
-    """Return the table of all sets."""
+def measure(options: argparse.Namespace) -> Results:
+    """Measure all sets."""
     if options.mbm is None:
         raise SystemExit("--mbm is required")
-    origin, times, verdicts = provenance(options.seed), [], []
+    settings = {"problems": options.problems, "changes": options.changes}
+    results = Results(settings, provenance(options.seed), {"times": [], "verdicts": []})
     sets = find_sets(options.mbm)
     for each in sets:
         proofs = stored_motions(read_problems(each, options.problems), options.seed)
-        times.append(measure_times(each.name, proofs, options.seed))
+        results["times"].append(measure_times(each.name, proofs, options.seed))
         if options.changes:
-            verdicts.append(check_verdicts(each.name, proofs, -(-options.changes // len(sets)), options.seed))
-        report(f"{each.name}: {times[-1].motions} motions, {verdicts[-1:]}")
-    settings = {"problems": options.problems, "changes": options.changes}
-    return ReuseTable(settings, origin, tuple(times), tuple(verdicts))
+            count = -(-options.changes // len(sets))
+            results["verdicts"].append(check_verdicts(each.name, proofs, count, options.seed))
+        report(f"{each.name}: {len(proofs)} motions, {results['verdicts'][-1:]}")
+    return results
+
+
+BENCHMARK = Benchmark("reuse", measure, blocks)
 
 
 def main() -> None:
@@ -263,4 +197,4 @@ def main() -> None:
     parser.add_argument("--mbm", type=Path, metavar="FOLDER", help="MotionBenchMaker problems of the Panda")
     parser.add_argument("--problems", type=int, default=20, metavar="N", help="problems per set")
     parser.add_argument("--changes", type=int, default=0, metavar="N", help="number of random changes to check")
-    run(parser, "reuse", ReuseTable, measure, page)
+    BENCHMARK.run(parser)

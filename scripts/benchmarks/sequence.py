@@ -3,24 +3,20 @@
 ./scripts/benchmark sequence                      all cells; prints the table
 ./scripts/benchmark sequence "ur5, 8 points"      one cell
 ./scripts/benchmark sequence --docs               rewrites docs/benchmarks/sequence.*
-./scripts/benchmark sequence --render             rewrites the page from sequence.json
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any, ClassVar
 
 import numpy as np
 
 import pinproof as pp
 from benchmarks.picks import unsafe_motions
-from benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
+from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, report, row_table
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence_run import SequenceRun
 from pinproof.description import robots_folder
@@ -85,35 +81,6 @@ CELLS: dict[str, tuple[str, Region | None, int, int]] = {
 """Each cell with its picks file, the region of random picks (None: those of the file), their number, and a seed."""
 
 
-@dataclass(frozen=True)
-class SequenceRow:
-    """A sequence, the certified motions of other orders, and the audit; times in s."""
-
-    cell: str
-    picks: int
-    left_out: int
-    cpu_s: float
-    motions_s: float
-    bound_s: float
-    file_order_s: float
-    nearest_s: float
-    greedy_s: float
-    motions: int
-    proven_mm: float
-    audited: int
-    unsafe: int
-    elapsed_s: float | None = None
-
-
-@dataclass(frozen=True)
-class SequenceTable(BenchmarkTable):
-    """The sequences of all cells."""
-
-    topic: ClassVar[str] = "sequences"
-    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {"rows": SequenceRow}
-    rows: tuple[SequenceRow, ...] = ()
-
-
 def setup_of(file: str, region: Region | None, count: int, seed: int) -> tuple[PickSetup, list[pp.Pick]]:
     """The cell of a picks file with the first of its picks, or with random picks whose grasps are free."""
     picks = pp.read_picks(robots_folder() / file)
@@ -130,8 +97,8 @@ def setup_of(file: str, region: Region | None, count: int, seed: int) -> tuple[P
     return setup, [pick for pick, ok in zip(tried, free, strict=True) if ok][:count]
 
 
-def measure(cell: str) -> SequenceRow:
-    """The sequence of one of :data:`CELLS`."""
+def sequence_row(cell: str) -> Row:
+    """The sequence of one of :data:`CELLS`, the certified motions of other orders, and the audit; times in s."""
     setup, picks = setup_of(*CELLS[cell])
     warm, few = setup_of("ur5/picks.yaml", POINTS["ur5"], 2, 1)
     pp.sequence(warm, few)  # loads libraries
@@ -146,23 +113,24 @@ def measure(cell: str) -> SequenceRow:
         if shared.order != result.order or shared.moving != result.moving:
             raise RuntimeError(f"{cell}: the sequence depends on the number of workers")
     unsafe = unsafe_motions(setup, result.motions, AUDIT_STEP)
-    return SequenceRow(
-        cell,
-        len(result.steps),
-        len(result.left_out),
-        seconds,
-        result.moving,
-        result.lower_bound,
-        *other_orders(setup, [pick for pick in picks if pick.name in result.order]),
-        len(result.motions),
-        1e3 * result.clearance,
-        len(result.motions),
-        unsafe,
-        elapsed,
+    in_order = [pick for pick in picks if pick.name in result.order]
+    return Row(
+        cell=cell,
+        picks=len(result.steps),
+        left_out=len(result.left_out),
+        cpu_s=seconds,
+        motions_s=result.moving,
+        bound_s=result.lower_bound,
+        **other_orders(setup, in_order),
+        motions=len(result.motions),
+        proven_mm=1e3 * result.clearance,
+        audited=len(result.motions),
+        unsafe=unsafe,
+        elapsed_s=elapsed,
     )
 
 
-def other_orders(setup: PickSetup, picks: list[pp.Pick]) -> tuple[float, float, float]:
+def other_orders(setup: PickSetup, picks: list[pp.Pick]) -> dict[str, float]:
     """Seconds of the certified motions in file order, in nearest-neighbour order, and of the greedy tour."""
     setup = replace(setup, budget=replace(setup.budget, motion=BUDGET.motion))
     stated = Precedence.stated((pick.name for pick in picks), ())
@@ -170,103 +138,48 @@ def other_orders(setup: PickSetup, picks: list[pp.Pick]) -> tuple[float, float, 
     run.prepare()
     problem = run.problem()
     in_file = problem.best_options(problem.in_order(tuple(range(problem.count))))
-    tours = in_file, problem.nearest_neighbour(), problem.greedy()
-    in_file_s, nearest_s, greedy_s = (run.certified_seconds(tour) for tour in tours)
-    return in_file_s, nearest_s, greedy_s
+    tours = {"file_order_s": in_file, "nearest_s": problem.nearest_neighbour(), "greedy_s": problem.greedy()}
+    return {name: run.certified_seconds(tour) for name, tour in tours.items()}
 
 
-def sequence_benchmark(cells: list[str], done: Callable[[SequenceTable], object]) -> SequenceTable:
-    """Measure cells one after another; ``done`` is called after each."""
-    table = SequenceTable({"cells": cells}, provenance(0))
-    for cell in cells:
-        table = replace(table, rows=(*table.rows, measure(cell)))
-        done(table)
-    return table
+def blocks(results: Results) -> Blocks:
+    """The tables of the page."""
+    quality = {
+        "cell": "{.cell}",
+        "picks": "{.picks}",
+        "left out": lambda row: str(row.left_out or ""),
+        "CPU (s)": "{.cpu_s:.1f}",
+        "elapsed, 2 workers (s)": "{.elapsed_s:.1f}",
+        "motions (s)": "{.motions_s:.1f}",
+        "bound (s)": "{.bound_s:.1f}",
+        "gap": lambda row: f"{100 * (row.motions_s / row.bound_s - 1):.2f} %",
+        "proven (mm)": "{.proven_mm:.1f}",
+        "unsafe in the audit": "{0.unsafe} of {0.audited}",
+    }
+    # The share by which a sequence is shorter than another, and the largest share that the bound permits.
+    others = {"cell": "{.cell}"} | {
+        title: lambda row, ours=ours, other=other: f"{100 * (1 - getattr(row, ours) / getattr(row, other)):.1f} %"
+        for name, other in (("file order", "file_order_s"), ("nearest", "nearest_s"), ("greedy", "greedy_s"))
+        for title, ours in ((f"below {name}", "motions_s"), (f"{name}: at most", "bound_s"))
+    }
+    return {name: row_table(columns, results["rows"]) for name, columns in (("quality", quality), ("others", others))}
 
 
-FOLDER = Path(__file__).resolve().parents[2] / "docs" / "benchmarks"
-TEXT = (
-    "Each sequence starts and ends at home. The gap is the share by which the certified motions exceed the lower "
-    "bound, which ignores obstacles; for eight picks the bound is the exact optimum of the bounded times. The bolts "
-    "and parts are random poses in the bins of the shipped cells, whose grasps and ends of lines are free, with an "
-    "approach and a retreat of 100 and 120 mm; the points are random positions above the tables, with 30 mm. Both are "
-    "in random order. CPU times, of one process, include all grasps, lines, orders, motions, certificates and the "
-    "lower bound."
-)
-AUDIT = (
-    f"All motions of each sequence are audited by samples at most {AUDIT_STEP} rad apart on the exact meshes of the "
-    "robot, in the scene of the moment: with the parts that were placed, and without those that were picked."
-)
-OTHERS = (
-    "The motions of other orders are planned, shortened and certified in the same manner, and the table has the share "
-    "by which the sequence is shorter. The nearest neighbour is the pick with the shortest transit from the present "
-    "configuration. In the greedy sequence, the grasp and the IK branches are those of this transit; the other two "
-    "have the best grasps and IK branches for their order, by dynamic programming. No order, with the grasps and IK "
-    "branches that are considered, can be shorter by more than the share in the columns *at most*, which follows from "
-    "the lower bound."
-)
+def measure(options: argparse.Namespace) -> Results:
+    """Measure the cells that the options select."""
+    names = options.cells or list(CELLS)
+    results = Results({"cells": names}, provenance(0), {"rows": []})
+    for name in names:
+        results["rows"].append(sequence_row(name))
+        report(f"{name}: done")
+    return results
 
 
-def _share(row: SequenceRow, other: float) -> list[str]:
-    """The share (%) by which a sequence is shorter than another, and the largest share that the bound permits."""
-    return [f"{100 * (1 - seconds / other):.1f} %" for seconds in (row.motions_s, row.bound_s)]
-
-
-def sequence_markdown(table: SequenceTable) -> str:
-    """The tables as Markdown, without a title."""
-    quality = [
-        [
-            row.cell,
-            str(row.picks),
-            str(row.left_out or ""),
-            f"{row.cpu_s:.1f}",
-            "" if row.elapsed_s is None else f"{row.elapsed_s:.1f}",
-            f"{row.motions_s:.1f}",
-            f"{row.bound_s:.1f}",
-            f"{100 * (row.motions_s / row.bound_s - 1):.2f} %",
-            f"{row.proven_mm:.1f}",
-            f"{row.unsafe} of {row.audited}",
-        ]
-        for row in table.rows
-    ]
-    of_quality = (
-        "cell", "picks", "left out", "CPU (s)", "elapsed, 2 workers (s)", "motions (s)", "bound (s)", "gap",
-        "proven (mm)", "unsafe in the audit",
-    )  # fmt: skip
-    others = []
-    for row in table.rows:
-        shares = [_share(row, other) for other in (row.file_order_s, row.nearest_s, row.greedy_s)]
-        others.append([row.cell, *(cell for pair in shares for cell in pair)])
-    of_others = (
-        "cell", "below file order", "at most", "below nearest neighbour", "at most", "below greedy sequence", "at most",
-    )  # fmt: skip
-    lines = [*wrapped(provenance_text(table)), ""]
-    for text in (TEXT, AUDIT):
-        lines += [*wrapped(text), ""]
-    lines += [*markdown_table(of_quality, quality), "", "## Other orders", "", *wrapped(OTHERS), ""]
-    return "\n".join([*lines, *markdown_table(of_others, others)]) + "\n"
-
-
-def run_benchmark() -> int:
-    """Measure or render."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cells", nargs="*", choices=[*CELLS, []], help="the cells to measure; default: all")
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/sequence.*")
-    parser.add_argument("--render", action="store_true", help="write the page from sequence.json")
-    stated = parser.parse_args()
-
-    def write(table: SequenceTable) -> None:
-        if stated.docs or stated.render:
-            table.write(FOLDER, "sequence", "# Sequence benchmark\n\n" + sequence_markdown(table))
-
-    if stated.render:
-        write(SequenceTable.load(FOLDER / "sequence.json"))
-        return 0
-    table = sequence_benchmark(list(stated.cells) or list(CELLS), write)
-    print(sequence_markdown(table))
-    return int(any(row.unsafe for row in table.rows))
+BENCHMARK = Benchmark("sequence", measure, blocks, keys=("cell",))
 
 
 def main() -> None:
     """Run the benchmark with the arguments of the command line."""
-    sys.exit(run_benchmark())
+    parser = page_parser(__doc__, "sequence")
+    parser.add_argument("cells", nargs="*", choices=[*CELLS, []], help="the cells to measure; default: all")
+    BENCHMARK.run(parser)

@@ -5,10 +5,7 @@
 ./scripts/benchmark several_arms --mover-edges 10000     the same among moving obstacles
 ./scripts/benchmark several_arms --shared-bin            two UR5 over one bin with 40 parts
 ./scripts/benchmark several_arms --belt                  takes the parts of a conveyor and audits the motions
-./scripts/benchmark several_arms --mbm FOLDER --edges 10000 --mover-edges 10000 --shared-bin --belt --docs
-                                                                 all, and rewrites docs/benchmarks/several_arms.*;
-                                                                 with --keep, parts that are not measured are kept
-./scripts/benchmark several_arms --render                rewrites the page from several_arms.json
+./scripts/benchmark several_arms --belt --docs           rewrites this part of docs/benchmarks/several_arms.*
 
 10,000 edges take some minutes, most of them for the independent check; the other parts take about a minute each. Exit
 code 1 if a motion is in collision or a verdict on an edge is wrong.
@@ -17,24 +14,22 @@ code 1 if a motion is in collision or a verdict on an edge is wrong.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 from time import process_time, process_time_ns
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 import pinproof as pp
-from benchmarks.arm_picks import BELT_STEP, BIN_STEP, SPEEDS, BeltRow, SharedBinRow, belt_rows, measure_shared_bin
+from benchmarks.arm_picks import SPEEDS, belt_rows, shared_bin_row
 from benchmarks.collision_edges import (
     MARGINS,
     TOLERANCE,
     EdgeCase,
-    EdgeRow,
     check_edges,
     contradiction,
     count_verdicts,
@@ -46,18 +41,17 @@ from benchmarks.collision_edges import (
 from benchmarks.planning_methods import Stopwatch
 from benchmarks.planning_problems import PlanProblem, end_faults, find_sets, own_reach, read_problems
 from benchmarks.tables import (
-    FOLDER,
-    BenchmarkTable,
+    Benchmark,
+    Blocks,
+    Results,
+    Row,
     bullet_section,
     fastest,
-    markdown_table,
     page_parser,
     provenance,
-    provenance_text,
     quantiles,
     report,
     row_table,
-    run,
     wrapped,
 )
 from pinproof.collision import audit, is_proven_free
@@ -75,12 +69,12 @@ SAMPLE_STEP = 0.02
 """Largest motion of a joint or mover (rad or m) between two samples of the independent check."""
 
 
-def mover_edge_rows(edges: int, seed: int) -> list[EdgeRow]:
+def mover_edge_rows(edges: int, seed: int) -> list[Row]:
     """Check this number of edges, distributed over :data:`ROBOTS`."""
     return [check_robot(name, count, seed) for name, count in distributed(edges, ROBOTS).items()]
 
 
-def check_robot(robot: str, edges: int, seed: int) -> EdgeRow:
+def check_robot(robot: str, edges: int, seed: int) -> Row:
     """Certify random timed edges of a robot among movers and check the verdicts."""
     arm = pp.load_robot(robot).arm()
     reach, empty = own_reach(arm), pp.CollisionChecker(arm)
@@ -185,65 +179,20 @@ MOTION_AUDIT_STEP = 0.005
 """Largest joint motion in rad or m between samples at which a motion is checked on exact meshes."""
 
 
-@dataclass(frozen=True)
-class MotionOfTwoRow:
-    """One problem: processor times in ms, and the results of the proof and of the independent check."""
-
-    problem: str
-    ends: str = ""
-    status: str = ""
-    ms: Mapping[str, float] = field(default_factory=dict)
-    edges: int = 0
-    edge_ms: float = 0.0
-    longest_edge_ms: float = 0.0
-    clearance: float | None = None
-    duration: float | None = None
-    audit: str = ""
-    samples: int = 0
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class SeveralArmsTable(BenchmarkTable):
-    """Planned motions, and random edges."""
-
-    motions: tuple[MotionOfTwoRow, ...]
-    edges: tuple[EdgeRow, ...]
-    mover_edges: tuple[EdgeRow, ...]
-    cells: tuple[SharedBinRow, ...] = ()
-    belts: tuple[BeltRow, ...] = ()
-
-    topic: ClassVar[str] = "several arms"
-    row_types: ClassVar[dict[str, type]] = {
-        "motions": MotionOfTwoRow,
-        "edges": EdgeRow,
-        "mover_edges": EdgeRow,
-        "cells": SharedBinRow,
-        "belts": BeltRow,
-    }
-
-    @property
-    def wrong(self) -> list[str]:
-        """Motions in collision, and wrong verdicts on edges, as sentences."""
-        unsafe = [f"{row.problem}: {row.audit}" for row in self.motions if row.audit]
-        unsafe += [f"{row.cell}: {text}" for row in self.cells for text in row.unsafe]
-        return [*unsafe, *(text for row in (*self.edges, *self.mover_edges, *self.belts) for text in row.wrong)]
-
-
-def measure_problem(problem: PlanProblem, seed: int) -> MotionOfTwoRow:
-    """Plan, shorten, time and certify the motion of a problem."""
+def measure_problem(problem: PlanProblem, seed: int) -> Row:
+    """Plan, shorten, time and certify the motion of a problem; processor times in ms."""
     group = problem.group
     checker = pp.CollisionChecker(group, problem.scene, trust_disabled=True)
     faults = end_faults(problem, checker)
     if faults:
-        return MotionOfTwoRow(problem.name, "; ".join(faults))
+        return Row(problem=problem.name, ends="; ".join(faults), status="", wrong=[])
     best: dict[str, float] = {}
     for _ in range(REPEATS):
         watch = Stopwatch(process_time_ns)
         plan = pp.RrtConnect().plan(checker, problem.start, problem.goals, rng=seed)
         watch.lap("plan")
         if not plan.ok:
-            return MotionOfTwoRow(problem.name, status=plan.message)
+            return Row(problem=problem.name, ends="", status=plan.message, wrong=[])
         path = pp.shortcut(plan.path, checker, rng=seed)
         watch.lap("shortcut")
         trajectory = pp.time_parametrise(path, group.limits)
@@ -255,19 +204,19 @@ def measure_problem(problem: PlanProblem, seed: int) -> MotionOfTwoRow:
     times = [1e3 * fastest(lambda edge=edge: _prove(edge, checker), REPEATS) for edge in edges]
     meshes = pp.CollisionChecker(group, problem.scene, trust_disabled=True, link_meshes="surface")
     found = audit(trajectory, meshes, step=MOTION_AUDIT_STEP, measure=False)
-    return MotionOfTwoRow(
-        problem.name,
-        "",
-        certificate.status.name,
-        best,
-        len(edges),
-        median(times),
-        max(times),
-        certificate.clearance if certificate.status is pp.CertificateStatus.FREE else None,
-        trajectory.duration,
-        "" if found.clean else found.message,
-        found.samples,
-        problem.notes,
+    return Row(
+        problem=problem.name,
+        ends="",
+        status=certificate.status.name,
+        ms=best,
+        edges=len(edges),
+        edge_ms=median(times),
+        longest_edge_ms=max(times),
+        clearance=certificate.clearance if certificate.status is pp.CertificateStatus.FREE else None,
+        duration=trajectory.duration,
+        wrong=[] if found.clean else [f"{problem.name}: {found.message}"],
+        samples=found.samples,
+        notes=problem.notes,
     )
 
 
@@ -304,7 +253,7 @@ def _facing(distance: float) -> Any:
     return pp.pose(xyz=(distance, 0, 0), rpy=(0, 0, np.pi))
 
 
-def measure_edges(edges: int, seed: int) -> list[EdgeRow]:
+def measure_edges(edges: int, seed: int) -> list[Row]:
     """Certify this number of edges, distributed over :func:`groups`, and check the verdicts."""
     rows = []
     for name, (group, reach) in groups().items():
@@ -317,147 +266,59 @@ def measure_edges(edges: int, seed: int) -> list[EdgeRow]:
     return rows
 
 
-def page(table: SeveralArmsTable) -> str:
-    """Return the page as Markdown."""
-    lines = [
-        "# Benchmark of several arms",
-        "",
-        *wrapped(provenance_text(table)),
-        *wrapped(_other_runs(table)),
-        "",
-    ]
-    for part, (title, _, section) in SECTIONS.items():
-        if getattr(table, part):
-            lines += [f"## {title}", "", *section(table), ""]
-    lines += bullet_section("Wrong verdicts", table.wrong)
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _motions(table: SeveralArmsTable) -> list[str]:
-    text = (
-        "MotionBenchMaker's problems of a Baxter that moves both arms, 14 joints, in a tall bookshelf with cans. "
-        f"Processor times in ms on one thread, of {REPEATS} runs the fastest; median / largest over the problems. The "
-        "edge column is the proof of one edge of the shortened path. The pairs of links that the SRDF of the robot "
-        "disables are excluded, as in other planners: the hull of the torso overlaps those of the shoulders in every "
-        "start and goal. The audit checks every motion on exact meshes at samples between which no joint moves more "
-        f"than {MOTION_AUDIT_STEP:g} rad, by Pinocchio and coal alone."
-    )
-    names = list(dict.fromkeys(row.problem.rpartition("/")[0] for row in table.motions))
-    cells = []
-    for name in [*names, ""]:
-        rows = [row for row in table.motions if row.problem.startswith(name)]
-        posed = [row for row in rows if not row.ends]
+def motions_of_both(rows: Sequence[Row]) -> list[str]:
+    """The table of the planned motions, and what was not certified."""
+    groups = []
+    for name in (*dict.fromkeys(row.problem.rpartition("/")[0] for row in rows), ""):
+        group = [row for row in rows if row.problem.startswith(name)]
+        posed = [row for row in group if not row.ends]
         done = [row for row in posed if row.status == "FREE"]
-        steps = {step: _spread([row.ms[step] for row in done], 1) for step in STEPS}
-        edge = quantiles((row.edge_ms for row in done), "{:.2f}".format)
-        longest = quantiles((row.longest_edge_ms for row in done), "{:.2f}".format, (1.0,))
-        clearances = [1e3 * row.clearance for row in done if row.clearance is not None]
-        cells.append(
-            {
-                "set": name.removeprefix("mbm/") or "all",
-                "ends free": f"{len(posed)} of {len(rows)}",
-                "certified": f"{len(done)} of {len(posed)}",
-                **steps,
-                "edge": f"{edge} / {longest}" if done else "",
-                "clearance, mm": quantiles(clearances, "{:.1f}".format, (0.5, 0.0)),
-                "unsafe in the audit": f"{sum(bool(row.audit) for row in done)} of {len(done)}",
-            }
-        )
-    total = [sum(row.ms.values()) for row in table.motions if row.status == "FREE"]
-    samples = sum(row.samples for row in table.motions)
-    summary = (
-        f"Planning, shortening, timing and certifying together take {_spread(total, 0)} ms. The audit took {samples:,} "
-        "samples. For comparison, Amice, Werner and Tedrake (2023, arXiv 2310.16603) report 0.299 s for the "
-        "certificate of an edge and 1.211 s for that of a plan of two arms with 12 joints together."
-    )
-    other = [f"{row.problem}: {row.status or row.ends}" for row in table.motions if row.status != "FREE"]
-    return [
-        *wrapped(text),
-        "",
-        *markdown_table(tuple(cells[0]), [tuple(each.values()) for each in cells]),
-        "",
-        *wrapped(summary),
-        "",
-        *bullet_section("Not certified", other),
-        *bullet_section("Notes", sorted({note for row in table.motions for note in row.notes})),
-    ]
+        groups.append(Row(name=name, group=group, posed=posed, done=done))
 
+    def spread(step: str) -> Any:
+        return lambda row: quantiles([each.ms[step] for each in row.done], "{:.1f}", (0.5, 1.0))
 
-def _spread(values: list[float], digits: int) -> str:
-    """Median and largest value."""
-    return quantiles(values, f"{{:.{digits}f}}".format, (0.5, 1.0))
+    def edges(row: Row) -> str:
+        typical = quantiles((each.edge_ms for each in row.done), "{:.2f}")
+        return f"{typical} / {quantiles((each.longest_edge_ms for each in row.done), '{:.2f}', (1.0,))}"
 
-
-def _edges(table: SeveralArmsTable) -> list[str]:
-    text = (
-        "Straight edges of all joints in random scenes, a third each with standard deviations of 0.05, 0.3 and 1 rad "
-        "or m, and with margins of 0 to 20 mm. FREE is checked at "
-        f"{SAMPLES} samples on the hulls, whose distances by coal must not be below the proven clearance, and on exact "
-        f"meshes at samples between which no joint moves more than {AUDIT_STEP:g} rad or m. COLLIDING is checked at "
-        "the configuration that it names. Times are means over edges of all kinds."
-    )
-    return [*wrapped(text), "", *edge_table("group", table.edges)]
-
-
-def _mover_edges(table: SeveralArmsTable) -> list[str]:
-    text = (
-        "Random edges of one arm, timed with the limits of the robot, among up to eight obstacles of which up to three "
-        "movers move some: along or about random axes, at constant speed or there and back, at up to "
-        f"{FASTEST:g} m/s or rad/s. FREE is checked at samples in time between which nothing moves more than about "
-        f"{SAMPLE_STEP:g} rad or m: the arm is placed by Pinocchio, each obstacle by the formula of its mover, and "
-        "the distances by coal must not be below the proven clearance. COLLIDING is checked at the instant that it "
-        "names. The times include the set-up of the movers."
-    )
-    return [*wrapped(text), "", *edge_table("robot", table.mover_edges)]
-
-
-def _other_runs(table: SeveralArmsTable) -> str:
-    """The commits of parts that were measured by another run."""
-    own = table.provenance["commit"]
-    kept = {part: commit for part, commit in table.settings.get("measured", {}).items() if commit != own}
-    if not kept:
-        return ""
-    parts = "; ".join(f"{SECTIONS[part][1]}: {commit[:12]}" for part, commit in kept.items())
-    return f"Parts that were measured at another commit: {parts}."
-
-
-def _cells(table: SeveralArmsTable) -> list[str]:
-    text = (
-        "Two UR5 move 40 parts from one bin to two trays (`robots/two_ur5`). `pp.cell.allocate` judges every pick for "
-        "both arms, allocates and orders the picks, and lets the arms wait for each other. Every motion is certified, "
-        "and so are the pairs of bodies of the two arms in each interval of the common clock without a grip or a "
-        "release. One arm is the shorter time in which one of them executes all picks, with the other at home. The "
-        "audit checks all bodies of both arms on exact meshes, among the parts that are in the scene at each time, at "
-        f"common times between which no joint moves more than {BIN_STEP:g} rad. The last column is the processor "
-        "time of everything but the audit, the sequences of one arm included."
-    )
     columns = {
+        "set": lambda row: row.name.removeprefix("mbm/") or "all",
+        "ends free": lambda row: f"{len(row.posed)} of {len(row.group)}",
+        "certified": lambda row: f"{len(row.done)} of {len(row.posed)}",
+        **{step: spread(step) for step in STEPS},
+        "edge": edges,
+        "clearance, mm": lambda row: quantiles((each.clearance for each in row.done), "{:.1f}", (0.5, 0.0), 1e3),
+        "unsafe in the audit": lambda row: f"{sum(bool(each.wrong) for each in row.done)} of {len(row.done)}",
+    }
+    total = quantiles((sum(row.ms.values()) for row in groups[-1].done), "{:.0f}", (0.5, 1.0))
+    summary = (
+        f"Planning, shortening, timing and certifying together take {total} ms. The audit took "
+        f"{sum(row.samples for row in groups[-1].done):,} samples."
+    )
+    other = [f"{row.problem}: {row.status or row.ends}" for row in rows if row.status != "FREE"]
+    notes = sorted({note for row in rows for note in getattr(row, "notes", ())})
+    lists = [*bullet_section("Not certified", other), *bullet_section("Notes", notes)]
+    return [*row_table(columns, groups), "", *wrapped(summary), "", *lists][: None if lists else -1]
+
+
+def blocks(results: Results) -> Blocks:
+    """The tables of the page."""
+    cells = {
         "cell": "{.cell}",
         "picks": "{.picks}",
         "makespan": "{.makespan:.1f} s",
         "one arm": "{.one_arm:.1f} s",
-        "ratio": "{.ratio:.3f}",
+        "ratio": lambda row: f"{row.makespan / row.one_arm:.3f}",
         "waiting": lambda row: " / ".join(f"{each:.1f} s" for each in row.waiting),
         "utilisation": lambda row: " / ".join(f"{100 * each:.0f} %" for each in row.utilisation),
         "certified": "{0.status}, {0.intervals} intervals",
         "clearance, mm": lambda row: f"{1e3 * row.clearance:.1f}",
         "audited samples": "{.samples:,}",
-        "unsafe": lambda row: str(len(row.unsafe)),
+        "unsafe": lambda row: str(len(row.wrong)),
         "time": "{.seconds:.0f} s",
     }
-    return [*wrapped(text), "", *row_table(columns, table.cells)]
-
-
-def _belts(table: SeveralArmsTable) -> list[str]:
-    text = (
-        "The parts of a conveyor are taken one after the other and put onto a tray; each pick starts where and when "
-        "the one before ended. A part that comes too early for the arm passes, and is an obstacle. The tool meets each "
-        "part, follows it while the gripper closes, and lifts it. The audit checks every motion on exact meshes at "
-        f"samples between which nothing moves more than {BELT_STEP:g} rad or m, with all parts on the belt moving. The "
-        "deviation is the largest proven bound of the distance of the tcp from its place on the moving part while the "
-        "gripper closes."
-    )
-    columns = {
+    belts = {
         "cell": "{.cell}",
         "belt, m/s": "{.speed:g}",
         "taken": "{0.taken} of {0.parts}",
@@ -468,41 +329,32 @@ def _belts(table: SeveralArmsTable) -> list[str]:
         "samples": "{.samples:,}",
         "unsafe in the audit": lambda row: str(len(row.wrong)),
     }
-    return [*wrapped(text), "", *row_table(columns, table.belts)]
+    return {
+        "motions": motions_of_both(results["motions"]) if results["motions"] else [],
+        "edges": edge_table("group", results["edges"]),
+        "mover_edges": edge_table("robot", results["mover_edges"]),
+        "cells": row_table(cells, results["cells"]),
+        "belts": row_table(belts, results["belts"]),
+    }
 
 
-SECTIONS = {
-    "motions": ("Motions of both arms", "motions of both arms", _motions),
-    "edges": ("Certificates of random edges", "random edges", _edges),
-    "mover_edges": ("Certificates among moving obstacles", "edges among moving obstacles", _mover_edges),
-    "cells": ("Picks of two arms over one bin", "picks of two arms", _cells),
-    "belts": ("Picks from a conveyor", "picks from a conveyor", _belts),
-}
-"""The sections of the page, which can be measured in separate runs: title, name in a sentence, and what writes it."""
-
-
-def measure(options: argparse.Namespace) -> SeveralArmsTable:
-    """Measure the parts of the page that the options select."""
-    origin, motions = provenance(options.seed), []
+def measure(options: argparse.Namespace) -> Results:
+    """Measure the parts that the options select."""
+    results = Results({}, provenance(options.seed), {"motions": []})
     for each in [] if options.mbm is None else find_sets(options.mbm, options.robot):
         for problem in read_problems(each, options.problems, as_stated=True):
             report(problem.name)
-            motions.append(measure_problem(problem, options.seed))
-    rows = {
-        "motions": motions,
+            results["motions"].append(measure_problem(problem, options.seed))
+    results.parts |= {
         "edges": measure_edges(options.edges, options.seed) if options.edges else [],
         "mover_edges": mover_edge_rows(options.mover_edges, options.seed) if options.mover_edges else [],
-        "cells": [measure_shared_bin(options.seed)] if options.shared_bin else [],
+        "cells": [shared_bin_row(options.seed)] if options.shared_bin else [],
         "belts": belt_rows(SPEEDS, options.seed) if options.belt else [],
     }
-    measured = {part: origin["commit"] for part, found in rows.items() if found}
-    if options.keep:
-        before = SeveralArmsTable.load(FOLDER / "several_arms.json")
-        kept = [part for part in rows if not rows[part] and getattr(before, part)]
-        earlier = before.settings.get("measured", {})
-        measured |= {part: earlier.get(part, before.provenance["commit"]) for part in kept}
-        rows |= {part: getattr(before, part) for part in kept}
-    return SeveralArmsTable({"measured": measured}, origin, **{part: tuple(found) for part, found in rows.items()})
+    return results
+
+
+BENCHMARK = Benchmark("several_arms", measure, blocks)
 
 
 def main() -> None:
@@ -514,6 +366,5 @@ def main() -> None:
     parser.add_argument("--edges", type=int, default=0, metavar="N", help="number of random edges")
     parser.add_argument("--mover-edges", type=int, default=0, metavar="N", help="number of random edges among movers")
     parser.add_argument("--shared-bin", action="store_true", help="the picks of two arms over one bin")
-    parser.add_argument("--keep", action="store_true", help="keep the parts of the page that are not measured")
     parser.add_argument("--belt", action="store_true", help="picks from a conveyor")
-    run(parser, "several_arms", SeveralArmsTable, measure, page)
+    BENCHMARK.run(parser)

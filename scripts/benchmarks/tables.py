@@ -1,4 +1,8 @@
-"""Benchmark tables: rows with their settings and provenance, saved as JSON, rendered as Markdown and PNG plots."""
+"""Results of benchmarks: rows with their settings and provenance as JSON, and tables in the pages of docs/benchmarks.
+
+A page is written by hand, except for what is between two comments with the name of a block; its benchmark writes these
+blocks. So texts are in the page, and figures come from the run.
+"""
 
 from __future__ import annotations
 
@@ -10,26 +14,27 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import process_time
-from typing import Any, ClassVar, TypeVar
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+from generated_files import with_tables
 
-from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, InputError
 
-WIDTH = 120
-"""Characters per line of Markdown text."""
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "benchmarks"
+ROBOTS = FOLDER.parents[1] / "robots"
 
 PACKAGES = ("pinproof", "pin", "coal", "numpy")
 """Packages whose versions are part of the provenance."""
 
-AnyTable = TypeVar("AnyTable", bound="BenchmarkTable")
+NO_RUN = ("settings", "provenance")
 
 
 class NotApplicableError(Exception):
@@ -51,66 +56,67 @@ def leave_out(left_out: dict[str, str], method: str, *, own: bool, where: str = 
         left_out[method + where] = f"{type(error).__name__}: {error}"
 
 
-@dataclass(frozen=True)
-class BenchmarkTable:
-    """The results of one benchmark run. Subclasses add tuples of rows.
+class Row(SimpleNamespace):
+    """One row: its values by name, which are plain values for JSON."""
 
-    ``settings`` are plain JSON values that state what was run; see :func:`provenance`.
+
+@dataclass
+class Results:
+    """The results of a run: ``parts`` are lists of rows by name, and other values for JSON.
+
+    ``settings`` state what was run; for ``provenance`` see :func:`provenance`, which is called before the run.
     """
 
     settings: dict[str, Any]
     provenance: dict[str, Any]
+    parts: dict[str, Any] = field(default_factory=dict)
 
-    topic: ClassVar[str]
-    """What the table is about, for error messages."""
+    def __getitem__(self, part: str) -> Any:
+        return self.parts.get(part, [])
 
-    row_types: ClassVar[Mapping[str, Callable[..., Any]]]
-    """The fields that hold rows, and what makes a row from its values as keyword arguments."""
+    @property
+    def faults(self) -> list[str]:
+        """Wrong verdicts, and faults that the independent check found in a motion that was stated to be safe."""
+        rows = [row for part in self.parts.values() if isinstance(part, list) for row in part]
+        return [text for row in rows for text in getattr(row, "wrong", ())]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the table as plain values for JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls: type[AnyTable], data: Mapping[str, Any]) -> AnyTable:
-        """Return the table that :meth:`to_dict` converted; InputError if a field is missing or unknown."""
-        try:
-            values = {field.name: data[field.name] for field in fields(cls)}
-            for name, make in cls.row_types.items():
-                values[name] = tuple(make(**_with_tuples(row)) for row in values[name])
-            return cls(**values)
-        except (AttributeError, KeyError, TypeError) as error:
-            raise InputError(f"the data is not a table of {cls.topic}: {error}") from error
-
-    def save(self, path: str | Path) -> None:
-        """Write the table as JSON with one line per row."""
-        parts = [f"{json.dumps(key)}: {_json(value)}" for key, value in self.to_dict().items()]
-        write_text_whole(Path(path), "{\n" + ",\n".join(parts) + "\n}\n")
+    def save(self, path: Path) -> None:
+        """Write JSON with one line for each row."""
+        texts = [f"{json.dumps(key)}: {json.dumps(getattr(self, key), indent=1)}" for key in NO_RUN]
+        for key, part in self.parts.items():
+            rows = [json.dumps(vars(row) if isinstance(row, Row) else row, allow_nan=False) for row in part]
+            text = "[\n" + ",\n".join(rows) + "\n]" if isinstance(part, list) else json.dumps(part, indent=1)
+            texts.append(f"{json.dumps(key)}: {text}")
+        path.write_text("{\n" + ",\n".join(texts) + "\n}\n", encoding="utf-8")
 
     @classmethod
-    def load(cls: type[AnyTable], path: str | Path) -> AnyTable:
-        """Read what :meth:`save` wrote; FileError if the file does not hold such a table."""
+    def load(cls, path: Path) -> Results:
+        """Read what :meth:`save` wrote; FileError if the file does not hold results."""
         try:
-            return cls.from_dict(json.loads(Path(path).read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError, InputError) as error:
-            raise FileError(path, f"does not hold a table of {cls.topic}: {error}") from error
+            data = json.loads(path.read_text(encoding="utf-8"))
+            head = [data.pop(key) for key in NO_RUN]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise FileError(path, f"does not hold the results of a benchmark: {error!r}") from error
+        parts = {k: [Row(**row) for row in part] if isinstance(part, list) else part for k, part in data.items()}
+        return cls(*head, parts)
 
-    def write(self, folder: str | Path, name: str, page: str) -> list[Path]:
-        """Write ``name.json`` and the Markdown ``name.md`` to an existing folder; return both paths."""
-        data, text = Path(folder) / f"{name}.json", Path(folder) / f"{name}.md"
-        self.save(data)
-        write_text_whole(text, page)
-        return [data, text]
+    def added_to(self, stored: Results, keys: Sequence[str]) -> Results:
+        """The stored results with these: rows of equal ``keys`` are replaced, parts that were not measured are kept.
 
-
-def _with_tuples(row: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
-
-
-def _json(value: Any) -> str:
-    if isinstance(value, (list, tuple)) and value:
-        return "[\n" + ",\n".join(json.dumps(entry, allow_nan=False) for entry in value) + "\n]"
-    return json.dumps(value, indent=1, allow_nan=False)
+        ``settings["measured"]`` has the commit of each part.
+        """
+        parts = dict(stored.parts)
+        measured = dict.fromkeys(stored.parts, stored.provenance["commit"]) | stored.settings.get("measured", {})
+        for name, part in self.parts.items():
+            if not part:
+                continue
+            measured[name] = self.provenance["commit"]
+            if isinstance(part, list) and keys:
+                rows = {tuple(getattr(row, key, None) for key in keys): row for row in (*stored[name], *part)}
+                parts[name] = list(rows.values())
+            else:
+                parts[name] = part
+        return Results({**self.settings, "measured": measured}, self.provenance, parts)
 
 
 # -- provenance --------------------------------------------------------------------------------------------------------
@@ -138,24 +144,22 @@ def installed_versions(distributions: Iterable[str | None]) -> dict[str, str | N
     """Return the versions of distributions, None for those that are not installed; a distribution None is left out."""
     found: dict[str, str | None] = {}
     for name in filter(None, distributions):
-        try:
+        found[name] = None
+        with suppress(PackageNotFoundError):
             found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = None
     return found
 
 
 def _cpu() -> str:
-    try:
+    lines: list[str] = []
+    with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return models[0] if models else platform.processor() or platform.machine()
 
 
 def _commit() -> str | None:
-    root = Path(__file__).resolve().parents[2]
+    root = FOLDER.parents[1]
     if not (root / ".git").exists():  # an installed package may be inside the repository of another project
         return None
 
@@ -170,35 +174,42 @@ def _commit() -> str | None:
         return None
 
 
-# -- Markdown and plots ------------------------------------------------------------------------------------------------
-
-
-def provenance_text(table: BenchmarkTable) -> str:
-    """Return one sentence with the versions of the packages and the peers, machine, seed, commit and date."""
-    origin = table.provenance
-    versions = {**origin["versions"], **table.settings.get("peer_versions", {})}
+def provenance_text(results: Results) -> list[str]:
+    """One paragraph with versions, machine, seed, commit and date, and the parts measured at another commit."""
+    origin = results.provenance
+    versions = {**origin["versions"], **results.settings.get("peer_versions", {})}
     packages = ", ".join(f"{name} {number}" for name, number in versions.items() if number is not None)
-    return (
+    text = (
         f"Measured with {packages} on {origin['cpu']} ({origin['cores']} cores, load average {origin['load']}); seed "
         f"{origin['seed']}, commit {origin['commit']}, {origin['date']}."
     )
+    measured = results.settings.get("measured", {})
+    other = [f"{part}: {commit}" for part, commit in measured.items() if commit != origin["commit"]]
+    return wrapped(text, f"Tables that were measured at another commit: {'; '.join(other)}." if other else "")
+
+
+# -- Markdown and plots ------------------------------------------------------------------------------------------------
 
 
 def wrapped(*sentences: str) -> list[str]:
-    """Return the lines of one paragraph."""
-    return textwrap.wrap(" ".join(sentences), WIDTH)
+    """The lines of one paragraph."""
+    return textwrap.wrap(" ".join(filter(None, sentences)), 120)
 
 
 def quantiles(
-    values: Iterable[float | None], text: Callable[[float], str], shares: Sequence[float] = (0.5,), none: str = ""
+    values: Iterable[float | None],
+    text: str | Callable[[float], str],
+    shares: Sequence[float] = (0.5,),
+    scale: float = 1.0,
 ) -> str:
-    """Return quantiles, by default the median, of the values that are not None; ``none`` without such values."""
-    known = [value for value in values if value is not None]
-    return " / ".join(text(each) for each in np.quantile(known, shares).tolist()) if known else none
+    """Quantiles, by default the median, of the values that are not None in a format; empty without such values."""
+    known = [scale * value for value in values if value is not None]
+    shown = text.format if isinstance(text, str) else text
+    return " / ".join(map(shown, np.quantile(known, shares).tolist())) if known else ""
 
 
 def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, text_columns: int = 1) -> list[str]:
-    """Return the lines of a table; columns without any content are left out.
+    """The lines of a table; columns without any content are left out.
 
     The first ``text_columns`` columns are aligned to the left, the others, which hold numbers, to the right.
     """
@@ -208,14 +219,12 @@ def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, tex
     return [f"| {' | '.join(cells[k] for k in shown)} |" for cells in (columns, rule, *rows)]
 
 
-def row_table(
-    columns: Mapping[str, str | Callable[[Any], str]], rows: Iterable[Any], *, text_columns: int = 1
-) -> list[str]:
-    """Return the lines of a table with one line for each row.
+Columns = Mapping[str, "str | Callable[[Any], str]"]
+"""The columns of a table: each title with a format of the row, which is empty for None, or a function of the row."""
 
-    ``columns`` maps each title to a format of the row, such as ``"{.edges:,}"``, which is empty for None, or to a
-    function of the row.
-    """
+
+def row_table(columns: Columns, rows: Iterable[Any], *, text_columns: int = 1) -> list[str]:
+    """The lines of a table with one line for each row; no lines without rows."""
 
     def cell(column: str | Callable[[Any], str], row: Any) -> str:
         if not isinstance(column, str):
@@ -226,29 +235,23 @@ def row_table(
             return ""
 
     cells = [[cell(column, row) for column in columns.values()] for row in rows]
-    return markdown_table(tuple(columns), cells, text_columns=text_columns)
+    return markdown_table(tuple(columns), cells, text_columns=text_columns) if cells else []
 
 
 def bullet_section(title: str, entries: Iterable[str]) -> list[str]:
-    """Return the lines of a section with a list; no lines without entries."""
+    """The lines of a section with a list; no lines without entries."""
     lines = [f"- {entry}" for entry in entries]
     return [f"## {title}", "", *lines, ""] if lines else []
 
 
 def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Any, Any]:
-    """Return a figure made without pyplot, and its axes (rows, columns), each ``width`` by ``height`` inches."""
+    """A figure made without pyplot, and its axes (rows, columns), each ``width`` by ``height`` inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False)
-
-
-def save_figure(figure: Any, path: Path) -> Path:
-    """Write a figure as PNG, at most 1,150 pixels wide; return its path."""
-    figure.savefig(path, dpi=min(110.0, 1150.0 / figure.get_figwidth()), format="png")
-    return path
 
 
 def log_panel(panel: Any, title: str, x_label: str, y_label: str, *, percent: bool = True) -> None:
@@ -262,51 +265,72 @@ def log_panel(panel: Any, title: str, x_label: str, y_label: str, *, percent: bo
         panel.set_ylim(-2, 104)
 
 
-FOLDER = Path(__file__).resolve().parents[2] / "docs" / "benchmarks"
-ROBOTS = FOLDER.parents[1] / "robots"
+# -- runs --------------------------------------------------------------------------------------------------------------
 
-Table = TypeVar("Table", bound=BenchmarkTable)
+Blocks = Mapping[str, Sequence[str]]
+"""The lines of the blocks of a page by name."""
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A benchmark: its page ``docs/benchmarks/<name>.md`` with ``<name>.json``, what it runs, and what it shows.
+
+    ``figures`` are plots for the page by file name. Rows with equal ``keys`` replace those that are stored; without
+    keys, a part that was measured replaces the stored one.
+    """
+
+    name: str
+    measure: Callable[[argparse.Namespace], Results]
+    blocks: Callable[[Results], Blocks]
+    figures: Callable[[Results], Mapping[str, Any]] = lambda _: {}
+    keys: tuple[str, ...] = ()
+    page: str = ""
+
+    @property
+    def stored(self) -> Results:
+        """The results that the page shows."""
+        return Results.load(FOLDER / f"{self.name}.json")
+
+    def all_blocks(self, results: Results) -> Blocks:
+        """The blocks, with that of the provenance and that of what is wrong."""
+        wrong = bullet_section("Wrong verdicts", results.faults)
+        return {"provenance": provenance_text(results), **self.blocks(results), "wrong": wrong}
+
+    def page_text(self, results: Results) -> str:
+        """The page with the blocks of these results."""
+        text = (FOLDER / f"{self.page or self.name}.md").read_text(encoding="utf-8")
+        prefix = f"{self.name}: " if self.page else ""
+        blocks = {f"{prefix}{name}": "\n".join(["", *lines, ""]) for name, lines in self.all_blocks(results).items()}
+        return with_tables(text, "benchmark", blocks)
+
+    def write(self, results: Results) -> None:
+        """Write the page, its data and its plots."""
+        results.save(FOLDER / f"{self.name}.json")
+        (FOLDER / f"{self.page or self.name}.md").write_text(self.page_text(results), encoding="utf-8")
+        for name, figure in self.figures(results).items():
+            figure.savefig(FOLDER / name, dpi=min(110.0, 1150.0 / figure.get_figwidth()), format="png")
+
+    def run(self, parser: argparse.ArgumentParser) -> None:
+        """Measure, or read what is stored with ``--render``; exit code 1 if a verdict is wrong."""
+        options = parser.parse_args()
+        results = self.stored if options.render else self.measure(options)
+        if options.docs:
+            results = results.added_to(self.stored, self.keys)
+        if options.docs or options.render:
+            self.write(results)
+        else:
+            blocks = self.all_blocks(results)
+            print("\n\n".join("\n".join([f"{name}:", "", *lines]) for name, lines in blocks.items() if lines))
+        sys.exit(1 if results.faults else 0)
 
 
 def page_parser(text: str | None, name: str) -> argparse.ArgumentParser:
-    """Return a parser with the options of every benchmark; ``text`` is the docstring of the script."""
+    """A parser with the options of every benchmark; ``text`` is the docstring of the module."""
     parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--docs", action="store_true", help=f"write docs/benchmarks/{name}.*")
+    parser.add_argument("--docs", action="store_true", help=f"write what was measured to docs/benchmarks/{name}.*")
     parser.add_argument("--render", action="store_true", help=f"rewrite the page from {name}.json")
     return parser
-
-
-def run(
-    parser: argparse.ArgumentParser,
-    name: str,
-    kind: type[Table],
-    measure: Callable[[argparse.Namespace], Table],
-    page: Callable[[Table], str],
-    write: Callable[[Table, Path], Any] | None = None,
-) -> None:
-    """Measure or read a table, write it with ``--docs`` or ``--render``, else print its page.
-
-    ``write`` writes the table to a folder; by default as JSON, with its page as Markdown. The exit code is 1 if the
-    table has :func:`faults`.
-    """
-    options = parser.parse_args()
-    table = kind.load(FOLDER / f"{name}.json") if options.render else measure(options)
-    if not (options.docs or options.render):
-        print(page(table))
-    elif write is None:
-        table.write(FOLDER, name, page(table))
-    else:
-        write(table, FOLDER)
-    for text in (wrong := faults(table)):
-        report(f"wrong: {text}")
-    sys.exit(1 if wrong else 0)
-
-
-def faults(table: BenchmarkTable) -> list[str]:
-    """Return the wrong verdicts of a table, and its motions in which the independent check found a fault."""
-    unsafe = (f"{row.name}: {'; '.join(row.faults)}" for row in getattr(table, "unsafe", ()))
-    return [*getattr(table, "wrong", ()), *unsafe]
 
 
 def report(text: str) -> None:
@@ -315,12 +339,12 @@ def report(text: str) -> None:
 
 
 def seconds(call: Callable[[], object], clock: Callable[[], float] = process_time) -> float:
-    """Return the time of a call in s, by default processor time."""
+    """The time of a call in s, by default processor time."""
     begin = clock()
     call()
     return clock() - begin
 
 
 def fastest(call: Callable[[], object], runs: int, clock: Callable[[], float] = process_time) -> float:
-    """Return the time in s of the fastest of several calls, which reduces the influence of other processes."""
+    """The time in s of the fastest of several calls, which reduces the influence of other processes."""
     return min(seconds(call, clock) for _ in range(runs))

@@ -2,76 +2,67 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.collision import CollisionTable, boxes, collision_benchmark, collision_markdown, write_collision_table
+from benchmarks.collision import BENCHMARK, boxes, collision_benchmark
 from benchmarks.collision_edges import ROBOTS, check_edges, check_verdict, random_edge, random_scene
+from benchmarks.tables import Results, Row
 
 import pinproof as pp
 from pinproof.collision.checking.coal_checks import PlainCoal
-from pinproof.errors import FileError, InputError
+from pinproof.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
-PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture(scope="module")
-def table(request: pytest.FixtureRequest) -> CollisionTable:
+def table(request: pytest.FixtureRequest) -> Results:
     return collision_benchmark(["ur5"], problems=1, configurations=30, box_counts=(1, 4), edges=5)
 
 
 @pytest.mark.slow
-def test_every_part_is_there(table: CollisionTable) -> None:
-    assert len(table.checks) == 5
-    assert {row.robot for row in table.checks} == {"ur5"}
-    assert [row.scene for row in table.growth] == ["boxes: 1", "boxes: 4"]
-    assert [row.problems for row in table.proofs] == ["ur5, own scenes"]
-    assert [(row.robot, row.edges) for row in table.edges] == [(robot, 1) for robot in ROBOTS]
+def test_every_part_is_there(table: Results) -> None:
+    assert len(table["checks"]) == 5
+    assert {row.robot for row in table["checks"]} == {"ur5"}
+    assert [row.scene for row in table["growth"]] == ["boxes: 1", "boxes: 4"]
+    assert [row.problems for row in table["proofs"]] == ["ur5, own scenes"]
+    assert [(row.robot, row.edges) for row in table["edges"]] == [(robot, 1) for robot in ROBOTS]
     assert table.provenance["seed"] == 0
 
 
 @pytest.mark.slow
-def test_times_are_separate_for_free_and_colliding_configurations(table: CollisionTable) -> None:
-    for row in (*table.checks, *table.growth):
+def test_times_are_separate_for_free_and_colliding_configurations(table: Results) -> None:
+    for row in (*table["checks"], *table["growth"]):
         for times in (row.is_free, row.check, row.clearance, row.coal, row.coal_tree):
-            assert (times.free is None) == (row.free_share == 0.0)
-            assert (times.colliding is None) == (row.free_share == 1.0)
-            assert all(us is None or us > 0 for us in (times.free, times.colliding))
+            assert (times["free"] is None) == (row.free_share == 0.0)
+            assert (times["colliding"] is None) == (row.free_share == 1.0)
+            assert all(us is None or us > 0 for us in times.values())
         assert row.missed_contacts == 0
 
 
 @pytest.mark.slow
-def test_proofs_of_planned_paths_are_free(table: CollisionTable) -> None:
-    (row,) = table.proofs
+def test_proofs_of_planned_paths_are_free(table: Results) -> None:
+    (row,) = table["proofs"]
     assert row.free == row.paths >= 4
     assert 0 < row.median_ms <= row.p95_ms <= row.largest_ms
 
 
 @pytest.mark.slow
-def test_the_table_is_written_and_read(table: CollisionTable, tmp_path: Path) -> None:
-    data, page, picture = write_collision_table(table, tmp_path)
-    assert CollisionTable.load(data) == table
-    assert picture.read_bytes().startswith(PNG)
-    text = page.read_text(encoding="utf-8")
-    assert text.endswith(collision_markdown(table))
-    assert "UNDECIDED: 0.000 %" in text
-    assert f"commit {table.provenance['commit']}" in " ".join(text.split())
-    data.write_text(json.dumps({"settings": {}}), encoding="utf-8")
-    with pytest.raises(FileError, match="collision checks"):
-        CollisionTable.load(data)
-
-
-@pytest.mark.slow
-def test_wrong_verdicts_are_listed(table: CollisionTable) -> None:
-    assert table.wrong == ()
-    wrong = replace(table, edges=(replace(table.edges[0], wrong=("ur5, seed 0, scene 0, edge 0: FREE, but ...",)),))
-    assert len(wrong.wrong) == 1
-    assert "- ur5, seed 0, scene 0, edge 0: FREE" in collision_markdown(wrong)
+def test_the_blocks_show_the_rows_and_what_is_wrong(table: Results) -> None:
+    assert table.faults == []
+    blocks = BENCHMARK.all_blocks(table)
+    assert blocks["edges"][-1] == "UNDECIDED: 0.000 %."
+    assert f"commit {table.provenance['commit']}" in " ".join(blocks["provenance"])
+    assert blocks["wrong"] == []
+    edge = Row(**{**vars(table["edges"][0]), "wrong": ["ur5, seed 0, scene 0, edge 0: FREE, but ..."]})
+    wrong = Results(table.settings, table.provenance, {**table.parts, "edges": [edge]})
+    assert len(wrong.faults) == 1
+    assert "- ur5, seed 0, scene 0, edge 0: FREE, but ..." in BENCHMARK.all_blocks(wrong)["wrong"]
+    assert list(BENCHMARK.figures(table)) == ["collision.png"]
 
 
 @pytest.mark.parametrize("how", [{"configurations": 0}, {"box_counts": (0,)}, {"edges": -1}])
@@ -84,7 +75,7 @@ def test_invalid_settings_are_refused(how: dict) -> None:
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_no_verdict_on_random_edges_is_wrong(robot: str) -> None:
     row = check_edges(robot, 36, seed=7)
-    assert row.wrong == ()
+    assert row.wrong == []
     assert row.undecided == 0
     assert row.free > 5
     assert row.free + row.colliding == 36

@@ -2,82 +2,80 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import fields, replace
+from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.ik import DocsIkTable, SuccessRow, success_markdown, success_rates
+from benchmarks.ik import BENCHMARK, success_rates
 from benchmarks.ik_methods import OWN_METHODS, PARTS, IkMethod, Part, PreparedMethod
 from benchmarks.ik_peers import PEERS
 from benchmarks.ik_run import (
     COLUMNS,
-    IkRow,
-    IkTable,
     ik_benchmark,
-    ik_markdown,
+    ik_tables,
     measured_row,
     random_targets,
+    rows_of,
     smooth_targets,
     with_reduced_ranges,
-    write_ik_table,
 )
+from benchmarks.tables import Results, Row
 
 import pinproof as pp
 from pinproof.errors import FileError, InputError
 
 POINTS = 20
-PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture(scope="module")
-def table() -> IkTable:
+def table() -> Results:
     return ik_benchmark(["ur5"], points=POINTS)
 
 
 @pytest.fixture(scope="module")
-def success() -> tuple[SuccessRow, ...]:
+def success() -> list[Row]:
     return success_rates(["ur5", "panda"], samples=50)
 
 
-def test_iterative_methods_have_a_row_in_every_part(table: IkTable) -> None:
+def test_iterative_methods_have_a_row_in_every_part(table: Results) -> None:
     for part in PARTS:
-        named = {row.method for row in table.part("ur5", part)}
+        named = {row.method for row in rows_of(table, "ur5", part)}
         assert named >= {"pseudo_inverse", "damped_least_squares", "clik"}
 
 
-def test_every_method_has_a_row_or_a_reason(table: IkTable) -> None:
+def test_every_method_has_a_row_or_a_reason(table: Results) -> None:
     for method in (*OWN_METHODS, *PEERS):
-        assert (method.key in {row.method for row in table.rows}) or table.left_out["ur5"][method.key]
+        assert (method.key in {row.method for row in table["rows"]}) or table["left_out"]["ur5"][method.key]
 
 
-def test_rows_are_complete_and_plausible(table: IkTable) -> None:
-    for row in table.rows:
+def test_rows_are_complete_and_plausible(table: Results) -> None:
+    for row in table["rows"]:
         assert row.samples == POINTS
         assert 0 < row.median_ms <= row.p999_ms
         assert 0 < row.mean_ms <= row.p999_ms
         assert 0.0 <= row.success <= 1.0
         assert (row.largest_step is not None) == (row.problem == "trajectory")
         assert (row.ratio is None) or row.compared_with is not None
-    own = [row for row in table.rows if row.compared_with is None]
+    own = [row for row in table["rows"] if row.compared_with is None]
     assert all(row.false_positives == 0 and row.position_error <= row.tolerance for row in own)
     assert all(row.batch_ms > 0 for row in own if row.problem == "random")
 
 
-def test_clik_with_restarts_solves_all_targets(table: IkTable) -> None:
-    rows = [row for row in table.rows if row.method == "clik" and row.restarts]
+def test_clik_with_restarts_solves_all_targets(table: Results) -> None:
+    rows = [row for row in table["rows"] if row.method == "clik" and row.restarts]
     assert [row.success for row in rows] == [1.0] * 3
 
 
-def test_rows_contain_the_figures_of_the_textbook(table: IkTable) -> None:
-    cells = {row.method: (row.textbook_ms, row.textbook_success) for row in table.rows}
+def test_rows_contain_the_figures_of_the_textbook(table: Results) -> None:
+    cells = {row.method: (row.textbook_ms, row.textbook_success) for row in table["rows"]}
     assert cells["pseudo_inverse"] == (1.20, 0.85)
     assert cells["damped_least_squares"] == (1.45, 0.95)
     assert cells["clik"] == (None, None)
 
 
-def test_provenance_is_complete(table: IkTable) -> None:
+def test_provenance_is_complete(table: Results) -> None:
     origin = table.provenance
     assert set(origin) == {"versions", "cpu", "cores", "system", "load", "seed", "commit", "date"}
     assert all(origin["versions"][name] for name in ("python", "pinproof", "pin", "numpy"))
@@ -87,55 +85,68 @@ def test_provenance_is_complete(table: IkTable) -> None:
     assert origin["date"][:2] == "20"
 
 
-def test_the_table_states_the_limits(table: IkTable) -> None:
+def test_the_table_states_the_limits(table: Results) -> None:
     chain = table.settings["chains"]["ur5"]
     np.testing.assert_allclose(chain["upper"], np.pi, atol=1e-8)
-    assert "+-pi" in ik_markdown(table)
+    assert "+-pi" in table.settings["limits"]
+    assert any("-3.142 to 3.142" in line for line in ik_tables(table))
 
 
-def test_a_saved_table_is_read_unchanged(table: IkTable, tmp_path: Path) -> None:
+def test_a_saved_table_is_read_unchanged(table: Results, tmp_path: Path) -> None:
     table.save(tmp_path / "ik.json")
-    assert IkTable.load(tmp_path / "ik.json") == table
-    assert ik_markdown(IkTable.load(tmp_path / "ik.json")) == ik_markdown(table)
+    read = Results.load(tmp_path / "ik.json")
+    assert read == table
+    assert BENCHMARK.all_blocks(read) == BENCHMARK.all_blocks(table)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"rows": 1}'])
 def test_other_files_are_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "ik.json").write_text(text)
-    with pytest.raises(FileError, match="inverse kinematics"):
-        IkTable.load(tmp_path / "ik.json")
+    with pytest.raises(FileError):
+        Results.load(tmp_path / "ik.json")
 
 
-def test_markdown_shows_every_row_and_column(table: IkTable) -> None:
-    text = ik_markdown(table)
-    shown = [name for name in COLUMNS if name != "relative time" or any(row.ratio for row in table.rows)]
+def test_rows_of_the_same_cell_are_replaced_and_others_are_kept(table: Results) -> None:
+    new = Results(table.settings, {**table.provenance, "commit": "later"}, {"rows": [Row(robot="ur5", method="mine")]})
+    both = new.added_to(table, ("robot", "method"))
+    assert len(both["rows"]) == len({(row.robot, row.method) for row in table["rows"]}) + 1
+    assert both.settings["measured"] == {"rows": "later", "left_out": table.provenance["commit"]}
+    assert new.added_to(table, ())["rows"] == new["rows"]
+
+
+def test_markdown_shows_every_row_and_column(table: Results) -> None:
+    text = "\n".join(ik_tables(table))
+    shown = [name for name in COLUMNS if name != "relative time" or any(row.ratio for row in table["rows"])]
     assert all(f" {name} |" in text for name in shown)
     lines = text.splitlines()
     assert sum(line.startswith("| Clik |") for line in lines) == len(PARTS)
-    prose = " ".join(text.split())
-    assert f"99.9th percentile of {POINTS} calls" in prose
 
 
-def test_missing_peers_are_named(table: IkTable) -> None:
-    text = ik_markdown(table)
+def test_missing_peers_are_named(table: Results) -> None:
+    text = "\n".join(ik_tables(table))
     for method in PEERS:
-        reason = table.left_out["ur5"].get(method.key)
+        reason = table["left_out"]["ur5"].get(method.key)
         assert reason is None or f"- {method.key}: {reason}" in text
 
 
 def test_without_peers_only_own_methods_run() -> None:
     made = ik_benchmark(["ur5"], points=1, methods=["clik"], peers=False)
-    assert made.left_out == {"ur5": {}}
-    assert {row.method for row in made.rows} == {"clik"}
+    assert made["left_out"] == {"ur5": {}}
+    assert {row.method for row in made["rows"]} == {"clik"}
 
 
 @pytest.mark.slow
-def test_plots_are_png_files(table: IkTable, tmp_path: Path) -> None:
-    written = write_ik_table(table, tmp_path)
-    assert [path.name for path in written] == ["ik.json", "ik.md", "ik_latency.png"]
-    for path in written[2:]:
-        assert path.read_bytes().startswith(PNG)
-    assert json.loads(written[0].read_text())["settings"]["points"] == POINTS
+def test_the_page_its_data_and_its_plots_are_written(
+    table: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "benchmarks" / "ik.md").read_text(encoding="utf-8")
+    (tmp_path / "ik.md").write_text(page, encoding="utf-8")
+    monkeypatch.setattr("benchmarks.tables.FOLDER", tmp_path)
+    BENCHMARK.write(table)
+    assert BENCHMARK.stored == table
+    assert "\n".join(ik_tables(table)) in (tmp_path / "ik.md").read_text(encoding="utf-8")
+    for name in ("ik_latency.png", "ik_steps.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
 
 
 @pytest.mark.parametrize(("words", "message"), [({"points": 0}, "at least 1"), ({"methods": ["magic"]}, "magic")])
@@ -187,8 +198,8 @@ def test_an_error_of_a_peer_is_listed_and_does_not_end_the_run(monkeypatch: pyte
     peer = IkMethod("broken", "broken", broken, compared_with="clik")
     monkeypatch.setattr("benchmarks.ik_run.PEERS", (peer,))
     made = ik_benchmark(["ur5"], points=1, methods=["clik", "broken"])
-    assert made.left_out == {"ur5": {"broken": "OSError: its library is gone"}}
-    assert {row.method for row in made.rows} == {"clik"}
+    assert made["left_out"] == {"ur5": {"broken": "OSError: its library is gone"}}
+    assert {row.method for row in made["rows"]} == {"clik"}
 
 
 def test_the_ratio_refers_to_our_method_in_the_same_part(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,12 +207,12 @@ def test_the_ratio_refers_to_our_method_in_the_same_part(monkeypatch: pytest.Mon
     monkeypatch.setattr("benchmarks.ik_run.PEERS", (peer,))
     made = ik_benchmark(["ur5"], points=2, methods=["clik", "peer"])
     for part in PARTS:
-        ours, theirs = made.part("ur5", part)
+        ours, theirs = rows_of(made, "ur5", part)
         assert theirs.ratio == pytest.approx(theirs.mean_ms / ours.mean_ms)
         assert ours.ratio is None
 
 
-def test_success_rates_count_solved_targets(success: tuple[SuccessRow, ...]) -> None:
+def test_success_rates_count_solved_targets(success: list[Row]) -> None:
     rows = [(row.robot, row.method) for row in success]
     assert rows == [("ur5", "clik"), ("ur5", "analytic"), ("panda", "clik")]
     assert all(row.samples == 50 and row.success == 1.0 and row.false_positives == 0 for row in success)
@@ -209,20 +220,17 @@ def test_success_rates_count_solved_targets(success: tuple[SuccessRow, ...]) -> 
 
 
 def test_the_configuration_that_generated_the_target_is_among_the_branches(
-    success: tuple[SuccessRow, ...],
+    success: list[Row],
 ) -> None:
     recovered = {(row.robot, row.method): row.recovered for row in success}
     assert recovered == {("ur5", "clik"): None, ("ur5", "analytic"): 1.0, ("panda", "clik"): None}
 
 
-def test_the_table_of_the_documentation_has_success_rates(
-    table: IkTable, success: tuple[SuccessRow, ...], tmp_path: Path
-) -> None:
-    docs = DocsIkTable(**vars(table), success=success)
-    docs.save(tmp_path / "ik.json")
-    assert DocsIkTable.load(tmp_path / "ik.json") == docs
-    assert "| panda | Clik | 100 % | 0 |" in success_markdown(success)
-    assert success_markdown(()) == ""
+def test_the_blocks_have_success_rates(table: Results, success: list[Row]) -> None:
+    with_rates = deepcopy(table)
+    with_rates.parts["success"] = success
+    assert "| panda | Clik | 100 % | 0 |" in "\n".join(BENCHMARK.blocks(with_rates)["success"])
+    assert BENCHMARK.blocks(table)["success"] == []
 
 
 def test_an_arm_without_a_closed_form_is_left_out_with_the_reason(tmp_path: Path) -> None:
@@ -233,19 +241,17 @@ def test_an_arm_without_a_closed_form_is_left_out_with_the_reason(tmp_path: Path
     robot = str(tmp_path / "general.urdf")
     pp.write_urdf(pp.DhTable(rows, convention="standard", name="general"), robot)
     made = ik_benchmark([robot], points=1, methods=["analytic", "clik"], peers=False)
-    assert made.left_out[robot]["analytic"].startswith("no closed form")
-    assert {row.method for row in made.rows} == {"clik"}
+    assert made["left_out"][robot]["analytic"].startswith("no closed form")
+    assert {row.method for row in made["rows"]} == {"clik"}
 
 
-def test_stored_rows_have_the_fields_of_a_row() -> None:
+def test_stored_rows_have_the_fields_of_a_row(table: Results) -> None:
     """If this fails after a change of the fields, run the benchmark again."""
-    stored = Path(__file__).parents[2] / "docs" / "benchmarks" / "ik.json"
-    known = {field.name for field in fields(IkRow)}
-    assert all(set(row) == known for row in json.loads(stored.read_text(encoding="utf-8"))["rows"])
+    assert all(vars(row).keys() == vars(table["rows"][0]).keys() for row in BENCHMARK.stored["rows"])
 
 
-def test_tracking_has_a_row_for_the_trajectory_only(table: IkTable) -> None:
-    (row,) = [row for row in table.rows if row.method == "tracking"]
+def test_tracking_has_a_row_for_the_trajectory_only(table: Results) -> None:
+    (row,) = [row for row in table["rows"] if row.method == "tracking"]
     assert row.problem == "trajectory"
     assert row.batch_ms > 0
     assert row.success == 1.0

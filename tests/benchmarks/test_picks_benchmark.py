@@ -2,66 +2,53 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.picks import (
-    CELLS,
-    CampaignRow,
-    PicksTable,
-    pick_cell,
-    picks_benchmark,
-    picks_markdown,
-    steady_rate,
-    write_picks_table,
-)
+from benchmarks.picks import BENCHMARK, CELLS, pick_cell, picks_benchmark, steady_rate
+from benchmarks.tables import Results, Row
 
 import pinproof as pp
-from pinproof.errors import FileError, InputError
+from pinproof.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
-def table() -> PicksTable:
+def table() -> Results:
     return picks_benchmark(["generic_6dof"], picks=4, poses=200, campaign=0, overhead=20, durations=())
 
 
 @pytest.mark.slow
-def test_every_part_is_there(table: PicksTable) -> None:
-    complete = table.verdicts[0]
+def test_every_part_is_there(table: Results) -> None:
+    complete = table["verdicts"][0]
     assert (complete.cell, complete.verdict, complete.picks) == ("generic_6dof", "all", 4)
-    assert sum(row.picks for row in table.verdicts[1:]) == 4
+    assert sum(row.picks for row in table["verdicts"][1:]) == 4
     assert 0 < complete.median_ms <= complete.p95_ms <= complete.largest_ms
-    assert [row.poses for row in table.screening] == ["picks", "random configurations"]
-    for row in table.screening:
+    assert [row.poses for row in table["screening"]] == ["picks", "random configurations"]
+    for row in table["screening"]:
         assert 0 < row.free <= 1
         assert min(row.rate, row.with_clearance, row.reach_only, row.two_threads) > 0
-    assert table.overhead[0].picks == 20
+    assert table["overhead"][0].picks == 20
     assert table.provenance["seed"] == 0
 
 
-@pytest.mark.slow
-def test_the_table_is_written_and_read(table: PicksTable, tmp_path: Path) -> None:
-    data, page = write_picks_table(table, tmp_path)
-    assert PicksTable.load(data) == table
-    text = page.read_text(encoding="utf-8")
-    assert text.endswith(picks_markdown(table))
-    assert "## Screening" in text
-    data.write_text(json.dumps({"settings": {}}), encoding="utf-8")
-    with pytest.raises(FileError, match="picks"):
-        PicksTable.load(data)
-
-
-@pytest.mark.slow
-def test_speed_ups_are_relative_to_one_process(table: PicksTable) -> None:
-    rows = [CampaignRow("ur5", f"{n} process", 100, 10.0 / n + 1.0, 100 / (10.0 / n + 1.0), 10.0 * n) for n in (1, 2)]
-    page = picks_markdown(replace(table, campaigns=tuple(rows)))
-    assert "| ur5 | 2 process | 100 | 6.0 | 16.7 | 1.83 | 20.0 | 2.00 |" in page
+def test_speed_ups_are_relative_to_one_process() -> None:
+    rows = [
+        Row(
+            cell="ur5",
+            workers=f"{n} process",
+            picks=100,
+            wall_s=10 / n + 1,
+            rate=100 / (10 / n + 1),
+            steady_rate=10 * n,
+        )
+        for n, t in ((1, 11.0), (2, 6.0))
+    ]
+    lines = BENCHMARK.blocks(Results({}, {}, {"campaigns": rows}))["campaigns"]
+    assert lines[-1] == "| ur5 | 2 process | 100 | 6.0 | 16.7 | 1.83 | 20.0 | 2.00 |"
 
 
 def test_the_steady_rate_excludes_start_and_end() -> None:

@@ -22,7 +22,7 @@ _HOME = {  # package: the names that the top level exports
         "Box Capsule Certificate CertificateStatus CollisionChecker Cylinder HalfSpace Mesh Mover Obstacle "
         "OccupancyGrid PointCloud Scene Sphere Upright Within audit certify verify_proof"
     ),
-    "pinproof.planning": "PlanResult RrtConnect blend optimise plan_linear shortcut simplify",
+    "pinproof.planning": "MotionPlan PlanResult RrtConnect blend optimise plan plan_linear shortcut simplify",
     "pinproof.viewer": "show write_html write_png",
     "pinproof.execution": "Monitor MotionLibrary",
     "pinproof.picks": "Campaign Pick Picks reach_map read_picks screen_picks validate_picks",
@@ -118,10 +118,12 @@ if TYPE_CHECKING:
         validate_picks as validate_picks,
     )
     from pinproof.planning import (
+        MotionPlan as MotionPlan,
         PlanResult as PlanResult,
         RrtConnect as RrtConnect,
         blend as blend,
         optimise as optimise,
+        plan as plan,
         plan_linear as plan_linear,
         shortcut as shortcut,
         simplify as simplify,

@@ -25,14 +25,8 @@ from pinproof.units import refuse_degrees, warn_of_millimetres
 if TYPE_CHECKING:
     from pinproof.cell import CellComparison, PlacementChoice, PlacementRegion, ToleranceStudy
 
-SHOWN = 20
-"""Largest number of picks that are printed; -o writes all of them."""
-
 WORK = {"options": "grasps and lines", "motions": "certified motions", "shorten": "shorter motions"}
 """The parts of the search for a sequence, as the progress bar names them."""
-
-SLOWEST = 3
-"""Number of slowest picks that are printed."""
 
 
 @dataclass(frozen=True)
@@ -149,25 +143,8 @@ def cell_sequence(
 
     if guess := guess_note(setup.checker.arm.limits.acceleration_source):
         print_note(guess)
-    # The first picks with their times, those that are left out, and what the order is worth.
-    times = pp.cell.cycle_time(result)
-    lines = [
-        f"{number:4} {time.name:20} at {time.start:8.2f} s, {time.duration:6.2f} s"
-        for number, time in enumerate(times.picks[:SHOWN], start=1)
-    ]
-    if len(times.picks) > SHOWN:
-        lines.append(f"     and {len(times.picks) - SHOWN} more picks")
-    lines += [f"   - {pick.name:20} left out: {pick.reason}" for pick in result.left_out]
-    lines.append(result.message)
-    if result.steps:
-        shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in times.utilisation.items())
-        orders = f"{result.file_order:.2f} s and of the nearest neighbour {result.nearest_neighbour:.2f} s"
-        bounds = f"lower bound {result.lower_bound:.2f} s, motions {result.moving:.2f} s"
-        lines += [f"{bounds}; bounds of the file order {orders}", f"utilisation: {shares}"]
-        for time in times.slowest(SLOWEST):
-            lines.append(f"slow: {time.name}, {time.duration:.2f} s, limited by {time.limited_by}")
     ok = result.ok or interrupted is not None
-    print_result(pp.cell.sequence_dict(result), [*lines, *written(*outputs)], as_json=as_json, ok=ok)
+    print_result(pp.cell.sequence_dict(result), [result.to_text(), *written(*outputs)], as_json=as_json, ok=ok)
     if interrupted is not None:
         raise Interrupted(str(interrupted), result_printed=True)
 
@@ -220,20 +197,7 @@ def cell_allocate(
         )
     for path in outputs:
         pp.cell.save_allocation(result, path)
-    alone = {each.arm: each.reason if each.duration is None else f"{each.duration:.2f} s" for each in result.alone}
-    lines = [
-        *(
-            f"{each.arm}: {', '.join(each.picks) or 'no pick'}; {each.duration:.2f} s, of which it waits "
-            f"{each.waiting:.2f} s"
-            for each in result.arms
-        ),
-        result.message,
-        *(f"{arm} alone: {took}" for arm, took in alone.items()),
-        *(f"left out: {pick.name}: {pick.reason}" for pick in result.missing),
-        *(f"not covered: {note}" for note in result.notes),
-        *written(*outputs),
-    ]
-    print_result(result.to_dict(), lines, as_json=as_json, ok=result.ok)
+    print_result(result.to_dict(), [result.to_text(), *written(*outputs)], as_json=as_json, ok=result.ok)
 
 
 SUFFIXES = (".json", ".csv", ".png", ".md")

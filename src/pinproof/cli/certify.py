@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pinproof as pp
-from pinproof.cli.complete import robot_names
 from pinproof.cli.console import check_output_files, print_result, progress_status
 from pinproof.cli.options import (
     ConstraintOptions,
@@ -20,6 +19,7 @@ from pinproof.cli.options import (
     argument,
     load_motion,
     option,
+    robot_names,
 )
 from pinproof.errors import InputError
 
@@ -128,15 +128,18 @@ def certify_motion(
         certificate.save(proof.save_proof)
 
     # The certificate compares the limits of joints; torques and the speed of the tool are compared here.
-    limits, torque = rates.limits(arm)
+    limits = rates.limits(arm)
     exceeded = pp.motion.rate_violations(limits, trajectory)
     within = [] if certificate.limits is None else list(map(str, certificate.limits.violations))
-    attached = [body.name for body in checker.attached]
-    largest, notes, torques = rates.report(torque, trajectory)
+    attached, torques, notes = [body.name for body in checker.attached], {}, []
+    for limit in limits:
+        if isinstance(limit, pp.motion.TorqueLimits):
+            torques = limit.report(trajectory)
+            notes = [f"largest torque: {limit.largest(trajectory)}", *(f"note: {note}" for note in limit.notes)]
     lines = [str(certificate), *([f"attached: {', '.join(attached)}"] if attached else [])]
     lines += [f"outside the limits: {violation}" for violation in exceeded]
     lines += [f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in certificate.excluded]
-    lines += [*largest, *notes, *([] if audit is None else [f"audit: {audit.message}"])]
+    lines += [*notes, *([] if audit is None else [f"audit: {audit.message}"])]
     if proof.save_proof is not None:
         is_saved = f"wrote {proof.save_proof}", f"{proof.save_proof} is not written: there is no proof"
         lines.append(is_saved[not certificate.free])

@@ -26,14 +26,11 @@ import pinproof as pp
 from pinproof.cli.cell import cell_allocate, cell_compare, cell_place, cell_sequence, cell_tolerance
 from pinproof.cli.certify import certify_motion, export
 from pinproof.cli.console import Interrupted, print_error, print_json, print_note
-from pinproof.cli.kinematics import bench, fk, ik
-from pinproof.cli.motion import check, plan
+from pinproof.cli.motion import check, plan, view
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import demo, pick
 from pinproof.cli.reach import reach
-from pinproof.cli.robots import dh2urdf, info, urdf2dh
-from pinproof.cli.schema import schema
-from pinproof.cli.view import view
+from pinproof.cli.robots import bench, dh2urdf, fk, ik, info, schema, urdf2dh
 from pinproof.errors import FileError, NoAnswer, PinproofError, UnitWarning
 
 # The error classes of the parser have no public names; they are the base classes of typer.BadParameter.

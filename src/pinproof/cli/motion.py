@@ -1,26 +1,38 @@
-"""``pinproof check`` and ``pinproof plan``: check a configuration and plan a motion."""
+"""``pinproof check``, ``plan`` and ``view``: check a configuration, plan a motion, and show either."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pinproof as pp
-from pinproof.cli.console import check_output_files, print_result, progress_status, written
+from pinproof.cli.console import (
+    check_output_files,
+    print_error,
+    print_result,
+    progress_status,
+    until_interrupted,
+    written,
+)
 from pinproof.cli.options import (
     Configuration,
     ConstraintOptions,
     Html,
+    IgnoreRecord,
     Json,
     RateOptions,
     Robot,
     Seed,
     SetupOptions,
+    argument,
+    load_motion,
+    note_limits,
     option,
     parse_configuration,
 )
-from pinproof.errors import InputError
+from pinproof.errors import InputError, MeshError
 
 
 def check(
@@ -104,57 +116,105 @@ def plan(
             jerk = "limits" if effort.jerk == "limits" else float(effort.jerk)
         except ValueError:
             raise InputError(f"--jerk must be a number or the word limits, not {effort.jerk!r}") from None
-    # The arm in its scene with its tool, and what the motion must keep to.
-    search = pp.planning.make_planner(effort.planner)
     arm = setup.arm(robot)
-    limits, torque = rates.limits(arm)
-    world = setup.world()
-    checker = setup.checker(arm, world)
+    limits, world = rates.limits(arm), setup.world()
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
-    constraints = upright.constraints(arm, ends[0])
-    # A path is found, then shortened and rounded, then timed and made as short as the limits allow.
     with progress_status("planning"):
-        planned = search.plan(checker, *ends, constraints=constraints, torque_limits=torque, rng=seed)
-        if not planned.ok:
-            data = {"ok": False, "status": planned.status.name, "message": planned.message}
-            print_result(data, [planned.message], as_json=as_json, ok=False)
-            return
-        checker = planned.checker  # has tighter bodies if an end was in collision only with coarse ones
-        simplified = pp.simplify(
-            planned.path,
-            checker,
-            rng=seed,
+        found = pp.plan(
+            setup.checker(arm, world),
+            *ends,
+            planner=pp.planning.make_planner(effort.planner),
             blend=effort.blend,
-            constraints=constraints,
-            torque_limits=torque,
-            certificate=planned.certificate,
-        )
-        shortest = pp.optimise(
-            simplified.path,
-            checker,
-            limits=arm.limits,
             jerk=jerk,
             rate_limits=limits,
-            constraints=constraints,
+            constraints=upright.constraints(arm, ends[0]),
             rng=seed,
             budget=effort.optimise,
         )
-    # Files before the answer, so that "wrote" is true.
-    trajectory, certificate = shortest.trajectory, shortest.certificate
-    if output is not None:
-        trajectory.save(output, certificate=certificate)
-    if html is not None:
-        drawn = pp.viewer.PlotLimits(arm.limits, arm.limits.jerk if jerk == "limits" else jerk, limits)
-        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, plot=drawn)
+    # Files before the answer, so that "wrote" is true; a motion that is not proven is written too.
+    lines = [found.to_text()]
+    if found.optimised is not None:
+        if output is not None:
+            found.trajectory.save(output, certificate=found.certificate)
+        if html is not None:
+            drawn = pp.viewer.PlotLimits(arm.limits, arm.limits.jerk if jerk == "limits" else jerk, limits)
+            proof, attached = found.certificate, found.checker.attached
+            pp.write_html(html, arm, world, found.trajectory, certificate=proof, attached=attached, plot=drawn)
+        lines += written(output, html)
+    print_result(found.to_dict(), lines, as_json=as_json, ok=found.ok)
 
-    # The figures of the path, and what the optimisation gained.
-    length, stops, before, after = simplified.path.length, simplified.stops, shortest.duration_before, shortest.duration
-    figures = {"stops": stops, "length": length, "duration_of_path": before, "duration": after}
-    figures["lower_bound"] = shortest.lower_bound
-    summary = f"path of length {length:.3g} rad, {stops} intermediate stop{'' if stops == 1 else 's'}, {before:.2f} s"
-    summary += f"; optimised motion {after:.2f} s" if effort.optimise else ""
-    summary += f", lower bound without obstacles {shortest.lower_bound:.2f} s ({trajectory.limits_note})"
-    largest, notes, torques = rates.report(torque, trajectory)
-    lines = [summary, *largest, str(certificate), *notes, *written(output, html)]
-    data = {"ok": certificate.free, **figures, **torques, **certificate.to_dict()}
-    print_result(data, lines, as_json=as_json, ok=certificate.free)
+
+@dataclass(frozen=True)
+class PngOptions:
+    """Options of the PNG picture."""
+
+    png: Path | None = option("Write a picture (PNG). Requires a Chromium-based browser.", None)
+    time: float | None = option("Time of the motion that --png shows, in seconds.", None)
+    size: str = option("Size of --png in pixels.", "1280x800", metavar="WIDTHxHEIGHT")
+
+
+def view(
+    robot: Robot,
+    motion: Path | None = argument("A motion file to play (.json, .csv, .yaml or .yml).", None, metavar="MOTION"),
+    q: Configuration = None,
+    branches: bool = option("Also show all other IK solutions for the tcp pose of --q, transparent.", False),
+    layer: list[str] | None = option(
+        "A layer to show at first: collision, frames or sweep; can be given several times.", None, metavar="LAYER"
+    ),
+    html: Html = None,
+    port: int = option("Port of the live view on 127.0.0.1; 0 selects a free port.", 0, min=0),
+    browser: bool = option("Open the live view in the browser.", True),
+    ignore_record: IgnoreRecord = False,
+    *,
+    png_options: PngOptions,
+    setup: SetupOptions,
+    as_json: Json = False,
+) -> None:
+    """Show a robot or a motion in the browser (Ctrl-C ends it), as an HTML page (--html) or as a picture (--png).
+
+    A motion is certified first, and the page shows the result. With --q, --scene, --tool-of or --attached, the
+    configuration is checked for collisions, and contacts are marked.
+
+    Example: pinproof view ur5 --html ur5.html
+    """
+    check_output_files([html, png_options.png], [robot, motion, *setup.files])
+    match = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", png_options.size.strip())
+    if match is None:
+        raise InputError(f"--size must be WIDTHxHEIGHT in pixels, such as 1280x800, not {png_options.size!r}")
+    size = int(match[1]), int(match[2])
+    if png_options.time is not None and png_options.png is None:
+        raise InputError("--time needs --png; add --png FILE")
+    if motion is not None and (q is not None or branches):
+        option = "--branches" if q is None else "--q"
+        raise InputError(f"{option} cannot be combined with the motion {motion}; remove one of them")
+    arm, world = setup.arm(robot), setup.world()
+    content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": setup.attachments.bodies}
+    # A motion is certified; a configuration is checked if there is something to collide with.
+    if motion is not None:
+        checker = setup.checker(arm, world)
+        content["trajectory"] = trajectory = load_motion(motion, checker, ignore_record)
+        with progress_status("certifying"):
+            content["certificate"] = pp.certify(trajectory, checker)
+    else:
+        content["q"] = configuration = parse_configuration(q, arm, "--q")
+        note_limits(arm, configuration)
+        if q is not None or setup.surrounds:
+            try:
+                content["check"] = setup.checker(arm, world).check(configuration)
+            except MeshError as error:
+                print_error(f"not checked for contacts: {error}")
+        if branches:
+            content["ghosts"] = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(configuration)).q
+    if html is None and png_options.png is None:
+        # Ctrl-C can arrive as soon as the URL is printed, so until_interrupted must be active before.
+        with pp.show(arm, world, **content, port=port, open_browser=browser) as shown, until_interrupted():
+            print_result({"url": shown.url}, [f"{shown.url} (Ctrl-C ends it)"], as_json=as_json)
+            shown.wait()
+        return
+    with progress_status("writing"):
+        if png_options.png is not None:  # first, because it fails without a browser: then no file is written
+            pp.write_png(png_options.png, arm, world, **content, time=png_options.time, size=size)
+        if html is not None:
+            pp.write_html(html, arm, world, **content)
+    files = {kind: str(path) for kind, path in (("page", html), ("picture", png_options.png)) if path is not None}
+    print_result(files, written(*files.values()), as_json=as_json)

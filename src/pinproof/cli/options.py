@@ -10,7 +10,7 @@ import copy
 import functools
 import inspect
 import math
-from collections.abc import Callable, Sized
+from collections.abc import Callable, Iterable, Sized
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from functools import cached_property
@@ -21,15 +21,79 @@ import numpy as np
 import typer
 
 import pinproof as pp
-from pinproof.cli.complete import group_names, link_names, robot_names
 from pinproof.cli.console import Interrupted, print_note
-from pinproof.errors import InputError
+from pinproof.errors import InputError, PinproofError
 from pinproof.units import MOST_MARGIN, parse_angle, refuse_degrees, warn_of_degrees, warn_of_millimetres
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from pinproof.spatial import SE3
+
+
+def robot_names(incomplete: str) -> list[str]:
+    """Catalogue names and existing robot files."""
+    from pinproof.description import catalogue_names
+    from pinproof.model import ROBOT_SUFFIXES
+
+    return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_SUFFIXES)(incomplete)]
+
+
+def method_names(incomplete: str) -> list[str]:
+    """The registered IK methods."""
+    return _starting_with(incomplete, pp.ik.IK_METHODS)
+
+
+def format_names(incomplete: str) -> list[str]:
+    """The file formats."""
+    return _starting_with(incomplete, pp.formats.FORMATS)
+
+
+def file_names(*suffixes: str) -> Callable[[str], list[str]]:
+    """A completion function for files with one of these suffixes, and for folders.
+
+    Shells complete paths by themselves for options of type path. This function is for arguments that may be a name or
+    a file.
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        folder, _, prefix = incomplete.rpartition("/")
+        try:
+            entries = sorted(Path(f"{folder}/" if "/" in incomplete else ".").iterdir())
+        except OSError:
+            return []
+        names = [f"{path.name}/" if path.is_dir() else path.name for path in entries]
+        matching = [name for name in names if name.endswith(("/", *suffixes)) and not name.startswith(".")]
+        return [f"{folder}/{name}" if "/" in incomplete else name for name in _starting_with(prefix, matching)]
+
+    return complete
+
+
+def link_names(ctx: typer.Context, incomplete: str) -> list[str]:
+    """The links of the robot on the command line."""
+    robot = _robot(ctx)
+    return [] if robot is None else _starting_with(incomplete, robot.urdf.links)
+
+
+def group_names(ctx: typer.Context, incomplete: str) -> list[str]:
+    """The joint groups of the SRDF of the robot on the command line."""
+    robot = _robot(ctx)
+    return [] if robot is None or robot.srdf is None else _starting_with(incomplete, robot.srdf.groups)
+
+
+def _robot(ctx: typer.Context) -> pp.Robot | None:
+    """The robot on the command line, or None if it is not stated yet or cannot be read."""
+    # The parser stops at an option without a value; the arguments parsed so far are then in ctx.args.
+    name = ctx.params.get("robot") or next(iter(ctx.args), None)
+    try:
+        return None if name is None else pp.load_robot(name, srdf=ctx.params.get("srdf"))
+    except PinproofError:
+        return None
+
+
+def _starting_with(incomplete: str, names: Iterable[str]) -> list[str]:
+    return sorted(name for name in names if name.startswith(incomplete))
+
 
 Robot = Annotated[
     str,
@@ -200,19 +264,7 @@ class SetupOptions(ChainOptions):
         tool = pp.collision.Attachments(picks.open_tool, held=picks.held, tip=picks.tip)
         if self.attached is None:
             return tool
-        more = pp.collision.Attachments.load(self.attached)
-        both = {body.name for body in tool.bodies} & {body.name for body in more.bodies}
-        if both:
-            raise InputError(f"--tool-of and --attached both name a body {sorted(both)[0]!r}; rename one of them")
-        for name, value in more.held.items():
-            if tool.held.get(name, value) != value:
-                raise InputError(
-                    f"--tool-of holds joint {name} at {tool.held[name]:g}, --attached at {value:g}; state it once"
-                )
-        if not (more.tip.isIdentity() or tool.tip.isIdentity()):
-            raise InputError("--tool-of and --attached both state a tip; remove one of them")
-        tip = tool.tip if more.tip.isIdentity() else more.tip
-        return pp.collision.Attachments((*tool.bodies, *more.bodies), more.allowed, {**tool.held, **more.held}, tip)
+        return tool.with_more(pp.collision.Attachments.load(self.attached), ("--tool-of", "--attached"))
 
     def arm(self, robot: str) -> pp.Arm:
         """Load the arm of a robot, with the tcp of ``--tool-of`` if none is selected, and the joints of the tool held.
@@ -309,35 +361,25 @@ class RateOptions:
     torque: bool = option("Apply the torque limits of the joints (effort in the URDF).", False)
     tool_speed: float | None = option("Largest speed of the tcp in m/s, such as 0.25 beside persons.", None)
 
-    def limits(self, arm: pp.Arm) -> tuple[list[pp.motion.RateConstraint], pp.motion.TorqueLimits | None]:
-        """All limits for the timing of an arm, and that of the torques among them, if it applies.
+    def limits(self, arm: pp.Arm) -> list[pp.motion.RateConstraint]:
+        """The limits for the timing of an arm beside those of its joints.
 
         Raises
         ------
         InputError
             If the payload is not a mass, a centre and an inertia, or the arm has no torque limits or masses.
         """
-        torque = pp.motion.TorqueLimits(arm) if self.torque and self.payload is None else None
+        limits: list[pp.motion.RateConstraint] = []
         if self.payload is not None:
             values = numbers(self.payload, "--payload", *MASS_FORMS)
             center, inertia = np.array(values[1:4] or [0.0, 0.0, 0.0]), np.array(values[4:])
-            torque = pp.motion.TorqueLimits(arm, pp.Payload(values[0], center, inertia if len(inertia) else None))
-        limits: list[pp.motion.RateConstraint] = [] if torque is None else [torque]
+            payload = pp.Payload(values[0], center, inertia if len(inertia) else None)
+            limits.append(pp.motion.TorqueLimits(arm, payload))
+        elif self.torque:
+            limits.append(pp.motion.TorqueLimits(arm))
         if self.tool_speed is not None:
             limits.append(pp.motion.ToolLimits(arm, linear_speed=self.tool_speed))
-        return limits, torque
-
-    @staticmethod
-    def report(
-        torque: pp.motion.TorqueLimits | None, trajectory: pp.Trajectory
-    ) -> tuple[list[str], list[str], dict[str, Any]]:
-        """The line on the joint with the largest share of its torque limit, the notes on torques, and JSON output."""
-        if torque is None:
-            return [], [], {}
-        peaks = torque.peaks(trajectory)
-        largest = f"largest torque: {max(peaks, key=lambda peak: peak.share)}"
-        figures = {"torques": [peak.as_dict() for peak in peaks], "torque_notes": torque.notes}
-        return [largest], [f"note: {note}" for note in torque.notes], figures
+        return limits
 
 
 def expand_options(command: Callable[..., None], on_verbose: Callable[[], None]) -> Callable[..., None]:

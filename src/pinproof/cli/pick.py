@@ -34,7 +34,7 @@ from pinproof.cli.console import (
     written,
 )
 from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, argument, option, placement
-from pinproof.errors import CampaignError, InputError, RunInterrupted, UnknownNameError
+from pinproof.errors import CampaignError, InputError, RunInterrupted
 
 if TYPE_CHECKING:
     from pinproof.picks import PickSource
@@ -156,8 +156,9 @@ class OutputOptions:
             if output is not None:
                 report.save(output)
             return str(output or ""), True
-        dwell = {"grip_dwell": self.grip_dwell, "release_dwell": self.release_dwell}
-        stems = report.save_folder(output, pages=self.pages, **dwell)
+        stems = report.save_folder(
+            output, pages=self.pages, grip_dwell=self.grip_dwell, release_dwell=self.release_dwell
+        )
         names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
         if not stems:
             return names, True
@@ -167,25 +168,16 @@ class OutputOptions:
         if self.export is None or report.setup is None:
             return text, True
 
-        # A program of the controller is written only if what its text executes is proven.
-        dialect, count = pp.motion.find_dialect(self.export), 0
-        for verdict, program, stem in zip(report.good, report.programs(**dwell), stems, strict=True):
-            exported = pp.picks.export_picks(
-                report.setup,
-                [(verdict.pick, program)],
-                self.export,
-                output=self.gripper_output or dialect.outputs,
-                name=stem,
-                deviation=self.export_deviation,
-            )
-            for note in exported.notes:
-                print_note(f"note: {note}")
-            if exported.free:
-                exported.program.save(output / f"{stem}{dialect.endings[0]}")
-                count += 1
-            else:
-                failed = next(proof for proof in exported.certificates[0] if not proof.free)
-                print_note(f"note: the {self.export} program of {stem} is not written: {failed.message}")
+        count, notes = report.export_programs(
+            output,
+            self.export,
+            output=self.gripper_output,
+            deviation=self.export_deviation,
+            grip_dwell=self.grip_dwell,
+            release_dwell=self.release_dwell,
+        )
+        for note in notes:
+            print_note(f"note: {note}")
         return f"{text}; {count} programs in {self.export}", count == len(stems)
 
 
@@ -319,37 +311,9 @@ def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -
     arm, world, source = cell.open(file)
     picks = source.load()
     setup = pp.picks.PickSetup.make(arm, world, picks, home=None, rng=0)
-    if pp.motion.is_program_file(program):
-        text = pp.motion.RobotProgram.load(program, allow_changes=True)
-        with progress_status(f"certifying {program}"):
-            certificates, notes = pp.picks.certify_picks_program(setup, picks, text)
-        motions = [
-            {"pick": pick.name, "motion": name, **proof.to_dict()}
-            for pick, row in zip(text.picks, certificates, strict=True)
-            for name, proof in zip([name for name, _ in pick.motions] if len(row) > 1 else ["pick"], row, strict=True)
-        ]
-        edited = not text.certificate
-        ok = all(row["status"] == "FREE" for row in motions) and not edited
-        lines = [f"{row['pick']}, {row['motion']}: {row['status']}: {row['message']}" for row in motions]
-        lines += ["the program was edited after it was written, or was never certified"] if edited else []
-        data = {"ok": ok, "program": text.name, "edited": edited, "motions": motions, "notes": notes}
-        print_result(data, [*lines, *(f"note: {note}" for note in notes)], as_json=as_json, ok=ok)
-        return
-    stored = pp.motion.MotionProgram.load(program, allow_changes=True)
-    pick = next((pick for pick in picks if pick.name == stored.name), None)
-    if pick is None:
-        raise UnknownNameError("pick", stored.name, [pick.name for pick in picks], str(file))
     with progress_status(f"certifying {program}"):
-        proofs = setup.recertify(stored, pick)
-    rows, lines = [], []
-    for record, proof in zip(stored.certificates.values(), proofs, strict=True):
-        changed = record.name in stored.changed
-        rows.append({"motion": record.name, "changed": changed, **proof.to_dict()})
-        note = "; differs from the motion that was certified" if changed else ""
-        lines.append(f"{record.name}: {proof.status.name}: {proof.message}{note}")
-    ok = all(proof.free for proof in proofs) and not stored.changed
-    data = {"ok": ok, "program": stored.name, "duration": stored.duration, "motions": rows}
-    print_result(data, lines, as_json=as_json, ok=ok)
+        found = pp.picks.recertify_program(setup, picks.picks, program)
+    print_result(found.to_dict(), [found.to_text()], as_json=as_json, ok=found.ok)
 
 
 def judge_file(file: Path, cell: CellOptions | None = None, seed: int = 0, **settings: Any) -> pp.picks.PickReport:

@@ -1,24 +1,41 @@
-"""``pinproof info``, ``dh2urdf`` and ``urdf2dh``: the properties of a robot, and conversion between DH and URDF."""
+"""``pinproof info``, ``fk``, ``ik``, ``bench``, ``dh2urdf``, ``urdf2dh``, ``schema``: robots and formats."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import MISSING
+import json
+import math
+from dataclasses import MISSING, asdict, replace
 from enum import Enum
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 import pinproof as pp
-from pinproof.cli.complete import robot_names
-from pinproof.cli.console import check_output_files, print_result, progress_status, written
-from pinproof.cli.options import ChainOptions, Json, Robot, argument, option
+from pinproof.cli.console import check_output_files, print_json, print_result, progress_status, written
+from pinproof.cli.options import (
+    ChainOptions,
+    Configuration,
+    Json,
+    Robot,
+    Seed,
+    SetupOptions,
+    argument,
+    format_names,
+    link_names,
+    method_names,
+    note_limits,
+    numbers,
+    option,
+    parse_configuration,
+    robot_names,
+)
+from pinproof.common.files import write_text_whole
+from pinproof.common.results import Rows
 from pinproof.errors import InputError, MeshError
-
-if TYPE_CHECKING:
-    from pinproof.model import JointInfo
+from pinproof.formats import FORMATS
+from pinproof.units import refuse_degrees
 
 
 class Convention(str, Enum):
@@ -73,23 +90,7 @@ def info(
             report = pp.collision.sample_overlaps(arm.robot, samples=samples)
         if write_srdf is not None:
             report.save_srdf(write_srdf)
-        # The pairs by frequency, each with the proposal; those that never touch as one line.
-        touching = [pair for pair in report.pairs if pair.touching or pair.reason]
-        never = [" and ".join(pair.links) for pair in report.pairs if pair not in touching]
-        table: list[tuple[str, ...]] = [("links", "in contact", "geometry", "SRDF", "proposal")]
-        for pair in touching:
-            share = f"{pair.touching} of {pair.samples}: {pair.frequency}"
-            proposal = f"exclude: {pair.reason}" if pair.reason else "keep checking"
-            table.append((" and ".join(pair.links), share, pair.geometry, pair.disabled or "-", proposal))
-        sampled = f"{len(report.pairs)} pairs of links in {report.samples:,} sampled configurations of all joints"
-        lines = [
-            f"{report.robot.name}: {sampled}",
-            *_in_columns(table),
-            f"never in contact in these samples: {len(never)} pairs{': ' if never else ''}{', '.join(never)}",
-            "proposed: exclude adjacent links and links that touch in every sample, and check all others",
-            "samples do not prove that links never touch",
-            *written(write_srdf, write_urdf),
-        ]
+        lines = [report.to_text(), *written(write_srdf, write_urdf)]
         print_result(report.to_dict(), lines, as_json=as_json)
         return
     # A robot whose meshes are missing still has joints and frames to print.
@@ -101,43 +102,14 @@ def info(
     else:
         excluded = [[*pair.owners, pair.reason] for pair in checker.excluded]
         pairs = {"checked": len(checker.pairs), "excluded": excluded, "why": ""}
-    geometry = ", ".join(f"{count} {kind}" for kind, count in robot_info.collisions.items()) or "none"
     checked = f"{pairs['checked']} checked, {len(pairs['excluded'])} excluded"
-    lists = {"groups": robot_info.groups, "states": robot_info.states, "end effectors": robot_info.end_effectors}
-    joints = f"{robot_info.dof} joints from {robot_info.base} to {robot_info.tcp}; {robot_info.kinematic_class}"
     lines = [
-        f"{robot_info.name}: {joints}",
-        f"file: {robot_info.source}" if robot_info.source else "loaded from text",
-        *_in_columns([JOINT_COLUMNS, *(_row(joint) for joint in robot_info.joints if joint.role != "fixed")]),
-        f"frames: {', '.join(robot_info.frames)}",
-        f"collision geometry: {geometry}",
+        robot_info.to_text(),
         f"self-collision pairs: {f'none can be checked: {why}' if (why := pairs['why']) else checked}",
         *(f"  {first} and {second}: {reason}" for first, second, reason in pairs["excluded"]),
-        *(f"{name}: {', '.join(values)}" for name, values in lists.items() if values),
-        "home: " + ", ".join(f"{name} {value:.4g}" for name, value in robot_info.home.items()),
-        *(f"missing: {sentence}" for sentence in robot_info.missing),
         *written(write_urdf),
     ]
     print_result({**robot_info.to_dict(), "pairs": pairs}, lines, as_json=as_json)
-
-
-JOINT_COLUMNS = ("joint", "type", "limits", "speed", "accel.", "effort", "role")
-
-
-def _in_columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-def _row(joint: JointInfo) -> tuple[str, ...]:
-    low, high, speed, acceleration, effort = (
-        "-" if v is None else f"{v:.4g}"
-        for v in (joint.lower, joint.upper, joint.velocity, joint.acceleration, joint.effort)
-    )
-    role = {"arm": "arm", "follower": f"= {joint.mimic}", "held": "held at neutral", "fixed": "fixed"}[joint.role]
-    if joint.held_at is not None:
-        role = f"held at {joint.held_at:.4g}"
-    return joint.name, joint.type, f"{low} .. {high}", speed, acceleration, effort, role
 
 
 def dh2urdf(
@@ -180,3 +152,189 @@ def urdf2dh(
     data = {"table": str(output), "robot": rows.name, "joints": list(rows.joint_names)}
     line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} rows ({convention.value} convention)"
     print_result(data, [line], as_json=as_json)
+
+
+def schema(
+    name: str = argument(f"The format: {', '.join(FORMATS)}.", MISSING, metavar="FORMAT", autocompletion=format_names),
+    output: Path | None = option("Write the schema to this file.", None, "-o", "--output"),
+    as_json: Json = False,
+) -> None:
+    """Print the JSON Schema of a file format, with which an editor completes keys and marks errors.
+
+    Example: pinproof schema picks -o picks.schema.json
+    """
+    check_output_files([output])
+    found = pp.formats.file_schema(name)
+    if output is None:
+        print_json(found)
+        return
+    write_text_whole(output, json.dumps(found, indent=2, ensure_ascii=False) + "\n")
+    print_result({"schema": str(output)}, written(output), as_json=as_json)
+
+
+COLUMN = 10
+"""Characters of a joint value in a table: seven joints fit into 80 columns."""
+
+
+class TaskOption(str, Enum):
+    """The part of the target pose that the solution must meet."""
+
+    POSE = "pose"
+    POSITION = "position"
+    ORIENTATION = "orientation"
+    SPIN_X = "spin_x"
+    SPIN_Y = "spin_y"
+    SPIN_Z = "spin_z"
+
+
+def fk(
+    robot: Robot,
+    q: Configuration = None,
+    frame: str | None = option(
+        "The link whose pose is printed. Default: the tcp.", None, autocompletion=link_names, metavar="LINK"
+    ),
+    *,
+    chain: ChainOptions,
+    as_json: Json = False,
+) -> None:
+    """Print the pose of the tcp, or of another frame, for given joint values.
+
+    Example: pinproof fk ur5 --q "0 -pi/2 pi/2 -pi/2 -pi/2 0"
+    """
+    arm = chain.arm(robot)
+    configuration = parse_configuration(q, arm, "--q")
+    note_limits(arm, configuration)
+    placement = arm.frame_placement(configuration, frame or arm.tcp)
+    vector = pp.xyz_rpy(placement)
+    named = dict(zip(arm.joint_names, configuration.tolist(), strict=True))
+    place = {"xyz": vector[:3].tolist(), "rpy": vector[3:].tolist(), "matrix": placement.homogeneous.tolist()}
+    lines = [
+        f"{arm.base} -> {frame or arm.tcp}",
+        "xyz [m]   " + " ".join(_decimals(value) for value in vector[:3]),
+        "rpy [rad] " + " ".join(_decimals(value) for value in vector[3:]),
+    ]
+    print_result({"base": arm.base, "frame": frame or arm.tcp, "q": named, **place}, lines, as_json=as_json)
+
+
+def ik(
+    robot: Robot,
+    xyz: str = option(
+        'Target position of the tcp, or of the tip of the tool, in metres: "0.4 0.1 0.3".', "", metavar="POSITION"
+    ),
+    rpy: str = option('Target roll, pitch and yaw in radians: "pi 0 0".', "0 0 0", metavar="ANGLES"),
+    task: TaskOption = option(
+        "What must match the target; spin_z leaves the rotation about tool z free.", TaskOption.POSE
+    ),
+    method: str = option(
+        "The IK method: clik, analytic, damped_least_squares, pseudo_inverse or fabrik.",
+        "clik",
+        autocompletion=method_names,
+        metavar="METHOD",
+    ),
+    all_branches: bool = option("Print all IK solutions; for arms with at most seven joints.", False, "--all"),
+    q0: str | None = option("Joint values where the search starts. Default: home.", None, metavar="VALUES"),
+    seed: Seed = 0,
+    *,
+    setup: SetupOptions,
+    as_json: Json = False,
+) -> None:
+    """Compute joint values for a pose of the tcp, or of the tip of a tool.
+
+    With --scene, --margin, --tool-of or --attached, the solution is also collision-free. Exit code 1 if no joint
+    values are found.
+
+    Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
+    """
+    solver = pp.ik.make_ik(method)
+    if not xyz and task is not TaskOption.ORIENTATION:
+        raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
+    if all_branches and (method not in ("clik", "analytic") or task is not TaskOption.POSE):
+        raise InputError("--all uses the method analytic and full poses; remove --method and --task")
+    angles = numbers(rpy, "--rpy", "roll pitch yaw")
+    refuse_degrees("--rpy", angles)
+    arm = setup.arm(robot)
+    target = pp.pose(numbers(xyz, "--xyz", "x y z") if xyz else (0.0, 0.0, 0.0), angles)
+    if setup.has_tool and not setup.attachments.tip.isIdentity():
+        if task is not TaskOption.POSE:
+            raise InputError(
+                "--task must be pose for a tool with a tip; remove --task, or the tip from the tool's file"
+            )
+        target = target * setup.attachments.tip.inverse()
+    # A margin without a scene applies between the links of the robot.
+    accept = setup.checker(arm).is_free if setup.surrounds or setup.margin > 0.0 else None
+    start = parse_configuration(q0, arm, "--q0")
+    if all_branches:
+        # The distinct solutions, nearest to q0 first; those that differ by full rotations are counted only.
+        found = pp.AnalyticIk().solve_all(arm, target, start)
+        found = found if accept is None else found.free(accept)
+        rows = [dict(zip(arm.joint_names, q.tolist(), strict=True)) for q in found.branches]
+        windings = f" ({len(found)} with full rotations)" if len(found) > len(rows) else ""
+        lines = [
+            ", ".join(f"q{k} = {name}" for k, name in enumerate(arm.joint_names, start=1)),
+            " ".join(f"{f'q{k}':>{COLUMN}s}" for k in range(1, arm.dof + 1)),
+            *(" ".join(f"{_decimals(value):>{COLUMN}s}" for value in q) for q in found.branches),
+            f"{found.message}{windings}",
+        ]
+        data = {"ok": found.ok, "branches": rows, "with_full_rotations": len(found), "message": found.message}
+        print_result(data, lines, as_json=as_json, ok=found.ok)
+        return
+    result = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
+    if result.status is pp.ik.IkStatus.NOT_FOUND and task is TaskOption.POSE and pp.ik.is_provable(arm):
+        proof = pp.prove_unreachable(
+            arm,
+            target,
+            position_tolerance=solver.position_tolerance,
+            orientation_tolerance=solver.orientation_tolerance,
+            search=False,
+        )
+        if proof.proven:
+            nearest = f"the nearest configuration found is {result.position_error * 1e3:.4g} mm and "
+            nearest += f"{math.degrees(result.orientation_error):.3g} deg from it"
+            result = replace(result, status=pp.ik.IkStatus.IMPOSSIBLE, words=f"{proof.message}; {nearest}")
+    named = dict(zip(arm.joint_names, result.q.tolist(), strict=True))
+    errors = {"position_error": result.position_error, "orientation_error": result.orientation_error}
+    data = {"ok": result.ok, "status": result.status.name, "q": named, **errors, "message": result.message}
+    lines = [*(f"{name:30s} {_decimals(value)}" for name, value in named.items()), result.message]
+    print_result(data, lines, as_json=as_json, ok=result.ok)
+
+
+def _decimals(value: float) -> str:
+    """A number with six decimals, and without a minus sign if it rounds to zero."""
+    return f"{round(float(value), 6) + 0.0: .6f}"
+
+
+def bench(
+    robot: Robot,
+    points: int = option("Number of random poses.", 10_000, min=1),
+    methods: str | None = option(
+        'Methods to run, for example "clik pseudo_inverse". Default: all.', None, metavar="METHODS"
+    ),
+    *,
+    chain: ChainOptions,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Compare the IK methods on random poses of an arm: time, success rate, largest error.
+
+    Every answer is checked by forward kinematics and the limits. The textbook's figures are beside those measured.
+
+    Example: pinproof bench ur5 --points 200
+    """
+    from pinproof.ik import bench
+
+    arm = chain.arm(robot)
+    selected = tuple(pp.ik.IK_METHODS) if methods is None else methods.replace(",", " ").split()
+    with progress_status("running the IK benchmark") as report:
+        rows, left_out = bench(arm, points=points, methods=selected, rng=seed, on_progress=report)
+    table = []
+    for row in rows:
+        solved = f"{100 * row.success:.2f} % within {row.tolerance:g}"
+        error = f"{row.position_error:.1e} m" + (f", {row.orientation_error:.1e} rad" if row.task == "pose" else "")
+        textbook = "" if row.textbook_ms is None else f"{row.textbook_ms:g} ms, {100 * (row.textbook_success or 0):g} %"
+        times = f"{row.mean_ms:.4f}", f"{row.median_ms:.4f}"
+        table.append((row.method, row.task, row.restarts, *times, solved, row.false_positives, error, textbook))
+    columns = ("method", "task", "restarts", "mean, ms", "median, ms", "success", "false positives", "largest error")
+    lines = [Rows((*columns, "textbook"), table).markdown()]
+    lines += [f"not applicable: {name}: {reason}" for name, reason in left_out.items()]
+    data = {"robot": arm.robot.name, "points": points, "seed": seed, "rows": [asdict(row) for row in rows]}
+    print_result({**data, "left_out": left_out}, lines, as_json=as_json)

@@ -98,6 +98,12 @@ class Rows:
         more = f"<p>{total - most:,} more rows are not shown.</p>" if total > most else ""
         return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table>{more}"
 
+    def text(self) -> list[str]:
+        """The lines of the complete table, with the columns below each other."""
+        lines = [self.columns, *([_cell(value) for value in row] for row in self.rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in lines]
+
     def markdown(self) -> str:
         """The complete table; vertical bars in cells are escaped, because they separate the columns."""
         marks = ["---:" if column in self.numbers else "---" for column in self.columns]
@@ -152,6 +158,11 @@ class Shown:
     def __repr__(self) -> str:
         view = self._view()
         return outline(f"{type(self).__name__}({view.head})", view.lines, total=view.total)
+
+    def to_text(self) -> str:
+        """The headline and the further lines of the ``repr``, complete."""
+        view = self._view()
+        return "\n".join([view.head, *view.lines])
 
     def _repr_html_(self) -> str:
         view = self._view()

@@ -141,6 +141,15 @@ class JointInfo:
     mimic: str = ""
     effort: float | None = None
 
+    def row(self) -> tuple[str, ...]:
+        """The cells of a table: name, type, limits, speed, acceleration, effort and role."""
+        figures = (self.lower, self.upper, self.velocity, self.acceleration, self.effort)
+        low, high, *others = ("-" if value is None else f"{value:.4g}" for value in figures)
+        role = {"follower": f"= {self.mimic}", "held": "held at neutral"}.get(self.role, self.role)
+        if self.held_at is not None:
+            role = f"held at {self.held_at:.4g}"
+        return self.name, self.type, f"{low} .. {high}", *others, role
+
 
 @dataclass(frozen=True)
 class RobotInfo(Shown):
@@ -201,6 +210,23 @@ class RobotInfo(Shown):
         facts = (self.kinematic_class, f"Acceleration limits: {self.acceleration_source}", *self.missing)
         lines = (self.kinematic_class, *self.missing)
         return View(self._headline, [facts, table], lines, title=f"{self._headline} (rad or m)")
+
+    def to_text(self) -> str:
+        """The moving joints in a table, the frames, the geometries, the home configuration, and what is missing."""
+        columns = ("joint", "type", "limits", "speed", "accel.", "effort", "role")
+        lists = {"groups": self.groups, "states": self.states, "end effectors": self.end_effectors}
+        geometry = ", ".join(f"{count} {kind}" for kind, count in self.collisions.items()) or "none"
+        lines = [
+            f"{self.name}: {self.dof} joints from {self.base} to {self.tcp}; {self.kinematic_class}",
+            f"file: {self.source}" if self.source else "loaded from text",
+            *Rows(columns, [joint.row() for joint in self.joints if joint.role != "fixed"]).text(),
+            f"frames: {', '.join(self.frames)}",
+            f"collision geometry: {geometry}",
+            *(f"{name}: {', '.join(values)}" for name, values in lists.items() if values),
+            "home: " + ", ".join(f"{name} {value:.4g}" for name, value in self.home.items()),
+            *(f"missing: {sentence}" for sentence in self.missing),
+        ]
+        return "\n".join(lines)
 
     @property
     def _headline(self) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import DynamicTree
-from pinproof.common.results import Shown, View
-from pinproof.common.structs import OPTIONAL_NUMBER, key, simple, struct, table_of
+from pinproof.common.results import Shown, View, Written
+from pinproof.common.structs import OPTIONAL_NUMBER, key, simple, struct
 from pinproof.description import DEFAULT_EFFORT, GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
 from pinproof.model import GRAVITY, JointGroup, Payload, checked_payloads, dynamic_tree, massless_joints
@@ -23,7 +23,7 @@ SAMPLES_PER_PIECE = 65
 
 
 @struct("torque", more=True, written=True)
-class TorquePeak:
+class TorquePeak(Written):
     """The largest torque of a joint during a part of the motion."""
 
     joint: str = key("name of the joint")
@@ -36,10 +36,6 @@ class TorquePeak:
     def share(self) -> float:
         """The torque divided by its limit."""
         return self.torque / self.limit
-
-    def as_dict(self) -> dict[str, Any]:
-        """The values for JSON; the limit is None if it is infinite."""
-        return table_of(TorquePeak).write(self)
 
     def __str__(self) -> str:
         limit = f", {100.0 * self.share:.0f} % of its limit" if np.isfinite(self.limit) else ""
@@ -192,6 +188,14 @@ class TorqueLimits(Shown):
         if self.limits[joint] != DEFAULT_EFFORT or not has_generated_bodies(self.arm.robot.urdf):
             return ""
         return ", the default of a DH table: state effort there, or max_effort in a file of joint limits"
+
+    def largest(self, trajectory: Trajectory) -> TorquePeak:
+        """The peak of the joint that uses the largest share of its limit along a motion."""
+        return max(self.peaks(trajectory), key=lambda peak: peak.share)
+
+    def report(self, trajectory: Trajectory) -> dict[str, Any]:
+        """The peaks of all joints along a motion, and what is not known, as plain values for JSON."""
+        return {"torques": [peak.to_dict() for peak in self.peaks(trajectory)], "torque_notes": list(self.notes)}
 
     def _loaded(self) -> str:
         return f" (payload {sum(each.mass for each in self.payloads):.4g} kg)" if self.payloads else ""

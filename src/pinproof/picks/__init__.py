@@ -49,7 +49,13 @@ from pinproof.picks.judging.verdict import (
     StageResult,
     Suggestion,
 )
-from pinproof.picks.report.program_export import PicksProgram, certify_picks_program, export_picks
+from pinproof.picks.report.program_export import (
+    PicksProgram,
+    ProgramCheck,
+    certify_picks_program,
+    export_picks,
+    recertify_program,
+)
 from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport, write_motion_pages
 
 __all__ = [
@@ -96,6 +102,7 @@ __all__ = [
     "PlaceTarget",
     "Placer",
     "Placing",
+    "ProgramCheck",
     "ReachComparison",
     "ReachMap",
     "ReachRegion",
@@ -128,6 +135,7 @@ __all__ = [
     "reach",
     "reach_map",
     "read_picks",
+    "recertify_program",
     "release_lines",
     "root_from_frame",
     "screen",

@@ -6,6 +6,7 @@ from pinproof.planning.coordination import CoordinationResult, coordinate, plan_
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import with_turns
 from pinproof.planning.follow import RouteFollower
+from pinproof.planning.motion_plan import MotionPlan, plan
 from pinproof.planning.moving_ends import MovingEnds
 from pinproof.planning.optimisation import OptimiseResult, optimise
 from pinproof.planning.planners import DEFAULT_PLANNER, Planner, make_planner, planner_of
@@ -27,6 +28,7 @@ __all__ = [
     "Edges",
     "LinearPlanResult",
     "LinearStatus",
+    "MotionPlan",
     "MovingEnds",
     "OptimiseResult",
     "PlanProgress",
@@ -43,6 +45,7 @@ __all__ = [
     "coordinate",
     "make_planner",
     "optimise",
+    "plan",
     "plan_among_movers",
     "plan_arms",
     "plan_linear",

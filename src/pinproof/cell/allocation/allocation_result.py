@@ -142,6 +142,19 @@ class AllocationResult(Shown, Written):
         )
         return View(self.message, lines=lines)
 
+    def to_text(self) -> str:
+        """What each arm does, the result, the time of each arm alone, and what is left out or not covered."""
+        lines = [
+            f"{load.arm}: {', '.join(load.picks) or 'no pick'}; {load.duration:.2f} s, of which it waits "
+            f"{load.waiting:.2f} s"
+            for load in self.arms
+        ]
+        lines.append(self.message)
+        for alone in self.alone:
+            lines.append(f"{alone.arm} alone: {alone.reason if alone.duration is None else f'{alone.duration:.2f} s'}")
+        lines += [f"left out: {pick.name}: {pick.reason}" for pick in self.missing]
+        return "\n".join([*lines, *(f"not covered: {note}" for note in self.notes)])
+
     @property
     @reported()
     def robot(self) -> str:

@@ -150,6 +150,26 @@ class SequenceResult(Shown):
         table = Rows(("pick", "start [s]", "duration [s]", "phases"), rows)
         return View(self.message, [table], lines, len(self.steps))
 
+    def to_text(self, *, most: int = 20) -> str:
+        """The first picks with their times, those left out, what the order is worth, and the slowest picks."""
+        times = cycle_time(self)
+        lines = [
+            f"{number:4} {time.name:20} at {time.start:8.2f} s, {time.duration:6.2f} s"
+            for number, time in enumerate(times.picks[:most], start=1)
+        ]
+        if len(times.picks) > most:
+            lines.append(f"     and {len(times.picks) - most} more picks")
+        lines += [f"   - {pick.name:20} left out: {pick.reason}" for pick in self.left_out]
+        lines.append(self.message)
+        if self.steps:
+            shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in times.utilisation.items())
+            orders = f"{self.file_order:.2f} s and of the nearest neighbour {self.nearest_neighbour:.2f} s"
+            bounds = f"lower bound {self.lower_bound:.2f} s, motions {self.moving:.2f} s"
+            lines += [f"{bounds}; bounds of the file order {orders}", f"utilisation: {shares}"]
+            for time in times.slowest(SLOWEST):
+                lines.append(f"slow: {time.name}, {time.duration:.2f} s, limited by {time.limited_by}")
+        return "\n".join(lines)
+
     def __iter__(self) -> Iterator[SequenceStep]:
         return iter(self.steps)
 
@@ -231,6 +251,9 @@ class SequenceResult(Shown):
         reasons = "; ".join(f"{pick.name}: {pick.reason}" for pick in self.left_out) or "the search was interrupted"
         raise NoAnswer(f"the sequence lacks picks: {reasons}")
 
+
+SLOWEST = 3
+"""Number of slowest picks that the text names."""
 
 DETOUR = 1.1
 """A motion that takes this multiple of the slowest joint's shortest time is limited by its detour around obstacles."""

@@ -24,6 +24,7 @@ import pinocchio as pin
 from pinproof.collision.checking.links import AS_REQUESTED, DECOMPOSED, EXACT, GEOMETRY_NAMES, SURFACES, LinkBodies
 from pinproof.collision.geometry.bodies import Body
 from pinproof.common.files import write_text_whole
+from pinproof.common.results import Rows, Shown, View
 from pinproof.common.validation import require_integer
 from pinproof.description import DisabledPair, Urdf, srdf_text
 from pinproof.model import Robot
@@ -281,7 +282,7 @@ class LinkOverlap:
 
 
 @dataclass(frozen=True)
-class OverlapReport:
+class OverlapReport(Shown):
     """All pairs of links with collision geometry; result of :func:`sample_overlaps`."""
 
     robot: Robot
@@ -305,6 +306,29 @@ class OverlapReport:
             for pair in self.pairs
         ]
         return {"robot": self.robot.name, "samples": self.samples, "pairs": pairs}
+
+    def _view(self) -> View:
+        # The pairs by frequency, each with the proposal; those that never touch as one line.
+        touching = [pair for pair in self.pairs if pair.touching or pair.reason]
+        never = [" and ".join(pair.links) for pair in self.pairs if pair not in touching]
+        rows = [
+            (
+                " and ".join(pair.links),
+                f"{pair.touching} of {pair.samples}: {pair.frequency}",
+                pair.geometry,
+                pair.disabled or "-",
+                f"exclude: {pair.reason}" if pair.reason else "keep checking",
+            )
+            for pair in touching
+        ]
+        table = Rows(("links", "in contact", "geometry", "SRDF", "proposal"), rows)
+        sampled = f"{len(self.pairs)} pairs of links in {self.samples:,} sampled configurations of all joints"
+        notes = [
+            f"never in contact in these samples: {len(never)} pairs{': ' if never else ''}{', '.join(never)}",
+            "proposed: exclude adjacent links and links that touch in every sample, and check all others",
+            "samples do not prove that links never touch",
+        ]
+        return View(f"{self.robot.name}: {sampled}", [table, notes], (*table.text(), *notes))
 
     def save_srdf(self, path: str | Path) -> None:
         """Write an SRDF atomically: the content of the robot's own SRDF, if there is one, and the proposed pairs.

@@ -294,6 +294,26 @@ class Attachments:
         with errors_of(path, SceneError):
             return cast(Attachments, table.read("the file", content, path))
 
+    def with_more(self, more: Attachments, names: tuple[str, str] = ("the first", "the second")) -> Attachments:
+        """Both together; ``names`` are those of their files, for messages.
+
+        Raises
+        ------
+        InputError
+            If both name the same body, hold a joint at different values, or state a tip.
+        """
+        first, second = names
+        if both := {body.name for body in self.bodies} & {body.name for body in more.bodies}:
+            raise InputError(f"{first} and {second} both name a body {sorted(both)[0]!r}; rename one of them")
+        for name, value in more.held.items():
+            if (own := self.held.get(name, value)) != value:
+                raise InputError(f"{first} holds joint {name} at {own:g}, {second} at {value:g}; state it once")
+        if not (more.tip.isIdentity() or self.tip.isIdentity()):
+            raise InputError(f"{first} and {second} both state a tip; remove one of them")
+        tip = self.tip if more.tip.isIdentity() else more.tip
+        bodies, allowed = (*self.bodies, *more.bodies), (*self.allowed, *more.allowed)
+        return Attachments(bodies, allowed, {**self.held, **more.held}, tip)
+
     def save(self, path: str | Path) -> None:
         """Write a file that :meth:`load` reads, atomically; mesh paths are as in :meth:`Scene.save`.
 

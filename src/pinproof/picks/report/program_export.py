@@ -9,10 +9,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pinproof.collision import Certificate, CertificateStatus, feasible, speed_violations, unknown_speeds
+from pinproof.common.results import Shown, View
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import (
     MEET_TOLERANCE,
@@ -30,6 +33,7 @@ from pinproof.motion import (
     Wait,
     certificate_id,
     find_dialect,
+    is_program_file,
     make_program,
     moves_along,
     time_parametrise,
@@ -149,6 +153,91 @@ def export_picks(
         text = json.dumps([record.to_dict() for record in records], sort_keys=True)
         written = write(steps, certificate=hashlib.sha256(text.encode("utf-8")).hexdigest(), uncovered="; ".join(notes))
     return PicksProgram(written, certificates, notes)
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramCheck(Shown):
+    """The result of certifying a program of picks again in a cell.
+
+    Parameters
+    ----------
+    name
+        The name of the program.
+    motions
+        For each motion the names of its pick and of the motion, its certificate, and whether it differs from the motion
+        that was certified.
+    edited
+        Whether the text of a controller's program was edited after it was written, or was never certified.
+    notes
+        What the certificates do not cover, in sentences.
+    duration
+        Seconds; None for the program of a controller.
+    """
+
+    name: str
+    motions: tuple[tuple[str, str, Certificate, bool], ...]
+    edited: bool
+    notes: tuple[str, ...] = ()
+    duration: float | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether every motion is FREE, and none was changed."""
+        return not self.edited and all(proof.free and not changed for _, _, proof, changed in self.motions)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The certificates of all motions as plain values for JSON."""
+        if self.duration is not None:
+            rows = [{"motion": name, "changed": new, **proof.to_dict()} for _, name, proof, new in self.motions]
+            return {"ok": self.ok, "program": self.name, "duration": self.duration, "motions": rows}
+        rows = [{"pick": pick, "motion": name, **proof.to_dict()} for pick, name, proof, _ in self.motions]
+        values = {"ok": self.ok, "program": self.name, "edited": self.edited}
+        return {**values, "motions": rows, "notes": list(self.notes)}
+
+    def _view(self) -> View:
+        return View(self.name, [self.to_text().splitlines()], self.to_text().splitlines())
+
+    def to_text(self) -> str:
+        """One line for each motion, and the notes."""
+        lines = []
+        for pick, name, proof, changed in self.motions:
+            where = name if self.duration is not None else f"{pick}, {name}"
+            note = "; differs from the motion that was certified" if changed else ""
+            lines.append(f"{where}: {proof.status.name}: {proof.message}{note}")
+        lines += ["the program was edited after it was written, or was never certified"] if self.edited else []
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+
+def recertify_program(setup: PickSetup, picks: Sequence[Pick], path: str | Path) -> ProgramCheck:
+    """Certify the program in a file again in a cell: one of :meth:`PickReport.programs`, or of a robot controller.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
+    InputError
+        As :func:`certify_picks_program` and :meth:`PickSetup.recertify` do.
+    UnknownNameError
+        If a pick of the program does not exist.
+    """
+    path = Path(path)
+    if is_program_file(path):
+        text = RobotProgram.load(path, allow_changes=True)
+        certificates, notes = certify_picks_program(setup, picks, text)
+        motions = [
+            (pick.name, name, proof, False)
+            for pick, row in zip(text.picks, certificates, strict=True)
+            for name, proof in zip([name for name, _ in pick.motions] if len(row) > 1 else ["pick"], row, strict=True)
+        ]
+        return ProgramCheck(text.name, tuple(motions), not text.certificate, notes)
+    stored = MotionProgram.load(path, allow_changes=True)
+    by_name = {pick.name: pick for pick in picks}
+    if stored.name not in by_name:
+        raise UnknownNameError("pick", stored.name, by_name, "the picks of the cell")
+    proofs = setup.recertify(stored, by_name[stored.name])
+    records = zip(stored.certificates.values(), proofs, strict=True)
+    own = tuple((stored.name, record.name, proof, record.name in stored.changed) for record, proof in records)
+    return ProgramCheck(stored.name, own, False, duration=stored.duration)
 
 
 def certify_picks_program(

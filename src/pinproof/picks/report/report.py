@@ -11,11 +11,13 @@ from pinproof.common import theme
 from pinproof.common.files import csv_text, file_stems
 from pinproof.common.results import Rows, Saved, View, Written, markdown
 from pinproof.common.structs import key, reported, struct
+from pinproof.errors import InputError
 from pinproof.model import Arm, guess_note
-from pinproof.motion import MotionProgram
+from pinproof.motion import MotionProgram, find_dialect
 from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage
+from pinproof.picks.report.program_export import export_picks
 
 
 def problem_row(problem: PickProblem) -> dict[str, Any]:
@@ -203,6 +205,49 @@ class PickReport(Saved, Written):
         for path, program in zip(paths, programs, strict=True):
             program.save(path)
         return paths
+
+    def export_programs(
+        self,
+        folder: str | Path,
+        language: str,
+        *,
+        output: str | None = None,
+        deviation: float | None = None,
+        grip_dwell: float = 0.0,
+        release_dwell: float = 0.0,
+    ) -> tuple[int, list[str]]:
+        """Write each good pick as a program of a robot controller, if what its text executes is proven.
+
+        Parameters
+        ----------
+        folder
+            The existing folder.
+        language, output, deviation
+            As for :func:`pinproof.picks.export_picks`; by default the output of the language that closes a gripper.
+        grip_dwell, release_dwell
+            Seconds, as for :meth:`programs`.
+
+        Returns
+        -------
+        tuple[int, list[str]]
+            The number of programs that were written, and what is not covered or not written, in sentences.
+        """
+        dialect, count, notes = find_dialect(language), 0, list[str]()
+        programs = self.programs(grip_dwell=grip_dwell, release_dwell=release_dwell)
+        stems = file_stems(program.name for program in programs)
+        for verdict, program, stem in zip(self.good, programs, stems, strict=True):
+            if self.setup is None:
+                raise InputError("the report has no set-up in which a program could be certified")
+            picks, gripper = [(verdict.pick, program)], output or dialect.outputs
+            exported = export_picks(self.setup, picks, language, output=gripper, name=stem, deviation=deviation)
+            notes += exported.notes
+            if exported.free:
+                exported.program.save(Path(folder) / f"{stem}{dialect.endings[0]}")
+                count += 1
+            else:
+                failed = next(proof for proof in exported.certificates[0] if not proof.free)
+                notes.append(f"the {language} program of {stem} is not written: {failed.message}")
+        return count, notes
 
     def save_folder(
         self, folder: str | Path, *, grip_dwell: float = 0.0, release_dwell: float = 0.0, pages: bool = False

@@ -522,10 +522,10 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     report.save(folder / "report.json")
     above = pp.Pick("above", arm.forward_kinematics(arm.home), approach=0.0, retreat=0.0)
     setup = pp.picks.PickSetup.make(arm, scene, pp.Picks([above]), home=None, rng=0)
-    pp.cell.save_sequence(pp.sequence(setup, [above]), folder / "sequence.json")
+    pp.sequence(setup, [above]).save(folder / "sequence.json")
     two = pp.assemble({"a": (arm, np.eye(4)), "b": (arm, pp.pose((2.5, 0, 0)))})
     far_apart = pp.cell.allocate(two, pp.Scene(), pp.Picks([above]))
-    pp.cell.save_allocation(far_apart, folder / "allocation.json")
+    far_apart.save(folder / "allocation.json")
     region = pp.cell.PlacementRegion(x=(8, 9), y=(0, 1))
     few = pp.cell.PlacementBudget(grid=4, runs=0, certified=1)
     both = [above, pp.Pick("far", pp.pose((9, 0, 0)))]

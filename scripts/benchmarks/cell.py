@@ -28,7 +28,7 @@ import numpy as np
 import pinproof as pp
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, report, row_table
 from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base, without_parts
-from pinproof.cell.placement.placed_robot import PlacedRobot
+from pinproof.cell.placement.region import PlacedRobot
 from pinproof.cell.placement.screening import FREE
 from pinproof.description import robots_folder
 from pinproof.picks import PickBudget, PickWeights

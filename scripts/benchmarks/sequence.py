@@ -18,7 +18,7 @@ import pinproof as pp
 from benchmarks.picks import unsafe_motions
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, report, row_table
 from pinproof.cell.sequencing.precedence import Precedence
-from pinproof.cell.sequencing.sequence_run import SequenceRun
+from pinproof.cell.sequencing.sequence import SequenceRun
 from pinproof.description import robots_folder
 from pinproof.picks import PickSetup
 from pinproof.spatial import SE3

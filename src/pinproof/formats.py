@@ -23,7 +23,7 @@ FORMATS = {
     "library": ("pinproof.execution.library_file", "LIBRARY"),
     "program": ("pinproof.motion.motion_program", "PROGRAM"),
     "report": ("pinproof.picks.report.report", "PickReport"),
-    "sequence": ("pinproof.cell.sequencing.sequence_report", "SEQUENCE"),
+    "sequence": ("pinproof.cell.sequencing.sequence_result", "SequenceResult"),
     "allocation": ("pinproof.cell.allocation.allocation_result", "AllocationResult"),
     "proof": ("pinproof.collision.certificates.proof_keys", "PROOF"),
     "placement": ("pinproof.cell.placement.placement_result", "PlacementResult"),

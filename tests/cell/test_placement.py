@@ -23,10 +23,9 @@ from pinproof.cell import (
     place_base,
     without_parts,
 )
-from pinproof.cell.placement.placed_robot import PlacedRobot
 from pinproof.cell.placement.placement_result import CertifiedPlacement
-from pinproof.cell.placement.region import mounting_pose
-from pinproof.cell.placement.tasks import CertifyTask
+from pinproof.cell.placement.region import PlacedRobot, mounting_pose
+from pinproof.cell.placement.screening import CertifyTask
 from pinproof.picks import (
     PickBudget,
     PickSetup,

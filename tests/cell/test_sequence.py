@@ -16,8 +16,7 @@ import pinproof as pp
 from pinproof.cell import SequenceResult
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence import judge_options
-from pinproof.cell.sequencing.tour import TourProblem
-from pinproof.cell.sequencing.tour_bound import arc_bound
+from pinproof.cell.sequencing.tour import TourProblem, arc_bound
 from pinproof.cell.sequencing.transits import MotionFailure, SequencedPick, StepMotions, scene_after
 from pinproof.errors import UnknownNameError
 from pinproof.picks import GraspSpin, PickBudget, PickSetup, PickVerdict, PlaceTarget, SuctionCup
@@ -392,8 +391,8 @@ def test_options_behind_a_post_beside_the_base_are_reached_by_a_full_rotation() 
 
 @pytest.mark.slow
 def test_files_have_every_pick_in_order(stacked: SequenceResult, tmp_path: Path) -> None:
-    for suffix in pp.cell.SEQUENCE_SUFFIXES:
-        pp.cell.save_sequence(stacked, tmp_path / f"cell{suffix}")
+    for suffix in pp.cell.SequenceResult.formats:
+        stacked.save(tmp_path / f"cell{suffix}")
     with (tmp_path / "cell.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert tuple(row["pick"] for row in rows) == stacked.order
@@ -404,7 +403,7 @@ def test_files_have_every_pick_in_order(stacked: SequenceResult, tmp_path: Path)
         content["duration"] - content["closing"], abs=1e-6
     )
     with pytest.raises(pp.InputError, match=r"cell\.txt"):
-        pp.cell.save_sequence(stacked, tmp_path / "cell.txt")
+        stacked.save(tmp_path / "cell.txt")
 
 
 def test_the_files_of_the_palletising_cell_are_up_to_date() -> None:

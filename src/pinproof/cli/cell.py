@@ -105,7 +105,7 @@ def cell_sequence(
     Example: pinproof cell sequence robots/ur5/picks.yaml --only bolt_1,bolt_2,bolt_5
     """
     outputs = output or []
-    check_output_files(outputs, [file, heat_map, *cell.files], pp.cell.SEQUENCE_SUFFIXES)
+    check_output_files(outputs, [file, heat_map, *cell.files], pp.cell.SequenceResult.formats)
     if heat_map is not None and not any(path.suffix.lower() == ".html" for path in outputs):
         raise InputError("--heat-map belongs to a page; add -o FILE.html")
     # Inputs that are read before the search, because it takes minutes.
@@ -138,13 +138,13 @@ def cell_sequence(
         if heat is not None and path.suffix.lower() == ".html":
             pp.cell.write_sequence_page(result, path, heat_map=heat)
         else:
-            pp.cell.save_sequence(result, path)
+            result.save(path)
     from pinproof.model import guess_note  # loads the kinematics
 
     if guess := guess_note(setup.checker.arm.limits.acceleration_source):
         print_note(guess)
     ok = result.ok or interrupted is not None
-    print_result(pp.cell.sequence_dict(result), [result.to_text(), *written(*outputs)], as_json=as_json, ok=ok)
+    print_result(result.to_dict(), [result.to_text(), *written(*outputs)], as_json=as_json, ok=ok)
     if interrupted is not None:
         raise Interrupted(str(interrupted), result_printed=True)
 
@@ -180,7 +180,7 @@ def cell_allocate(
     """
     outputs = output or []
     picks = pp.read_picks(file)
-    check_output_files(outputs, [file, picks.scene], pp.cell.ALLOCATION_SUFFIXES)
+    check_output_files(outputs, [file, picks.scene], pp.cell.AllocationResult.formats)
     _refuse_problems(file, picks)
     group = picks.load_cell()
     scene = picks.load_scene()
@@ -196,7 +196,7 @@ def cell_allocate(
             progress=progress,
         )
     for path in outputs:
-        pp.cell.save_allocation(result, path)
+        result.save(path)
     print_result(result.to_dict(), [result.to_text(), *written(*outputs)], as_json=as_json, ok=result.ok)
 
 

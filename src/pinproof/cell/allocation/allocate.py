@@ -17,9 +17,8 @@ from pinproof.cell.allocation.allocation_result import AllocationResult, OneArm
 from pinproof.cell.allocation.common_clock import ArmsApart, Timing, time_together
 from pinproof.cell.sequencing.options import Job
 from pinproof.cell.sequencing.precedence import AT_PLACE, Precedence
-from pinproof.cell.sequencing.sequence import judge_options, sequence
+from pinproof.cell.sequencing.sequence import SequenceBudget, judge_options, sequence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
-from pinproof.cell.sequencing.sequence_run import SequenceBudget
 from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.validation import Rng, require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError

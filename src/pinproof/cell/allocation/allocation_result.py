@@ -6,12 +6,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
 
 from pinproof.cell.allocation.common_clock import WAIT, ArmPiece, CommonInterval, Timing
+from pinproof.cell.pages import MOST_FRAMES, RATE, CellPage, CellRow
 from pinproof.cell.sequencing.precedence import AT_PLACE
 from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult
-from pinproof.collision import Obstacle, Scene
-from pinproof.common.results import Shown, View, Written
+from pinproof.collision import Obstacle, Scene, proven_millimetres
+from pinproof.common.results import Rows, Saved, View, Written, markdown
 from pinproof.common.structs import (
     ANY_TEXT,
     COUNT,
@@ -26,11 +30,12 @@ from pinproof.common.structs import (
     required,
     struct,
 )
-from pinproof.errors import NoAnswer
-from pinproof.model import JointGroup, guess_mark
+from pinproof.errors import InputError, NoAnswer
+from pinproof.model import PART, JointGroup, guess_mark
 from pinproof.motion import Trajectory
 from pinproof.picks import Picks
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, Array, matrix
+from pinproof.viewer import Bar, Film, set_stage, simplified
 
 SAME_PLACE = 1e-6
 """Relative difference of poses below which a part is where it was assumed to be."""
@@ -114,11 +119,14 @@ class PartState:
     version="pinproof/allocation/1",
     eq=False,
 )  # fmt: skip
-class AllocationResult(Shown, Written):
+class AllocationResult(Saved, Written):
     """Picks of several arms on a common clock.
 
     Readers must accept unknown keys: they are additions of the same version.
     """
+
+    formats = (".json", ".md", ".html")
+    indent = 2
 
     group: JointGroup = key("the arms", hidden=True)
     scene: Scene = key("the obstacles before the first pick", hidden=True)
@@ -154,6 +162,18 @@ class AllocationResult(Shown, Written):
             lines.append(f"{alone.arm} alone: {alone.reason if alone.duration is None else f'{alone.duration:.2f} s'}")
         lines += [f"left out: {pick.name}: {pick.reason}" for pick in self.missing]
         return "\n".join([*lines, *(f"not covered: {note}" for note in self.notes)])
+
+    def to_markdown(self) -> str:
+        """The programs of all arms as tables, and the picks that are left out."""
+        parts: list[object] = [f"# Picks of {self.robot}", self.message]
+        for arm in self.arms:
+            rows = [(f"{part.start:.2f} s", f"{part.duration:.2f} s", part.pick, part.name) for part in arm.phases]
+            table = Rows(("start", "duration", "pick", "phase"), rows, numbers={"start", "duration"})
+            parts += [f"## {arm.arm}", table]
+        return markdown(*parts, *(f"left out: {pick.name}: {pick.reason}" for pick in self.missing))
+
+    def _write_page(self, path: str | Path) -> None:
+        write_allocation_page(self, path)
 
     @property
     @reported()
@@ -339,3 +359,77 @@ class AllocationResult(Shown, Written):
 
     def __iter__(self) -> Iterator[ArmTime]:
         return iter(self.arms)
+
+
+SAME_TIME = 1e-9
+"""Seconds: differences are rounding."""
+
+
+def write_allocation_page(result: AllocationResult, path: str | Path, *, title: str | None = None) -> None:
+    """Write the page of several arms; it opens offline in any browser.
+
+    Raises
+    ------
+    InputError
+        If no pick is executed.
+    ViewerError
+        If the robots have nothing to draw, or the page cannot be written.
+    """
+    if not result.programs:
+        raise InputError("no pick is executed that a page could show")
+    stage = simplified(set_stage(result.group, result.scene, result.tools))
+    # The rows of the table, and the bars of the chart
+    rows, bars = [], []
+    for arm, pieces in result.programs.items():
+        sequence = result.sequences[arm]
+        limits = {time.name: time.limited_by for time in sequence.times.picks}
+        for piece in pieces:
+            label = ", ".join(filter(None, (piece.pick, piece.name)))
+            bars.append(Bar(arm, piece.name, piece.start, piece.duration, f"{arm}: {label}"))
+        for step in sequence.steps:
+            name, own = step.pick.name, [piece for piece in pieces if piece.pick == step.pick.name]
+            limited_by = limits[name].replace(f"{arm}{PART}", "")
+            start, duration = own[0].start, own[-1].end - own[0].start
+            rows.append(CellRow(f"{name} ({arm})", start, duration, step.verdict.clearance, limited_by))
+    figures = [(f"makespan{guess_mark(result.group.limits.acceleration_source)}", f"{result.makespan:.1f} s")]
+    if np.isfinite(result.ratio):
+        figures.append(("of the time of one arm", f"{100 * result.ratio:.0f} %"))
+    figures += [(f"utilisation of {load.arm}", f"{100 * load.utilisation:.0f} %") for load in result.arms]
+    verdict = "FREE" if result.free else "NOT PROVEN"
+    figures.append((f"smallest proven clearance {proven_millimetres(result.clearance)}", verdict))
+    page = CellPage(
+        title or f"Cell of {', '.join(result.group.ends)}",
+        result.message,
+        figures,
+        [*([f"Not proven: {result.reason}"] if result.reason else []), *(f"Not covered: {n}" for n in result.notes)],
+        result.makespan,
+        sorted(rows, key=lambda row: row.start),
+        [(pick.name, pick.reason) for pick in result.missing],
+        sorted(bars, key=lambda bar: list(result.group.ends).index(bar.lane)),
+        list(result.group.ends),
+        several=True,
+    )
+    # Key frames of all arms and of the parts, which rest before and after they are carried
+    whole, arms = result.trajectory, list(result.group.ends)
+    times = np.linspace(0.0, whole.duration, min(int(np.ceil(whole.duration * RATE)) + 1, MOST_FRAMES))
+    events = [time for state in result.parts.values() for time in (state.gripped, state.released)]
+    times = np.unique(np.concatenate([times, events]))
+    configurations = np.asarray(whole(times))
+    tcps = np.stack([stage.tcp_poses(q) for q in configurations])
+    # where the parts are in the key frames in which they are carried, and before and after
+    held: dict[str, dict[int, Array]] = {}
+    for number, arm in enumerate(arms):
+        for piece in result.programs.get(arm, []):
+            frames = np.flatnonzero((times >= piece.start - SAME_TIME) & (times <= piece.end + SAME_TIME)).tolist()
+            for thing in piece.carries:
+                if thing.name in result.parts:
+                    placed = held.setdefault(thing.name, {})
+                    placed |= {k: tcps[k, number] @ matrix(thing.pose) for k in frames if k not in placed}
+    riders = {}
+    for name, placed in held.items():
+        carried = sorted(placed)
+        latest = np.searchsorted(carried, np.arange(len(times)), side="right") - 1
+        riders[name] = np.stack([placed[carried[k]] for k in latest.clip(0)])
+    poses = np.stack([stage.link_poses(q) for q in configurations])
+    shown = Film(times, poses, tcps[:, :, :3, 3], riders)
+    page.write(path, stage, shown, result.group.limits.acceleration_source)

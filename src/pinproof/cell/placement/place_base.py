@@ -17,17 +17,23 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.placement.heat_map import PlacementMap
-from pinproof.cell.placement.placed_robot import PlacedRobot
-from pinproof.cell.placement.placement_result import CertifiedPlacement, PlacementResult, PlacementSensitivity
-from pinproof.cell.placement.region import AXES, Placement, PlacementChoice, PlacementRegion
-from pinproof.cell.placement.screening import FREE, REACH, GraspTable, PlacementScreening
-from pinproof.cell.placement.tasks import (
+from pinproof.cell.placement.placement_result import (
+    CertifiedPlacement,
+    PlacementMap,
+    PlacementResult,
+    PlacementSensitivity,
+)
+from pinproof.cell.placement.region import AXES, PlacedRobot, Placement, PlacementChoice, PlacementRegion
+from pinproof.cell.placement.screening import (
+    FREE,
     LADDER,
     OBJECTIVES,
+    REACH,
     CertifyTask,
     Deviations,
+    GraspTable,
     GridTask,
+    PlacementScreening,
     RefineTask,
     codes_of,
     evolution_strategy,

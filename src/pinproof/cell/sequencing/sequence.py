@@ -10,18 +10,29 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.sequencing.options import Job
-from pinproof.cell.sequencing.precedence import Precedence
-from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
-from pinproof.cell.sequencing.sequence_run import SequenceBudget, SequenceRun
-from pinproof.errors import InputError, RunInterrupted
-from pinproof.picks import Pick, PickSetup
+from pinproof.cell.sequencing.options import Job, PickOption, PickOptions, connected, part_names, resolved
+from pinproof.cell.sequencing.precedence import Precedence, geometric_precedence
+from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult, SequenceStep
+from pinproof.cell.sequencing.tour import ROUNDS, SEARCH, Tour, TourProblem
+from pinproof.cell.sequencing.transits import (
+    LongMotions,
+    MotionFailure,
+    SequencedPick,
+    StepMotions,
+    closing_motion,
+    scene_after,
+)
+from pinproof.collision import Scene
+from pinproof.common.validation import require_integer
+from pinproof.errors import InputError, NoAnswer, RunInterrupted
+from pinproof.motion import Bounds, Trajectory, least_times
+from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 from pinproof.spatial import Array
 from pinproof.work import Progress, Runner
 
@@ -179,3 +190,476 @@ def _configuration(setup: PickSetup, end: End, what: str) -> Array | None:
     if trouble:
         raise InputError(f"{what} is not valid: {'; '.join(trouble)}")
     return q
+
+
+Moved = frozenset[int]
+"""The options of the picks that have moved a part."""
+
+Place = tuple[int, int, Moved]
+"""A step of a tour: the option before (or START), its option, and what was moved before it."""
+
+START = -1
+
+CHUNK = 2
+"""Number of picks that a worker is sent at a time."""
+
+REPAIRS = 200
+"""Largest number of times that another order is tried after motions have failed."""
+
+UNREACHED = 3
+"""Number of failed transits to and from options that are not connected to home after which these are excluded."""
+
+NEW = 5e-3
+"""Share of the total time that a tour that was searched again must save against a small change of the present one."""
+
+WORTH = 1e-3
+"""Share of the total time that another order must save to be certified."""
+
+
+@dataclass(frozen=True)
+class SequenceBudget:
+    """The budget of :func:`pinproof.sequence`.
+
+    Parameters
+    ----------
+    options
+        Largest number of grasps and IK branches that are considered for each pick.
+    search
+        Number of disturbances of the order, after each of which it is improved.
+    bound
+        Number of times that violated constraints are added to the lower bound.
+    refinements
+        Number of times that the order is improved with certified instead of bounded times.
+    motion
+        Number of evaluations by which each transit and each transfer is shortened; with 0, they follow the planned
+        paths. It replaces that of the budget of the setup.
+    """
+
+    options: int = 4
+    search: int = SEARCH
+    bound: int = ROUNDS
+    refinements: int = 1
+    motion: int = 400
+
+    def __post_init__(self) -> None:
+        for name, least in (("options", 1), ("search", 0), ("bound", 1), ("refinements", 0), ("motion", 0)):
+            require_integer(f"SequenceBudget.{name}", getattr(self, name), least)
+
+
+class _ImpossibleError(Exception):
+    """No option of a job has motions that can be certified."""
+
+    def __init__(self, reasons: dict[int, str]) -> None:
+        super().__init__("; ".join(reasons.values()))
+        self.reasons = reasons
+
+
+@dataclass(eq=False)
+class _CertifiedTour:
+    """A tour whose motions are certified, at least its first ones."""
+
+    tour: Tour
+    verdicts: list[PickVerdict]
+    scenes: list[Scene]
+    places: list[Place]
+    closing: PickMotion | None = None
+
+    @property
+    def seconds(self) -> float:
+        moving = sum(motion.trajectory.duration for verdict in self.verdicts for motion in verdict.motions)
+        return moving + (0.0 if self.closing is None else self.closing.trajectory.duration)
+
+
+@dataclass(eq=False)
+class SequenceRun:
+    """The work on one sequence; it keeps the best result so far."""
+
+    setup: PickSetup
+    picks: tuple[Pick, ...]
+    given: Precedence
+    ends: tuple[Array | None, Array | None]
+    dwell: tuple[float, float]
+    budget: SequenceBudget
+    runner: Runner
+    fixed_order: tuple[int, ...] | None = None
+    left_out: list[LeftOut] = field(default_factory=list)
+    jobs: list[Job] = field(default_factory=list)
+    best: _CertifiedTour | None = None
+    partial: _CertifiedTour | None = None
+    bound: float = float("nan")
+    file_order: float = float("nan")
+    nearest: float = float("nan")
+    numbers: list[tuple[int, int]] = field(default_factory=list)
+    precedence: Precedence = field(default_factory=lambda: Precedence(()))
+    required: Precedence = field(default_factory=lambda: Precedence(()))
+    """The precedence without the pairs that only failed motions suggest, which must not raise the lower bound."""
+    steps: dict[Place, PickVerdict | MotionFailure] = field(default_factory=dict)
+    known: dict[tuple[int, ...], dict[str, Trajectory]] = field(default_factory=dict)
+    """Trajectories by name: of a transit by the options before and after it, of all others by the option."""
+    searched: set[tuple[int, int, str, float]] = field(default_factory=set)
+    """Motions that were searched again, with their durations."""
+
+    # -- the options --------------------------------------------------------------------------------------------------
+
+    def prepare(self) -> None:
+        """Find the options of every pick and the complete precedence, and leave out picks that cannot be executed."""
+        setup = self.setup
+        ready = tuple(resolved(pick, setup) for pick in self.picks)
+        parts = part_names(ready, setup.checker.scene)
+        fixed = setup.checker.scene.remove(*(name for name in parts if name in setup.checker.scene.names))
+        # the options of every pick, each in the scene without the other parts
+        task = PickOptions(setup, fixed, frozenset(parts), self.budget.options)
+        self.runner.report("options", 0, len(ready))
+        jobs = self.runner.run("options", task, ready, CHUNK)
+        # the full rotations that a path from the start reaches
+        start = setup.home if self.ends[0] is None else self.ends[0]
+        jobs = connected(setup, setup.checker.with_scene(fixed), start, jobs)
+        self.precedence = self.given.with_pairs(geometric_precedence(setup, jobs, fixed)).checked()
+        self.required = self.precedence
+        self.jobs = jobs
+        # picks without an option are left out
+        failed = {}
+        for i, job in enumerate(jobs):
+            if job.failed is not None:
+                stage = job.failed.stages[-1]
+                failed[i] = f"{stage.stage.value}: {stage.message}"
+        self._leave_out(failed)
+
+    def _leave_out(self, failed: dict[int, str]) -> None:
+        """Leave out jobs with a reason each, and all that must follow them."""
+        before, names, reasons = self.precedence.predecessors(), self.precedence.names, self.precedence.reasons
+        out = dict(failed)
+        while waiting := [i for i in range(len(names)) if i not in out and before[i] & out.keys()]:
+            for i in waiting:
+                first = min(before[i] & out.keys())
+                out[i] = f"{names[first]} is left out: {reasons[first, i]}"
+        self.left_out += [LeftOut(names[i], why) for i, why in out.items()]
+        left = [i for i in range(len(names)) if i not in out]
+        new = {old: k for k, old in enumerate(left)}
+        self.jobs = [self.jobs[i] for i in left]
+        self.precedence, self.required = self.precedence.of(left), self.required.of(left)
+        old_numbers = self.numbers
+        self.numbers = [(k, o) for k, job in enumerate(self.jobs) for o in range(len(job.options))]
+        self.partial = None
+        # what is known of the options is kept under their new numbers
+        number_of = {pair: number for number, pair in enumerate(self.numbers)}
+        number = {i: number_of[new[k], o] for i, (k, o) in enumerate(old_numbers) if k in new} | {START: START}
+        self.steps = {
+            (number[a], number[b], Moved(number[option] for option in moved)): step
+            for (a, b, moved), step in self.steps.items()
+            if {a, b, *moved} <= number.keys()
+        }
+        self.known = {
+            tuple(number[option] for option in key): motions
+            for key, motions in self.known.items()
+            if number.keys() >= set(key)
+        }
+        self.searched = {
+            (number[a], number[b], name, seconds) for a, b, name, seconds in self.searched if {a, b} <= number.keys()
+        }
+
+    # -- the order ----------------------------------------------------------------------------------------------------
+
+    def problem(self) -> TourProblem:
+        """The order as a tour problem, with lower bounds of all times."""
+        arm = self.setup.checker.arm
+        bounds = Bounds.of(arm.limits, arm.joint_names)
+        options = [self.jobs[k].options[o] for k, o in self.numbers]
+        entrances = np.array([option.entrance for option in options])
+        exits = np.array([option.exit for option in options])
+        between = np.array([least_times(entrances - q, bounds) for q in exits])
+        first, last = self.ends
+        zeros = np.zeros(len(options))
+        return TourProblem(
+            np.array([k for k, _ in self.numbers]),
+            zeros if first is None else least_times(entrances - first, bounds),
+            zeros if last is None else least_times(exits - last, bounds),
+            np.array([option.seconds for option in options]),
+            between,
+            self.precedence,
+        )
+
+    def optimise(self) -> None:
+        """Search for the shortest certified sequence; picks without any certified motion are left out."""
+        while self.jobs:
+            try:
+                self._optimise()
+                return
+            except _ImpossibleError as error:
+                self._leave_out(error.reasons)
+
+    def _optimise(self) -> None:
+        # the given order of the remaining jobs, or that of the picks
+        names = self.precedence.names
+        order = tuple(range(len(names)))
+        fixed = self.fixed_order is not None
+        if self.fixed_order is not None:
+            number = {name: k for k, name in enumerate(names)}
+            given = (self.given.names[i] for i in self.fixed_order)
+            order = tuple(number[name] for name in given if name in number)
+            if not self.precedence.allows(order):
+                place = {job: k for k, job in enumerate(order)}
+                (a, b), why = next(
+                    item for item in self.precedence.reasons.items() if place[item[0][0]] > place[item[0][1]]
+                )
+                raise InputError(f"the order is not possible: {names[a]} must come before {names[b]} ({why})")
+        # the best tour by lower bounds, and its certified motions
+        problem = self.problem()
+        self.runner.report("order", 0, 1)
+        self.bound = replace(problem, precedence=self.required).lower_bound(self.budget.bound)
+        feasible = problem.in_order(order)
+        self.file_order = problem.best_options(feasible).seconds
+        self.nearest = problem.nearest_neighbour().seconds
+        tour = problem.best_options(feasible) if fixed else problem.solve(feasible, search=self.budget.search)
+        self.runner.report("order", 1, 1)
+        problem, self.best = self._certified(problem, tour, fixed)
+        # tours with the certified times in place of the bounds
+        for _ in range(self.budget.refinements):
+            problem = self._with_certified_times(problem, self.best)
+            same = Tour(self.best.tour.order, self.best.tour.options, problem.seconds(self.best.tour.options))
+            tour = problem.best_options(same.order) if fixed else problem.improved(same)
+            if not fixed:  # another tour needs new motions almost everywhere
+                new = problem.solve(same.order, search=self.budget.search)
+                tour = new if new.seconds < (1 - NEW) * tour.seconds else tour
+            if tour.seconds > (1 - WORTH) * self.best.seconds:
+                break
+            problem, made = self._certified(problem, tour, fixed)
+            if made.seconds < self.best.seconds:
+                self.best = made
+
+    def _keep(self, place: Place, step: PickVerdict | MotionFailure) -> None:
+        """Keep the result of a step, and its trajectories for other scenes."""
+        self.steps[place] = step
+        if isinstance(step, MotionFailure):
+            return
+        previous, option, _ = place
+        for motion in step.motions:
+            key = (previous, option) if motion.name == "transit" else (option,)
+            self.known.setdefault(key, {})[motion.name] = motion.trajectory
+
+    def _with_certified_times(self, problem: TourProblem, certified: _CertifiedTour) -> TourProblem:
+        """The problem with the certified times of a tour in place of their bounds.
+
+        The options that are not in the tour are assumed to exceed their bounds by the mean of those that are.
+        """
+        start, end, inner, between = (
+            array.copy() for array in (problem.start, problem.end, problem.inner, problem.between)
+        )
+        # the options of the tour take their certified times
+        previous = START
+        excess = 0.0
+        for option, verdict in zip(certified.tour.options, certified.verdicts, strict=True):
+            times = [motion.trajectory.duration for motion in verdict.motions if motion.name != "transit"]
+            way = sum(motion.trajectory.duration for motion in verdict.motions if motion.name == "transit")
+            excess += max(sum(times) - inner[option], 0.0) / len(certified.verdicts)
+            inner[option] = max(inner[option], sum(times))
+            if previous == START:
+                start[option] = max(start[option], way)
+            else:
+                between[previous, option] = max(between[previous, option], way)
+            previous = option
+        if certified.closing is not None:
+            end[previous] = max(end[previous], certified.closing.trajectory.duration)
+        # the other options exceed their bounds by as much on average
+        others = np.ones(len(inner), dtype=bool)
+        others[list(certified.tour.options)] = False
+        inner[others] += excess
+        return replace(problem, start=start, end=end, inner=inner, between=between)
+
+    # -- certified motions --------------------------------------------------------------------------------------------
+
+    def certified_seconds(self, tour: Tour) -> float:
+        """Seconds of the certified motions of another tour; where motions fail, other options are used."""
+        return self._certified(self.problem(), tour, fixed=True)[1].seconds
+
+    def _certified(self, problem: TourProblem, tour: Tour, fixed: bool) -> tuple[TourProblem, _CertifiedTour]:
+        """Certify a tour; motions that fail are excluded, and the tour is changed, with a fixed order its options only.
+
+        Raises
+        ------
+        NoAnswer
+            If no tour was certified.
+        """
+        failed = ""
+        for _ in range(REPAIRS):
+            made, failures = self._run_through(tour)
+            if not failures:
+                self._shorten(made)
+                return problem, made
+            for failure, previous, option in failures:
+                name = self.precedence.names[problem.job[option]] if option >= 0 else "the end"
+                failed = f"{name}: {failure.part}: {failure.reason}"
+                problem = self._excluding(problem, failure, previous, option)
+            # a job without any possible option is left out
+            never = [k for k, choices in enumerate(problem.options) if not np.isfinite(problem.inner[choices]).any()]
+            if never:
+                why = {int(problem.job[option]): failure for failure, _, option in failures if option >= 0}
+                last_failures = {k: why.get(k, failures[-1][0]) for k in never}
+                raise _ImpossibleError({k: f"{failure.part}: {failure.reason}" for k, failure in last_failures.items()})
+            # the best tour without what failed
+            tour = problem.best_options(tour.order if fixed else problem.in_order(tour.order))
+            if not fixed:
+                tour = problem.improved(tour)
+            if not np.isfinite(tour.seconds):
+                break
+        raise NoAnswer(f"no order was found in which every motion is certified; the last failure is {failed}")
+
+    def _shorten(self, certified: _CertifiedTour) -> None:
+        """Search longer for short motions where those of a certified tour exceed their bounds."""
+        if not self.setup.budget.motion:
+            return
+        long: dict[int, list[str]] = {}
+        for k, (previous, option, _) in enumerate(certified.places):
+            for motion in certified.verdicts[k].motions:
+                key = previous, option, motion.name, motion.trajectory.duration
+                if key not in self.searched and LongMotions.of(self.setup, motion):
+                    long.setdefault(k, []).append(motion.name)
+        steps = [
+            (certified.scenes[k], self.jobs[self.numbers[certified.places[k][1]][0]], certified.verdicts[k], names)
+            for k, names in long.items()
+        ]
+        self.runner.report("shorten", 0, len(steps))
+        shorter = self.runner.run("shorten", LongMotions(self.setup), steps, CHUNK)
+        for k, verdict in zip(long, shorter, strict=True):
+            certified.verdicts[k] = verdict
+            self._keep(certified.places[k], verdict)
+            previous, option, _ = certified.places[k]
+            self.searched |= {(previous, option, motion.name, motion.trajectory.duration) for motion in verdict.motions}
+
+    def _run_through(self, tour: Tour) -> tuple[_CertifiedTour, list[tuple[MotionFailure, int, int]]]:
+        """Certify the motions of a tour that are not known, and return its beginning without failures, and these."""
+        # the steps of the tour, and the scenes before each of them and after the last one
+        previous, moved, scenes = START, Moved(), [self.setup.checker.scene]
+        places: list[Place] = []
+        for number in tour.options:
+            places.append((previous, number, moved))
+            job, option = self._choice(number)
+            scenes.append(scene_after(scenes[-1], job, option))
+            if job.before is not None or option.after is not None:
+                moved |= {number}
+            previous = number
+        # those that are not known in these scenes
+        missing = [k for k, place in enumerate(places) if place not in self.steps]
+        steps = []
+        for k in missing:
+            previous, number, _ = places[k]
+            job, option = self._choice(number)
+            q = self._choice(previous)[1].exit if previous != START else self.ends[0]
+            known = self.known.get((number,), {}) | self.known.get((previous, number), {})
+            index = self.numbers[number][0]
+            steps.append(SequencedPick(scenes[k], option.entrance if q is None else q, job, option, index, known))
+        self.runner.report("motions", 0, len(steps))
+        try:
+            self.runner.run("motions", StepMotions(self.setup), steps, CHUNK)
+        finally:  # also after Ctrl-C
+            for k, step in self.runner.rows["motions"].items():
+                self._keep(places[missing[k]], step)
+            verdicts: list[PickVerdict] = []
+            for place in places:
+                verdict = self.steps.get(place)
+                if not isinstance(verdict, PickVerdict):
+                    break
+                verdicts.append(verdict)
+            made = self.partial = _CertifiedTour(tour, verdicts, scenes, places)
+        failures = [
+            (failure, previous, option)
+            for previous, option, moved in places
+            if isinstance(failure := self.steps[previous, option, moved], MotionFailure)
+        ]
+        last = tour.options[-1]
+        if self.ends[1] is not None:
+            own = self.known.setdefault((last, START), {})
+            closing = closing_motion(self.setup, scenes[-1], self._choice(last)[1].exit, self.ends[1], own)
+            if isinstance(closing, MotionFailure):
+                failures.append((closing, last, START))
+            else:
+                made.closing, own["transit"] = closing, closing.trajectory
+        return made, failures
+
+    def _choice(self, number: int) -> tuple[Job, PickOption]:
+        """The job and the option with this number."""
+        job, chosen = self.numbers[number]
+        return self.jobs[job], self.jobs[job].options[chosen]
+
+    def _excluding(self, problem: TourProblem, failure: MotionFailure, previous: int, option: int) -> TourProblem:
+        """The problem with more precedence if a part blocks the motion, else without the failed transit or option."""
+        if option == START:
+            drop = self._unconnected(previous)
+            return _without(problem, "inner", list(drop)) if drop else _without(problem, "end", previous)
+        # a part of another job blocks the motion: one of the two is executed first, unless that is a cycle
+        job = int(problem.job[option])
+        for name in failure.bodies:
+            for blocking, owner in enumerate(self.jobs):
+                if blocking == job or name not in {place.name for place in owner.places}:
+                    continue
+                for pair in ((blocking, job), (job, blocking)):
+                    if pair in self.precedence.reasons:
+                        continue
+                    more = self.precedence.with_pairs({pair: f"{name} blocks {self.jobs[job].pick.name}"})
+                    if not more.cycle():
+                        self.precedence = more
+                        return replace(problem, precedence=more)
+        # a motion of the pick itself, or a transit, cannot be part of a tour
+        drop = {option} if failure.part != "transit" else self._unconnected(previous, option)
+        if drop:
+            return _without(problem, "inner", list(drop))
+        if previous == START:
+            return _without(problem, "start", option)
+        return _without(problem, "between", (previous, option))
+
+    def _unconnected(self, *ends: int) -> set[int]:
+        """The options connected to an end of a failed transit, if too many transits between them and others failed.
+
+        Options are connected by certified transits. Those connected to home are never returned.
+        """
+        near: dict[int, set[int]] = {}
+        failed = []
+        for (a, b, _), step in self.steps.items():
+            if isinstance(step, PickVerdict):
+                near.setdefault(a, set()).add(b)
+                near.setdefault(b, set()).add(a)
+            elif step.part == "transit":
+                failed.append((a, b))
+        for end in ends:
+            group, queue = {end}, [end]
+            for option in queue:
+                more = near.get(option, set()) - group
+                group |= more
+                queue += more
+            if START not in group and sum((a in group) != (b in group) for a, b in failed) >= UNREACHED:
+                return group
+        return set()
+
+    # -- the result ---------------------------------------------------------------------------------------------------
+
+    def result(self, *, interrupted: bool = False) -> SequenceResult:
+        """The best result so far."""
+        certified = self.best or self.partial
+        steps: list[SequenceStep] = []
+        now = 0.0
+        if certified is not None:
+            for number, verdict, scene in zip(
+                certified.tour.options, certified.verdicts, certified.scenes, strict=False
+            ):
+                pick = self.picks[self.given.names.index(self.precedence.names[self.numbers[number][0]])]
+                steps.append(SequenceStep(pick, verdict, scene, now, *self.dwell))
+                now = steps[-1].end
+        return SequenceResult(
+            self.setup,
+            tuple(steps),
+            None if certified is None else certified.closing,
+            tuple(self.left_out),
+            self.precedence,
+            self.bound,
+            self.file_order,
+            self.nearest,
+            len(self.jobs),
+            interrupted,
+        )
+
+
+def _without(problem: TourProblem, name: str, where: int | list[int] | tuple[int, int]) -> TourProblem:
+    """The problem with infinite seconds at some places of the array ``name``."""
+    seconds = getattr(problem, name).copy()
+    seconds[where] = np.inf
+    return replace(problem, **{name: seconds})

@@ -5,17 +5,39 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
+from pathlib import Path
 
 import numpy as np
 
+from pinproof.cell.pages import MOST_FRAMES, RATE, CellPage, CellRow
 from pinproof.cell.sequencing.precedence import Precedence
-from pinproof.collision import Certificate, Scene
-from pinproof.common.results import Rows, Shown, View
-from pinproof.common.structs import TEXT, key, struct
-from pinproof.errors import NoAnswer
+from pinproof.collision import Certificate, Scene, proven_millimetres
+from pinproof.common.files import csv_text
+from pinproof.common.results import Rows, Saved, View, Written, markdown
+from pinproof.common.structs import (
+    ANY_TEXT,
+    INTEGER,
+    NOT_NEGATIVE,
+    OPTIONAL_NUMBER,
+    PLAIN_NUMBER,
+    TEXT,
+    choice,
+    key,
+    list_of,
+    mapping_to,
+    optional,
+    report_table,
+    reported,
+    required,
+    struct,
+    table_of,
+)
+from pinproof.errors import InputError, NoAnswer
 from pinproof.model import Arm, guess_mark
 from pinproof.motion import Bounds, MotionProgram, rest_to_rest_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
+from pinproof.viewer import Bar, ColouredPoints, FilmPhase, film, set_stage, simplified
 
 PHASES = ("transit", "approach", "grip", "retreat", "transfer", "place", "release", "leave")
 """The phases of a step in order: motions, and the dwell times grip and release."""
@@ -29,14 +51,29 @@ class LeftOut:
     reason: str = key("why it cannot be executed", kind=TEXT)
 
 
-@dataclass(frozen=True)
+@struct("sequence_phase", more=True, written=True)
 class SequencePhase:
-    """A part of the cycle: a motion with its certificate, or a dwell time, with its start and its duration (s)."""
+    """A motion or a dwell time."""
 
-    name: str
-    start: float
-    duration: float
-    certificate: Certificate | None
+    name: str = key(
+        f"one of {', '.join(f'`{name}`' for name in PHASES)}; `grip` and `release` are dwell times",
+        kind=choice(*PHASES),
+    )
+    start: float = key("from the start of the sequence", "s", minimum=0)
+    duration: float = key("duration", "s", minimum=0)
+    certificate: Certificate | None = key("the certificate of a motion; None for a dwell time", hidden=True)
+
+    @property
+    @reported("m", kind=OPTIONAL_NUMBER)
+    def clearance_proven(self) -> float | None:
+        """Proven lower bound of every distance; null for a dwell time."""
+        return None if self.certificate is None else self.certificate.clearance
+
+    @property
+    @reported(kind=optional(INTEGER))
+    def pairs_proven(self) -> int | None:
+        """Pairs of bodies proven; null for a dwell time."""
+        return None if self.certificate is None else self.certificate.pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,44 +138,84 @@ class SequenceStep:
         return arm.program(grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
 
 
-@dataclass(frozen=True, eq=False)
-class SequenceResult(Shown):
-    """A sequence of picks with certified motions.
+STEP = report_table(
+    "sequence_step",
+    "One pick of the sequence.",
+    required("name", TEXT, "name of the pick", get=lambda row: row[1].name),
+    required("start", NOT_NEGATIVE, "from the start of the sequence", "s", lambda row: row[1].start),
+    required("duration", NOT_NEGATIVE, "transit, all motions and dwell times", "s", lambda row: row[1].duration),
+    required(
+        "shortest", NOT_NEGATIVE, "lower bound of the duration, without obstacles", "s", lambda row: row[1].shortest
+    ),
+    required("limited_by", ANY_TEXT, "what limits its longest motion", get=lambda row: row[1].limited_by),
+    required("member", ANY_TEXT, "how the grasp differs from the nominal one", get=lambda row: row[0].verdict.member),
+    required(
+        "q_grasp",
+        list_of(PLAIN_NUMBER),
+        "configuration at the grasp",
+        "rad or m",
+        lambda row: () if row[0].verdict.q_grasp is None else row[0].verdict.q_grasp,
+    ),
+    required(
+        "phases",
+        list_of(table_of(SequencePhase)),
+        "the motions and dwell times in order",
+        get=lambda row: row[0].phases,
+    ),
+)
+"""Of a step and its time."""
 
-    Parameters
-    ----------
-    setup
-        The cell before the sequence.
-    steps
-        The picks in order.
-    closing
-        The motion to the end; None if the end is free.
-    left_out
-        The picks that cannot be executed.
-    precedence
-        The pairs of picks in a fixed order, stated or demanded by geometry.
-    lower_bound
-        Seconds without dwell times: no sequence of these picks with the grasps and IK branches considered takes less,
-        for motions that rest between their parts.
-    file_order, nearest_neighbour
-        Lower bounds (s), without dwell times, of the sequence in the given order (changed where it violates the
-        precedence) and in the order of the nearest neighbour, each with its best grasps and IK branches.
-    wanted
-        Number of picks that can be executed.
-    interrupted
-        Whether the search was interrupted.
-    """
+PRECEDENCE = report_table(
+    "precedence",
+    "A pair of picks in a fixed order.",
+    required("before", TEXT, "name of the pick that is executed first", get=itemgetter(0)),
+    required("after", TEXT, "name of the other pick", get=itemgetter(1)),
+    required("reason", TEXT, "`stated`, or what geometry demands", get=itemgetter(2)),
+)
 
-    setup: PickSetup
-    steps: tuple[SequenceStep, ...]
-    closing: PickMotion | None
-    left_out: tuple[LeftOut, ...]
-    precedence: Precedence
-    lower_bound: float
-    file_order: float
-    nearest_neighbour: float
-    wanted: int
-    interrupted: bool = False
+COLUMNS = ("position", "pick", "start", "duration", *PHASES, "shortest", "clearance_proven", "limited_by", "left_out")
+"""The columns of the table; times in seconds, the clearance in metres."""
+
+SLOWEST, SHOWN = 3, 20
+"""Largest numbers of slowest picks and of all picks that the text names."""
+
+
+@struct(
+    "sequence",
+    first=("robot", "summary", "ok", "interrupted", "acceleration_source", "notes", "duration", "moving",
+           "lower_bound", "gap", "file_order", "nearest_neighbour", "parts_per_minute", "clearance_proven", "by_phase",
+           "closing", "steps", "left_out", "precedence"),
+    more=True,
+    written=True,
+    version="pinproof/sequence/1",
+    eq=False,
+)  # fmt: skip
+class SequenceResult(Saved, Written):
+    """A sequence of picks. Readers must accept unknown keys: they are additions of the same version."""
+
+    formats = (".json", ".csv", ".md", ".html")
+    indent = 2
+
+    setup: PickSetup = key("the cell before the sequence", hidden=True)
+    steps: tuple[SequenceStep, ...] = key("the picks in order, with certified motions", hidden=True)
+    closing: PickMotion | None = key("the motion to the end; None if the end is free", hidden=True)
+    left_out: tuple[LeftOut, ...] = key("picks that cannot be executed")
+    precedence: Precedence = key("the pairs of picks in a fixed order, stated or demanded by geometry", hidden=True)
+    lower_bound: float = key(
+        "lower bound of the time of all motions: no sequence of these picks with the grasps and IK branches considered "
+        "takes less, for motions that rest between their parts",
+        "s",
+        kind=OPTIONAL_NUMBER,
+    )
+    file_order: float = key(
+        "lower bound of the time of all motions in the given order, changed where it violates the precedence, with the "
+        "best grasps and IK branches",
+        "s",
+        kind=OPTIONAL_NUMBER,
+    )
+    nearest_neighbour: float = key("the same in the order of the nearest neighbour", "s", kind=OPTIONAL_NUMBER)
+    wanted: int = key("number of picks that can be executed", hidden=True)
+    interrupted: bool = key("whether the search was interrupted", default=False)
 
     def _view(self) -> View:
         rows: list[tuple[object, ...]] = []
@@ -150,15 +227,15 @@ class SequenceResult(Shown):
         table = Rows(("pick", "start [s]", "duration [s]", "phases"), rows)
         return View(self.message, [table], lines, len(self.steps))
 
-    def to_text(self, *, most: int = 20) -> str:
+    def to_text(self) -> str:
         """The first picks with their times, those left out, what the order is worth, and the slowest picks."""
-        times = cycle_time(self)
+        times = self.times
         lines = [
             f"{number:4} {time.name:20} at {time.start:8.2f} s, {time.duration:6.2f} s"
-            for number, time in enumerate(times.picks[:most], start=1)
+            for number, time in enumerate(times.picks[:SHOWN], start=1)
         ]
-        if len(times.picks) > most:
-            lines.append(f"     and {len(times.picks) - most} more picks")
+        if len(times.picks) > SHOWN:
+            lines.append(f"     and {len(times.picks) - SHOWN} more picks")
         lines += [f"   - {pick.name:20} left out: {pick.reason}" for pick in self.left_out]
         lines.append(self.message)
         if self.steps:
@@ -174,6 +251,7 @@ class SequenceResult(Shown):
         return iter(self.steps)
 
     @property
+    @reported()
     def ok(self) -> bool:
         """Whether every pick is part of the sequence, and every motion is certified."""
         return self.complete and not self.left_out
@@ -189,10 +267,10 @@ class SequenceResult(Shown):
         return tuple(step.pick.name for step in self.steps)
 
     @property
+    @reported("s", minimum=0)
     def duration(self) -> float:
-        """Seconds of all motions and dwell times."""
-        closing = 0.0 if self.closing is None else self.closing.trajectory.duration
-        return (self.steps[-1].end if self.steps else 0.0) + closing
+        """All motions and dwell times."""
+        return (self.steps[-1].end if self.steps else 0.0) + self.closing_time
 
     @property
     def dwell(self) -> float:
@@ -200,23 +278,27 @@ class SequenceResult(Shown):
         return sum(phase.duration for step in self.steps for phase in step.phases if phase.name in ("grip", "release"))
 
     @property
+    @reported("s", minimum=0)
     def moving(self) -> float:
-        """Seconds of all motions."""
+        """All motions."""
         return self.duration - self.dwell
 
     @property
+    @reported(kind=OPTIONAL_NUMBER)
     def gap(self) -> float:
-        """The share by which the time of all motions exceeds the lower bound."""
+        """``moving`` divided by ``lower_bound``, minus 1."""
         return self.moving / self.lower_bound - 1.0 if self.lower_bound > 0 else float("nan")
 
     @property
+    @reported(kind=OPTIONAL_NUMBER)
     def parts_per_minute(self) -> float:
         """Number of picks in a minute."""
         return 60.0 * len(self.steps) / self.duration if self.duration > 0 else float("nan")
 
     @property
+    @reported("m", name="clearance_proven", kind=OPTIONAL_NUMBER)
     def clearance(self) -> float:
-        """Metres: the smallest proven clearance of all motions."""
+        """Smallest proven clearance of all motions."""
         return min((motion.certificate.clearance for motion in self.motions), default=float("nan"))
 
     @property
@@ -226,6 +308,7 @@ class SequenceResult(Shown):
         return (*(motion for step in self.steps for motion in step.verdict.motions), *closing)
 
     @property
+    @reported(name="summary")
     def message(self) -> str:
         """The result in one line."""
         if not self.steps:
@@ -237,6 +320,76 @@ class SequenceResult(Shown):
             f"{len(self.steps)}{part} picks in {self.duration:.1f} s{guess}, {self.parts_per_minute:.1f} per minute; "
             f"motions {100 * self.gap:.1f} % above the lower bound{left}"
         )
+
+    @property
+    @reported()
+    def robot(self) -> str:
+        """Name of the robot."""
+        return self.setup.checker.arm.robot.name
+
+    @property
+    @reported()
+    def acceleration_source(self) -> str:
+        """Source of the acceleration limits."""
+        return self.setup.checker.arm.limits.acceleration_source
+
+    @property
+    @reported()
+    def notes(self) -> tuple[str, ...]:
+        """What the certificates do not cover."""
+        return self.setup.not_covered({step.pick.carried is not None for step in self.steps})
+
+    @cached_property
+    def times(self) -> CycleTime:
+        """The cycle time, pick by pick."""
+        return cycle_time(self)
+
+    @property
+    @reported("s", kind=mapping_to(NOT_NEGATIVE))
+    def by_phase(self) -> dict[str, float]:
+        """Time of all picks by phase."""
+        return self.times.by_phase
+
+    @property
+    @reported(name="precedence", kind=list_of(PRECEDENCE))
+    def ordered_pairs(self) -> list[tuple[str, str, str]]:
+        """Pairs of picks in a fixed order."""
+        return self.precedence.rows
+
+    @property
+    @reported("s", name="closing", minimum=0)
+    def closing_time(self) -> float:
+        """The motion to the end."""
+        return 0.0 if self.closing is None else self.closing.trajectory.duration
+
+    @property
+    @reported(name="steps", kind=list_of(STEP))
+    def timed_steps(self) -> list[tuple[SequenceStep, PickTime]]:
+        """The picks in order."""
+        return list(zip(self.steps, self.times.picks, strict=True))
+
+    def to_csv(self) -> str:
+        """One row for each pick in order, then one for each that is left out."""
+        rows: list[tuple[object, ...]] = []
+        for number, (step, time) in enumerate(self.timed_steps, start=1):
+            phases = (time.phases.get(name, "") for name in PHASES)
+            limits = time.shortest, OPTIONAL_NUMBER.write(step.verdict.clearance), time.limited_by
+            rows.append((number, time.name, time.start, time.duration, *phases, *limits, ""))
+        blank = [""] * (len(COLUMNS) - 3)
+        return csv_text(COLUMNS, [*rows, *(("", pick.name, *blank, pick.reason) for pick in self.left_out)])
+
+    def to_markdown(self) -> str:
+        """The result in one line, and a table of the picks."""
+        rows: list[tuple[object, ...]] = [
+            (number, time.name, f"{time.start:.2f} s", f"{time.duration:.2f} s", time.limited_by)
+            for number, time in enumerate(self.times.picks, start=1)
+        ]
+        rows += [("", pick.name, "", "", f"left out: {pick.reason}") for pick in self.left_out]
+        table = Rows(("", "pick", "start", "duration", "limited by"), rows, numbers={"", "start", "duration"})
+        return markdown(f"# Sequence of {self.robot}", self.message, table)
+
+    def _write_page(self, path: str | Path) -> None:
+        write_sequence_page(self, path)
 
     def or_raise(self) -> SequenceResult:
         """Return the result if every pick is part of the sequence.
@@ -251,9 +404,6 @@ class SequenceResult(Shown):
         reasons = "; ".join(f"{pick.name}: {pick.reason}" for pick in self.left_out) or "the search was interrupted"
         raise NoAnswer(f"the sequence lacks picks: {reasons}")
 
-
-SLOWEST = 3
-"""Number of slowest picks that the text names."""
 
 DETOUR = 1.1
 """A motion that takes this multiple of the slowest joint's shortest time is limited by its detour around obstacles."""
@@ -334,7 +484,6 @@ class CycleTime:
 
 def cycle_time(result: SequenceResult) -> CycleTime:
     """The cycle time of a sequence, pick by pick."""
-    closing = 0.0 if result.closing is None else result.closing.trajectory.duration
     arm = result.setup.checker.arm
     bounds = Bounds.of(arm.limits, arm.joint_names)
     picks = []
@@ -349,7 +498,7 @@ def cycle_time(result: SequenceResult) -> CycleTime:
             shortest += least
             limits.append((motion.trajectory.duration, limit))
         picks.append(PickTime(step.pick.name, step.start, step.duration, phases, shortest, max(limits)[1]))
-    return CycleTime(tuple(picks), closing, result.duration)
+    return CycleTime(tuple(picks), result.closing_time, result.duration)
 
 
 def _limit(arm: Arm, motion: PickMotion, bounds: Bounds, *, tool_speed: bool) -> tuple[float, str]:
@@ -367,3 +516,85 @@ def _limit(arm: Arm, motion: PickMotion, bounds: Bounds, *, tool_speed: bool) ->
     if tool_speed:
         return least, f"{motion.name}: tool speed"
     return least, f"{motion.name}: detour of {moved.duration - least:.2f} s around obstacles"
+
+
+def write_sequence_page(
+    result: SequenceResult, path: str | Path, *, heat_map: ColouredPoints | None = None, title: str | None = None
+) -> None:
+    """Write the page of a sequence; it opens offline in any browser.
+
+    Parameters
+    ----------
+    result
+        The sequence.
+    path
+        The file to write.
+    heat_map
+        Points to draw on the floor, such as the result of a search for the base placement.
+    title
+        The title of the page. Default: the name of the robot.
+
+    Raises
+    ------
+    InputError
+        If the sequence has no step.
+    ViewerError
+        If the robot has nothing to draw, or the page cannot be written.
+    """
+    if not result.steps:
+        raise InputError("the sequence has no step that a page could show")
+    setup = result.setup
+    arm = setup.checker.arm
+    stage = simplified(set_stage(arm, setup.checker.scene, setup.shared.open_tool))
+    # The film of all motions, with rests at dwell times
+    own = {thing.name for thing in setup.shared.open_tool}
+    pieces = [
+        (phase.start, motion)
+        for step in result.steps
+        for phase, motion in zip(
+            [phase for phase in step.phases if phase.name not in ("grip", "release")], step.verdict.motions, strict=True
+        )
+    ]
+    end = result.steps[-1].end
+    closing = [] if result.closing is None else [(end, result.closing)]
+    phases = [
+        FilmPhase(
+            motion.trajectory,
+            tuple(thing for thing in motion.attached if thing.name not in own),
+            held=motion.held,
+            start=start,
+        )
+        for start, motion in [*pieces, *closing]
+    ]
+    # The rows of the table, and the bars of the chart
+    rows = [
+        CellRow(time.name, time.start, time.duration, step.verdict.clearance, time.limited_by)
+        for step, time in zip(result.steps, result.times.picks, strict=True)
+    ]
+    bars = [
+        Bar(phase.name, phase.name, phase.start, phase.duration, f"{step.pick.name}, {phase.name}")
+        for step in result.steps
+        for phase in step.phases
+    ]
+    bars += [Bar("transit", "transit", end, motion.trajectory.duration, "transit") for end, motion in closing]
+    free = "FREE" if all(motion.certificate.free for motion in result.motions) else "UNPROVEN"
+    page = CellPage(
+        title or f"Cell of {arm.robot.name}",
+        result.message,
+        [
+            (f"cycle{guess_mark(arm.limits.acceleration_source)}", f"{result.duration:.1f} s"),
+            ("parts per minute", f"{result.parts_per_minute:.1f}"),
+            ("above the lower bound", f"{100 * result.gap:.1f} %"),
+            (f"motions, smallest proven clearance {proven_millimetres(result.clearance)}", free),
+        ],
+        [
+            f"Not covered: {note}"
+            for note in setup.not_covered({step.pick.carried is not None for step in result.steps})
+        ],
+        result.duration,
+        rows,
+        [(pick.name, pick.reason) for pick in result.left_out],
+        bars,
+        PHASES,
+    )
+    page.write(path, stage, film(stage, phases, rate=RATE, most=MOST_FRAMES), arm.limits.acceleration_source, heat_map)

@@ -1,4 +1,4 @@
-"""The page of a cell in one offline file: its sequence as an animation, a Gantt chart and a table of picks."""
+"""The page of a cell in one offline file: its motions as an animation, a Gantt chart and a table of picks."""
 
 from __future__ import annotations
 
@@ -10,26 +10,22 @@ from pathlib import Path
 
 import numpy as np
 
-from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult, cycle_time
 from pinproof.collision import proven_millimetres
 from pinproof.common.files import os_errors
 from pinproof.common.results import Rows
-from pinproof.errors import FileError, InputError, ViewerError
-from pinproof.model import guess_mark, guess_note
+from pinproof.errors import FileError, ViewerError
+from pinproof.model import guess_note
 from pinproof.spatial import SE3
 from pinproof.viewer import (
+    Bar,
     ColouredPoints,
     Drawing,
     Film,
-    FilmPhase,
     box_corners,
     choose_view,
-    film,
     node_path,
     panels,
     placed_points,
-    set_stage,
-    simplified,
     stage_commands,
     tool_points,
     tracks,
@@ -88,7 +84,7 @@ class CellPage:
     duration: float
     rows: Sequence[CellRow]
     left_out: Sequence[tuple[str, str]]
-    bars: Sequence[panels.Bar]
+    bars: Sequence[Bar]
     lanes: Sequence[str]
     several: bool = False
 
@@ -153,88 +149,6 @@ class CellPage:
             colours=() if heat_map is None else heat_map.legend,
         )
         panels.write_page(path, text)
-
-
-def write_sequence_page(
-    result: SequenceResult, path: str | Path, *, heat_map: ColouredPoints | None = None, title: str | None = None
-) -> None:
-    """Write the page of a sequence; it opens offline in any browser.
-
-    Parameters
-    ----------
-    result
-        The sequence.
-    path
-        The file to write.
-    heat_map
-        Points to draw on the floor, such as the result of a search for the base placement.
-    title
-        The title of the page. Default: the name of the robot.
-
-    Raises
-    ------
-    InputError
-        If the sequence has no step.
-    ViewerError
-        If the robot has nothing to draw, or the page cannot be written.
-    """
-    if not result.steps:
-        raise InputError("the sequence has no step that a page could show")
-    setup = result.setup
-    arm = setup.checker.arm
-    stage = simplified(set_stage(arm, setup.checker.scene, setup.shared.open_tool))
-    # The film of all motions, with rests at dwell times
-    own = {thing.name for thing in setup.shared.open_tool}
-    pieces = [
-        (phase.start, motion)
-        for step in result.steps
-        for phase, motion in zip(
-            [phase for phase in step.phases if phase.name not in ("grip", "release")], step.verdict.motions, strict=True
-        )
-    ]
-    end = result.steps[-1].end
-    closing = [] if result.closing is None else [(end, result.closing)]
-    phases = [
-        FilmPhase(
-            motion.trajectory,
-            tuple(thing for thing in motion.attached if thing.name not in own),
-            held=motion.held,
-            start=start,
-        )
-        for start, motion in [*pieces, *closing]
-    ]
-    # The rows of the table, and the bars of the chart
-    rows = [
-        CellRow(time.name, time.start, time.duration, step.verdict.clearance, time.limited_by)
-        for step, time in zip(result.steps, cycle_time(result).picks, strict=True)
-    ]
-    bars = [
-        panels.Bar(phase.name, phase.name, phase.start, phase.duration, f"{step.pick.name}, {phase.name}")
-        for step in result.steps
-        for phase in step.phases
-    ]
-    bars += [panels.Bar("transit", "transit", end, motion.trajectory.duration, "transit") for end, motion in closing]
-    free = "FREE" if all(motion.certificate.free for motion in result.motions) else "UNPROVEN"
-    page = CellPage(
-        title or f"Cell of {arm.robot.name}",
-        result.message,
-        [
-            (f"cycle{guess_mark(arm.limits.acceleration_source)}", f"{result.duration:.1f} s"),
-            ("parts per minute", f"{result.parts_per_minute:.1f}"),
-            ("above the lower bound", f"{100 * result.gap:.1f} %"),
-            (f"motions, smallest proven clearance {proven_millimetres(result.clearance)}", free),
-        ],
-        [
-            f"Not covered: {note}"
-            for note in setup.not_covered({step.pick.carried is not None for step in result.steps})
-        ],
-        result.duration,
-        rows,
-        [(pick.name, pick.reason) for pick in result.left_out],
-        bars,
-        PHASES,
-    )
-    page.write(path, stage, film(stage, phases, rate=RATE, most=MOST_FRAMES), arm.limits.acceleration_source, heat_map)
 
 
 def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> ColouredPoints:

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof.collision import Box, Obstacle, Scene
 from pinproof.spatial import pose
-from pinproof.viewer.animation import still
 from pinproof.viewer.camera import LEAST_DISTANCE, choose_view, fit, tool_points
-from pinproof.viewer.stage import set_stage
+from pinproof.viewer.stage import set_stage, still
 
 from .conftest import small_arm
 

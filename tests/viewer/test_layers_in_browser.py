@@ -11,9 +11,8 @@ import pytest
 from pinproof.collision import Certificate, Scene
 from pinproof.spatial import matrix, pose
 from pinproof.viewer import write_html
-from pinproof.viewer.animation import FilmPhase, film
 from pinproof.viewer.overlays import swept
-from pinproof.viewer.stage import set_stage
+from pinproof.viewer.stage import FilmPhase, film, set_stage
 
 from .browser import Browser, Page
 from .conftest import POST, certified, small_arm, swing

@@ -11,9 +11,8 @@ import pytest
 from pinproof import Trajectory
 from pinproof.errors import InputError
 from pinproof.viewer import PlotLimits
-from pinproof.viewer.page import render_page
+from pinproof.viewer.page import HEIGHT, WIDTH, plots_html, render_page
 from pinproof.viewer.picture import Picture
-from pinproof.viewer.plots import HEIGHT, WIDTH, plots_html
 
 from .conftest import small_arm, swing
 

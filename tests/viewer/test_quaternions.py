@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pinproof.viewer.animation import quaternions
+from pinproof.viewer.stage import quaternions
 
 
 def test_quaternions_equal_those_of_scipy_up_to_the_sign() -> None:

@@ -29,8 +29,7 @@ from pinproof.picks.input.settings import GripperFingers
 from pinproof.picks.report import page as page_module
 from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, PageMotions
 from pinproof.spatial import matrix, pose
-from pinproof.viewer.animation import FilmPhase, film
-from pinproof.viewer.stage import set_stage
+from pinproof.viewer.stage import FilmPhase, film, set_stage
 
 from .browser import Browser, Page
 from .conftest import POST, certified, small_arm, swing

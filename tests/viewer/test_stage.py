@@ -9,11 +9,10 @@ from pinproof.description.meshes import read_mesh
 from pinproof.errors import InputError, ViewerError
 from pinproof.motion import JointPath
 from pinproof.spatial import matrix, pose
-from pinproof.viewer.animation import FRAME_RATE, FilmPhase, checked_motion, film
 from pinproof.viewer.overlays import marks_of
 from pinproof.viewer.page import render_page
 from pinproof.viewer.picture import Picture
-from pinproof.viewer.stage import set_stage
+from pinproof.viewer.stage import FRAME_RATE, FilmPhase, checked_motion, film, set_stage
 from pinproof.viewer.wire import Commands
 
 from .conftest import UPPER, small_arm, swing

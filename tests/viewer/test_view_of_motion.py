@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.viewer.animation import Film, FilmPhase, film
 from pinproof.viewer.camera import View, choose_view, fit, tool_points
 from pinproof.viewer.picture import Picture
-from pinproof.viewer.stage import Drawing, set_stage
+from pinproof.viewer.stage import Drawing, Film, FilmPhase, film, set_stage
 
 ASPECTS = (0.6, 4 / 3, 980 / 750, 2.2)
 """Width by height of the canvas: a telephone, the default, the page in a window of 1280 x 800, a wide window."""

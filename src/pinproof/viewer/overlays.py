@@ -19,9 +19,8 @@ from pinproof.collision import CheckResult, FirstContact
 from pinproof.common import theme
 from pinproof.errors import InputError
 from pinproof.spatial import Array, finite
-from pinproof.viewer.animation import Film
 from pinproof.viewer.camera import View
-from pinproof.viewer.stage import Drawing
+from pinproof.viewer.stage import Drawing, Film
 from pinproof.viewer.surfaces import Surface, ball, box_triangles, cone, revolved, shade, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 

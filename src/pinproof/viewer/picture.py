@@ -22,7 +22,6 @@ from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup, guess_mark
 from pinproof.motion import Trajectory, check_limits
 from pinproof.spatial import SE3, finite, matrix, rigid
-from pinproof.viewer.animation import Film, FilmPhase, checked_motion, film, film_of_elbow, still, tracks
 from pinproof.viewer.camera import View, choose_view, tool_points
 from pinproof.viewer.overlays import (
     ColouredPoints,
@@ -37,7 +36,18 @@ from pinproof.viewer.overlays import (
     swept,
 )
 from pinproof.viewer.panels import Caption
-from pinproof.viewer.stage import Drawing, set_stage, simplified
+from pinproof.viewer.stage import (
+    Drawing,
+    Film,
+    FilmPhase,
+    checked_motion,
+    film,
+    film_of_elbow,
+    set_stage,
+    simplified,
+    still,
+    tracks,
+)
 from pinproof.viewer.surfaces import ball, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 

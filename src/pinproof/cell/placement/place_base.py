@@ -41,6 +41,7 @@ from pinproof.cell.placement.screening import (
 )
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.content_hash import code_here, digest
+from pinproof.common.structs import key, struct
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.model import Arm
@@ -68,38 +69,28 @@ MOST_ROUNDS = 4
 """Rounds of certification, each of ``certified`` placements, until one is found at which every pick is good."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@struct(kw_only=True)
 class PlacementBudget:
-    """The budget of a search for a placement.
+    """The budget of a search for a placement."""
 
-    Parameters
-    ----------
-    grid
-        Number of placements of the grid, for each discrete choice.
-    runs
-        Number of placements from which the evolution strategy starts.
-    evaluations
-        Number of placements that each of these runs screens.
-    sampled
-        Number of placements at which a sample of 24 picks is judged, to choose those that are certified. Not used for
-        24 picks or fewer; ``certified`` has the same effect there.
-    certified
-        Number of placements whose picks are all judged; more if a pick fails at each of them.
-    deviations
-        Number of deviations of the best placement, in both directions along each axis, at which all picks are judged to
-        find how far the base may be off; 0 for no such study.
-    """
-
-    grid: int = 2000
-    runs: int = 4
-    evaluations: int = 160
-    sampled: int = 12
-    certified: int = 3
-    deviations: int = 4
-
-    def __post_init__(self) -> None:
-        for name in vars(self):
-            require_integer(f"PlacementBudget.{name}", getattr(self, name), int(name in ("grid", "certified")))
+    grid: int = key("number of placements of the grid, for each discrete choice", default=2000, minimum=1)
+    runs: int = key("number of placements from which the evolution strategy starts", default=4, minimum=0)
+    evaluations: int = key("number of placements that each of these runs screens", default=160, minimum=0)
+    sampled: int = key(
+        "number of placements at which a sample of 24 picks is judged, to choose those that are certified. Not used "
+        "for 24 picks or fewer; `certified` has the same effect there",
+        default=12,
+        minimum=0,
+    )
+    certified: int = key(
+        "number of placements whose picks are all judged; more if a pick fails at each of them", default=3, minimum=1
+    )
+    deviations: int = key(
+        "number of deviations of the best placement, in both directions along each axis, at which all picks are judged "
+        "to find how far the base may be off; 0 for no such study",
+        default=4,
+        minimum=0,
+    )
 
 
 def place_base(

@@ -29,7 +29,7 @@ from pinproof.cell.sequencing.transits import (
     scene_after,
 )
 from pinproof.collision import Scene
-from pinproof.common.validation import require_integer
+from pinproof.common.structs import key, struct
 from pinproof.errors import InputError, NoAnswer, RunInterrupted
 from pinproof.motion import Bounds, Trajectory, least_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
@@ -216,34 +216,28 @@ WORTH = 1e-3
 """Share of the total time that another order must save to be certified."""
 
 
-@dataclass(frozen=True)
+@struct(kw_only=True)
 class SequenceBudget:
-    """The budget of :func:`pinproof.sequence`.
+    """The budget of :func:`pinproof.sequence`."""
 
-    Parameters
-    ----------
-    options
-        Largest number of grasps and IK branches that are considered for each pick.
-    search
-        Number of disturbances of the order, after each of which it is improved.
-    bound
-        Number of times that violated constraints are added to the lower bound.
-    refinements
-        Number of times that the order is improved with certified instead of bounded times.
-    motion
-        Number of evaluations by which each transit and each transfer is shortened; with 0, they follow the planned
-        paths. It replaces that of the budget of the setup.
-    """
-
-    options: int = 4
-    search: int = SEARCH
-    bound: int = ROUNDS
-    refinements: int = 1
-    motion: int = 400
-
-    def __post_init__(self) -> None:
-        for name, least in (("options", 1), ("search", 0), ("bound", 1), ("refinements", 0), ("motion", 0)):
-            require_integer(f"SequenceBudget.{name}", getattr(self, name), least)
+    options: int = key(
+        "largest number of grasps and IK branches that are considered for each pick", default=4, minimum=1
+    )
+    search: int = key(
+        "number of disturbances of the order, after each of which it is improved", default=SEARCH, minimum=0
+    )
+    bound: int = key(
+        "number of times that violated constraints are added to the lower bound", default=ROUNDS, minimum=1
+    )
+    refinements: int = key(
+        "number of times that the order is improved with certified instead of bounded times", default=1, minimum=0
+    )
+    motion: int = key(
+        "number of evaluations by which each transit and each transfer is shortened; with 0, they follow the planned "
+        "paths. It replaces that of the budget of the setup",
+        default=400,
+        minimum=0,
+    )
 
 
 class _ImpossibleError(Exception):

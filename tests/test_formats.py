@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.collision import Attachments
-from pinproof.common.yaml_file import parse_number, read_yaml
+from pinproof.common.files import parse_number, read_yaml
 from pinproof.errors import FileError
 from pinproof.formats import FORMATS
 from pinproof.model import JointLimits

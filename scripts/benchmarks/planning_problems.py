@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Scene
-from pinproof.common.yaml_file import read_yaml
+from pinproof.common.files import read_yaml
 from pinproof.description.catalogue import catalogue_names
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.ik import Clik

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof.common.yaml_file import parse_number
+from pinproof.common.files import parse_number
 from pinproof.description.dh import DhRow, DhTable
 from pinproof.errors import DhTableError, FileError, InputError
 from pinproof.spatial import pose

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.common.yaml_file import parse_number
+from pinproof.common.files import parse_number
 from pinproof.conversion import dh_to_urdf
 from pinproof.description import DhTable, find_robot
 from pinproof.description.packages import example_robot_data

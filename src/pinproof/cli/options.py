@@ -517,7 +517,7 @@ def numbers(text: str, option: str, *forms: str) -> list[float]:
     InputError
         If a part is not a number, or the number of parts differs from all forms.
     """
-    from pinproof.common.yaml_file import parse_number
+    from pinproof.common.files import parse_number
 
     values = []
     for part in text.replace(",", " ").split():

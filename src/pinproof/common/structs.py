@@ -33,9 +33,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar, Uni
 
 import numpy as np
 
-from pinproof.common.files import is_file
+from pinproof.common.files import NUMBER_PATTERN, is_file, parse_number
 from pinproof.common.validation import require_integer, require_number, require_type
-from pinproof.common.yaml_file import NUMBER_PATTERN, parse_number
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.spatial import SE3, finite, frozen, pose, rigid, unit_vector
 from pinproof.units import MOST_TURN, refuse_degrees
@@ -184,7 +183,7 @@ def simple(schema: Any, check: Check = lambda _, value: value, parse: Callable[[
 
 
 def parsed(stated: Any) -> Any:
-    """One number, or nested lists of numbers, each as :func:`~pinproof.common.yaml_file.parse_number` reads it."""
+    """One number, or nested lists of numbers, each as :func:`~pinproof.common.files.parse_number` reads it."""
     try:
         return [parsed(part) for part in stated] if isinstance(stated, list) else parse_number(stated)
     except InputError:

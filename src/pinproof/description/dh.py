@@ -29,7 +29,15 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from pinproof.common.files import csv_text, other_separator, read_text, unknown_suffix, write_text_whole
+from pinproof.common.files import (
+    csv_text,
+    other_separator,
+    read_text,
+    read_yaml,
+    refuse_unknown,
+    unknown_suffix,
+    write_text_whole,
+)
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANGLE,
@@ -55,7 +63,6 @@ from pinproof.common.structs import (
     table_of,
     vector,
 )
-from pinproof.common.yaml_file import read_yaml, refuse_unknown
 from pinproof.errors import DhTableError, InputError
 from pinproof.spatial import Array, finite, matrix, rigid
 from pinproof.units import refuse_degree_limit, refuse_degrees, refuse_millimetres

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.disk_cache import cached, content_digest
+from pinproof.common.content_hash import cached, content_digest
 from pinproof.common.files import read_bytes, unknown_suffix
 from pinproof.description.mesh_formats.collada import read_collada
 from pinproof.description.mesh_formats.gltf import external_files, read_gltf, with_second_root

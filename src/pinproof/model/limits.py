@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.files import read_yaml
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANYTHING,
@@ -28,7 +29,6 @@ from pinproof.common.structs import (
     required,
 )
 from pinproof.common.validation import named_arguments
-from pinproof.common.yaml_file import read_yaml
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.spatial import Array
 

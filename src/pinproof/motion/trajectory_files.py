@@ -20,7 +20,15 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.files import csv_text, other_separator, read_text, unknown_suffix, write_text_whole
+from pinproof.common.files import (
+    YAML_SUFFIXES,
+    csv_text,
+    other_separator,
+    read_text,
+    read_yaml,
+    unknown_suffix,
+    write_text_whole,
+)
 from pinproof.common.structs import (
     ANY_TEXT,
     ANYTHING,
@@ -38,7 +46,6 @@ from pinproof.common.structs import (
     step,
     table_of,
 )
-from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.spatial import Array

@@ -41,7 +41,7 @@ from pinproof.collision import (
     triangles_of,
 )
 from pinproof.common import theme
-from pinproof.common.disk_cache import cached, content_digest
+from pinproof.common.content_hash import cached, content_digest
 from pinproof.description import (
     COLOURED_SUFFIXES,
     LinkGeometry,

@@ -17,7 +17,7 @@ from pinproof.collision.geometry.bodies import MESHES_KEPT, Body, FileStamp, hul
 from pinproof.collision.geometry.decomposition import clusters
 from pinproof.collision.geometry.hulls import Solid
 from pinproof.collision.geometry.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
-from pinproof.common.disk_cache import cached, content_digest
+from pinproof.common.content_hash import cached, content_digest
 from pinproof.description import LinkGeometry, read_mesh, resolved
 from pinproof.errors import InputError, MeshError, UnknownNameError
 

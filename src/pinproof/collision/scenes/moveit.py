@@ -44,8 +44,8 @@ from pinproof.collision.geometry.shapes import (
     Shape,
     Sphere,
 )
+from pinproof.common.files import LinedMapping, refuse_unknown, require_list
 from pinproof.common.structs import parsed
-from pinproof.common.yaml_file import LinedMapping, refuse_unknown, require_list
 from pinproof.description import locate
 from pinproof.errors import FileError, InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose

@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.geometry.shapes import Obstacle, stated_shape
+from pinproof.common.files import read_yaml, write_yaml
 from pinproof.common.results import Rows, Shown, View, shortened
 from pinproof.common.structs import (
     ANY_TEXT,
@@ -25,7 +26,6 @@ from pinproof.common.structs import (
     struct,
     table_of,
 )
-from pinproof.common.yaml_file import read_yaml, write_yaml
 from pinproof.errors import InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, matrix, rigid, xyz_rpy
 from pinproof.units import MOST_REACH

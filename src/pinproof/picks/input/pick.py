@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pinproof.collision import SMALLEST, Obstacle
+from pinproof.common.files import LinedMapping
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANGLE,
@@ -39,7 +40,6 @@ from pinproof.common.structs import (
     without,
 )
 from pinproof.common.validation import ReadOnlyDict, require_number, unique_names
-from pinproof.common.yaml_file import LinedMapping
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, Payload
 from pinproof.motion import ToolLimits

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Obstacle, Scene
+from pinproof.common.files import LinedMapping
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANY_TEXT,
@@ -38,7 +39,6 @@ from pinproof.common.structs import (
     table_of,
 )
 from pinproof.common.validation import require_number
-from pinproof.common.yaml_file import LinedMapping
 from pinproof.description import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, checked_payloads, load_robot

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from pinproof.common.content_hash import digest, digest_many
-from pinproof.common.files import os_errors, other_separator, refuse_unreadable
+from pinproof.common.files import YAML_SUFFIXES, os_errors, other_separator, read_yaml, refuse_unreadable
 from pinproof.common.structs import (
     Key,
     Misread,
@@ -43,7 +43,6 @@ from pinproof.common.structs import (
     simple,
     step,
 )
-from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
 from pinproof.picks.input.pick import DEFAULTS, PICK, Pick, completed, picks_of_row
 from pinproof.picks.input.picks import CELL_ROBOT, SETTINGS, PickProblem, Picks, read_settings

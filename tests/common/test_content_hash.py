@@ -10,8 +10,8 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision.checking import links
-from pinproof.common import disk_cache
-from pinproof.common.disk_cache import cached, content_digest
+from pinproof.common import content_hash
+from pinproof.common.content_hash import cached, content_digest
 from pinproof.description.meshes import read_mesh
 from pinproof.viewer.surfaces import link_surfaces
 
@@ -52,7 +52,7 @@ def test_other_inputs_and_other_code_are_other_entries(place: Path, tmp_path: Pa
     cached("other", content_digest("x"), make, code=[str(code)])
     assert make.calls == 3
     code.write_text("2")
-    disk_cache._made_with.cache_clear()
+    content_hash._made_with.cache_clear()
     cached("test", content_digest("x"), make, code=[str(code)])
     assert make.calls == 4
 
@@ -82,7 +82,7 @@ def test_disabled_or_unwritable_cache_changes_nothing(monkeypatch: pytest.Monkey
 
 
 def test_oldest_entries_are_deleted(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(disk_cache, "LARGEST_CACHE", 3000)
+    monkeypatch.setattr(content_hash, "LARGEST_CACHE", 3000)
     for number in range(20):
         cached("test", content_digest(number), Counted(), code=[__file__])
         newest = max(place.glob("*.npz"), key=lambda entry: entry.stat().st_mtime_ns)

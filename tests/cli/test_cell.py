@@ -51,7 +51,7 @@ def test_failing_picks_are_listed_and_give_exit_code_1(bolts: str, run: Run) -> 
         ("1", "bolt_1", ""),
         ("", "bolt_6", "reach"),
     ]
-    assert re.search(r"^\| \| bolt_6 \|.*left out: reach:", Path("cell.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert re.search(r"^\|\s*\| bolt_6 \|.*left out: reach:", Path("cell.md").read_text(encoding="utf-8"), re.MULTILINE)
 
 
 @pytest.mark.parametrize(

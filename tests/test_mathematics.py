@@ -16,7 +16,7 @@ from pinproof import _core
 from pinproof.collision.certificates.certify import GOAL_SHARE, TOLERANCE
 from pinproof.collision.certificates.parting import DEEPEST
 from pinproof.collision.checking.assembly import ROUNDING
-from pinproof.collision.checking.coal_checks import GJK_SLACK
+from pinproof.collision.checking.placed_bodies import GJK_SLACK
 
 from .pages import ROOT, run_page
 

@@ -31,6 +31,7 @@ from benchmarks.collision_edges import (
     random_orientation,
     total_row,
 )
+from benchmarks.plain_coal import PlainCoal
 from benchmarks.planning_problems import OWN_SCENES, PlanProblem, find_sets, own_problems, own_reach, read_problems
 from benchmarks.tables import (
     Benchmark,
@@ -48,7 +49,6 @@ from benchmarks.tables import (
     wrapped,
 )
 from pinproof.collision import Box, CertificateStatus, CollisionChecker, Obstacle, Scene, certify
-from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
 from pinproof.planning import RrtConnect, shortcut

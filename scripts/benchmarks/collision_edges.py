@@ -13,6 +13,7 @@ from time import process_time
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.plain_coal import PlainCoal
 from benchmarks.planning_problems import own_reach
 from benchmarks.tables import Row, report, row_table
 from pinproof.collision import (
@@ -32,7 +33,6 @@ from pinproof.collision import (
     audit,
     certify,
 )
-from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.model import JointGroup, load_robot
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, pose

@@ -12,10 +12,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from benchmarks.plain_coal import PlainCoal
 from benchmarks.planning_problems import PlanProblem
 from benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Sphere, certify
-from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.errors import TimingError
 from pinproof.motion import Curve, JointPath, time_parametrise
 from pinproof.planning import DEFAULT_PLANNER, RrtConnect, make_planner, simplify

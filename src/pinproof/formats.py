@@ -14,9 +14,9 @@ from pinproof.errors import UnknownNameError
 __all__ = ["FORMATS", "file_schema"]
 
 FORMATS = {
-    "scene": ("pinproof.collision.scenes.scene", "Scene"),
+    "scene": ("pinproof.collision.scene", "Scene"),
     "picks": ("pinproof.picks.input.sources", "PICKS"),
-    "attached": ("pinproof.collision.scenes.scene", "Attachments"),
+    "attached": ("pinproof.collision.scene", "Attachments"),
     "dh": ("pinproof.description.dh", "DhTable"),
     "limits": ("pinproof.model.limits", "FILE"),
     "motion": ("pinproof.motion.trajectory_files", "MOTION"),
@@ -25,7 +25,7 @@ FORMATS = {
     "report": ("pinproof.picks.report.report", "PickReport"),
     "sequence": ("pinproof.cell.sequencing.sequence_result", "SequenceResult"),
     "allocation": ("pinproof.cell.allocation.allocation_result", "AllocationResult"),
-    "proof": ("pinproof.collision.certificates.proof_keys", "PROOF"),
+    "proof": ("pinproof.collision.certificates.proof_file", "PROOF"),
     "placement": ("pinproof.cell.placement.placement_result", "PlacementResult"),
     "comparison": ("pinproof.cell.comparison", "CellComparison"),
     "tolerance": ("pinproof.cell.tolerance", "ToleranceStudy"),

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from benchmarks.collision import BENCHMARK, boxes, collision_benchmark
 from benchmarks.collision_edges import ROBOTS, check_edges, check_verdict, random_edge, random_scene
+from benchmarks.plain_coal import PlainCoal
 from benchmarks.tables import Results, Row
 
 import pinproof as pp
-from pinproof.collision.checking.coal_checks import PlainCoal
 from pinproof.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]

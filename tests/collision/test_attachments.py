@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificates.identity import body_digest
+from pinproof.collision.certificates.certificate import body_digest
 from pinproof.errors import SceneError
 
 ROD = pp.Obstacle("rod", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0.1, 0.2, 0.3), (0.4, 0.5, 0.6)))

@@ -28,7 +28,7 @@ from pinproof import (
     pose,
 )
 from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
-from pinproof.collision.checking.coal_checks import GJK_SLACK
+from pinproof.collision.checking.placed_bodies import GJK_SLACK
 from pinproof.collision.geometry.bodies import GEOMETRIES, shape_bodies, shape_body
 from pinproof.collision.geometry.hulls import Solid
 from pinproof.collision.geometry.shapes import Shape, cell_numbers

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from pinproof import Box, CollisionChecker, InputError, Obstacle, Scene, Sphere, UnknownNameError, load_robot, pose
-from pinproof.collision.checking.coal_checks import GJK_SLACK
+from pinproof.collision.checking.placed_bodies import GJK_SLACK
 
 
 def reasons(checker) -> dict[frozenset[str], str]:

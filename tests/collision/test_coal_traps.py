@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from pinproof import Box, CollisionChecker, Cylinder, Mesh, Obstacle, Scene, Sphere, pose
-from pinproof.collision.checking.coal_checks import GJK_SLACK, GJK_TOLERANCE
 from pinproof.collision.checking.links import link_bodies
+from pinproof.collision.checking.placed_bodies import GJK_SLACK, GJK_TOLERANCE
 from pinproof.collision.geometry.bodies import shape_bodies, shape_body
 from pinproof.collision.geometry.hulls import bvh
 from pinproof.description import read_urdf

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull as Hull
 
 from pinproof import CollisionChecker, Obstacle, Scene, Sphere, load_robot, pose
 from pinproof.collision.geometry.bodies import hull_body
-from pinproof.collision.geometry.decomposition import PIECES, clusters
+from pinproof.collision.geometry.convex_pieces import PIECES, clusters
 from pinproof.collision.geometry.hulls import Solid
 from pinproof.description.meshes import read_mesh
 from pinproof.spatial import pose as placed

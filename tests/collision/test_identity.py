@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificates.identity import body_digest, changes_since, missing_since, notes_of
+from pinproof.collision.certificates.certificate import body_digest, changes_since, missing_since, notes_of
 from pinproof.collision.certificates.reuse import setup_differences
 from pinproof.motion import MotionRecord
 

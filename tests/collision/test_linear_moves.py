@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificates.linear_moves import ROUNDED, TURN_SHARE, UNIT, levers, trace_line
+from pinproof.collision.certificates.program_proof import ROUNDED, TURN_SHARE, UNIT, levers, trace_line
 
 
 @pytest.fixture(scope="module", params=["ur5", "generic_6dof"])

@@ -11,8 +11,7 @@ import trimesh
 
 import pinproof as pp
 from pinproof.collision import sample_overlaps
-from pinproof.collision.checking.links import AS_REQUESTED, DECOMPOSED, LinkBodies, meshes_of
-from pinproof.collision.checking.overlaps import Overlaps
+from pinproof.collision.checking.links import AS_REQUESTED, DECOMPOSED, LinkBodies, Overlaps, meshes_of
 from pinproof.description import find_robot, read_srdf
 
 LIMIT = '<limit lower="-1.5" upper="1.5" velocity="1" effort="1"/>'

@@ -23,7 +23,7 @@ from pinproof import (
     pose,
     verify_proof,
 )
-from pinproof.collision.certificates.identity import notes_of
+from pinproof.collision.certificates.certificate import notes_of
 from pinproof.collision.geometry.bodies import shape_bodies, shape_body
 from pinproof.collision.geometry.surfaces import merged_cells
 from pinproof.errors import SceneError

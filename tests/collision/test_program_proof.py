@@ -10,8 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision import certify_program, export_program
-from pinproof.collision.certificates.linear_moves import trace_line
-from pinproof.collision.certificates.program_proof import _share, feasible, shortest_durations
+from pinproof.collision.certificates.program_proof import _share, feasible, shortest_durations, trace_line
 from pinproof.errors import InputError
 from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, StreamedPoint, Wait
 from pinproof.motion.robot_program import RobotProgram, make_program

@@ -7,7 +7,6 @@ import pytest
 
 import pinproof as pp
 from pinproof import _core
-from pinproof.collision.certificates.certificate import proven_motion
 from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.motion import CubicPath
 from pinproof.verifier import IntervalBounds, Proof
@@ -129,7 +128,7 @@ def test_bounds_of_the_verifier_are_those_of_the_derivation(kinds: str) -> None:
     some = rng.uniform(-0.5, 0.5, (50, len(kinds)))
     curve = pp.JointPath(some[[known.distances(some).min(axis=1).argmax()]], known.checker.arm.joint_names)
     certificate = pp.certify(curve, known.checker, record=True, limits=None).or_raise()
-    document = proof_document(proven_motion(certificate, curve, known.checker))
+    document = proof_document(certificate, curve, known.checker)
     assert [pair["bodies"] for pair in document["pairs"]] == [list(pair) for pair in known.checker.pairs]
     for _ in range(12):
         q, control, delta, extra = random_box(known, rng)
@@ -181,7 +180,7 @@ def test_bounds_of_constraints_are_those_of_the_derivation(kinds: str, kind: str
     start = some[known.distances(some).min(axis=1).argmax()]
     still, satisfied = pp.JointPath([start], arm.joint_names), random_constraint(kind, known, start, rng)
     certificate = pp.certify(still, known.checker, constraints=[satisfied], record=True, limits=None).or_raise()
-    document = proof_document(proven_motion(certificate, still, known.checker))
+    document = proof_document(certificate, still, known.checker)
     for _ in range(16):
         q, control, delta, extra = random_box(known, rng)
         constraint = random_constraint(kind, known, q if rng.integers(2) else start, rng)

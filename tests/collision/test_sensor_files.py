@@ -10,7 +10,7 @@ import pytest
 
 from pinproof import InputError, OccupancyGrid, Scene
 from pinproof.collision import Intrinsics, read_points
-from pinproof.collision.geometry import sensor_files
+from pinproof.collision.geometry.depth_image import read_image
 from pinproof.collision.geometry.occupancy import FREE, SEEN
 from pinproof.errors import FileError, SceneError
 from tests.collision.depth_camera import Solid, depth_image, look_at
@@ -152,7 +152,7 @@ def test_a_depth_image_is_read_from_the_channel_of_depth_of_an_exr_file(tmp_path
 def test_a_missing_library_is_reported_with_its_extra(tmp_path, monkeypatch, name, library):
     (tmp_path / name).write_bytes(b"x")
     monkeypatch.setitem(sys.modules, library, None)
-    read = sensor_files.read_image if name.endswith("exr") else read_points
+    read = read_image if name.endswith("exr") else read_points
     with pytest.raises(InputError, match=r"pinproof\[sensor\]"):
         read(tmp_path / name)
 

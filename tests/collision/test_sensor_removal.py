@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 
 from pinproof import Box, Obstacle, pose
 from pinproof.collision import DepthView, Intrinsics, remove_body
-from pinproof.collision.checking.sensor_removal import _Polytope
+from pinproof.collision.checking.sensor_removal import ray_depths
 from tests.collision.depth_camera import Solid, depth_image, look_at
 
 CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
@@ -26,7 +26,7 @@ def test_rays_cross_a_polytope_where_dense_points_do(seed: int) -> None:
     rays = np.column_stack([rng.uniform(-0.6, 0.6, (60, 2)), np.ones(60)])
     rays[:20, 0] = 0.0
     rays[10:25, 1] = 0.0
-    enter, leave = _Polytope(points, hull.equations).crossed(rays)
+    enter, leave = ray_depths(hull.equations, rays)
     depths = np.linspace(-1, 3, 8001)
     crossed = 0
     for ray, first, last in zip(rays, enter, leave, strict=True):

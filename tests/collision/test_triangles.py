@@ -8,8 +8,8 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from pinproof.collision import hull_triangles
-from pinproof.collision.geometry import triangles
-from pinproof.collision.geometry.triangles import PointHull, connected_parts, cut_crossing, with_area
+from pinproof.collision.geometry import hulls
+from pinproof.collision.geometry.hulls import PointHull, connected_parts, cut_crossing, with_area
 
 
 def test_areas_and_normals_are_those_of_trimesh_without_triangles_of_no_area() -> None:
@@ -48,7 +48,7 @@ def test_parts_are_numbered_by_their_first_nodes() -> None:
 
 @pytest.mark.parametrize("products", [1, 100, 2**20])
 def test_the_space_to_a_hull_is_the_distance_along_the_normal_in_blocks_of_any_size(products, monkeypatch) -> None:
-    monkeypatch.setattr(triangles, "PRODUCTS", products)
+    monkeypatch.setattr(hulls, "PRODUCTS", products)
     rng = np.random.default_rng(0)
     cloud = rng.normal(size=(30, 3))
     hull, planes = PointHull(cloud), ConvexHull(cloud).equations

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificates.identity import curve_hash
+from pinproof.collision.certificates.certificate import curve_hash
 from pinproof.description import robots_folder
 from pinproof.errors import InputError
 from pinproof.motion import MotionProgram

@@ -7,7 +7,6 @@ import copy
 import numpy as np
 
 import pinproof as pp
-from pinproof.collision.certificates.certificate import proven_motion
 from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.model import load_robot
 from pinproof.motion import CubicPath
@@ -42,7 +41,7 @@ def box(size, xyz="0 0 0"):
 def proven(arm, scene, curve, **settings):
     checker = pp.CollisionChecker(arm, scene, margin=0.002, margins=settings.pop("margins", None) or {})
     certificate = pp.certify(curve, checker, record=True, **settings).or_raise()
-    return proof_document(proven_motion(certificate, curve, checker))
+    return proof_document(certificate, curve, checker)
 
 
 def small_proofs():

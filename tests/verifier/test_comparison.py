@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificates.certificate import proven_motion
 from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.verifier import body_digest, curve_digest, verify
 from pinproof.verifier.__main__ import main
@@ -31,7 +30,7 @@ def case():
     curve = pp.JointPath([q, q + 1e-3], arm.joint_names)
     upright = pp.Upright.keeping(arm, q, tolerance=0.5)
     certificate = pp.certify(curve, checker, constraints=[upright], joint_tolerance=1e-4, record=True).or_raise()
-    return checker, curve, upright, proof_document(proven_motion(certificate, curve, checker))
+    return checker, curve, upright, proof_document(certificate, curve, checker)
 
 
 def rehashed(document: dict) -> dict:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificates.certificate import proven_motion
 from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.motion import CubicPath
 from pinproof.verifier import verify
@@ -43,7 +42,7 @@ def certificate(crane, checker, curve):
 
 @pytest.fixture(scope="module")
 def document(certificate, checker, curve):
-    return proof_document(proven_motion(certificate, curve, checker))
+    return proof_document(certificate, curve, checker)
 
 
 def test_a_saved_proof_covers_its_constraints(certificate, crane, curve, document):

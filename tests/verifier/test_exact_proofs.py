@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificates.certificate import proven_motion
 from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.motion import CubicPath
 from pinproof.verifier import verify
@@ -47,7 +46,7 @@ def test_a_margin_that_is_larger_than_a_distance_on_the_curve_is_refused(kinds: 
     near = checker.with_margin(margins=dict(zip(known.owners, margins.tolist(), strict=True)))
     settings = {"joint_tolerance": off, "obstacle_tolerance": moved, "limits": None, "record": True}
     certificate = pp.certify(curve, near, **settings).or_raise()
-    document = proof_document(proven_motion(certificate, curve, near))
+    document = proof_document(certificate, curve, near)
     verdict = verify(document)
     assert verdict.ok
     assert (verdict.pairs, verdict.joint_tolerance) == (len(gaps), (off,) * len(kinds))

@@ -7,10 +7,14 @@ from pinproof.collision.certificates.certificate import (
     MotionTube,
     Parting,
     UndecidedSpan,
+    checked_hash,
+    curve_hash,
+    mesh_files,
+    missing_since,
+    notes_of,
     proven_millimetres,
 )
 from pinproof.collision.certificates.certify import certify, is_proven_free
-from pinproof.collision.certificates.identity import checked_hash, curve_hash, mesh_files, missing_since, notes_of
 from pinproof.collision.certificates.path_constraints import (
     SMALLEST,
     ConstraintProof,
@@ -32,12 +36,11 @@ from pinproof.collision.certificates.program_proof import (
     speed_violations,
     unknown_speeds,
 )
-from pinproof.collision.certificates.proof_comparison import verify_proof
+from pinproof.collision.certificates.proof_file import verify_proof
 from pinproof.collision.certificates.reuse import SetupChange, StoredProof
-from pinproof.collision.checking.assembly import only_arm
+from pinproof.collision.checking.assembly import ExcludedPair, only_arm
 from pinproof.collision.checking.audit import AuditResult, audit
 from pinproof.collision.checking.checker import CheckResult, CollisionChecker, Contact, overlap_hint, require_curve
-from pinproof.collision.checking.coal_checks import GJK_SLACK, MeasureConvex
 from pinproof.collision.checking.line_surface import (
     MOST_ADVANCES,
     TOUCH,
@@ -49,21 +52,18 @@ from pinproof.collision.checking.line_surface import (
     point_distance,
     travel_to_touch,
 )
-from pinproof.collision.checking.links import KINDS, link_bodies
+from pinproof.collision.checking.links import KINDS, LinkOverlap, OverlapReport, link_bodies, sample_overlaps
 from pinproof.collision.checking.movers import Mover, TimedScene, with_movers
-from pinproof.collision.checking.overlaps import LinkOverlap, OverlapReport, sample_overlaps
-from pinproof.collision.checking.pairs import ExcludedPair
 from pinproof.collision.checking.penetration import penetration
-from pinproof.collision.checking.placed_bodies import CoalJudge
+from pinproof.collision.checking.placed_bodies import GJK_SLACK, CoalJudge, MeasureConvex
 from pinproof.collision.checking.sensor_removal import remove_body, remove_robot
 from pinproof.collision.checking.separation import directions_to_facets
 from pinproof.collision.checking.spec import CheckerSpec, checked_margin, files_examined_once
 from pinproof.collision.geometry.bodies import Body, triangles_of
-from pinproof.collision.geometry.depth_image import DepthView, Intrinsics
-from pinproof.collision.geometry.hulls import hull_triangles
+from pinproof.collision.geometry.depth_image import DepthView, Intrinsics, read_points
+from pinproof.collision.geometry.hulls import connected_parts, hull_triangles
 from pinproof.collision.geometry.inner_shapes import inner_shapes, spiral_directions
 from pinproof.collision.geometry.occupancy import OccupancyGrid
-from pinproof.collision.geometry.sensor_files import read_points
 from pinproof.collision.geometry.shapes import (
     Box,
     Capsule,
@@ -80,9 +80,8 @@ from pinproof.collision.geometry.shapes import (
     Sphere,
 )
 from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
-from pinproof.collision.geometry.triangles import connected_parts
-from pinproof.collision.scenes.moveit import moveit_message, read_moveit_message
-from pinproof.collision.scenes.scene import Attachments, Scene
+from pinproof.collision.moveit import moveit_message, read_moveit_message
+from pinproof.collision.scene import Attachments, Scene
 
 __all__ = [
     "GJK_SLACK",

@@ -140,7 +140,7 @@ def planning_scene(scene: Scene, *, frame: str = "") -> Message:
 
 
 def read_planning_scene(message: Mapping[str, Any]) -> Scene:
-    """Read a moveit_msgs/PlanningScene, with the rules of :mod:`pinproof.collision.scenes.moveit`.
+    """Read a moveit_msgs/PlanningScene, with the rules of :mod:`pinproof.collision.moveit`.
 
     Raises
     ------

@@ -6,9 +6,8 @@ The file format is described in docs/formats/proof.md.
 """
 
 from .interval_bounds import IntervalBounds
-from .parts import body_digest, curve_digest
+from .parts import Refused, body_digest, curve_digest, load
 from .proof import FORMAT, VERSION, Proof, ProofVerdict, verify
-from .reading import Refused, load
 
 __all__ = [
     "FORMAT",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
+from .parts import load
 from .proof import verify
-from .reading import load
 
 
 def main(words: list[str]) -> int:

@@ -1,4 +1,4 @@
-r"""Lower bounds of the distance of two bodies while the joints move within an interval of the curve.
+r"""Bounds while the joints move within an interval of the curve: distances of bodies, and errors of constraints.
 
 In an interval the joints stay in a box about q, joint i within delta_i. Let u be a unit vector fixed in a link L
 between bodies a and b: the gap of the two supports along u is a lower bound of their distance. Consider the revolute
@@ -18,18 +18,48 @@ over the body is a support in a slightly rotated direction, which is concave in 
 control point of the curve. The same holds for a with the joints from L to a. The chords alone are a bound of the
 approach too; the better bound is used. L is the link with the smallest sum of chords, and the root for an obstacle. A
 prismatic joint has delta in place of its chord, and no second-order term.
+
+A constraint of the tcp states that a vector y stays in a convex set. It is an axis of the tcp (``direction``; in a
+cone about a direction of the root), a point of the tcp (``region``; near a box), or the position of a target relative
+to the tcp (``target``; in a cone about an axis of the tcp). With the notation above, and the joints moving one after
+the other from the set outward,
+
+.. math:: y' = y + \sum_i \theta_i v_i + z, \qquad
+    |z| \le \sum_i |v_i| \, (b_i + \chi_i \sum_{l \text{ between the set and } i} \chi_l) ,
+
+where v_i is the velocity of y per rate of joint i at q, chi its chord and b its second-order term. Without z, y' is in
+the hull of its values at the control points. The distance from a box is convex and changes by |z| at most; the angle to
+the axis of a cone below 90 degrees is largest at a control point and changes by at most asin(|z| / c), with c the
+smallest component of the hull along the axis. In an interval of several pieces the chords bound the whole change.
 """
 
 from __future__ import annotations
 
 from math import pi
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from .parts import Body, Curve, Joint, support
-from .reading import Array, Refused
+from .parts import (
+    LARGEST_PARAMETER,
+    Array,
+    Body,
+    Curve,
+    Joint,
+    Refused,
+    check_fields,
+    index,
+    member,
+    number,
+    numbers,
+    optional_numbers,
+    placement,
+    shown,
+    support,
+    text,
+    unit_vector,
+)
 
 Indices = npt.NDArray[np.int64]
 
@@ -60,15 +90,7 @@ class Mechanism(Protocol):
 
 
 class IntervalBounds:
-    """The boxes of the joint values in T intervals of a curve, and the axes and bodies at their middles.
-
-    Parameters
-    ----------
-    proof
-        Joints, bodies and curve.
-    intervals
-        (T, 2) start and end of each, in the curve's parameter and within its domain.
-    """
+    """The boxes of the joint values in intervals (T, 2) of a curve, and the axes and bodies at their middles."""
 
     def __init__(self, proof: Mechanism, intervals: Array) -> None:
         self._proof = proof
@@ -81,7 +103,23 @@ class IntervalBounds:
         self.theta = control - self.q[:, None]
         """(T, K, n) control points relative to q, valid where :attr:`single`."""
         self._bodies = _BodyTable(proof.bodies)
-        self._place_joints()
+        # Rotation (T, 3, 3) and translation (T, 3) of each joint in root, and its axis (T, 3) there.
+        self._at: list[tuple[Array, Array]] = []
+        self._axes: list[Array] = []
+        for joint in proof.joints:
+            rotation, translation = self.placed(joint.parent)
+            translation = rotation @ joint.translation + translation
+            rotation = rotation @ joint.rotation
+            axis, value = rotation @ joint.axis, joint.multiplier * self.q[:, joint.leader] + joint.offset
+            self._axes.append(axis)
+            if joint.revolute:  # Rodrigues' formula
+                x, y, z = joint.axis
+                cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+                sine, rest = np.sin(value)[:, None, None], (1.0 - np.cos(value))[:, None, None]
+                rotation = rotation @ (np.eye(3) + sine * cross + rest * (cross @ cross))
+            else:
+                translation = translation + value[:, None] * axis
+            self._at.append((rotation, translation))
 
     def placed(self, joint: int) -> tuple[Array, Array]:
         """Return rotation (T, 3, 3) and translation (T, 3) of a joint at q, in root; -1 is the root."""
@@ -93,22 +131,6 @@ class IntervalBounds:
     def axis(self, joint: int) -> tuple[Array, Array]:
         """Return direction and a point (T, 3) each of the axis of a joint at q, in root."""
         return self._axes[joint], self._at[joint][1]
-
-    def _place_joints(self) -> None:
-        """Compute rotation (T, 3, 3) and translation (T, 3) of each joint, and its axis (T, 3), in root."""
-        self._at: list[tuple[Array, Array]] = []
-        self._axes: list[Array] = []
-        for joint in self._proof.joints:
-            rotation, translation = self.placed(joint.parent)
-            translation = rotation @ joint.translation + translation
-            rotation = rotation @ joint.rotation
-            axis, value = rotation @ joint.axis, joint.multiplier * self.q[:, joint.leader] + joint.offset
-            self._axes.append(axis)
-            if joint.revolute:
-                rotation = rotation @ _rotation(joint.axis, value)
-            else:
-                translation = translation + value[:, None] * axis
-            self._at.append((rotation, translation))
 
     def distance(self, i: Indices, j: Indices, rows: Indices, u: Array) -> Array:
         """Return (R,) lower bounds (m) of the distances of bodies ``i`` and ``j`` (R,), valid in the whole interval.
@@ -173,25 +195,10 @@ class IntervalBounds:
         linear = (
             np.einsum("crk,cr->rk", theta, along) - one.reach(u[:, None] - slope_i) - other.reach(-u[:, None] - slope_j)
         )
-        close = linear.min(axis=1) - rest - self._deviation(one, other, g, along, of_i, revolute, share, leaders)
-        close = np.where(self.single[rows], close, -np.inf)
-        return np.asarray(np.maximum(gap - rough, close) - proof.rounding)
-
-    def _deviation(
-        self,
-        one: _Placed,
-        other: _Placed,
-        g: Array,
-        along: Array,
-        of_i: npt.NDArray[np.bool_],
-        revolute: npt.NDArray[np.bool_],
-        share: Array,
-        leaders: list[int],
-    ) -> Array:
-        """Return (R,) metres by which the joint tolerances reduce the distance, to first order."""
-        total = np.zeros(g.shape[1])
+        # The joint tolerances reduce the distance by the speed of the support, to first order.
+        deviation = np.zeros(len(rows))
         for c, leader in enumerate(leaders):
-            tolerance = share[c, 0] * self._proof.tolerance[leader]
+            tolerance = share[c, 0] * proof.tolerance[leader]
             if tolerance == 0.0:
                 continue
             speed = np.abs(along[c])
@@ -201,8 +208,10 @@ class IntervalBounds:
                     np.where(of_i[c], one.reach(sign * d)[:, 0], other.reach(sign * d)[:, 0]) for sign in (1, -1)
                 )
                 speed = np.maximum(forth + along[c], back - along[c])
-            total += tolerance * speed
-        return total
+            deviation += tolerance * speed
+        close = linear.min(axis=1) - rest - deviation
+        close = np.where(self.single[rows], close, -np.inf)
+        return np.asarray(np.maximum(gap - rough, close) - proof.rounding)
 
 
 class _BodyTable:
@@ -224,6 +233,7 @@ class _BodyTable:
         found = np.empty(directions.shape[:2])
         order = np.argsort(which, kind="stable")
         few = []
+        # Many rows of one body share a product of matrices; few are computed with bodies of equal size.
         for rows in np.split(order, np.flatnonzero(np.diff(which[order])) + 1):
             body = self._bodies[which[rows[0]]]
             if len(rows) < FEW and not body.half_space:
@@ -236,19 +246,15 @@ class _BodyTable:
             rows = rows[np.argsort(self._points[which[rows]], kind="stable")]
             for same in np.split(rows, np.flatnonzero(np.diff(self._points[which[rows]])) + 1):
                 for some in _parts(same, directions.shape[1] * int(self._points[which[same[0]]])):
-                    found[some] = self._support(which[some], directions[some])
+                    bodies = [self._bodies[k] for k in which[some].tolist()]
+                    found[some] = support(
+                        directions[some],
+                        np.array([body.points for body in bodies]),
+                        np.array([body.discs for body in bodies])[:, None],
+                        np.array([[body.radius] for body in bodies]),
+                        np.array([body.semi for body in bodies])[:, None],
+                    )
         return found
-
-    def _support(self, which: Indices, directions: Array) -> Array:
-        """Return the supports of bodies that have the same number of points."""
-        bodies = [self._bodies[k] for k in which.tolist()]
-        return support(
-            directions,
-            np.array([body.points for body in bodies]),
-            np.array([body.discs for body in bodies])[:, None],
-            np.array([[body.radius] for body in bodies]),
-            np.array([body.semi for body in bodies])[:, None],
-        )
 
 
 def _parts(rows: Indices, products: int) -> list[Indices]:
@@ -280,14 +286,6 @@ class _Placed:
         return np.asarray(np.linalg.norm(out, axis=-1) + self._table.ball[self._which])
 
 
-def _rotation(axis: Array, angle: Array) -> Array:
-    """Return (T, 3, 3) the rotations about a unit axis (3,) by angles (T,) (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, rest = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
-    return np.asarray(np.eye(3) + sine * cross + rest * (cross @ cross))
-
-
 def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
     """Return smallest and largest joint values (T, n), control points (T, K, n), and whether these are all (T,).
 
@@ -295,6 +293,7 @@ def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Array, npt.NDA
     Casteljau's algorithm, with u0 and u1 as the parameters). If an interval spans several pieces, only the control
     points of the first are returned.
     """
+    # The pieces of the curve that each interval meets.
     begins, ends = curve.knots[:-1], curve.knots[1:]
     first = np.clip(np.searchsorted(begins, intervals[:, 0], side="right") - 1, 0, None)
     last = np.maximum(np.searchsorted(begins, intervals[:, 1], side="left") - 1, first)
@@ -304,6 +303,7 @@ def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Array, npt.NDA
     starts = np.cumsum(counts) - counts
     owner = np.repeat(np.arange(len(intervals)), counts)
     piece = first[owner] + np.arange(len(owner)) - starts[owner]
+    # The part of a piece between the parameters u0 and u1 of the piece.
     width = np.where(curve.single, 1.0, ends - begins)[piece]
     u = [np.clip((intervals[owner, end] - begins[piece]) / width, 0.0, 1.0)[:, None, None] for end in (0, 1)]
     pieces = curve.control[piece]
@@ -315,6 +315,107 @@ def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Array, npt.NDA
             at = u[1] if level < r else u[0]
             rest = rest[:, :-1] * (1.0 - at) + rest[:, 1:] * at
         control[:, r] = rest[:, 0]
+    # The box around the control points of all pieces of an interval.
     low = np.minimum.reduceat(control.min(axis=1), starts, axis=0)
     high = np.maximum.reduceat(control.max(axis=1), starts, axis=0)
     return low, high, control[starts], counts == 1
+
+
+COMMON = ("name", "kind", "joint", "tolerance", "largest", "intervals")
+FIELDS = {
+    "direction": ("axis", "direction"),
+    "region": ("point", "placement", "low", "high"),
+    "target": ("axis", "origin", "point"),
+}
+
+
+class Constraint:
+    """One constraint of a file; vectors of the tcp are in the frame of its joint, all others in the root frame."""
+
+    def __init__(self, row: Any, k: int, joints: int) -> None:
+        self.where = where = f"constraints[{k}]"
+        self.kind = member(row, where, "kind")
+        if type(self.kind) is not str or self.kind not in FIELDS:
+            raise Refused(f"{where}.kind: must be {', '.join(FIELDS)}, not {shown(self.kind)}")
+        check_fields(row, where, (*COMMON, *FIELDS[self.kind]))
+        self.name = text(row, where, "name")
+        self.joint = index(member(row, where, "joint"), -1, joints, f"{where}.joint")
+        self.tolerance, self.largest = number(row, where, "tolerance"), number(row, where, "largest")
+        self.unit = "m" if self.kind == "region" else "rad"
+        if not self.tolerance > 0 or not 0 <= self.largest <= self.tolerance:
+            raise Refused(f"{where}: tolerance must be above 0, and largest from 0 to the tolerance")
+        if self.unit == "rad" and not self.tolerance < pi / 2:
+            raise Refused(f"{where}.tolerance: must be below pi/2")
+        keys = [key for key in FIELDS[self.kind] if key in ("axis", "direction", "point", "origin")]
+        self.vectors = {
+            key: unit_vector(row, where, key) if key in ("axis", "direction") else numbers(row, where, key, (3,))
+            for key in keys
+        }
+        if self.kind == "region":
+            self.rotation, self.translation = placement(row, where)
+            # null is a side without an end
+            self.low, self.high = (
+                optional_numbers(row, where, key, 3, end) for key, end in (("low", -np.inf), ("high", np.inf))
+            )
+            if not (self.low <= self.high).all():
+                raise Refused(f"{where}: low exceeds high")
+        self.intervals = numbers(row, where, "intervals", (None, 2), LARGEST_PARAMETER)
+        # The vectors (3,), whose size determines the rounding error.
+        self.positions = [*self.vectors.values(), *([self.translation] if self.kind == "region" else [])]
+
+    def errors(self, bounds: IntervalBounds, joints: list[Joint], tolerance: Array, rounding: float) -> Array:
+        """Return (T,) upper bounds (rad or m) of the error in each interval; joints deviate by ``tolerance`` (n,)."""
+        # The vector that stays in the set, at the middle of the interval.
+        rotation, translation = bounds.placed(self.joint)
+        cone: Array | None = None
+        centre = np.zeros(3)
+        if self.kind == "direction":
+            moved = rotation @ self.vectors["axis"]
+            cone = np.broadcast_to(self.vectors["direction"], translation.shape)
+        elif self.kind == "region":
+            moved = rotation @ self.vectors["point"] + translation
+        else:
+            moved = np.broadcast_to(self.vectors["point"], translation.shape)
+            centre, cone = rotation @ self.vectors["origin"] + translation, rotation @ self.vectors["axis"]
+        # The joints in the order from the set outward: from the root, except for a target.
+        order, joint = list[int](), self.joint
+        while joint >= 0:
+            order.append(joint)
+            joint = joints[joint].parent
+        order = order if self.kind == "target" else order[::-1]
+        sign = -1.0 if self.kind == "target" else 1.0
+
+        # The change of the vector while the joints move: linear, and the rest that is bounded.
+        count, points = len(translation), bounds.theta.shape[1]
+        change = np.zeros((count, points, 3))
+        rest, rough, turned = np.zeros((3, count))
+        for k in order:
+            each, (w, p) = joints[k], bounds.axis(k)
+            if self.kind == "direction":
+                velocity = np.cross(w, moved) if each.revolute else np.zeros((count, 3))
+            else:
+                velocity = sign * (np.cross(w, moved - p) if each.revolute else w)
+            share, radius = abs(each.multiplier), np.linalg.norm(velocity, axis=1)
+            deviation = share * tolerance[each.leader]
+            delta = share * bounds.half_width[:, each.leader] + deviation
+            chord = 2.0 * np.sin(np.minimum(delta, pi) / 2.0) if each.revolute else delta
+            bend = np.hypot(delta - np.sin(delta), 1.0 - np.cos(np.minimum(delta, pi))) if each.revolute else 0.0
+            rest += radius * (bend + turned * chord + deviation)
+            rough += radius * chord
+            if each.revolute:
+                turned = turned + chord
+            change += each.multiplier * bounds.theta[:, :, each.leader, None] * velocity[:, None]
+        change = np.where(bounds.single[:, None, None], change, 0.0)
+        rest = np.where(bounds.single, rest, rough) + rounding
+        # The error at all control points, and the rest.
+        image = np.asarray(moved - centre)[:, None] + change
+        if cone is None:
+            local = (image - self.translation) @ self.rotation
+            far = np.linalg.norm(local - np.clip(local, self.low, self.high), axis=2)
+            return np.asarray(far.max(axis=1) + rest)
+        along = np.einsum("tkx,tx->tk", image, cone)
+        angle = np.arctan2(np.linalg.norm(np.cross(image, cone[:, None]), axis=2), along).max(axis=1)
+        shortest = along.min(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = np.arcsin(np.where(rest < shortest, rest / shortest, 1.0))
+        return np.where(rest < shortest, angle + turn + rounding, np.inf)

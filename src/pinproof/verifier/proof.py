@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -9,11 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .constraints import Constraint
-from .interval_bounds import IntervalBounds
-from .parts import LARGEST_PARAMETER, Body, Curve, Joint
-from .reading import (
+from .interval_bounds import Constraint, IntervalBounds
+from .parts import (
+    LARGEST_PARAMETER,
     Array,
+    Body,
+    Curve,
+    Joint,
     Refused,
     check_fields,
     index,
@@ -117,6 +120,7 @@ class ProofVerdict:
 def verify(document: Any) -> ProofVerdict:
     """Return whether the proof in a parsed file holds; a malformed document is refused, and raises no exception."""
     try:
+        # Everything that the proof claims is derived again.
         proof = Proof(document)
         proof.check_complete()
         clearance, intervals = proof.check_pairs()
@@ -143,18 +147,7 @@ def verify(document: Any) -> ProofVerdict:
 
 
 class Proof:
-    """The parts of a proof file, each of which is well formed.
-
-    Parameters
-    ----------
-    document
-        The mapping of docs/formats/proof.md.
-
-    Raises
-    ------
-    Refused
-        If the document is malformed; the message begins with the place.
-    """
+    """The parts of a proof file, the mapping of docs/formats/proof.md; raises Refused if one is malformed."""
 
     def __init__(self, document: Any) -> None:
         version = member(document, "", "version")
@@ -162,12 +155,14 @@ class Proof:
             raise Refused(f"format: this verifier reads {FORMAT!r}, version {VERSION}")
         check_fields(document, "", FIELDS)
         self.document = document
+        # The parts in the order in which others refer to them.
         self.curve = Curve(member(document, "", "curve"))
         if member(member(document, "", "hashes"), "hashes", "curve") != self.curve.sha256:
             raise Refused("hashes.curve: does not match the curve in the file")
         self.limits = self._read_limits(member(document, "", "limits"))
         self.joints = [Joint(row, k, self.curve.dof) for k, row in enumerate(items(document, "", "joints"))]
         self.bodies = [Body(row, i, len(self.joints)) for i, row in enumerate(items(document, "", "bodies"))]
+        # Names are unique, and all bodies of an owner move with the same joint.
         names: set[str] = set()
         self._owners: dict[str, Body] = {}
         for body in self.bodies:
@@ -177,7 +172,10 @@ class Proof:
             other = self._owners.setdefault(body.owner, body)
             if (other.joint, other.kind) != (body.joint, body.kind):
                 raise Refused(f"{body.where}: the other bodies of {body.owner} have another joint or kind")
-        self.excluded = self._read_excluded()
+        self.excluded: list[tuple[str, str, str]] = []
+        for k, (a, b, reason) in enumerate(rows_of_names(document, "", "excluded")):
+            self.excluded.append((a, b, text({"reason": reason}, f"excluded[{k}]", "reason")))
+            self._check_owners((a, b), f"excluded[{k}]")
         self._read_settings(member(document, "", "settings"))
         self.pairs = items(document, "", "pairs")
         self.intervals = numbers(document, "", "intervals", (None, 2), LARGEST_PARAMETER)
@@ -200,13 +198,6 @@ class Proof:
         ranges = ((lower, upper), (-velocity, velocity), (-acceleration, acceleration))
         return dict(zip(("position", "velocity", "acceleration"), ranges, strict=True))
 
-    def _read_excluded(self) -> list[tuple[str, str, str]]:
-        rows = rows_of_names(self.document, "", "excluded")
-        for k, row in enumerate(rows):
-            text({"reason": row[2]}, f"excluded[{k}]", "reason")
-            self._check_owners(row, f"excluded[{k}]")
-        return [(a, b, reason) for a, b, reason in rows]
-
     def _read_settings(self, settings: Any) -> None:
         check_fields(settings, "settings", ("margin", "margins", "joint_tolerance", "obstacle_tolerance"))
         self.tolerance = numbers(settings, "settings", "joint_tolerance", (self.curve.dof,))
@@ -224,7 +215,7 @@ class Proof:
         if min([*self._margin_of.values(), *self.tolerance, self.obstacle_tolerance, self.margin]) < 0:
             raise Refused("settings: margins and tolerances must be 0 or more")
 
-    def _check_owners(self, row: list[Any], where: str) -> None:
+    def _check_owners(self, row: Sequence[str], where: str) -> None:
         unknown = [name for name in row[:2] if name not in self._owners]
         if unknown:
             raise Refused(f"{where}: no body has the owner {shown(unknown[0])}")
@@ -283,6 +274,7 @@ class Proof:
         Only pairs of obstacles, and of bodies of one owner, which are fixed to one joint, are exempt. A geometry may be
         checked on any of its levels, with all of its bodies of that level.
         """
+        # The bodies of each level of each geometry of each owner.
         geometries: dict[str, dict[str, dict[int, list[int]]]] = {}
         for i, body in enumerate(self.bodies):
             levels = geometries.setdefault(body.owner, {}).setdefault(body.geometry, {})
@@ -301,13 +293,39 @@ class Proof:
 
     def check_pairs(self) -> tuple[float, int]:
         """Return the smallest proven distance (m) and the number of intervals; refuse a pair that is not proven."""
-        covers: set[bytes] = set()
         least, count = np.inf, 0
         if self.pairs:
-            read = [self._read_pair(k, covers) for k in range(len(self.pairs))]
+            # The intervals (R,) of all pairs with their directions (R, 3). Many pairs have the same list of intervals,
+            # so that each list is compared with the curve once.
+            covers: set[bytes] = set()
+            read: list[tuple[Indices, Array]] = []
+            for number_of_pair, pair in enumerate(self.pairs):
+                where = self._name_of(number_of_pair)
+                check_fields(pair, where, ("bodies", "intervals", "directions"))
+                listed, end = items(pair, where, "intervals"), len(self.intervals)
+                mine = np.array([index(row, 0, end, f"{where}.intervals") for row in listed], dtype=np.int64)
+                if mine.tobytes() not in covers:
+                    self._check_cover(self.intervals[mine], where)
+                    covers.add(mine.tobytes())
+                read.append((mine, numbers(pair, where, "directions", (len(mine), 3))))
             rows, u = (np.concatenate(parts) for parts in zip(*read, strict=True))
-            k = np.repeat(np.arange(len(read)), [len(mine) for mine, _ in read])
-            least, count = self._check_distances(k, rows, u), len(rows)
+            k, count = np.repeat(np.arange(len(read)), [len(mine) for mine, _ in read]), len(rows)
+            length = np.linalg.norm(u, axis=1)
+            bad = k[~(np.abs(length - 1.0) <= UNIT)]
+            if len(bad):
+                raise Refused(f"{self._name_of(bad[0])}.directions: must be unit vectors")
+            # The distance that the directions prove must be larger than the margin.
+            bodies = [self.members(pair) for pair in range(len(self.pairs))]
+            one, other = np.array(bodies)[k].T
+            bound = IntervalBounds(self, self.intervals).distance(one, other, rows, u / length[:, None])
+            required = np.array([self.required(*pair) for pair in bodies])[k]
+            short = np.flatnonzero(~(bound > required))  # also true for NaN
+            if len(short):
+                row = short[0]
+                interval = "[{:.9g}, {:.9g}]".format(*self.intervals[rows[row]])
+                found = f"on {interval} a distance of {bound[row]:.9g} m is proven"
+                raise Refused(f"{self._name_of(k[row])}: {found}; it must be larger than {required[row]:.9g} m")
+            least = float((bound - np.array([self.tolerance_of(b) for _, b in bodies])[k]).min())
         claim = member(self.document, "", "claim")
         check_fields(claim, "claim", ("status", "clearance"))
         if member(claim, "claim", "status") != "FREE":
@@ -317,38 +335,6 @@ class Proof:
         if not claimed <= least:
             raise Refused(f"claim.clearance: {claimed:.17g} m is claimed, {least:.17g} m is proven")
         return least, count
-
-    def _read_pair(self, k: int, covers: set[bytes]) -> tuple[Indices, Array]:
-        """Return the intervals (R,) of a pair and its directions (R, 3).
-
-        ``covers`` are the lists of intervals that are known to cover the curve: many pairs have the same list.
-        """
-        pair, where = self.pairs[k], self._name_of(k)
-        check_fields(pair, where, ("bodies", "intervals", "directions"))
-        stated, end = items(pair, where, "intervals"), len(self.intervals)
-        rows = np.array([index(row, 0, end, f"{where}.intervals") for row in stated], dtype=np.int64)
-        if rows.tobytes() not in covers:
-            self._check_cover(self.intervals[rows], where)
-            covers.add(rows.tobytes())
-        return rows, numbers(pair, where, "directions", (len(rows), 3))
-
-    def _check_distances(self, k: Indices, rows: Indices, u: Array) -> float:
-        """Return the smallest proven distance (m) of pairs ``k`` (R,) on intervals (R,); refuse a smaller one."""
-        length = np.linalg.norm(u, axis=1)
-        bad = k[~(np.abs(length - 1.0) <= UNIT)]
-        if len(bad):
-            raise Refused(f"{self._name_of(bad[0])}.directions: must be unit vectors")
-        bodies = [self.members(pair) for pair in range(len(self.pairs))]
-        i, j = np.array(bodies)[k].T
-        bound = IntervalBounds(self, self.intervals).distance(i, j, rows, u / length[:, None])
-        required = np.array([self.required(*pair) for pair in bodies])[k]
-        short = np.flatnonzero(~(bound > required))  # also true for NaN
-        if len(short):
-            row = short[0]
-            interval = "[{:.9g}, {:.9g}]".format(*self.intervals[rows[row]])
-            found = f"on {interval} a distance of {bound[row]:.9g} m is proven"
-            raise Refused(f"{self._name_of(k[row])}: {found}; it must be larger than {required[row]:.9g} m")
-        return float((bound - np.array([self.tolerance_of(b) for _, b in bodies])[k]).min())
 
     def _name_of(self, k: int) -> str:
         i, j = self.members(k)

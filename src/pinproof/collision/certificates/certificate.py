@@ -1,17 +1,23 @@
-"""Certificates: the verdict over a whole curve with its evidence and assumptions."""
+"""Certificates: the verdict over a whole curve with its evidence and assumptions.
+
+A certificate is for a curve and a setup: the arm, its attached objects, the scene and the movers, see
+:class:`pinproof.collision.CheckerSpec`. It states their hashes, notes about the setup, and changes since a motion file.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from pinproof.collision.certificates.identity import body_digest, curve_hash
 from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     ConstraintViolation,
@@ -19,24 +25,217 @@ from pinproof.collision.certificates.path_constraints import (
     UndecidedConstraint,
     exact_text,
 )
-from pinproof.collision.checking.pairs import ExcludedPair
-from pinproof.collision.checking.spec import CheckerSpec
-from pinproof.collision.geometry.shapes import Obstacle
-from pinproof.collision.scenes.scene import Scene
+from pinproof.collision.checking.assembly import ExcludedPair
+from pinproof.collision.checking.spec import EXAMINED, CheckerSpec, present_stamp
+from pinproof.collision.geometry.bodies import FileStamp
+from pinproof.collision.geometry.occupancy import OccupancyGrid
+from pinproof.collision.geometry.shapes import Mesh, Obstacle
+from pinproof.collision.scene import Scene
+from pinproof.common.files import os_errors
 from pinproof.common.results import Shown, View
+from pinproof.description import GENERATED_BODIES
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import JointGroup
 from pinproof.motion import Curve, LimitCheck, LimitViolation, MotionRecord
-from pinproof.spatial import Array
+from pinproof.spatial import Array, matrix
+from pinproof.verifier import curve_digest
 
 if TYPE_CHECKING:
-    from pinproof.collision.certificates.proof_file import ProvenMotion
     from pinproof.collision.checking.checker import CollisionChecker
     from pinproof.collision.checking.movers import Mover
 
+DIGITS = 9
+"""Decimals of a pose (metres for positions) that a digest distinguishes: files round rotations."""
 
-EVIDENCE_PAIR, EVIDENCE_DISTANCE = 2, 3
-"""Columns of :attr:`Certificate.evidence`."""
+HELD_TOLERANCE = 1e-9
+"""rad or m: two values of a held joint that differ by less are the same."""
+
+NAMED = 6
+"""Number of names that a note lists; more are counted."""
+
+
+def curve_hash(curve: Curve) -> str:
+    """Return a hash of the joints, knots and polynomial pieces of a curve, exact to the last bit."""
+    return curve_digest(tuple(curve.joint_names), *curve.bezier())
+
+
+class Identity(NamedTuple):
+    """The hashes of a curve and of the setup of its checker, and the notes about the setup."""
+
+    curve: str
+    setup: str
+    notes: tuple[str, ...]
+
+
+def identity_of(curve: Curve, checker: CollisionChecker) -> Identity:
+    """Return what a certificate of a curve states about the curve and the setup."""
+    examined = EXAMINED.get()
+    known = None if examined is None else examined.setups.get(checker)
+    if known is None:
+        files = mesh_files(checker)
+        known = checked_hash(checker, files), notes_of(checker, files)
+        if examined is not None:
+            examined.setups[checker] = known
+    return Identity(curve_hash(curve), *known)
+
+
+class MeshFiles(NamedTuple):
+    """The present state of the mesh files of a checker."""
+
+    stamps: tuple[FileStamp | None, ...]  # of robot, attached objects and obstacles; None for a mesh without a file
+    changed: tuple[FileStamp, ...]  # those that were changed since the checker read them
+
+
+_meshes: WeakKeyDictionary[CollisionChecker, tuple[list[str | None], list[FileStamp]]] = WeakKeyDictionary()
+"""The paths of the meshes of each checker, and the stamps of the files that it read."""
+
+_setups: WeakKeyDictionary[CollisionChecker, tuple[tuple[FileStamp | None, ...], str]] = WeakKeyDictionary()
+"""The hash of the setup of each checker, with the mesh files for which it holds: one motion may need many proofs."""
+
+
+def mesh_files(checker: CollisionChecker) -> MeshFiles:
+    """Return the present state of the mesh files of a checker; each file is examined once."""
+    known = _meshes.get(checker)
+    if known is None:
+        urdf, objects = checker.group.robot.urdf, (*checker.attached, *checker.scene.obstacles)
+        paths: list[str | Path | None] = [each.mesh.path for each in urdf.collisions if each.mesh is not None]
+        paths += [each.shape.path for each in objects if isinstance(each.shape, Mesh)]
+        read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
+        known = _meshes[checker] = [None if path is None else os.fspath(path) for path in paths], list(read)
+    named, read_files = known
+    now = {path: present_stamp(path) for path in {*named, *(file.path for file in read_files)} if path is not None}
+    stamps = tuple(None if path is None else now[path] for path in named)
+    return MeshFiles(stamps, tuple(file for file in read_files if now[file.path] != file))
+
+
+def checked_hash(checker: CollisionChecker, files: MeshFiles) -> str:
+    """Return the hash of the setup of a checker, whose present files are given.
+
+    If a mesh file was changed after the checker read it, the hash matches no setup.
+    """
+    known = _setups.get(checker)
+    if known is None or known[0] != files.stamps:
+        known = _setups[checker] = files.stamps, checker.spec.setup_hash()
+    digest, changed = known[1], files.changed
+    return hashlib.sha256(repr((digest, changed)).encode()).hexdigest() if changed else digest
+
+
+_notes: WeakKeyDictionary[CollisionChecker, tuple[list[str], list[str]]] = WeakKeyDictionary()
+"""The notes on each checker before and after those on changed files."""
+
+
+def notes_of(checker: CollisionChecker, files: MeshFiles | None = None) -> tuple[str, ...]:
+    """Return the assumptions of a checker's verdicts as sentences: replaced meshes, held joints, unchecked links.
+
+    Excluded pairs are listed in the attribute ``excluded`` of the checker, each with its reason. ``files`` are the
+    present mesh files, which are examined by default.
+    """
+    if checker not in _notes:
+        arm, notes = checker.group, list(checker.scene.notes)
+        # Bodies and pairs with one remark are listed together.
+        by_remark: dict[str, dict[str, None]] = {}
+        for body in checker.bodies:
+            if body.remark:
+                by_remark.setdefault(body.remark, {})[body.owner] = None
+        for thing in checker.scene.obstacles:  # a grid without an occupied cell has no body
+            if isinstance(thing.shape, OccupancyGrid):
+                by_remark.setdefault(thing.shape.remark, {})[thing.name] = None
+        notes += [f"{_some(tuple(owners))}: {remark}" for remark, owners in by_remark.items()]
+        how: dict[str, list[str]] = {}
+        for pair in checker.finer:
+            how.setdefault(f"checked with {pair.by}, because {pair.reason}", []).append(" and ".join(pair.owners))
+        notes += [f"{_some(pairs)}: {judged}" for judged, pairs in how.items()]
+        # A link that is drawn, but has no collision geometry, is not checked.
+        solid = {body.link for body in checker.bodies if body.owner == body.link}
+        if not solid:
+            notes.append("the robot has no collision geometry, so its links are not checked")
+        elif arm.robot.has_generated_bodies:
+            notes.append(GENERATED_BODIES)
+        elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
+            notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
+        held = [f"{name} = {value:g}" for name, value in arm.held.items()]
+        _notes[checker] = notes, [f"joints outside the arm are held fixed: {_some(held)}"] if held else []
+    before, after = _notes[checker]
+    changed = [Path(file.path).name for file in (files or mesh_files(checker)).changed]
+    about_files = [f"{_some(changed)}: changed after the checker read it; create a new checker"] if changed else []
+    return tuple(dict.fromkeys((*before, *about_files, *after)))
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f", ... ({len(names)} in all)" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more
+
+
+def body_digest(body: Obstacle) -> str:
+    """Return a hash of name, shape (a mesh by content) and pose of an attached body; FileError without its file."""
+    shape, digest = body.shape, hashlib.sha256()
+    if isinstance(shape, Mesh) and shape.path is not None:
+        with os_errors(shape.path):
+            digest.update(hashlib.sha256(Path(shape.path).read_bytes()).digest())
+        digest.update(repr((shape.scale, shape.hull, shape.hollow)).encode())
+    else:
+        digest.update(repr(shape).encode())
+    digest.update(repr(body.name).encode() + (np.round(matrix(body.pose), DIGITS) + 0.0).tobytes())
+    return digest.hexdigest()
+
+
+def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) -> tuple[str, ...]:
+    """List, in sentences, which parts of the setup of a certified motion the checker does not have.
+
+    Compared are attached bodies, positions of held joints, and the obstacles if the checker has none.
+    """
+    if not records:
+        return ()
+    # A motion of several parts has a record of each; they are compared as one if their setups are the same.
+    first = records[0]
+    if not all(first.same_setup(other) for other in records):
+        names = ", ".join(record.name for record in records)
+        return (f"its parts ({names}) were certified with different attached bodies, held joints or scenes",)
+    found = []
+    # Attached bodies are compared by name, and by shape and pose.
+    now = {body.name: body for body in checker.attached}
+    if absent := [name for name in first.attached if name not in now]:
+        found.append(f"it was certified with {_listed(absent)} attached, which is missing now")
+    if other := [name for name, known in first.attached.items() if name in now and body_digest(now[name]) != known]:
+        found.append(f"{_listed(other)} had another shape or pose on the tcp when it was certified")
+    held = checker.group.held
+    for name, value in first.held.items():
+        if name in held and abs(held[name] - value) > HELD_TOLERANCE:
+            found.append(f"it was certified with {name} held at {value:.9g}, now at {held[name]:.9g}")
+    if first.obstacles and not checker.scene:
+        found.append(
+            f"it was certified among the obstacles {_listed(first.obstacles)}, but the scene has no obstacles now"
+        )
+    return tuple(found)
+
+
+def changes_since(
+    records: tuple[MotionRecord, ...],
+    checker: CollisionChecker,
+    curve: str,
+    setup: str,
+    constraints: Sequence[PathConstraint] = (),
+) -> list[str]:
+    """List, in sentences, all differences between the certification recorded with a motion and the present one."""
+    found = list(missing_since(records, checker))
+    required = set(map(exact_text, constraints))
+    lost = dict.fromkeys(text for record in records for text in record.constraints if text not in required)
+    found += [f"it was certified with the constraint {text}, which is not required now" for text in lost]
+    # Only a motion of one part has one curve, one margin and one setup to compare.
+    if len(records) != 1:
+        return found
+    record = records[0]
+    if record.curve != curve:
+        found.append("it was changed after it was certified")
+    if record.margin > checker.margin:
+        found.append(f"it was certified with a margin of {record.margin * 1e3:.9g} mm")
+    if not found and record.setup != setup:
+        found.append("it was certified with another robot, another scene or more bodies, or their files were moved")
+    return found
+
+
+def _listed(names: tuple[str, ...] | list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 class CertificateStatus(Enum):
@@ -92,13 +291,10 @@ class UndecidedSpan:
 class ProofLimits(NamedTuple):
     """The settings of a certification, as :func:`certify` documents them."""
 
-    tolerances: tuple[float, ...]
-    """Metres: the resolutions that are tried in this order while the verdict is UNDECIDED."""
+    tolerances: tuple[float, ...]  # metres: the resolutions that are tried while the verdict is UNDECIDED
     max_intervals: int
-    joints: Array
-    """(n,) rad or m: the tolerance of each joint."""
-    obstacles: float
-    """The tolerance (m) of obstacles."""
+    joints: Array  # (n,) rad or m: the tolerance of each joint
+    obstacles: float  # the tolerance (m) of obstacles
     record: bool
 
     @property
@@ -355,7 +551,7 @@ class Certificate(Shown):
         if self.evidence is None or self.subject is None:
             raise InputError("this certificate has no evidence; create it with certify(..., record=True) to save it")
         try:
-            write_proof(proven_motion(self, *self.subject), path)
+            write_proof(self, *self.subject, path)
         except NotProvenFree as error:
             raise NotProvenFree(str(error), self) from error
 
@@ -379,46 +575,12 @@ class Certificate(Shown):
         return "\n".join((f"{self.status.name}: {self.message}", *(f"note: {note}" for note in self.notes)))
 
 
-def proven_motion(certificate: Certificate, curve: Curve, checker: CollisionChecker) -> ProvenMotion:
-    """Return the parts of a FREE certificate with evidence that a proof file needs."""
-    from pinproof.collision.certificates.proof_file import ProvenMotion
-
-    tube, evidence = certificate.tube, certificate.evidence
-    return ProvenMotion(
-        curve=curve,
-        checker=checker,
-        evidence=np.empty((0, 7)) if evidence is None else final_evidence(evidence),
-        clearance=certificate.clearance,
-        joint_tolerance=[] if tube is None else tube.joints.tolist(),
-        obstacle_tolerance=0.0 if tube is None else tube.obstacles,
-        curve_hash=certificate.curve,
-        setup_hash=certificate.setup,
-        notes=certificate.notes,
-        constraints=certificate.constraints,
-        limits=certificate.limits,
-    )
-
-
 def free_sentence(proven: float, pairs: int, excluded: int) -> str:
     """Return the message of a FREE certificate: proven clearance (m), number of checked and of excluded pairs."""
-    if not pairs:
-        return "collision-free: there is no pair to check" + (f"; {_excluded(excluded)}" if excluded else "")
     between = "the only checked pair" if pairs == 1 else f"all {pairs} checked pairs"
-    sentence = f"collision-free: at least {proven_millimetres(proven)} between {between}"
-    return f"{sentence}; {_excluded(excluded)}" if excluded else sentence
-
-
-def _excluded(count: int) -> str:
-    return "1 pair is excluded" if count == 1 else f"{count} pairs are excluded"
-
-
-def final_evidence(evidence: Array) -> Array:
-    """Return evidence (K, 7) sorted by pairs and time, without the intervals that were bisected for their pair."""
-    rows = evidence[np.lexsort([-evidence[:, 1], evidence[:, 0], evidence[:, EVIDENCE_PAIR]])]
-    same_pair = rows[:-1, EVIDENCE_PAIR] == rows[1:, EVIDENCE_PAIR]
-    bisected = np.zeros(len(rows), dtype=bool)
-    bisected[:-1] = same_pair & (rows[1:, 1] <= rows[:-1, 1])
-    return np.asarray(rows[~bisected])
+    sentence = f"at least {proven_millimetres(proven)} between {between}" if pairs else "there is no pair to check"
+    more = f"; {excluded} {'pair is' if excluded == 1 else 'pairs are'} excluded" if excluded else ""
+    return f"collision-free: {sentence}{more}"
 
 
 def proven_millimetres(clearance: float) -> str:

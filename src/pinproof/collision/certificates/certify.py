@@ -5,7 +5,8 @@ compared with an upper bound of the approach of the pair within the interval (``
 Pairs that are proven apart are dropped; the others are passed to both halves. A contact at a middle ends the search to
 its right; the search to its left continues until everything before the contact is proven collision-free or the
 tolerance is reached. The loop is compiled (``src/core/certificate/curve_proof.h``); for bodies without a support
-function it calls coal.
+function it calls coal. Constraints of the tcp are proven in the same way: the error at the middle is compared with an
+upper bound of its growth (``src/core/certificate/path_constraint.h``).
 """
 
 from __future__ import annotations
@@ -17,35 +18,146 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import ProofSettings, ProofState, prove
+from pinproof._core import ConstraintSettings, ProofSettings, ProofState, prove, prove_constraint
 from pinproof.collision.certificates.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
+    Identity,
     MotionTube,
     ProofLimits,
     UndecidedSpan,
+    changes_since,
     free_sentence,
+    identity_of,
 )
-from pinproof.collision.certificates.constraint_proofs import RESOLUTION, with_constraints, with_limits
-from pinproof.collision.certificates.identity import Identity, changes_since, identity_of
 from pinproof.collision.certificates.parting import prove_parting
-from pinproof.collision.certificates.path_constraints import PathConstraint, check_constraints
+from pinproof.collision.certificates.path_constraints import (
+    ConstraintProof,
+    ConstraintViolation,
+    PathConstraint,
+    UndecidedConstraint,
+    amount,
+    check_constraints,
+)
 from pinproof.collision.checking.assembly import only_arm
 from pinproof.collision.checking.checker import CollisionChecker, Contact, require_curve
-from pinproof.collision.checking.coal_checks import Distance
 from pinproof.collision.checking.movers import Mover, with_movers
-from pinproof.collision.checking.placed_bodies import CoalJudge
+from pinproof.collision.checking.placed_bodies import CoalJudge, Distance
 from pinproof.errors import InputError
-from pinproof.model import JointLimits
-from pinproof.motion import Curve, Trajectory, check_limits, parameter_text, read_only
+from pinproof.model import Arm, JointLimits
+from pinproof.motion import Curve, LimitCheck, Trajectory, check_limits, parameter_text, read_only
 from pinproof.spatial import Array, finite
 
+RESOLUTION = 1e-6
+"""rad or m: an interval in which the tcp moves less is not bisected further; the smallest tolerance of a constraint."""
+
+SAMPLES = 50
+"""Number of configurations of a curve that violates a constraint at which its error is computed for the message."""
+
+
+def with_constraints(
+    certificate: Certificate, curve: Curve, arm: Arm, constraints: Sequence[PathConstraint], limits: ProofLimits
+) -> Certificate:
+    """Return a certificate of collisions with the proofs of constraints on the same curve of an arm."""
+    settings = ConstraintSettings(
+        resolution=limits.tolerance,
+        max_intervals=limits.max_intervals,
+        goal_share=GOAL_SHARE,
+        look_ahead=LOOK_AHEAD,
+        record=limits.record,
+    )
+    knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
+    proofs: list[ConstraintProof] = []
+    violations: list[ConstraintViolation] = []
+    undecided: list[UndecidedConstraint] = []
+    # Each constraint is proven, violated, or undecided on a span.
+    for each in constraints:
+        state = prove_constraint(arm.chain, each.compiled(), knots, control, settings, limits.joints)
+        observed = float(state.observed)
+        if state.violation is not None:  # samples show by how much the constraint is violated
+            samples = curve(np.linspace(*curve.domain, SAMPLES))
+            observed = max(observed, *(each.error(arm, q) for q in samples))
+        largest = float(state.proven) if state.satisfied else np.nan
+        evidence = read_only(state.evidence) if limits.record else None
+        proofs.append(ConstraintProof(each, largest, observed, int(state.intervals), evidence))
+        if state.violation is not None:
+            found, until = state.violation, state.violation.time if state.open is None else state.open.start
+            violations.append(ConstraintViolation(each, found.time, np.array(found.q), found.error, until))
+        elif state.open is not None:
+            undecided.append(UndecidedConstraint(state.open.start, state.open.end, each, state.open.error))
+    # The violation and the undecided span that come first are reported.
+    violation = min(violations, key=lambda each: each.time, default=None)
+    span = min(undecided, key=lambda each: each.start, default=None)
+    # The status of both proofs together, and its sentence. A contact is reported before a violation.
+    status, own = certificate.status, certificate.message
+    if violation is not None:
+        constraint = violation.constraint
+        worst = max(proof.observed for proof in proofs if proof.constraint is constraint)
+        words = (
+            f"{constraint} is violated from {parameter_text(curve, violation.time)}: an error of "
+            f"{amount(constraint, worst)} is reached, {amount(constraint, worst - constraint.tolerance)} too much"
+        )
+        if status is CertificateStatus.COLLIDING:
+            message = f"{own}; also, {words}"
+        else:
+            message = f"{words}; {'' if status is CertificateStatus.FREE else 'collisions: '}{own}"
+            status = CertificateStatus.VIOLATED
+    elif span is not None:
+        limit = "max_intervals" if any(each.intervals >= limits.max_intervals for each in proofs) else "the tolerance"
+        words = (
+            f"{span.constraint} is neither proven nor violated on [{span.start:.6g}, {span.end:.6g}]: the error is "
+            f"{amount(span.constraint, span.error)} there, and {limit} of the proof was reached; keep the motion "
+            "farther from the limit of the constraint"
+        )
+        message = f"{words}; {own}" if status is CertificateStatus.FREE else f"{own}; also, {words}"
+        status = CertificateStatus.UNDECIDED if status is CertificateStatus.FREE else status
+    else:
+        message = "; ".join([own, *map(str, proofs)])
+    combined = replace(
+        certificate,
+        status=status,
+        message=message,
+        constraints=tuple(proofs),
+        violation=violation,
+        undecided_constraint=span,
+    )
+    return combined if status is CertificateStatus.FREE else _without_proof(combined)
+
+
+def with_limits(certificate: Certificate, check: LimitCheck | None) -> Certificate:
+    """Return a certificate with the comparison of its curve with joint limits; without one, a note states that.
+
+    A contact is reported before a violation, and a violation before what is undecided.
+    """
+    if check is None:
+        return replace(certificate, notes=(*certificate.notes, "joint limits were not compared (limits=None)"))
+    if not check.violations:
+        message = f"{certificate.message}; {check}" if certificate.free else certificate.message
+        return replace(certificate, limits=check, message=message)
+    first = min((*check.violations, *([certificate.violation] if certificate.violation else [])), key=lambda v: v.time)
+    certificate = replace(certificate, limits=check, violation=first)
+    if certificate.status is CertificateStatus.COLLIDING:
+        return replace(certificate, message=f"{certificate.message}; also, {check}")
+    before = "collisions: " if certificate.status is CertificateStatus.UNDECIDED else ""
+    message = f"{check}; {before}{certificate.message}"
+    return _without_proof(replace(certificate, status=CertificateStatus.VIOLATED, message=message))
+
+
+def _without_proof(certificate: Certificate) -> Certificate:
+    """Return a certificate that is not FREE without the figures that only a proof has."""
+    tube = certificate.tube
+    if tube is not None:
+        tube = replace(tube, largest_joints=np.nan, largest_obstacles=np.nan)
+    return replace(certificate, clearance=np.nan, tube=tube)
+
+
 GOAL_SHARE = 0.5
-"""A pair is dropped once this share of the smallest distance found so far is proven, so that the bound is useful."""
+"""A pair is dropped once this share of the smallest distance found so far is proven, so that the bound is useful; for a
+constraint, the share of the difference of the tolerance and the largest error found so far."""
 
 LOOK_AHEAD = 200
-"""Number of intervals that are searched for a contact behind an undecided span, so that COLLIDING is preferred."""
+"""Number of intervals that are searched for a contact or a violation behind an undecided span, which is preferred."""
 
 TOLERANCE = 1e-4
 """Metres: a hundredth of a usual clearance; an interval in which bodies move less is not bisected further."""
@@ -132,7 +244,17 @@ def certify(
     """
     if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
-    joints = _checked_tolerances(curve, checker, joint_tolerance, obstacle_tolerance)
+    require_curve(curve, checker)
+    joints = np.zeros(checker.group.dof)
+    if not (isinstance(joint_tolerance, float) and joint_tolerance == obstacle_tolerance == 0.0):
+        each = np.full(len(joints), joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
+        joints = finite("joint_tolerance", each, joints.shape)
+        if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
+            raise InputError(
+                f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; both are 0 or "
+                "more"
+            )
+    # What cannot be combined is refused.
     if limits is not None and not isinstance(limits, JointLimits) and limits != "arm":
         raise InputError(f"limits must be JointLimits, 'arm' or None, not {limits!r:.80}")
     own_limits = checker.group.limits if limits == "arm" else limits
@@ -148,6 +270,7 @@ def certify(
         if own_limits is not None:  # those of the movers follow; a moving obstacle has none
             rest = checker.group.limits.select(range(group.dof, checker.group.dof))
             own_limits = JointLimits.join([own_limits, rest])
+    # The curve is compared with the limits first, and proven at finer and finer tolerances.
     within = None if own_limits is None else check_limits(curve, own_limits)
     tolerances = TOLERANCES if tolerance is None else (tolerance,)
     settings = ProofLimits(tolerances, max_intervals, joints, float(obstacle_tolerance), record)
@@ -166,28 +289,12 @@ def certify(
         )
 
     certificate = _at_finer_tolerances(certified, settings)
+    # The constraints are those of the arm, whose joints come before those of the movers.
     if constraints:
         resolution = RESOLUTION if tolerance is None else tolerance
         of_arm = settings._replace(tolerances=(resolution,), joints=joints[: group.dof])
         certificate = with_constraints(certificate, checked_curve, only_arm(group), constraints, of_arm)
     return with_limits(certificate, within)
-
-
-def _checked_tolerances(
-    curve: Curve, checker: CollisionChecker, joint_tolerance: npt.ArrayLike, obstacle_tolerance: float
-) -> Array:
-    """The tolerance of each joint (n,), rad or m, of a curve of the joints of the checker."""
-    require_curve(curve, checker)
-    group = checker.group
-    if isinstance(joint_tolerance, float) and joint_tolerance == obstacle_tolerance == 0.0:
-        return np.zeros(group.dof)
-    each = np.full(group.dof, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
-    joints = finite("joint_tolerance", each, (group.dof,))
-    if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
-        raise InputError(
-            f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; both are 0 or more"
-        )
-    return joints
 
 
 def is_proven_free(curve: Curve, checker: CollisionChecker, *, joint_tolerance: Array | None = None) -> bool:
@@ -208,18 +315,12 @@ def is_proven_free(curve: Curve, checker: CollisionChecker, *, joint_tolerance: 
 class KnownPairs(NamedTuple):
     """What is proven of the pairs of a checker before a proof, so that only the other pairs remain."""
 
-    rest: CollisionChecker
-    """The same checker without the known pairs."""
-    proven: float
-    """Lower bound (m) of the distances of the known pairs on the curve, obstacles displaced by their tolerance."""
-    joint_tube: float
-    """rad or m by which all joints could deviate with the proof of the known pairs still valid."""
-    obstacle_tube: float
-    """Metres by which all obstacles could be displaced."""
-    identity: Identity
-    """The hashes of the curve and of the setup of the complete checker, and its notes."""
-    evidence_with: Callable[[Array], Array]
-    """The evidence (K, 7) of all pairs from that of the rest."""
+    rest: CollisionChecker  # without the known pairs
+    proven: float  # lower bound (m) of their distances on the curve, obstacles displaced by their tolerance
+    joint_tube: float  # rad or m by which all joints could deviate with the proof of the known pairs still valid
+    obstacle_tube: float  # metres by which all obstacles could be displaced
+    identity: Identity  # of the complete checker
+    evidence_with: Callable[[Array], Array]  # the evidence (K, 7) of all pairs from that of the rest
 
 
 def prove_rest(curve: Curve, checker: CollisionChecker, known: KnownPairs, limits: ProofLimits) -> Certificate:
@@ -256,6 +357,7 @@ class _CurveProof:
     ) -> None:
         self._curve, self._checker, self._constraints, self._known = curve, checker, constraints, known
         self._limits, self._identity = limits, identity
+        # Displaced obstacles are obstacles with larger margins.
         judge = checker if known is None else known.rest
         self._judge = judge.with_obstacle_tolerance(limits.obstacles) if limits.obstacles > 0 else judge
         self._largest_margin = float(self._judge.margins.max(initial=0.0))
@@ -270,6 +372,7 @@ class _CurveProof:
             record=limits.record,
         )
         self._state = state = ProofState()
+        # With known pairs, the proof of the others begins with what is known of these.
         if known is None:
             return
         state.proven, state.joint_tube, state.obstacle_tube = known.proven, known.joint_tube, known.obstacle_tube
@@ -285,18 +388,19 @@ class _CurveProof:
         if (contact := self._look(start)) is not None:
             return self._colliding(first, start, contact, first)
         at_end = self._look(end)
-        if (undecided := self._check_fixed_pairs()) is not None:
+        # Pairs that no joint moves relative to each other are checked once; their contacts were found at the start.
+        judge, state = self._judge, self._state
+        for pair, measured in judge.still.touching:
+            undecided = UndecidedSpan(first, last, judge.owners(pair), measured.distance)
             return self._undecided(undecided) if at_end is None else self._colliding(last, end, at_end, first)
-        judge = self._judge
-        self._state = prove(
-            judge.world,
-            self._knots,
-            self._control,
-            self._settings,
-            self._limits.joints,
-            CoalJudge(judge.workspace),
-            self._state,
-        )
+        if len(judge.still_pairs):
+            proven = judge.still.lower - judge.rounding
+            state.observed = min(state.observed, judge.still.upper)
+            state.proven = min(state.proven, proven - self._limits.obstacles)
+            slack = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
+            state.obstacle_tube = min(state.obstacle_tube, slack)
+        coal, joints = CoalJudge(judge.workspace), self._limits.joints
+        self._state = prove(judge.world, self._knots, self._control, self._settings, joints, coal, state)
         span, found = self._state.open, self._state.contact
         if found is not None:
             at = np.array(found.q)
@@ -308,8 +412,11 @@ class _CurveProof:
             distance = span.distance
             if distance == np.inf:  # not measured here: a longer interval had shown that the pair is close
                 distance = judge.placed(self._curve((span.start + span.end) / 2)).measure(span.pair).attained
-            return self._undecided(UndecidedSpan(span.start, span.end, self._names(span.pair), distance))
-        return self._free()
+            return self._undecided(UndecidedSpan(span.start, span.end, judge.owners(span.pair), distance))
+        proven = float(self._state.proven)
+        message = free_sentence(proven, len(self._checker.pairs), len(self._checker.excluded))
+        message += f"; {self._tolerances}" if self._tolerances else ""
+        return self._certificate(CertificateStatus.FREE, message, clearance=proven)
 
     def _look(self, q: Array) -> Contact | None:
         """Return the deepest contact at q (n,) and update the smallest observed distance."""
@@ -346,31 +453,6 @@ class _CurveProof:
         if not moved or self._judge.bodies[self._judge.pairs[pair][1]].link is not None:
             return contact
         return replace(contact, distance=contact.distance - moved)
-
-    def _check_fixed_pairs(self) -> UndecidedSpan | None:
-        """Check once the pairs that no joint moves relative to each other; their contacts were found at the start."""
-        judge, state = self._judge, self._state
-        for pair, measured in judge.still.touching:
-            return UndecidedSpan(float(self._knots[0]), float(self._knots[-1]), self._names(pair), measured.distance)
-        if len(judge.still_pairs):
-            proven = judge.still.lower - judge.rounding
-            state.observed = min(state.observed, judge.still.upper)
-            state.proven = min(state.proven, proven - self._limits.obstacles)
-            slack = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
-            state.obstacle_tube = min(state.obstacle_tube, slack)
-        return None
-
-    def _names(self, pair: int) -> tuple[str, str]:
-        i, j = self._judge.pairs[pair]
-        return self._judge.bodies[i].owner, self._judge.bodies[j].owner
-
-    def _free(self) -> Certificate:
-        count = len(self._checker.pairs)
-        proven = float(self._state.proven)
-        message = free_sentence(proven, count, len(self._checker.excluded))
-        if self._tolerances:
-            message += f"; {self._tolerances}"
-        return self._certificate(CertificateStatus.FREE, message, clearance=proven)
 
     @property
     def _tolerances(self) -> str:
@@ -418,6 +500,7 @@ class _CurveProof:
         checker, state, known = self._checker, self._state, self._known
         free = status is CertificateStatus.FREE
         curve, setup, notes = identity_of(self._curve, checker) if self._identity is None else self._identity
+        # The evidence and the differences from the certification that the file of the motion records.
         evidence = state.evidence if self._limits.record else None
         if evidence is not None and known is not None:
             evidence = known.evidence_with(evidence)

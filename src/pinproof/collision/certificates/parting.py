@@ -25,18 +25,19 @@ from pinproof.collision.certificates.certificate import (
     ProofLimits,
     UndecidedSpan,
     free_sentence,
+    identity_of,
 )
-from pinproof.collision.certificates.identity import identity_of
 from pinproof.collision.checking.checker import CollisionChecker
-from pinproof.collision.checking.coal_checks import Distance
+from pinproof.collision.checking.placed_bodies import Distance
 from pinproof.collision.checking.separation import (
-    BodySupport,
     FacetGroup,
     MovingBody,
     distinct,
     facet_body,
     facets_of,
+    hull_support,
     leave_facets,
+    reach,
     unit_vectors,
 )
 from pinproof.collision.geometry.bodies import Body
@@ -55,23 +56,18 @@ Prove = Callable[[Curve, CollisionChecker], Certificate]
 
 
 def prove_parting(
-    curve: Curve,
-    checker: CollisionChecker,
-    names: Sequence[tuple[str, str]],
-    prove: Prove,
-    limits: ProofLimits,
+    curve: Curve, checker: CollisionChecker, names: Sequence[tuple[str, str]], prove: Prove, limits: ProofLimits
 ) -> Certificate:
-    """Return the certificate of a curve along which pairs separate that may touch at its start.
+    """Return the certificate of a curve along which pairs of these names separate that may touch at its start.
 
-    ``names`` are pairs of an obstacle and a link or attached object, in either order; a name that is unknown, of
-    another kind or not checked is refused. ``prove`` is the ordinary certification of a curve with a checker, within
-    ``limits``.
+    ``prove`` is the ordinary certification of a curve with a checker, within ``limits``.
     """
     knots, control = curve.bezier()
     motion = _BodyMotion(curve, knots, control, limits)
     separating_pairs, full, start_contact = _departures(checker, _indices(checker, names), motion)
     if start_contact is not None:
         return _start_contact_verdict(curve, checker, start_contact, prove)
+    # The curve is proven in parts, which begin where a pair is not proven to depart any more.
     open_until = {pair: max(separating.proof.end for separating in own) for pair, own in full.pieces.items()}
     ends = np.unique([float(knots[0]), *(separating.proof.end for separating in separating_pairs)]).tolist()
     proven: list[Certificate] = []
@@ -101,13 +97,22 @@ def _free(
     obstacle_tolerance: float,
 ) -> Certificate:
     """Return the certificate of a curve whose parts are all proven."""
-    touching = _reported(separating_pairs, float(curve.bezier()[0][0]))
+    # Listed are the pairs within their margin after the start; for owners without one, that of the smallest gap.
+    touching = [each for each in separating_pairs if each.until > float(curve.bezier()[0][0])]
+    named = {each.bodies for each in touching}
+    others: dict[tuple[str, str], _SeparatingPair] = {}
+    for each in separating_pairs:
+        if each.bodies not in named and not each.of_facets:
+            known = others.setdefault(each.bodies, each)
+            if each.gap < known.gap:
+                others[each.bodies] = each
     partings = tuple(
         Parting(each.bodies, read_only(each.departure.normal.copy()), each.gap, each.until, each.proof.end)
-        for each in touching
+        for each in (*touching, *others.values())
     )
     clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)
     message = "; ".join([free_sentence(clearance, len(checker.pairs), len(checker.excluded)), *map(str, partings)])
+    # Obstacles may be displaced as far as the part with the least slack allows.
     slack = [c.tube.largest_obstacles for c in proven if c.tube is not None]
     slack += [min(DEEPEST + each.gap - obstacle_tolerance, each.slack) for each in separating_pairs]
     tube = MotionTube(read_only(np.zeros(checker.group.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
@@ -124,23 +129,6 @@ def _free(
     )
 
 
-def _reported(separating_pairs: Sequence[_SeparatingPair], start: float) -> list[_SeparatingPair]:
-    """Return the pairs that a certificate lists: those within their margin after the start.
-
-    For owners without such a pair, it is the pair with the smallest gap.
-    """
-    touching = [separating for separating in separating_pairs if separating.until > start]
-    named = {separating.bodies for separating in touching}
-    others: dict[tuple[str, str], _SeparatingPair] = {}
-    for separating in separating_pairs:
-        if separating.bodies in named or separating.of_facets:
-            continue
-        known = others.setdefault(separating.bodies, separating)
-        if separating.gap < known.gap:
-            others[separating.bodies] = separating
-    return [*touching, *others.values()]
-
-
 class _BodyMotion(NamedTuple):
     """The curve and the settings of the proof."""
 
@@ -148,16 +136,6 @@ class _BodyMotion(NamedTuple):
     knots: Array
     control: Array
     limits: ProofLimits
-
-    @property
-    def obstacle_tolerance(self) -> float:
-        """The tolerance (m) of obstacles."""
-        return self.limits.obstacles
-
-    @property
-    def start(self) -> Array:
-        point: Array = self.control[0, 0]
-        return point
 
     def follow(self, departure: Departure, enough: float) -> DepartureProof:
         """Follow the curve while the body is proven not to approach."""
@@ -187,13 +165,11 @@ class _SeparatingPair:
 
 
 class _WithFacets(NamedTuple):
-    """A checker with the separating pairs and, for exact meshes, with pairs of their facets close to the start."""
+    """A checker with pairs of the facets of meshes close to the start; their separations, by the complete pair."""
 
     checker: CollisionChecker
     pieces: dict[int, list[_SeparatingPair]]
-    """The separations from the facets of an exact mesh, by the pair of the complete mesh."""
-    parts_of: dict[int, set[int]]
-    """The pairs of its facets and of the rest of the mesh."""
+    parts_of: dict[int, set[int]]  # with the pair of the rest of the mesh
 
 
 class _StartContact(NamedTuple):
@@ -211,8 +187,7 @@ class _Split:
     pair: int
     groups: list[FacetGroup]
     bodies: list[Body]
-    deepest: float
-    """Gap (m) at the facet with the deepest penetration."""
+    deepest: float  # gap (m) at the facet with the deepest penetration
 
 
 def _departures(
@@ -224,10 +199,13 @@ def _departures(
     for pair in pairs:
         a, b = checker.pairs[pair]
         moving, body = MovingBody(checker, a), checker.bodies[b]
-        moving.move(motion.start)
-        enough = float(checker.margins[pair]) + motion.obstacle_tolerance + 2 * checker.rounding
-        measured = checker.placed(motion.start).measure(pair)
-        tried = _directions(body, matrix(body.link_from_body), -measured.normal)
+        moving.move(motion.control[0, 0])
+        enough = float(checker.margins[pair]) + motion.limits.obstacles + 2 * checker.rounding
+        measured = checker.placed(motion.control[0, 0]).measure(pair)
+        # The directions that are tried: z of the root, the axes of the obstacle, the line of the nearest points.
+        axes = matrix(body.link_from_body)[:3, :3].T
+        tried = distinct(np.array([[0.0, 0.0, 1.0], *axes, *-axes, *unit_vectors(-measured.normal[None])]))
+        tried = axes[2:] if isinstance(body.geometry, coal.Halfspace) else tried
         if body.support is None and not isinstance(body.geometry, coal.Halfspace):
             split = _split(checker, pair, moving, tried, enough, motion)
             if split.groups:
@@ -235,14 +213,25 @@ def _departures(
             elif (start_contact := _find_start_contact(checker, pair, measured, motion, split.deepest)) is not None:
                 return [], _WithFacets(checker, {}, {}), start_contact
             continue
-        gaps = -moving.reach(-tried) - (levels := BodySupport.of(body).reach(matrix(body.link_from_body), tried))
-        if gaps.max() - motion.obstacle_tolerance < -DEEPEST:
+        gaps = -moving.reach(-tried) - (levels := reach(hull_support(body), matrix(body.link_from_body), tried))
+        if gaps.max() - motion.limits.obstacles < -DEEPEST:
             if (start_contact := _find_start_contact(checker, pair, measured, motion, float(gaps.max()))) is not None:
                 return [], _WithFacets(checker, {}, {}), start_contact
             continue  # apart but interlocked: proven as an ordinary pair
         departure, proof, gap = _best(moving, tried, levels, gaps, enough, motion)
         convex.append((pair, departure, proof, gap))
-    full, places = _with_facets(checker, splits)
+    # A checker with the parts of meshes, and the pairs of each split: its groups first, then the rest.
+    full, places, first = checker, list[list[int]](), len(checker.bodies)
+    if splits:
+        ranges = []
+        for split in splits:
+            a = checker.pairs[split.pair][0]
+            ranges.append([(a, first + k) for k in range(len(split.bodies))])
+            first += len(split.bodies)
+        bodies = [body for split in splits for body in split.bodies]
+        full = checker.with_obstacle_bodies(bodies, [pair for own in ranges for pair in own])
+        index = {pair: k for k, pair in enumerate(full.pairs)}
+        places = [[index[pair] for pair in own] for own in ranges]
     separating_pairs = [
         _separating_pair(full, full.pairs.index(checker.pairs[pair]), departure, proof, gap, motion)
         for pair, departure, proof, gap in convex
@@ -257,7 +246,7 @@ def _departures(
         parts[pair] = set(own)
         separating_pairs += pieces[pair]
         for k in own[len(split.groups) :]:  # the rest of the mesh
-            measured = full.placed(motion.start).measure(k)
+            measured = full.placed(motion.control[0, 0]).measure(k)
             if (start_contact := _find_start_contact(full, k, measured, motion, split.deepest)) is not None:
                 return [], _WithFacets(checker, {}, {}), start_contact._replace(pair=split.pair)
     return separating_pairs, _WithFacets(full, pieces, parts), None
@@ -273,9 +262,9 @@ def _separating_pair(
     *,
     of_facets: bool = False,
 ) -> _SeparatingPair:
-    enough = float(checker.margins[pair]) + motion.obstacle_tolerance + 2 * checker.rounding
+    enough = float(checker.margins[pair]) + motion.limits.obstacles + 2 * checker.rounding
     slack = motion.gap(departure, proof.end) - enough
-    return _SeparatingPair(pair, _owners(checker, pair), departure, proof, gap, slack, of_facets)
+    return _SeparatingPair(pair, checker.owners(pair), departure, proof, gap, slack, of_facets)
 
 
 def _best(
@@ -300,14 +289,6 @@ def _best(
     return best  # type: ignore[return-value]  # the first was tried
 
 
-def _directions(body: Body, at: Array, measured: Array) -> Array:
-    """Return (d, 3) unit directions to try: z of the root, the axes of the obstacle, the line of the nearest points."""
-    if isinstance(body.geometry, coal.Halfspace):
-        return np.array([at[:3, 2]])
-    own = at[:3, :3].T
-    return distinct(np.array([[0.0, 0.0, 1.0], *own, *-own, *unit_vectors(measured[None])]))
-
-
 def _split(
     checker: CollisionChecker, pair: int, moving: MovingBody, tried: Array, enough: float, motion: _BodyMotion
 ) -> _Split:
@@ -317,13 +298,14 @@ def _split(
     vertices, triangles = facets_of(body)
     at = matrix(body.link_from_body)
     corners = (vertices @ at[:3, :3].T + at[:3, 3])[triangles]
+    # Groups of facets from which the body separates; the others are an obstacle of their own.
     groups, deepest = leave_facets(
         moving,
         checker.bodies[a],
         corners,
         tried,
         reach=enough + NEAR,
-        deepest=DEEPEST - motion.obstacle_tolerance,
+        deepest=DEEPEST - motion.limits.obstacles,
         follow=lambda departure: motion.follow(departure, enough),
     )
     if not groups:
@@ -334,21 +316,6 @@ def _split(
     if len(others):
         bodies.append(facet_body(body, f"{body.name} away from {checker.bodies[a].name}", vertices, triangles[others]))
     return _Split(pair, groups, bodies, deepest)
-
-
-def _with_facets(checker: CollisionChecker, splits: Sequence[_Split]) -> tuple[CollisionChecker, list[list[int]]]:
-    """Return a checker with the parts of meshes, and the pairs of each split: its groups first, then the rest."""
-    if not splits:
-        return checker, []
-    bodies = [body for split in splits for body in split.bodies]
-    first, places = len(checker.bodies), []
-    for split in splits:
-        a = checker.pairs[split.pair][0]
-        places.append([(a, first + k) for k in range(len(split.bodies))])
-        first += len(split.bodies)
-    full = checker.with_obstacle_bodies(bodies, [pair for own in places for pair in own])
-    index = {pair: k for k, pair in enumerate(full.pairs)}
-    return full, [[index[pair] for pair in own] for own in places]
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,6 +358,7 @@ def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> lis
         for name in (one, other):
             if name not in known:
                 raise UnknownNameError("body", name, known, "parting")
+        # A pair is an obstacle and a body that moves, which are checked against each other.
         if (one in checker.scene) == (other in checker.scene):
             raise InputError(f"parting: {one!r} and {other!r}; one must be an obstacle, the other a link or attached")
         meant = checker.pairs_of_owners(one, other)
@@ -402,28 +370,21 @@ def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> lis
     return list(dict.fromkeys(found))
 
 
-def _owners(checker: CollisionChecker, pair: int) -> tuple[str, str]:
-    i, j = checker.pairs[pair]
-    return checker.bodies[i].owner, checker.bodies[j].owner
-
-
 def _find_start_contact(
     checker: CollisionChecker, pair: int, measured: Distance, motion: _BodyMotion, gap: float
 ) -> _StartContact | None:
-    """Return the refusal of a pair without a separating direction; None if its distance is larger than the margin.
-
-    The penetration is the smaller of coal's depth and the gap (m) along the best direction, which for a moving mesh is
-    that of its hull. For an obstacle mesh, coal returns the depth at some facet; the gap is that of the deepest facet.
-    """
+    """Return the refusal of a pair without a separating direction; None if its distance is larger than the margin."""
     margin = float(checker.margins[pair])
-    if measured.attained - motion.obstacle_tolerance > margin:
+    if measured.attained - motion.limits.obstacles > margin:
         return None
     leaving, left = (checker.bodies[i] for i in checker.pairs[pair])
+    # The penetration is the smaller of coal's depth and the gap along the best direction, which for a moving mesh is
+    # that of its hull. For an obstacle mesh, coal returns the depth at some facet; the gap is that of the deepest one.
     distance = measured.distance
     if distance <= 0 and np.isfinite(gap):
         facets = leaving.support is not None and left.support is None
         distance = min(gap, 0.0) if facets else max(distance, gap)
-    return _StartContact(pair, distance - motion.obstacle_tolerance, margin)
+    return _StartContact(pair, distance - motion.limits.obstacles, margin)
 
 
 def _start_contact_verdict(
@@ -432,30 +393,24 @@ def _start_contact_verdict(
     """Return the verdict on a curve that starts with a contact that ``parting`` does not allow."""
     first, _ = curve.domain
     found = prove(_Part.of(curve, first, first), checker)
-    one, other = _owners(checker, start_contact.pair)
+    one, other = checker.owners(start_contact.pair)
     if start_contact.distance < -DEEPEST:
         message = (
             f"{one} penetrates {other} by {-start_contact.distance * 1e3:.2f} mm at the start; parting allows "
             f"{DEEPEST * 1e3:g} mm. Correct one of the poses or shapes"
         )
         return _on_complete_curve(curve, checker, [], replace(found, message=message))
+    distance = start_contact.distance
+    how = f"{distance * 1e3:.2f} mm apart" if distance > 0 else "in contact"
+    how = f"{-distance * 1e3:.2f} mm in penetration" if distance < -5e-6 else how
     message = (
-        f"{one} and {other} are {_distance_text(start_contact.distance)} at the start (margin "
+        f"{one} and {other} are {how} at the start (margin "
         f"{start_contact.margin * 1e3:g} mm), and no direction separates {other} from the convex hull of {one}; "
         f"model {one} by several convex shapes"
     )
-    span = UndecidedSpan(first, first, (one, other), start_contact.distance)
-    undecided = replace(
-        found, status=CertificateStatus.UNDECIDED, message=message, first_contact=None, undecided=span,
-        clearance=np.nan,
-    )  # fmt: skip
-    return _on_complete_curve(curve, checker, [], undecided)
-
-
-def _distance_text(distance: float) -> str:
-    if distance > 0:
-        return f"{distance * 1e3:.2f} mm apart"
-    return f"{-distance * 1e3:.2f} mm in penetration" if distance < -5e-6 else "in contact"
+    # The bodies overlap by no more than is allowed, but no direction separates them.
+    span = UndecidedSpan(first, first, (one, other), distance)
+    return _on_complete_curve(curve, checker, [], _undecided(found, message, span))
 
 
 def _not_separated(
@@ -467,13 +422,14 @@ def _not_separated(
     here = bezier.evaluate(knots, control, proof.end)
     shown = min(proof.stopped, float(knots[-1]))
     there = bezier.evaluate(knots, control, shown)
+    # It is in contact where it approaches again or ends; before, it is undecided whether it has left.
     measured = checker.placed(there).measure(pair)
     nearer = separating.departure.gap(there) < separating.departure.gap(here) - checker.rounding
     base = prove(_Part.of(curve, proof.end, proof.end), checker)  # for the common fields of certificates
-    touching = measured.attained - motion.obstacle_tolerance <= checker.margins[pair]
+    touching = measured.attained - motion.limits.obstacles <= checker.margins[pair]
     if touching and (nearer or proof.end >= float(knots[-1])):
         contact = checker.contact(pair, measured)
-        distance = contact.distance - motion.obstacle_tolerance
+        distance = contact.distance - motion.limits.obstacles
         first = FirstContact(shown, there, bodies, distance, contact.points, distance < 0, proof.end)
         how = "approaches again" if nearer else "does not depart before the end"
         at, until = (parameter_text(curve, t) for t in (shown, proof.end))
@@ -487,10 +443,12 @@ def _not_separated(
         f"{bodies[0]} is not proven to leave {bodies[1]}, which it touches, at [{proof.end:.6g}, {proof.stopped:.6g}]; "
         f"move it off along one direction, such as ({along}), before moving it sideways"
     )
-    span = UndecidedSpan(proof.end, proof.stopped, bodies, measured.distance)
-    return replace(
-        base, status=CertificateStatus.UNDECIDED, message=message, first_contact=None, undecided=span, clearance=np.nan
-    )
+    return _undecided(base, message, UndecidedSpan(proof.end, proof.stopped, bodies, measured.distance))
+
+
+def _undecided(certificate: Certificate, message: str, span: UndecidedSpan) -> Certificate:
+    status = CertificateStatus.UNDECIDED
+    return replace(certificate, status=status, message=message, first_contact=None, undecided=span, clearance=np.nan)
 
 
 def _on_complete_curve(

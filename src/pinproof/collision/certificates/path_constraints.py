@@ -143,12 +143,7 @@ class Within:
 
     @classmethod
     def plane(
-        cls,
-        point: npt.ArrayLike,
-        normal: npt.ArrayLike,
-        *,
-        tolerance: float,
-        point_in_tcp: npt.ArrayLike = (0, 0, 0),
+        cls, point: npt.ArrayLike, normal: npt.ArrayLike, *, tolerance: float, point_in_tcp: npt.ArrayLike = (0, 0, 0)
     ) -> Within:
         """The plane through a point (m) of the base frame with a normal."""
         return cls(

@@ -2,9 +2,16 @@
 
 A joint move is a straight line in joint space. At a point with a blend the controller leaves the two lines; where its
 curve is not published, every configuration is covered that differs in each joint by at most the extent of the blend
-from the two lines within the blend. A linear move is a straight line of the tcp; its joint values are bounded between
-samples (:mod:`pinproof.collision.certificates.linear_moves`). All lines are covered with the stated deviation of the
-controller.
+from the two lines within the blend. All lines are covered with the stated deviation of the controller.
+
+A linear move is a straight line of the tcp, whose poses are solved at samples. In between, the joint values are bounded
+as follows. Let J be the Jacobian with lengths divided by ``UNIT``, beta the norm of its inverse, and L a bound of the
+change of J for a unit change of the joint values. Along a line of unit speed, q' = J^-1 t with a constant twist t, so
+|q'| <= beta, and beta grows by at most beta' <= L beta^2 |q'| <= L beta^3. Therefore 1 / beta^2 decreases by at most
+2 L for each unit of the line, and after a distance e the joint values differ by at most
+(1 / beta - sqrt(1 / beta^2 - 2 L e)) / L, if the root exists. The second derivative is -J^-1 J' q', so that
+|q''| <= L beta^3, and the chord between two samples at the distance e deviates by at most L beta^3 e^2 / 8. Within a
+distance of 1 / (beta L) there is no second solution of a pose.
 """
 
 from __future__ import annotations
@@ -15,13 +22,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+import pinocchio as pin
 
 from pinproof.collision.certificates.certificate import Certificate, CertificateStatus
 from pinproof.collision.certificates.certify import certify
-from pinproof.collision.certificates.linear_moves import TURN_SHARE, LineTrace, levers, trace_line
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.common.results import Rows, Shown, View
 from pinproof.errors import InputError, NotProvenFree
@@ -47,6 +54,131 @@ from pinproof.motion import (
     time_parametrise,
 )
 from pinproof.spatial import Array
+
+UNIT = 0.2
+"""Metres that count as much as one radian, about the size of a wrist."""
+
+CHORD = 2e-4
+"""rad: largest deviation of the joint values from the chords between samples."""
+
+FEWEST, MOST = 8, 8192
+"""Numbers of samples of a line."""
+
+SOLVED = 1e-11
+"""rad, and metres over ``UNIT``: error of a pose at which it is solved."""
+
+SINGULAR = 1e-6
+"""Ratio of the smallest to the largest singular value of the Jacobian below which the arm is singular."""
+
+ATTEMPTS = 10
+"""Newton steps for a pose."""
+
+ROUNDED = 1e-9
+"""rad: allowance for the errors of the poses at the samples."""
+
+TURN_SHARE = 1.5
+"""Share of the rotation of a line by which its orientation may deviate from a rotation about one axis at a constant
+rate. The interpolation of orientations is not published; every orientation is covered that is no farther from both ends
+than these are from each other."""
+
+
+class LineTrace(NamedTuple):
+    """The joint values along a line, and how far (rad) each joint may be off them; the reason if that is not known."""
+
+    path: JointPath
+    tolerance: float
+    reason: str = ""
+
+
+def trace_line(arm: Arm, start: Array, target: pin.SE3) -> LineTrace:
+    """Return the joint values of an arm of six joints whose tcp moves on a straight line from ``start`` to a pose."""
+    first = arm.forward_kinematics(start)
+    shift, turn = target.translation - first.translation, pin.log3(first.rotation.T @ target.rotation)
+    length, angle = float(np.linalg.norm(shift)) / UNIT, float(np.linalg.norm(turn))
+    nothing = JointPath(start[None], arm.joint_names)
+    if arm.dof != 6 or not arm.angular.all():
+        return LineTrace(nothing, 0.0, "only arms of six revolute joints are supported")
+    whole = float(np.hypot(length, angle))
+    change = np.sqrt(arm.dof * (1.0 + (levers(arm) / UNIT) ** 2).sum())
+    count, reason = max(FEWEST, int(whole / 0.01) + 1), ""
+    while count <= MOST:
+        poses = [
+            pin.SE3(first.rotation @ pin.exp3(s * turn), first.translation + s * shift)
+            for s in np.linspace(0.0, 1.0, count + 1)
+        ]
+        q, inverse, reason = _solved(arm, start, poses)
+        if reason:
+            return LineTrace(nothing, 0.0, reason)
+        chord, tube = _bounds(q, inverse, whole / count, change, TURN_SHARE * angle)
+        if chord <= CHORD and np.isfinite(tube):
+            return LineTrace(JointPath(q, arm.joint_names), chord + tube + ROUNDED)
+        if chord <= CHORD:
+            how = f"it rotates the tool by {angle:.2g} rad, and the interpolation of orientations is not published"
+            return LineTrace(nothing, 0.0, how)
+        # The steps that the bounds need, if the norm does not exceed that at the samples by much.
+        needed = max(np.sqrt(change * inverse.max() ** 3 / (8.0 * CHORD)), 4.0 * change * inverse.max() ** 2)
+        count = max(2 * count, int(1.3 * whole * needed))
+    return LineTrace(nothing, 0.0, "the arm is near a singularity on it")
+
+
+def levers(arm: Arm) -> Array:
+    """(n,) largest distance of the tcp from each joint axis (m), for any configuration of revolute joints."""
+    model, tcp = arm.model, arm.model.frames[arm.tcp_id]
+    joints = [joint for joint in model.supports[tcp.parentJoint] if joint != 0]
+    offsets = [np.linalg.norm(model.jointPlacements[joint].translation) for joint in joints[1:]]
+    offsets.append(np.linalg.norm(tcp.placement.translation))
+    each = {joint: sum(offsets[k:]) for k, joint in enumerate(joints)}
+    return np.abs(arm.scale).T @ [each.get(row + 1, 0.0) for row in range(len(arm.scale))]
+
+
+def _solved(arm: Arm, start: Array, poses: list[pin.SE3]) -> tuple[Array, Array, str]:
+    """The joint values (k, n) at poses, each solved from the previous one, and (k,) the norms of the inverse of J."""
+    scale = np.array([1.0 / UNIT] * 3 + [1.0] * 3)
+    rows, norms, q, reason = list[Array](), list[float](), start.copy(), ""
+    for pose in poses:
+        for _ in range(ATTEMPTS):  # Newton's method
+            here = arm.forward_kinematics(q)
+            turn = here.rotation @ pin.log3(here.rotation.T @ pose.rotation)
+            error = scale * np.concatenate([pose.translation - here.translation, turn])
+            jacobian = scale[:, None] * arm.jacobian(q)
+            if np.abs(error).max() <= SOLVED:
+                break
+            try:
+                q = q + np.linalg.solve(jacobian, error)
+            except np.linalg.LinAlgError:
+                reason = "the arm is singular on it"
+                break
+        else:
+            reason = "the arm cannot follow it"
+        if reason:
+            break
+        # The smallest singular value bounds the inverse of the Jacobian.
+        values = np.linalg.svd(jacobian, compute_uv=False)
+        if values[-1] < SINGULAR * values[0]:
+            reason = "the arm is singular on it"
+            break
+        rows.append(q)
+        norms.append(1.0 / values[-1])
+    return np.array(rows), np.array(norms), reason
+
+
+def _bounds(q: Array, inverse: Array, step: float, change: float, turn: float) -> tuple[float, float]:
+    """Bounds (rad) of the deviation from the chords of samples (k, n), and of that by ``turn`` of the orientation.
+
+    Infinite if the samples are too far apart, or may be on different branches; see the top of this module.
+    """
+    # After a whole step from either end of it; each sample begins or ends one.
+    least = 1.0 / inverse**2 - 2.0 * change * step
+    near = np.linalg.norm(np.diff(q, axis=0), axis=1) * np.maximum(inverse[1:], inverse[:-1]) * change < 0.5
+    if (least <= 0).any() or not near.all():
+        return np.inf, np.inf
+    largest = 1.0 / np.sqrt(least)
+    chord = float((change * largest**3).max() * step**2 / 8.0)
+    left = least - 2.0 * change * turn
+    if (left <= 0).any():
+        return chord, np.inf
+    return chord, float(((np.sqrt(least) - np.sqrt(left)) / change).max())
+
 
 StepKind = TypeVar("StepKind", bound=Step)
 
@@ -175,6 +307,7 @@ class ProgramCertificate(Shown):
             return f"FREE: {words} of the program proven, clearance {self.clearance * 1e3:.1f} mm"
         if self.status is CertificateStatus.UNDECIDED and self.untraced:
             return f"UNDECIDED: {self.untraced[0]}"
+        # The first part that explains the status, or else what was found beside the parts.
         part = next((each for each in self.parts if each.certificate.status is self.status), None)
         if part is None and self.status is CertificateStatus.UNDECIDED and self.outputs:
             return (
@@ -220,10 +353,12 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
         raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
     program, traces, untraced = _traced(program, checker.arm)
     parts = []
+    # Each part that the controller executes is certified with its own tolerance.
     for name, line, blend, curve, tolerance in _executed(program, checker.arm, traces):
         certificate = certify(curve, checker, joint_tolerance=tolerance)
         parts.append(ProgramPart(name, line, blend, certificate))
     notes = dict.fromkeys([*_notes(program, checker.arm), *(note for part in parts for note in part.certificate.notes)])
+    # What no certificate of a part covers: overlapping blends, limits, outputs, and unknown speeds.
     overlaps = tuple(_overlaps(program, checker.arm))
     outside = (*_outside(program, checker.arm, traces), *speed_violations(program, checker.arm, traces))
     outputs = tuple(step.line for step in program.steps if isinstance(step, SetOutput))
@@ -287,7 +422,21 @@ def export_program(
         raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
     if language.joints is not None and not checker.arm.angular.all():
         raise InputError(f"programs in {dialect} are for revolute joints only")
-    steps: Sequence[Step] = _steps(curve, dialect, tolerance, blend or language.blend, period)
+    if (language.exact or period is not None) and not isinstance(curve, Trajectory):
+        raise InputError("this program needs a trajectory with times; use pp.time_parametrise first")
+    # The steps: the trajectory itself, moves along it, or set points at a fixed period.
+    steps: Sequence[Step]
+    if language.exact and isinstance(curve, Trajectory):
+        steps = [StreamedTrajectory(curve.record())]
+    elif period is None:
+        steps = moves_along(curve, tolerance=tolerance, blend=blend or language.blend)
+    else:
+        if not language.streams or not isinstance(curve, Trajectory):
+            raise InputError(f"programs in {dialect} cannot stream set points; remove period")
+        if not 0 < period < np.inf:
+            raise InputError(f"period = {period} must be above 0 s, and finite")
+        times = np.append(np.arange(period, curve.duration, period), curve.duration)
+        steps = [JointMove(curve.start), *(StreamedPoint(q, period) for q in curve(times))]
     if linear:
         steps = _with_lines(steps, checker.arm, tolerance)
     default = TRACKING if period is not None else language.deviation
@@ -299,6 +448,7 @@ def export_program(
         deviation=default if deviation is None else deviation,
         joint_map=joint_map,
     )
+    # Blends that are not proven get half the radius, and finally become stops.
     while True:
         steps = feasible(steps, checker.arm)
         program = write(steps)
@@ -307,10 +457,14 @@ def export_program(
         failed.update(certificate.overlaps)
         if not failed:
             break
-        steps = [
-            replace(step, blend=_smaller(step.blend)) if isinstance(step, JointMove) and read.line in failed else step
-            for step, read in zip(steps, program.steps, strict=True)
-        ]
+        halved = []
+        for step, read in zip(steps, program.steps, strict=True):
+            made = step
+            if isinstance(step, JointMove) and read.line in failed:  # half the radius, or a stop
+                radius = 0.0 if step.blend is None or step.blend.radius is None else step.blend.radius / 2
+                made = replace(step, blend=None if radius < SMALLEST_RADIUS else Blend(radius))
+            halved.append(made)
+        steps = halved
     if not certificate.free:
         return program, certificate
     named = write(steps, certificate=certificate.hash)
@@ -330,37 +484,13 @@ def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
             continue
         if not isinstance(before, JointMove | LinearMove) or before.q is None:
             continue
+        # Between two blends a joint may have any velocity.
         if isinstance(before, JointMove) and before.blend and step.blend:
             continue
         if np.abs(step.q - before.q).max() > 0:
             line = JointPath(np.stack([before.q, step.q]), arm.joint_names)
             longer[k] = replace(step, duration=max(step.duration, time_parametrise(line, arm.limits).duration))
     return longer
-
-
-def _smaller(blend: Blend | None) -> Blend | None:
-    """Return a blend of half the radius; None, which is a stop, if it would be too small."""
-    if blend is None or blend.radius is None or blend.radius / 2 < SMALLEST_RADIUS:
-        return None
-    return Blend(blend.radius / 2)
-
-
-def _steps(
-    curve: Curve, dialect: str, tolerance: float, blend: Blend | None, period: float | None
-) -> list[JointMove | StreamedPoint | StreamedTrajectory]:
-    language = find_dialect(dialect)
-    if (language.exact or period is not None) and not isinstance(curve, Trajectory):
-        raise InputError("this program needs a trajectory with times; use pp.time_parametrise first")
-    if language.exact and isinstance(curve, Trajectory):
-        return [StreamedTrajectory(curve.record())]
-    if period is None:
-        return list(moves_along(curve, tolerance=tolerance, blend=blend))
-    if not language.streams or not isinstance(curve, Trajectory):
-        raise InputError(f"programs in {dialect} cannot stream set points; remove period")
-    if not 0 < period < np.inf:
-        raise InputError(f"period = {period} must be above 0 s, and finite")
-    times = np.append(np.arange(period, curve.duration, period), curve.duration)
-    return [JointMove(curve.start), *(StreamedPoint(q, period) for q in curve(times))]
 
 
 def _executed(
@@ -373,6 +503,7 @@ def _executed(
     for step in moves:
         if isinstance(step, StreamedTrajectory):
             yield f"trajectory at line {step.line}", step.line, False, Trajectory.of_record(step.record), even
+    # Moves are lines between their points, and blends corners of two such lines.
     points = [(step, step.q) for step in moves if not isinstance(step, StreamedTrajectory) and step.q is not None]
     if len(points) == 1:
         (step, q) = points[0]
@@ -384,6 +515,7 @@ def _executed(
             continue
         name = f"move at line {after.line}"
         yield name, after.line, False, JointPath(np.stack([before, q]), names), even
+    # At a blend, every configuration off the corner by as much as the blend extends is covered.
     for (_, first), (at, q), (following, last) in zip(points, points[1:], points[2:], strict=False):
         if not isinstance(at, JointMove) or at.blend is None or isinstance(following, LinearMove):
             continue
@@ -400,9 +532,17 @@ def _traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, Li
     for step in program.steps:
         made = step
         if isinstance(step, LinearMove):
-            trace, reason = _trace(step, here, arm)
-            if reason:
-                untraced.append(f"the linear move at line {step.line}: {reason}")
+            # The text states the end as a pose or as a configuration.
+            stated = arm.home if step.q is None else step.q
+            if here is None:
+                alone = JointPath(stated[None], arm.joint_names)
+                trace = LineTrace(alone, 0.0, "it is the first move, so its start is not known")
+            else:
+                trace = trace_line(arm, here, arm.forward_kinematics(stated) if step.pose is None else step.pose)
+                if not trace.reason and step.q is not None and np.abs(trace.path.end - step.q).max() > SAME_END:
+                    trace = trace._replace(reason="it ends at another configuration than the text states")
+            if trace.reason:
+                untraced.append(f"the linear move at line {step.line}: {trace.reason}")
                 if step.q is None:  # where the next move begins is not known
                     break
             traces[step.line] = trace
@@ -411,19 +551,6 @@ def _traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, Li
             here = made.q
         steps.append(made)
     return replace(program, steps=tuple(steps)), traces, tuple(untraced)
-
-
-def _trace(step: LinearMove, here: Array | None, arm: Arm) -> tuple[LineTrace, str]:
-    """Return the trace of a linear move, and the reason why it is not the move of the text, or an empty text."""
-    stated = step.q  # a linear move states one of the two
-    target = step.pose if step.pose is not None else arm.forward_kinematics(arm.home if stated is None else stated)
-    if here is None:
-        alone = JointPath((arm.home if step.q is None else step.q)[None], arm.joint_names)
-        return LineTrace(alone, 0.0), "it is the first move, so its start is not known"
-    trace = trace_line(arm, here, target)
-    if not trace.reason and step.q is not None and np.abs(trace.path.end - step.q).max() > SAME_END:
-        return trace, "it ends at another configuration than the text states"
-    return trace, trace.reason
 
 
 def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]:
@@ -509,6 +636,7 @@ def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineT
                 for joint in np.flatnonzero(rates):
                     speed = f"{rates[joint]:.4g} rad/s of {names[joint]}"
                     yield f"line {step.line}: the trajectory {end} at {speed}, and the arm is at rest there"
+        # A stream of set points is judged as a whole, when it ends.
         if stream and not isinstance(step, StreamedPoint):
             yield from _stream_faults(stream, before, limits, names)
             stream = []
@@ -529,6 +657,7 @@ def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineT
                 stops = 0 if duration is None else (not moving) + (step.blend is None)
             if duration is None and step.speed is not None:
                 duration = distance / step.speed
+            # A move whose stated duration is too short cannot be followed.
             needed = shortest_durations(np.maximum(travel - ROUNDING, 0.0), limits, stops)
             for joint in () if duration is None else np.flatnonzero(needed > duration * (1.0 + LIMIT_TOLERANCE)):
                 yield (

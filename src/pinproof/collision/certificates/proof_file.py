@@ -1,6 +1,7 @@
-"""Writing of proof files: the robot, the scene, the curve, and the evidence for each pair in each interval.
+"""Proof files: their keys, their writing, and their comparison with a robot, a scene, constraints and a motion.
 
-The format is described in docs/formats/proof.md. :mod:`pinproof.verifier` has accepted every file that is written.
+The format is described in docs/formats/proof.md. :mod:`pinproof.verifier`, which shares no code with the other packages
+and has its own list of fields, has accepted every file that is written.
 """
 
 from __future__ import annotations
@@ -8,10 +9,11 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import coal
 import numpy as np
@@ -23,6 +25,7 @@ from pinproof.collision.certificates.path_constraints import (
     LookAt,
     PathConstraint,
     Upright,
+    check_constraints,
 )
 from pinproof.collision.checking.assembly import on_joint
 from pinproof.collision.checking.checker import CollisionChecker
@@ -30,11 +33,210 @@ from pinproof.collision.checking.spec import content_hash
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.shapes import Mesh
 from pinproof.common.files import write_bytes_whole
-from pinproof.errors import InputError, NotProvenFree
-from pinproof.model import Arm, JointGroup, joint_axis
-from pinproof.motion import Curve, LimitCheck
+from pinproof.common.structs import (
+    ANY_TEXT,
+    COUNT,
+    NOT_NEGATIVE,
+    NULL,
+    OPTIONAL_NUMBER,
+    PLAIN_NUMBER,
+    TEXT,
+    Key,
+    Table,
+    any_of,
+    choice,
+    integer,
+    list_of,
+    mapping_to,
+    required,
+    simple,
+    vector,
+)
+from pinproof.errors import FileError, InputError, NotProvenFree
+from pinproof.model import Arm, JointGroup, JointLimits, joint_axis
+from pinproof.motion import Curve, LimitCheck, TimedCurve
 from pinproof.spatial import SE3, Array
-from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, Refused, body_digest, verify
+from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, ProofVerdict, Refused, body_digest, load, verify
+
+HASH = simple({"type": "string", "pattern": "^[0-9a-f]{64}$"})
+JOINT = integer(-1)
+VECTOR = vector(3, PLAIN_NUMBER)
+PLACEMENT = list_of(vector(4, PLAIN_NUMBER), 3, 3)
+
+CLAIM = Table(
+    "claim",
+    "What the proof states.",
+    required("status", choice("FREE"), "the status of the certificate"),
+    required(
+        "clearance", OPTIONAL_NUMBER, "any two checked bodies are at least this far apart; null without pairs", "m"
+    ),
+)
+
+SETTINGS = Table(
+    "settings",
+    "The distances and tolerances that the proof includes.",
+    required("margin", NOT_NEGATIVE, "required distance between any two owners", "m"),
+    required(
+        "margins",
+        list_of(simple({"type": "array", "prefixItems": [TEXT, TEXT, NOT_NEGATIVE], "minItems": 3, "maxItems": 3})),
+        "distances of single pairs: owner, owner, metres",
+        "m",
+    ),
+    required("joint_tolerance", list_of(NOT_NEGATIVE), "deviation of each joint of the curve", "rad or m"),
+    required("obstacle_tolerance", NOT_NEGATIVE, "deviation of obstacles", "m"),
+)
+
+HASHES = Table(
+    "hashes",
+    "SHA-256 hashes; only that of the curve is checked.",
+    Key("model", HASH, "of the kinematics of the URDF as text"),
+    Key("scene", HASH, "of the obstacles"),
+    required("curve", HASH, "of the curve, see below; a `Certificate` has the same under `curve`"),
+    Key("setup", HASH, "of the arm, the scene and the attached bodies"),
+    more=True,
+)
+
+ARM = Table(
+    "arm", "An arm.", Key("base", ANY_TEXT, "base link of the arm"), Key("tcp", ANY_TEXT, "tcp frame of the arm")
+)
+
+ROBOT = Table(
+    "robot",
+    "The robot, for readers; it is not checked, because the placements contain it.",
+    Key("name", ANY_TEXT, "name of the robot"),
+    Key("arms", mapping_to(ARM), "the arms by name; an arm alone has the name of its tcp"),
+    Key("held", mapping_to(PLAIN_NUMBER), "values of the joints outside the arm", "rad or m"),
+    more=True,
+)
+
+CURVE = Table(
+    "curve",
+    "The motion as a piecewise polynomial in Bernstein form. A single configuration is one piece of no width.",
+    required("joint_names", list_of(TEXT, 1), "the n joints"),
+    required("knots", list_of(PLAIN_NUMBER, 2), "k + 1 strictly increasing parameters, for a timed motion in seconds"),
+    required(
+        "control",
+        list_of(list_of(list_of(PLAIN_NUMBER, 1), 1), 1),
+        "(k, degree + 1, n) control points of each piece",
+        "rad or m",
+    ),
+)
+
+PROOF_LIMITS = Table(
+    "proof_limits",
+    "The limits that each joint of the curve keeps, except for 1e-6 (rad or m; of rates relative); null for no limit.",
+    required("lower", list_of(OPTIONAL_NUMBER), "lower limit of the position", "rad or m"),
+    required("upper", list_of(OPTIONAL_NUMBER), "upper limit of the position", "rad or m"),
+    required("velocity", list_of(OPTIONAL_NUMBER), "limit of the speed", "rad/s or m/s"),
+    required("acceleration", list_of(OPTIONAL_NUMBER), "limit of the acceleration", "rad/s² or m/s²"),
+)
+
+PROOF_JOINT = Table(
+    "joint",
+    "A joint that moves with the arm. Its value is multiplier * q[leader] + offset, so a mimic follower has the leader "
+    "of the joint that it follows.",
+    required("name", TEXT, "name of the joint"),
+    required("type", choice("revolute", "prismatic"), "type of the joint"),
+    required("axis", VECTOR, "unit vector in the frame of the joint"),
+    required("placement", PLACEMENT, "parent_from_joint at the value 0", "m"),
+    required("parent", JOINT, "index of the parent joint, which is earlier in the list; -1 for the root"),
+    required("leader", COUNT, "index of the joint of the curve that determines the value"),
+    required("multiplier", PLAIN_NUMBER, "factor of the value of the leader"),
+    required("offset", PLAIN_NUMBER, "value at q[leader] = 0", "rad or m"),
+)
+
+SHAPE = Table(
+    "convex_shape",
+    "The convex hull of points, each with a flat disc about the body's z, grown by a ball and by an ellipsoid: boxes "
+    "and hulls (points), spheres (one point), capsules (two points), cylinders (two discs), cones (a disc and a "
+    "point), ellipsoids.",
+    required("points", list_of(VECTOR, 1), "(V, 3) the points", "m"),
+    required("disc_radii", list_of(NOT_NEGATIVE, 1), "(V,) radius of the disc of each point", "m"),
+    required("radius", NOT_NEGATIVE, "radius of the ball", "m"),
+    required("semi_axes", vector(3, NOT_NEGATIVE), "semi-axes of the ellipsoid", "m"),
+)
+
+PROOF_BODY = Table(
+    "body",
+    "A convex body. All bodies of a geometry on one level represent it: one hull, or several closer ones. A pair may "
+    "be proven on any level.",
+    required("name", TEXT, "unique in the file"),
+    required("owner", TEXT, "the link, attached object or obstacle that it is part of"),
+    required("kind", choice("link", "attached", "obstacle"), "kind of the owner"),
+    required("geometry", TEXT, "the geometry that it represents, with the other bodies of this name"),
+    required("level", COUNT, "level of detail, 0 to 2"),
+    Key("source", TEXT, "kind and file of the geometry; not checked"),
+    Key("mesh_sha256", HASH, "hash of the mesh file; not checked"),
+    required("joint", JOINT, "index of the joint that moves it; -1 for the root"),
+    required("placement", PLACEMENT, "joint_from_body", "m"),
+    required(
+        "shape",
+        any_of(SHAPE, choice("half_space"), NULL),
+        "a convex shape; `half_space`: everything below the body's z = 0; null: a body that is in no pair",
+    ),
+    required("sha256", HASH, "hash of the numbers of the body, see below"),
+)
+
+PAIR = Table(
+    "pair",
+    "The evidence for one pair of bodies: on each interval a direction along which they are apart.",
+    required("bodies", list_of(COUNT, 2, 2), "indices of the two bodies, an obstacle second"),
+    required("intervals", list_of(COUNT), "indices of intervals, which together cover the curve"),
+    required(
+        "directions",
+        list_of(VECTOR),
+        "a unit vector for each interval, in the frame of the root link, from the first body to the second",
+    ),
+)
+
+CORNER = list_of(OPTIONAL_NUMBER, 3, 3)
+
+CONSTRAINT = Table(
+    "constraint",
+    "A constraint of the tcp, which holds on the whole curve. `direction`: the angle between `axis` and `direction`. "
+    "`region`: the distance of `point` from a box. `target`: the angle between `axis` and the direction from `origin` "
+    "to `point`. Vectors of the tcp are in the frame of the joint that carries it, all others in the root frame.",
+    required("name", TEXT, "description for readers"),
+    required("kind", choice("direction", "region", "target"), "kind of the constraint"),
+    required("joint", JOINT, "index of the joint that carries the tcp; -1 for the root"),
+    Key("axis", VECTOR, "`direction`, `target`: unit vector of the tcp"),
+    Key("direction", VECTOR, "`direction`: unit vector in the root frame"),
+    Key("origin", VECTOR, "`target`: the origin of the tcp", "m"),
+    Key("point", VECTOR, "`region`: point of the tcp; `target`: point in the root frame", "m"),
+    Key("placement", PLACEMENT, "`region`: root_from_box", "m"),
+    Key("low", CORNER, "`region`: lower corner of the box; null for no end", "m"),
+    Key("high", CORNER, "`region`: upper corner of the box; null for no end", "m"),
+    required("tolerance", NOT_NEGATIVE, "largest allowed error", "rad or m"),
+    required("largest", NOT_NEGATIVE, "claimed largest error, at most `tolerance`", "rad or m"),
+    required(
+        "intervals",
+        list_of(vector(2, PLAIN_NUMBER)),
+        "start and end of each interval on which it is proven; together they cover the curve",
+    ),
+)
+
+PROOF = Table(
+    "proof",
+    "A proof that a motion is collision-free. A placement is three rows of four numbers: rotation and translation. "
+    "Indices begin at 0.",
+    required("format", choice(FORMAT), "name of the format"),
+    required("version", choice(VERSION), "version of the format"),
+    Key("made_by", ANY_TEXT, "name and version of the program; not checked"),
+    required("claim", CLAIM, "what the proof states"),
+    required("settings", SETTINGS, "distances and tolerances"),
+    required("hashes", HASHES, "hashes of the inputs"),
+    Key("robot", ROBOT, "the robot, for readers"),
+    required("curve", CURVE, "the motion"),
+    required("limits", any_of(PROOF_LIMITS, NULL), "the joint limits that the motion keeps; null: not compared"),
+    required("joints", list_of(PROOF_JOINT), "the joints that move, each after its parent"),
+    required("bodies", list_of(PROOF_BODY), "the bodies"),
+    Key("notes", list_of(ANY_TEXT), "assumptions of the certificate"),
+    required("excluded", list_of(list_of(TEXT, 3, 3)), "pairs that the proof does not cover: owner, owner, reason"),
+    required("intervals", list_of(vector(2, PLAIN_NUMBER)), "start and end, in the parameter of the curve"),
+    required("pairs", list_of(PAIR), "the evidence"),
+    Key("constraints", list_of(CONSTRAINT), "constraints of the tcp", "", []),
+)
+
 
 Indices = npt.NDArray[np.int64]
 
@@ -48,98 +250,8 @@ ROUNDS = 60
 """Maximum number of bisections: an interval then has the resolution of a double."""
 
 
-class ProvenMotion(NamedTuple):
-    """A curve that was proven collision-free, and the evidence: the parts of a FREE certificate that a file needs."""
-
-    curve: Curve
-    checker: CollisionChecker
-    evidence: Array
-    """(K, 7) the final evidence; the columns are those of :class:`pinproof.Certificate`."""
-    clearance: float
-    """The proven lower bound (m) of every distance."""
-    joint_tolerance: list[float]
-    """The deviation (rad or m) of each joint that the proof allows; empty for none."""
-    obstacle_tolerance: float
-    """The deviation (m) of obstacles that the proof allows."""
-    curve_hash: str
-    setup_hash: str
-    notes: tuple[str, ...]
-    constraints: tuple[ConstraintProof, ...] = ()
-    """The proofs of constraints of the tcp, with their evidence."""
-    limits: LimitCheck | None = None
-    """The joint limits that the curve keeps; None if they were not compared."""
-
-
-def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any]]:
-    """Return the table of intervals (T, 2) and, for each pair, its bodies, intervals and separating directions.
-
-    Raises NotProvenFree if the bounds of the verifier do not prove a pair apart on an interval, however small.
-    """
-    checker = proven.checker
-    pair, spans, u = _leaves(proven, (proof.curve.low, proof.curve.high))
-    bodies = np.array(checker.pairs, dtype=np.int64).reshape(-1, 2)
-    need = np.array([proof.required(i, j) for i, j in checker.pairs])
-    moved = np.array([proof.tolerance_of(j) for _, j in checker.pairs])
-    need = np.maximum(need, proven.clearance - CONFIRMED + moved)
-    done: list[tuple[Indices, Array, Array]] = []
-    fresh = np.zeros(len(pair), dtype=bool)  # whether the direction was found for this very interval
-    for _ in range(ROUNDS):
-        if not len(pair):
-            break
-        table, at = np.unique(spans, axis=0, return_inverse=True)
-        at = at.reshape(-1)
-        bounds_of_table = IntervalBounds(proof, table)
-        unknown = ~u.any(axis=1)
-        u[unknown] = _directions(checker, pair[unknown], bounds_of_table.q[at[unknown]])
-        fresh |= unknown
-        unit = u / np.linalg.norm(u, axis=1, keepdims=True)
-        good = bounds_of_table.distance(bodies[pair, 0], bodies[pair, 1], at, unit) > need[pair]
-        done.append((pair[good], spans[good], u[good]))
-        pair, spans, u, fresh = pair[~good], spans[~good], u[~good], fresh[~good]
-        # An interval that fails with its own direction is bisected; the others first get their own direction.
-        middle = spans[fresh].mean(axis=1)
-        halves = [np.column_stack([spans[fresh, 0], middle]), np.column_stack([middle, spans[fresh, 1]])]
-        spans = np.concatenate([spans[~fresh], *halves])
-        pair = np.concatenate([pair[~fresh], pair[fresh], pair[fresh]])
-        u, fresh = np.zeros((len(pair), 3)), np.zeros(len(pair), dtype=bool)
-    if len(pair):
-        a, b = (checker.bodies[i].name for i in checker.pairs[int(pair[0])])
-        raise NotProvenFree(f"the verifier cannot confirm that {a} and {b} are apart at {spans[0, 0]:.6g}")
-    return _document_rows(checker, done)
-
-
-def _leaves(proven: ProvenMotion, domain: tuple[float, float]) -> tuple[Indices, Array, Array]:
-    """Return the evidence of all pairs: pairs (K,), intervals (K, 2) and directions (K, 3), zeros if not known."""
-    rows = proven.evidence
-    still = proven.checker.still_pairs
-    return (
-        np.concatenate([rows[:, 2].astype(np.int64), still]),
-        np.concatenate([rows[:, :2], np.tile(domain, (len(still), 1))]),
-        np.concatenate([np.round(rows[:, 4:], DIGITS), np.zeros((len(still), 3))]),
-    )
-
-
-def _directions(checker: CollisionChecker, pairs: Indices, q: Array) -> Array:
-    """Return (K, 3) unit vectors along which pairs (K,) are apart at configurations (K, n)."""
-    found = np.empty((len(pairs), 3))
-    for row, (pair, configuration) in enumerate(zip(pairs.tolist(), q, strict=True)):
-        found[row] = checker.placed(configuration).measure(pair).normal
-    return np.round(found, DIGITS)
-
-
-def _document_rows(checker: CollisionChecker, done: list[tuple[Indices, Array, Array]]) -> tuple[list[Any], list[Any]]:
-    if not done:
-        return [], []
-    pair, spans, u = (np.concatenate(parts) for parts in zip(*done, strict=True))
-    table, at = np.unique(spans, axis=0, return_inverse=True)
-    order = np.lexsort([spans[:, 0], pair])
-    groups = np.split(order, np.searchsorted(pair[order], np.arange(1, len(checker.pairs))))
-    rows = [
-        {"bodies": list(bodies), "intervals": at.reshape(-1)[mine].tolist(), "directions": u[mine].tolist()}
-        for bodies, mine in zip(checker.pairs, groups, strict=True)
-    ]
-    return table.tolist(), rows
-
+EVIDENCE_PAIR, EVIDENCE_DISTANCE = 2, 3
+"""Columns of :attr:`Certificate.evidence`."""
 
 SUFFIXES = (".json", ".json.gz")
 
@@ -148,24 +260,31 @@ SPARE = 1e-9
 a machine that rounds differently."""
 
 
-def write_proof(proven: ProvenMotion, path: str | Path) -> None:
-    """Write the proof of a motion to a file; see :meth:`pinproof.Certificate.save`."""
+def write_proof(certificate: Any, curve: Curve, checker: CollisionChecker, path: str | Path) -> None:
+    """Write the proof of a motion to a file; see :meth:`pinproof.Certificate.save`, whose module imports this one."""
     if not str(path).endswith(SUFFIXES):
         raise InputError(f"{path}: the name of a proof ends in {' or '.join(SUFFIXES)}")
-    data = _text(proof_document(proven)).encode()
+    data = _text(proof_document(certificate, curve, checker)).encode()
     write_bytes_whole(path, gzip.compress(data, mtime=0) if str(path).endswith(".gz") else data)
 
 
-def proof_document(proven: ProvenMotion) -> dict[str, Any]:
-    """Return the content of a proof file.
-
-    Raises InputError if a body of a checked pair has no support function, NotProvenFree if the verifier does not
-    confirm the proof.
-    """
-    curve, checker = proven.curve, proven.checker
-    _refuse_surfaces(checker)
-    knots, control = curve.bezier()
-    arm = checker.group
+def proof_document(certificate: Any, curve: Curve, checker: CollisionChecker) -> dict[str, Any]:
+    """Return the content of a proof file of a FREE certificate with evidence; NotProvenFree if it is not confirmed."""
+    # A direction is evidence for convex bodies only.
+    met = {i for pair in checker.pairs for i in pair}
+    if surfaces := [b for i, b in enumerate(checker.bodies) if i in met and _shape(b) is None]:
+        remedy = "Mesh(hull=True), or boxes in its place"
+        if any(body.link is not None for body in surfaces):
+            remedy = 'links with link_meshes="decomposed" or "hull", and no finer_at'
+        names = ", ".join(body.name for body in surfaces)
+        raise InputError(f"a proof covers convex bodies only, and {names} are not convex: use {remedy}")
+    (knots, control), arm, tube = curve.bezier(), checker.group, certificate.tube
+    margins: dict[frozenset[str], list[Any]] = {}
+    for k, margin in enumerate(checker.margins.tolist()):
+        if margin != checker.margin:
+            owners = checker.owners(k)
+            margins.setdefault(frozenset(owners), [*owners, margin])
+    scene = hashlib.sha256(b"".join(body.content() for body in checker.bodies if body.link is None))
     document: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -173,15 +292,15 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
         "claim": {"status": "FREE", "clearance": None},
         "settings": {
             "margin": checker.margin,
-            "margins": _single_margins(checker),
-            "joint_tolerance": proven.joint_tolerance,
-            "obstacle_tolerance": proven.obstacle_tolerance,
+            "margins": list(margins.values()),
+            "joint_tolerance": [] if tube is None else tube.joints.tolist(),
+            "obstacle_tolerance": 0.0 if tube is None else tube.obstacles,
         },
         "hashes": {
             "model": hashlib.sha256(arm.robot.urdf.kinematics.encode()).hexdigest(),
-            "scene": _scene_hash(checker),
-            "curve": proven.curve_hash,
-            "setup": proven.setup_hash,
+            "scene": scene.hexdigest(),
+            "curve": certificate.curve,
+            "setup": certificate.setup,
         },
         "robot": {
             "name": arm.robot.name,
@@ -191,25 +310,96 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
         "curve": {"joint_names": list(curve.joint_names), "knots": knots.tolist(), "control": control.tolist()},
         "joints": joints_of(arm),
         "bodies": bodies_of(checker),
-        "notes": list(proven.notes),
-        "limits": limits_of(proven.limits),
+        "notes": list(certificate.notes),
+        "limits": limits_of(certificate.limits),
         "excluded": [[*pair.owners, " ".join(pair.reason.split())] for pair in checker.excluded],
         "intervals": [],
         "pairs": [],
     }
+    # The verifier reads the claim without evidence, which its own bounds then divide into intervals.
     try:
         proof = Proof(document)
     except Refused as refused:
         raise NotProvenFree(f"the verifier cannot read the proof: {refused}") from refused
-    document["intervals"], document["pairs"] = evidence_of(proof, proven)
-    if proven.constraints:
-        document["constraints"] = _constraint_evidence(document, checker.arm, proven)
+    document["intervals"], document["pairs"] = _evidence(proof, certificate, checker)
+    if certificate.constraints:
+        document["constraints"] = _constraint_evidence(document, checker.arm, certificate.constraints)
     verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}})
     if not verdict.ok:
         raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}")
     if np.isfinite(verdict.clearance):
-        document["claim"]["clearance"] = min(proven.clearance, verdict.clearance - SPARE)
+        document["claim"]["clearance"] = min(certificate.clearance, verdict.clearance - SPARE)
     return document
+
+
+def _evidence(proof: Proof, certificate: Any, checker: CollisionChecker) -> tuple[list[Any], list[Any]]:
+    """Return the table of intervals (T, 2) and, for each pair, its bodies, intervals and separating directions.
+
+    NotProvenFree if the bounds of the verifier do not prove a pair apart on an interval, however small.
+    """
+    # The evidence of the certificate, and the pairs that no joint moves: a direction of zeros is not known.
+    rows, still = final_evidence(certificate.evidence), checker.still_pairs
+    pair = np.concatenate([rows[:, EVIDENCE_PAIR].astype(np.int64), still])
+    spans = np.concatenate([rows[:, :2], np.tile((proof.curve.low, proof.curve.high), (len(still), 1))])
+    u = np.concatenate([np.round(rows[:, 4:], DIGITS), np.zeros((len(still), 3))])
+    bodies = np.array(checker.pairs, dtype=np.int64).reshape(-1, 2)
+    need = np.array([proof.required(i, j) for i, j in checker.pairs])
+    moved = np.array([proof.tolerance_of(j) for _, j in checker.pairs])
+    # The claimed clearance is to be proven too.
+    need = np.maximum(need, certificate.clearance - CONFIRMED + moved)
+    done: list[tuple[Indices, Array, Array]] = []
+    fresh = np.zeros(len(pair), dtype=bool)  # whether the direction was found for this very interval
+    for _ in range(ROUNDS):
+        if not len(pair):
+            break
+        table, at = np.unique(spans, axis=0, return_inverse=True)
+        at = at.reshape(-1)
+        bounds_of_table = IntervalBounds(proof, table)
+        unknown = ~u.any(axis=1)
+        for k in np.flatnonzero(unknown):
+            u[k] = np.round(checker.placed(bounds_of_table.q[at[k]]).measure(int(pair[k])).normal, DIGITS)
+        fresh |= unknown
+        # Intervals on which the bound of the verifier exceeds the required distance are done.
+        unit = u / np.linalg.norm(u, axis=1, keepdims=True)
+        good = bounds_of_table.distance(bodies[pair, 0], bodies[pair, 1], at, unit) > need[pair]
+        done.append((pair[good], spans[good], u[good]))
+        pair, spans, u, fresh = pair[~good], spans[~good], u[~good], fresh[~good]
+        # An interval that fails with its own direction is bisected; the others first get their own direction.
+        spans = np.concatenate([spans[~fresh], *_halves(spans[fresh])])
+        pair = np.concatenate([pair[~fresh], pair[fresh], pair[fresh]])
+        u, fresh = np.zeros((len(pair), 3)), np.zeros(len(pair), dtype=bool)
+    if len(pair):
+        a, b = (checker.bodies[i].name for i in checker.pairs[int(pair[0])])
+        raise NotProvenFree(f"the verifier cannot confirm that {a} and {b} are apart at {spans[0, 0]:.6g}")
+    if not done:
+        return [], []
+    # The intervals of each pair, in their order; equal intervals are listed once.
+    pair, spans, u = (np.concatenate(parts) for parts in zip(*done, strict=True))
+    table, at = np.unique(spans, axis=0, return_inverse=True)
+    order = np.lexsort([spans[:, 0], pair])
+    groups = np.split(order, np.searchsorted(pair[order], np.arange(1, len(checker.pairs))))
+    listed = [
+        {"bodies": list(members), "intervals": at.reshape(-1)[mine].tolist(), "directions": u[mine].tolist()}
+        for members, mine in zip(checker.pairs, groups, strict=True)
+    ]
+    return table.tolist(), listed
+
+
+def final_evidence(evidence: Array | None) -> Array:
+    """Return evidence (K, 7) sorted by pairs and time, without the intervals that were bisected for their pair."""
+    if evidence is None:
+        return np.empty((0, 7))
+    rows = evidence[np.lexsort([-evidence[:, 1], evidence[:, 0], evidence[:, EVIDENCE_PAIR]])]
+    same_pair = rows[:-1, EVIDENCE_PAIR] == rows[1:, EVIDENCE_PAIR]
+    bisected = np.zeros(len(rows), dtype=bool)
+    bisected[:-1] = same_pair & (rows[1:, 1] <= rows[:-1, 1])
+    return np.asarray(rows[~bisected])
+
+
+def _halves(spans: Array) -> tuple[Array, Array]:
+    """Return the first and the second halves of intervals (T, 2)."""
+    middle = spans.mean(axis=1)
+    return np.column_stack([spans[:, 0], middle]), np.column_stack([middle, spans[:, 1]])
 
 
 def limits_of(check: LimitCheck | None) -> dict[str, list[float | None]] | None:
@@ -218,7 +408,7 @@ def limits_of(check: LimitCheck | None) -> dict[str, list[float | None]] | None:
         return None
     columns = (check.limits.lower, check.limits.upper, check.velocity, check.acceleration)
     rows = [[x if np.isfinite(x) else None for x in column.tolist()] for column in columns]
-    return dict(zip(("lower", "upper", "velocity", "acceleration"), rows, strict=True))
+    return dict(zip(PROOF_LIMITS.names, rows, strict=True))
 
 
 def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
@@ -226,6 +416,7 @@ def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
     frame = arm.model.frames[arm.model.getFrameId(arm.tcp, pin.FrameType.BODY)]
     joint_from_tcp, root_from_base = frame.placement, arm.root_from_base
     row: dict[str, Any] = {"name": str(constraint), "joint": int(frame.parentJoint) - 1}
+    # The verifier has one kind for each set in which a vector stays.
     if isinstance(constraint, Upright):
         axis, up = np.array(constraint.axis_in_tcp), np.array(constraint.up)
         row["kind"] = "direction"
@@ -246,18 +437,19 @@ def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
     return {**row, "tolerance": constraint.tolerance}
 
 
-def _constraint_evidence(document: dict[str, Any], arm: Arm, proven: ProvenMotion) -> list[dict[str, Any]]:
+def _constraint_evidence(document: dict[str, Any], arm: Arm, proofs: Sequence[ConstraintProof]) -> list[dict[str, Any]]:
     """Return the constraints with the intervals on which the verifier proves them; NotProvenFree if it does not."""
     rows = [
         {**constraint_of(arm, each.constraint), "largest": each.constraint.tolerance, "intervals": []}
-        for each in proven.constraints
+        for each in proofs
     ]
     proof = Proof({**document, "constraints": rows})
-    for each, row, stated in zip(proven.constraints, rows, proof.constraints, strict=True):
+    for each, row, stated in zip(proofs, rows, proof.constraints, strict=True):
         tolerance = each.constraint.tolerance
         goal = min(each.largest + CONFIRMED, tolerance)
         spans = np.empty((0, 2)) if each.evidence is None else np.asarray(each.evidence)
         done, largest = [], 0.0
+        # Intervals with a larger error than the proven one, or the tolerance, are bisected.
         for _ in range(ROUNDS):
             if not len(spans):
                 break
@@ -265,9 +457,7 @@ def _constraint_evidence(document: dict[str, Any], arm: Arm, proven: ProvenMotio
             good = errors <= goal
             done.append(spans[good])
             largest = max(largest, float(errors[good].max(initial=0.0)))
-            failed = spans[~good]
-            middle = failed.mean(axis=1)
-            spans = np.concatenate([np.column_stack([failed[:, 0], middle]), np.column_stack([middle, failed[:, 1]])])
+            spans = np.concatenate(_halves(spans[~good]))
         if len(spans):
             raise NotProvenFree(f"the verifier cannot confirm {each.constraint} at {spans[0, 0]:.6g}")
         intervals = np.concatenate(done)
@@ -282,80 +472,36 @@ def joints_of(arm: JointGroup) -> list[dict[str, Any]]:
     for k in range(1, model.njoints):
         axis, prismatic = joint_axis(model, k)
         leader = int(np.abs(arm.scale[k - 1]).argmax())
-        rows.append(
-            {
-                "name": model.names[k],
-                "type": "prismatic" if prismatic else "revolute",
-                "axis": axis.tolist(),
-                "placement": _placed(model.jointPlacements[k]),
-                "parent": int(model.parents[k]) - 1,
-                "leader": leader,
-                "multiplier": float(arm.scale[k - 1, leader]),
-                "offset": float(arm.offset[k - 1]),
-            }
-        )
+        kind, placed = "prismatic" if prismatic else "revolute", _placed(model.jointPlacements[k])
+        value = (leader, float(arm.scale[k - 1, leader]), float(arm.offset[k - 1]))
+        joint = (model.names[k], kind, axis.tolist(), placed, int(model.parents[k]) - 1, *value)
+        rows.append(dict(zip(PROOF_JOINT.names, joint, strict=True)))
     return rows
 
 
 def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
     """Return the bodies of a checker in its order."""
-    model, sources = checker.group.model, _sources(checker)
+    model, things = checker.group.model, (*checker.attached, *checker.scene.obstacles)
+    # The kind of each geometry, and its mesh file with the hash of its present content; without one if it is missing.
+    files: list[tuple[str, str, str | Path | None]] = [
+        (g.name, g.kind, None if g.mesh is None else g.mesh.path) for g in checker.group.robot.urdf.collisions
+    ]
+    files += [(o.name, type(o.shape).__name__, o.shape.path if isinstance(o.shape, Mesh) else None) for o in things]
+    sources = {}
+    for name, kind, mesh in files:
+        digest = content_hash(mesh)
+        stated = {"source": kind if mesh is None else f"{kind} {Path(mesh).name}"}
+        sources[name] = stated | ({"mesh_sha256": digest} if digest else {})
     rows = []
     for body in checker.bodies:
         _, joint, place = on_joint(model, body)
-        kind = "obstacle" if body.link is None else "link" if body.owner == body.link else "attached"
         geometry = body.source or body.name
-        row = {
-            "name": body.name,
-            "owner": body.owner,
-            "kind": kind,
-            "geometry": geometry,
-            "level": body.level,
-            **sources[geometry],
-            "joint": int(joint) - 1,
-            "placement": _placed(place),
-            "shape": _shape(body),
-        }
+        kind = "obstacle" if body.link is None else "link" if body.owner == body.link else "attached"
+        row = {"name": body.name, "owner": body.owner, "kind": kind, "geometry": geometry, "level": body.level}
+        row |= sources[geometry]
+        row |= {"joint": int(joint) - 1, "placement": _placed(place), "shape": _shape(body)}
         rows.append({**row, "sha256": body_digest(row)})
     return rows
-
-
-def _sources(checker: CollisionChecker) -> dict[str, dict[str, str]]:
-    """Return the kind and the mesh file of the shape of each geometry, with the hash of the file."""
-    found: dict[str, dict[str, str]] = {}
-    for geometry in checker.group.robot.urdf.collisions:
-        found[geometry.name] = _source(geometry.kind, None if geometry.mesh is None else geometry.mesh.path)
-    for thing in (*checker.attached, *checker.scene.obstacles):
-        mesh = thing.shape.path if isinstance(thing.shape, Mesh) else None
-        found[thing.name] = _source(type(thing.shape).__name__, mesh)
-    return found
-
-
-def _source(kind: str, mesh: str | Path | None) -> dict[str, str]:
-    if mesh is None:
-        return {"source": kind}
-    file = Path(mesh)
-    digest = content_hash(file)  # empty if the file is missing now
-    return {"source": f"{kind} {file.name}", **({"mesh_sha256": digest} if digest else {})}
-
-
-def _single_margins(checker: CollisionChecker) -> list[list[Any]]:
-    """Return owner, owner and margin (m) of the pairs with an individual margin."""
-    found: dict[frozenset[str], list[Any]] = {}
-    for (i, j), margin in zip(checker.pairs, checker.margins.tolist(), strict=True):
-        owners = checker.bodies[i].owner, checker.bodies[j].owner
-        if margin != checker.margin:
-            found.setdefault(frozenset(owners), [*owners, margin])
-    return list(found.values())
-
-
-def _scene_hash(checker: CollisionChecker) -> str:
-    """Return a hash of the bodies of the obstacles in their order."""
-    digest = hashlib.sha256()
-    for body in checker.bodies:
-        if body.link is None:
-            digest.update(body.content())
-    return digest.hexdigest()
 
 
 def _shape(body: Body) -> Any:
@@ -364,32 +510,13 @@ def _shape(body: Body) -> Any:
     if body.support is None:
         return None
     s = body.support
-    return {
-        "points": s.points.tolist(),
-        "disc_radii": s.disc_radii.tolist(),
-        "radius": float(s.radius),
-        "semi_axes": s.semi_axes.tolist(),
-    }
+    parts = (s.points.tolist(), s.disc_radii.tolist(), float(s.radius), s.semi_axes.tolist())
+    return dict(zip(SHAPE.names, parts, strict=True))
 
 
 def _placed(place: pin.SE3) -> list[list[float]]:
     rows: list[list[float]] = np.column_stack([place.rotation, place.translation]).tolist()
     return rows
-
-
-def _refuse_surfaces(checker: CollisionChecker) -> None:
-    """Refuse bodies without a support function, because a direction is evidence for convex bodies only."""
-    met = {i for pair in checker.pairs for i in pair}
-    surfaces = [b for i, b in enumerate(checker.bodies) if i in met and _shape(b) is None]
-    if surfaces:
-        links = any(body.link is not None for body in surfaces)
-        remedy = (
-            'links with link_meshes="decomposed" or "hull", and no finer_at'
-            if links
-            else "Mesh(hull=True), or boxes in its place"
-        )
-        names = ", ".join(body.name for body in surfaces)
-        raise InputError(f"a proof covers convex bodies only, and {names} are not convex: use {remedy}")
 
 
 def _text(document: dict[str, Any]) -> str:
@@ -404,3 +531,211 @@ def _text(document: dict[str, Any]) -> str:
         lines = ",\n".join(line(row) for row in rows)
         parts.append(f"{line(key)}: [\n{lines}\n]" if rows else f"{line(key)}: {line(value)}")
     return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+SAME = 1e-12
+"""rad, m and entries of matrices: by how much a number of the proof may differ from the one it is compared with: a
+thousandth of what the verifier allows for rounding, so a proof of either is a proof of both."""
+
+SHOWN = 5
+"""Number of differences that are named; the others are counted."""
+
+JOINT_KEYS = ("name", "type", "parent", "leader", "axis", "placement", "multiplier", "offset")
+BODY_KEYS = ("owner", "kind", "geometry", "level", "joint", "placement", "shape", "mesh_sha256")
+"""The compared keys of joints and bodies."""
+
+
+def verify_proof(
+    path: str | Path,
+    checker: CollisionChecker | None = None,
+    curve: Curve | None = None,
+    constraints: Sequence[PathConstraint] = (),
+) -> ProofVerdict:
+    """Re-check a proof file by independent code (:mod:`pinproof.verifier`), and compare it with your robot and motion.
+
+    Parameters
+    ----------
+    path
+        A file that :meth:`Certificate.save` wrote.
+    checker
+        Your arm, scene and attached objects, with the pairs and margins that you require: the proof must have the same
+        joints and bodies (numbers within 1e-12), and prove each of these pairs with its margin or a larger one.
+        Obstacles that only the proof has are accepted. Without a checker the robot and scene of the file are trusted.
+    curve
+        Your motion: the proof must have equal knots, and control points within 1e-12.
+    constraints
+        The constraints of the tcp that you require, which needs ``checker``: the proof must have each of them (numbers
+        within 1e-12) with your tolerance or a smaller one.
+
+    Returns
+    -------
+    ProofVerdict
+        Whether it holds, or the reasons against it; what was compared, and what was not.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or holds no JSON.
+    InputError
+        If ``constraints`` are given without ``checker``, which defines the tcp.
+    """
+    if constraints and checker is None:
+        raise InputError("constraints are compared in the frame of the tcp; give a checker too")
+    try:
+        document = load(path)
+    except (OSError, ValueError) as error:
+        raise FileError(path, f"cannot be read as a proof: {error}") from error
+    # The proof by itself.
+    verdict = verify(document)
+    if not verdict.ok:
+        return replace(verdict, not_compared=())
+    proof = Proof(document)
+    reasons: list[str] = []
+    compared, not_compared = [], []
+    # Robot, scene, limits and constraints, as far as there is a checker to compare with.
+    if checker is None:
+        not_compared += ["the robot", "the scene", *(["the constraints"] if proof.constraints else [])]
+    else:
+        reasons += _differences(document, proof, checker)
+        compared += ["the robot", "the scene"]
+        if not proof.limits:
+            not_compared.append("the joint limits (the proof claims none)")
+        elif not reasons:
+            timed = isinstance(curve, TimedCurve) or bool(np.isfinite(proof.limits["velocity"][1]).any())
+            reasons += _wider_limits(proof, checker.group.limits, timed)
+            compared.append("the joint limits" if timed else "the limits of position")
+            if not timed and curve is None:
+                not_compared.append("the limits of velocity and acceleration (the proof claims none)")
+        if constraints:
+            for each in check_constraints(constraints):
+                mine = constraint_of(checker.arm, each)
+                keys = [key for key in mine if key not in ("name", "tolerance")]
+                rows = [row for row in document.get("constraints", []) if not _different_keys(row, mine, keys)]
+                if not any(row["tolerance"] <= each.tolerance for row in rows):
+                    stated = f", only with a tolerance of {rows[0]['tolerance']:g} {each.unit}" if rows else ""
+                    reasons.append(f"constraints: the proof does not have {each}{stated}")
+            compared.append("the constraints")
+        elif proof.constraints:
+            not_compared.append("the constraints")
+        names = {body.name for body in checker.bodies}
+        more = [body.name for body in proof.bodies if body.kind != "link" and body.name not in names]
+        not_compared += [f"{name} (not in yours)" for name in more]
+    # The motion.
+    if curve is None:
+        not_compared.append("the motion")
+    else:
+        reasons += _other_curve(proof, curve)
+        compared.append("the motion")
+    rest = len(reasons) - SHOWN
+    return replace(
+        verdict,
+        reasons=(*reasons[:SHOWN], *([f"and {rest} more"] if rest > 0 else [])),
+        clearance=np.nan if reasons else verdict.clearance,
+        compared=tuple(compared),
+        not_compared=tuple(not_compared),
+    )
+
+
+def _wider_limits(proof: Proof, limits: JointLimits, timed: bool) -> list[str]:
+    """List the joints that the proof allows to exceed your limits: those of position, if timed also known rates."""
+    mine = {"position": (limits.lower, limits.upper)}
+    # Accelerations that are default values are not required.
+    known = np.where(limits.guessed, np.inf, limits.acceleration)
+    for quantity, rate in (("velocity", limits.velocity), ("acceleration", known)) if timed else ():
+        largest = np.where(np.isnan(rate), np.inf, rate)
+        mine[quantity] = (-largest, largest)
+    found = []
+    for quantity, (low, high) in mine.items():
+        least, most = proof.limits[quantity]
+        wider = (least < low - SAME) | (most > high + SAME)
+        found += [
+            f"limits: the proof allows {proof.curve.names[k]} a {quantity} in [{least[k]:g}, {most[k]:g}]; "
+            f"your arm allows [{low[k]:g}, {high[k]:g}]"
+            for k in np.flatnonzero(wider)
+        ]
+    return found
+
+
+def _other_curve(proof: Proof, curve: Curve) -> list[str]:
+    knots, control = curve.bezier()
+    mine = proof.curve
+    if mine.names != tuple(curve.joint_names):
+        return [f"curve.joint_names: those of your motion are {', '.join(curve.joint_names)}"]
+    if mine.control.shape != control.shape or mine.knots.shape != knots.shape:
+        return ["curve.control: your motion has other pieces"]
+    off = np.abs(mine.control - control).max(axis=(1, 2))
+    k = int(off.argmax())
+    if not off[k] <= SAME:
+        return [f"curve.control[{k}]: differs by {off[k]:.3g} from your motion"]
+    other = np.flatnonzero(mine.knots != knots)
+    if len(other):
+        k = int(other[0])
+        return [f"curve.knots[{k}]: is {mine.knots[k]:.17g}; that of your motion is {knots[k]:.17g}"]
+    return []
+
+
+def _differences(document: dict[str, Any], proof: Proof, checker: CollisionChecker) -> list[str]:
+    """List the joints and bodies of the proof that differ from those of the checker, and the pairs that it lacks."""
+    found: list[str] = []
+    names = checker.group.joint_names
+    if proof.curve.names != names:
+        return [f"curve.joint_names: those of your arm are {', '.join(names)}"]
+    # Joints outside the arm must be held at the same values.
+    held = {name: float(value) for name, value in checker.group.held.items()}
+    robot = document.get("robot")
+    stated_held = robot.get("held", {}) if isinstance(robot, dict) else None
+    if (
+        not isinstance(stated_held, dict)
+        or stated_held.keys() != held.keys()
+        or not all(isinstance(stated_held[name], float | int) for name in held)
+        or not all(_equal(stated_held[name], value) for name, value in held.items())
+    ):
+        return [f"robot.held: your robot holds {', '.join(f'{k} = {v:g}' for k, v in held.items()) or 'no joint'}"]
+    # The joints that move, in their order.
+    joints = joints_of(checker.group)
+    if len(joints) != len(proof.joints):
+        return [f"joints: the proof has {len(proof.joints)}, your robot {len(joints)} that move"]
+    for k, (stated, mine) in enumerate(zip(document["joints"], joints, strict=True)):
+        found += [
+            f"joints[{k}].{key}: differs from your {mine['name']}" for key in _different_keys(stated, mine, JOINT_KEYS)
+        ]
+    # Every body of the checker is in the proof; bodies that only the proof has are obstacles.
+    rows = {row["name"]: (i, row) for i, row in enumerate(document["bodies"])}
+    index: list[int] = []
+    for mine in bodies_of(checker):
+        i, stated = rows.get(mine["name"], (-1, {}))
+        index.append(i)
+        if i < 0:
+            found.append(f"bodies: your {mine['name']} is missing")
+            continue
+        found += [
+            f"bodies[{i}].{key}: differs from your {mine['name']}" for key in _different_keys(stated, mine, BODY_KEYS)
+        ]
+    links = {body.name for body in checker.bodies if body.link is not None and body.link == body.owner}
+    unknown = [body.name for body in proof.bodies if body.kind == "link" and body.name not in links]
+    found += [f"bodies: your robot has no {name}" for name in unknown]
+    if found:
+        return found
+    # Every checked pair is proven with its margin or a larger one.
+    proven = {frozenset(proof.members(k)) for k in range(len(proof.pairs))}
+    for (i, j), margin in zip(checker.pairs, checker.margins.tolist(), strict=True):
+        a, b = index[i], index[j]
+        pair = f"{proof.bodies[a].name} and {proof.bodies[b].name}"
+        if frozenset((a, b)) not in proven:
+            found.append(f"pairs: your checker requires {pair}, which the proof does not have")
+        elif not (have := proof.margin_between(a, b)) >= margin:
+            found.append(f"settings.margin: {pair} have a margin of {have} m; your checker requires {margin} m")
+    return found
+
+
+def _different_keys(stated: dict[str, Any], mine: dict[str, Any], keys: Iterable[str]) -> list[str]:
+    return [key for key in keys if not _equal(stated.get(key), mine.get(key))]
+
+
+def _equal(a: Any, b: Any) -> bool:
+    if isinstance(b, dict):
+        return isinstance(a, dict) and all(_equal(a.get(key), b[key]) for key in b)
+    if isinstance(b, (str, bool)) or b is None:
+        return bool(a == b)
+    one, other = np.asarray(a, dtype=float), np.asarray(b, dtype=float)  # null becomes NaN: no end of a side
+    return one.shape == other.shape and bool(((np.abs(one - other) <= SAME) | (np.isnan(one) & np.isnan(other))).all())

@@ -12,15 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from pinproof.collision.certificates.certificate import (
-    EVIDENCE_DISTANCE,
-    EVIDENCE_PAIR,
     Certificate,
+    Identity,
     ProofLimits,
-    final_evidence,
+    checked_hash,
+    mesh_files,
+    notes_of,
 )
-from pinproof.collision.certificates.certify import TOLERANCES, KnownPairs, certify, prove_rest
-from pinproof.collision.certificates.constraint_proofs import with_limits
-from pinproof.collision.certificates.identity import Identity, checked_hash, mesh_files, notes_of
+from pinproof.collision.certificates.certify import TOLERANCES, KnownPairs, certify, prove_rest, with_limits
+from pinproof.collision.certificates.proof_file import EVIDENCE_DISTANCE, EVIDENCE_PAIR, final_evidence
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError
@@ -39,6 +39,7 @@ def setup_differences(before: CollisionChecker, after: CollisionChecker) -> list
     held = [name for name, value in other.held.items() if one.held.get(name) != value]
     if held or len(one.held) != len(other.held):
         found.append(f"the positions of held joints: {', '.join(held) or 'other joints are held'}")
+    # Attached objects and links are compared by name and content, in order.
     tools = [{each.name: each for each in checker.attached} for checker in (before, after)]
     unlike = sorted(tools[0].keys() ^ tools[1].keys())
     mine, theirs = ([body for body in each.bodies if body.link is not None] for each in (before, after))
@@ -66,7 +67,20 @@ class SetupChange:
             )
         after.refuse_changes()
         self.before, self.after = before, after
-        kept = _kept_pairs(before, after)
+        # The unchanged pairs of both checkers that a joint moves, as indices in each. Those that no joint moves are
+        # checked once for each checker, and not for each motion.
+        index = {body.name: i for i, body in enumerate(before.bodies)}
+        same: dict[int, int] = {}  # bodies of `after` and `before`
+        for j, body in enumerate(after.bodies):
+            i = index.get(body.name)
+            if i is not None and _same(before.bodies[i], body):
+                same[j] = i
+        numbers = {pair: k for k, pair in enumerate(before.pairs)}
+        still, kept = set(after.still_pairs.tolist()), []
+        for k, (i, j) in enumerate(after.pairs):
+            old = numbers.get((same.get(i, -1), same.get(j, -1)))
+            if old is not None and k not in still and before.margins[old] >= after.margins[k]:
+                kept.append((old, k))
         self.kept_before = np.array([k for k, _ in kept], dtype=np.int64)
         self.kept_after = np.array([k for _, k in kept], dtype=np.int64)
         self.rest = after.without_pairs(self.kept_after.tolist())
@@ -90,24 +104,24 @@ class SetupChange:
             return None
         # The allowance for rounding grows with the extent of the scene.
         more = max(self.after.rounding - self.before.rounding, 0.0)
+
+        def evidence_with(rest: Array) -> Array:
+            # The pairs of the kept evidence and of the rest are renumbered.
+            renumbered = np.full(len(self.before.pairs), -1)
+            renumbered[self.kept_before] = self.kept_after
+            kept, rest = proof.leaves.copy(), rest.copy()
+            kept[:, EVIDENCE_PAIR] = renumbered[kept[:, EVIDENCE_PAIR].astype(int)]
+            rest[:, EVIDENCE_PAIR] = self._rest_pairs[rest[:, EVIDENCE_PAIR].astype(int)]
+            return np.concatenate([kept[kept[:, EVIDENCE_PAIR] >= 0], rest])
+
         return KnownPairs(
             rest=self.rest,
             proven=float((lowest - obstacles * self._moved).min(initial=np.inf)) - more,
             joint_tube=max(proof.joint_tube - more, 0.0) if more else proof.joint_tube,
             obstacle_tube=max(proof.obstacle_tube - more, 0.0),
             identity=Identity(proof.certificate.curve, *self._setup),
-            evidence_with=lambda rest: self._merged(proof.leaves, rest),
+            evidence_with=evidence_with,
         )
-
-    def _merged(self, leaves: Array, rest: Array) -> Array:
-        """Return the evidence of all pairs from that of the kept pairs and of the rest; the pairs are renumbered."""
-        renumbered = np.full(len(self.before.pairs), -1)
-        renumbered[self.kept_before] = self.kept_after
-        kept = leaves.copy()
-        kept[:, EVIDENCE_PAIR] = renumbered[kept[:, EVIDENCE_PAIR].astype(int)]
-        rest = rest.copy()
-        rest[:, EVIDENCE_PAIR] = self._rest_pairs[rest[:, EVIDENCE_PAIR].astype(int)]
-        return np.concatenate([kept[kept[:, EVIDENCE_PAIR] >= 0], rest])
 
 
 class StoredProof:
@@ -129,15 +143,23 @@ class StoredProof:
         self.joint_tolerance: Array = certificate.tube.joints
         self.obstacle_tolerance = certificate.tube.obstacles
         self.joint_tube, self.obstacle_tube = certificate.tube.largest_joints, certificate.tube.largest_obstacles
-        self.leaves, self.lowest = _by_pair(certificate.evidence, len(self.checker.pairs), *self.curve.domain)
+        # The smallest proven distance (P,) of each pair; NaN if its intervals do not cover the curve.
+        rows = self.leaves = final_evidence(certificate.evidence)
+        self.lowest = np.full(len(self.checker.pairs), np.nan)
+        if not len(rows):
+            return
+        (first, last), pair = self.curve.domain, rows[:, EVIDENCE_PAIR]
+        starts = np.flatnonzero(np.diff(pair, prepend=-1.0))
+        ends = np.append(starts[1:], len(rows)) - 1
+        gaps = np.zeros(len(rows), dtype=int)
+        gaps[1:] = rows[1:, 0] > rows[:-1, 1]
+        gaps[starts] = 0
+        covered = (np.add.reduceat(gaps, starts) == 0) & (rows[starts, 0] <= first) & (rows[ends, 1] >= last)
+        distances = np.minimum.reduceat(rows[:, EVIDENCE_DISTANCE], starts)
+        self.lowest[pair[starts].astype(int)[covered]] = distances[covered]
 
     def certify(
-        self,
-        change: SetupChange,
-        *,
-        tolerance: float | None = None,
-        max_intervals: int = 200_000,
-        record: bool = False,
+        self, change: SetupChange, *, tolerance: float | None = None, max_intervals: int = 200_000, record: bool = False
     ) -> Certificate:
         """Return the certificate of the same curve for ``change.after``; arguments as :func:`pinproof.certify`.
 
@@ -181,42 +203,3 @@ def _ends(checker: CollisionChecker) -> str:
 
 def _same(a: Body, b: Body) -> bool:
     return a is b or (a.name == b.name and a.content() == b.content())
-
-
-def _kept_pairs(before: CollisionChecker, after: CollisionChecker) -> list[tuple[int, int]]:
-    """Return the unchanged pairs of both checkers that a joint moves, as indices in each."""
-    index = {body.name: i for i, body in enumerate(before.bodies)}
-    same: dict[int, int] = {}  # bodies of `after` and `before`
-    for j, body in enumerate(after.bodies):
-        i = index.get(body.name)
-        if i is not None and _same(before.bodies[i], body):
-            same[j] = i
-    numbers = {pair: k for k, pair in enumerate(before.pairs)}
-    still = set(after.still_pairs.tolist())  # checked once for each checker and not for each motion
-    kept = []
-    for k, (i, j) in enumerate(after.pairs):
-        old = numbers.get((same.get(i, -1), same.get(j, -1)))
-        if old is not None and k not in still and before.margins[old] >= after.margins[k]:
-            kept.append((old, k))
-    return kept
-
-
-def _by_pair(evidence: Array, pairs: int, first: float, last: float) -> tuple[Array, Array]:
-    """Return the final evidence, and (P,) the smallest proven distance (m) of each pair.
-
-    The distance is NaN if the intervals of the pair do not cover the curve.
-    """
-    rows = final_evidence(evidence)
-    lowest = np.full(pairs, np.nan)
-    if not len(rows):
-        return rows, lowest
-    starts = np.flatnonzero(np.diff(rows[:, EVIDENCE_PAIR], prepend=-1.0))
-    ends = np.append(starts[1:], len(rows)) - 1
-    owner = rows[starts, EVIDENCE_PAIR].astype(int)
-    gaps = np.zeros(len(rows), dtype=int)
-    gaps[1:] = rows[1:, 0] > rows[:-1, 1]
-    gaps[starts] = 0
-    covered = (np.add.reduceat(gaps, starts) == 0) & (rows[starts, 0] <= first) & (rows[ends, 1] >= last)
-    distances = np.minimum.reduceat(rows[:, EVIDENCE_DISTANCE], starts)
-    lowest[owner[covered]] = distances[covered]
-    return rows, lowest

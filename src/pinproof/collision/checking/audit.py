@@ -18,7 +18,6 @@ from pinproof.collision.checking.movers import Mover, with_movers
 from pinproof.common.results import Shown, View
 from pinproof.errors import InputError
 from pinproof.motion import Curve, Trajectory
-from pinproof.spatial import Array
 
 STEP = 0.002
 """Rad or m: no joint moves farther than this between two samples."""
@@ -114,43 +113,34 @@ def audit(
     for k in range(len(checker.pairs)):
         bodies.collisionRequests[k] = request
     found: dict[tuple[str, str], float] = {}
-    times, distance = _dense(curve, step), np.inf if measure else np.nan
+    # Parameters between which no joint moves more than the step: the derivative of a piece is bounded by its degree
+    # times the largest step between its control points.
+    knots, control = curve.bezier()
+    parts = []
+    for start, end, points in zip(knots[:-1], knots[1:], control, strict=True):
+        fastest = (len(points) - 1) * float(np.abs(np.diff(points, axis=0)).max(initial=0.0))
+        parts.append(np.linspace(start, end, max(2, int(np.ceil(fastest / step)) + 1)))
+    times, distance = np.unique(np.concatenate(parts)), np.inf if measure else np.nan
     for number, (t, at) in enumerate(zip(times, curve(times), strict=True)):
         q = arm.model_configuration(at)
         look_inside = number % INSIDE_EVERY == 0
         if far_apart is None or look_inside or pin.computeCollisions(model, data, far_apart, q, True):
             pin.computeCollisions(model, data, geometry, bodies, q, False)
             inside = checker.placed(at) if look_inside else None
-            for k, (i, j) in enumerate(checker.pairs):
+            for k in range(len(checker.pairs)):
                 touching = bodies.collisionResults[k].isCollision()
                 if touching or (inside is not None and inside.one_inside_other(k)):
-                    found.setdefault((checker.bodies[i].owner, checker.bodies[j].owner), float(t))
+                    found.setdefault(checker.owners(k), float(t))
         if measure and number % MEASURE_EVERY == 0 and checker.pairs:
             nearest = pin.computeDistances(model, data, geometry, bodies, q)
             distance = min(distance, float(bodies.distanceResults[nearest].min_distance))
     contacts = tuple((t, pair) for pair, t in sorted(found.items(), key=lambda item: item[1]))
     touching = "; ".join(f"{a} touches {b} at {t:.4g}" for t, (a, b) in contacts)
-    what = _geometry(checker)
-    free = f"no contact; the smallest distance is {distance * 1e3:.1f} mm" if measure else "no contact"
-    message = f"{len(times)} samples, checked with {what}: {touching or free}"
-    return AuditResult(len(times), contacts, distance, what, message)
-
-
-def _geometry(checker: CollisionChecker) -> str:
     kinds = {"triangle meshes": coal.BVHModelBase, "hulls": coal.ConvexBase}
     counts = {name: sum(isinstance(b.geometry, kind) for b in checker.bodies) for name, kind in kinds.items()}
     counts["simple shapes"] = len(checker.bodies) - sum(counts.values())
-    parts = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-    return f"{parts or 'no bodies'} ({len(checker.pairs)} pairs)"
-
-
-def _dense(curve: Curve, step: float) -> Array:
-    """Return parameters between which no joint moves more than ``step``, by the control points of each piece."""
-    knots, control = curve.bezier()
-    parts = []
-    for start, end, points in zip(knots[:-1], knots[1:], control, strict=True):
-        # The derivative of a piece is bounded by degree times the largest step between its control points.
-        degree = len(points) - 1
-        fastest = degree * float(np.abs(np.diff(points, axis=0)).max(initial=0.0))
-        parts.append(np.linspace(start, end, max(2, int(np.ceil(fastest / step)) + 1)))
-    return np.unique(np.concatenate(parts))
+    of_kinds = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    what = f"{of_kinds or 'no bodies'} ({len(checker.pairs)} pairs)"
+    free = f"no contact; the smallest distance is {distance * 1e3:.1f} mm" if measure else "no contact"
+    message = f"{len(times)} samples, checked with {what}: {touching or free}"
+    return AuditResult(len(times), contacts, distance, what, message)

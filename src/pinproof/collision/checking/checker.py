@@ -19,27 +19,26 @@ from pinproof.collision.checking.assembly import (
     Assembly,
     CheckedBodies,
     Known,
-    add_obstacle_bodies,
+    PairRules,
+    Pairs,
     assemble,
-    finer_levels,
     keep_pairs,
     leave_out,
+    overlap_levels,
     pack_geometry,
     pack_world,
+    unexplained_pairs,
     warn_of_units,
 )
-from pinproof.collision.checking.coal_checks import Distance
-from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, meshes_of
-from pinproof.collision.checking.overlaps import Overlaps
-from pinproof.collision.checking.pairs import PairRules, Pairs, overlap_levels, unexplained_pairs
-from pinproof.collision.checking.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
-from pinproof.collision.checking.spec import CheckerSpec, Levels
+from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, Overlaps, meshes_of
+from pinproof.collision.checking.placed_bodies import Distance, FixedPairs, PlacedBodies
+from pinproof.collision.checking.spec import CheckerSpec, Levels, Pair
 from pinproof.collision.geometry.bodies import Body, with_triangles
 from pinproof.collision.geometry.shapes import Obstacle
-from pinproof.collision.scenes.scene import Scene
+from pinproof.collision.scene import Scene
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.validation import require_type
-from pinproof.errors import InputError
+from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import JointGroup
 from pinproof.motion import Curve, refuse_broken
 from pinproof.spatial import Array, finite
@@ -215,12 +214,19 @@ class CollisionChecker(CheckedBodies, Shown):
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
         self._assemble()
         warn_of_units(spec, self.bodies)
-        self._refuse_overlapping_robots()
+        # Robots of a cell may overlap with links that no joint moves, such as their bases.
+        for k, measured in self.still.touching if arm.robot.parts else ():
+            one, other = (self.bodies[i].link for i in self.pairs[k])
+            if one is not None and other is not None and arm.robot.part_of(one) != arm.robot.part_of(other):
+                raise InputError(
+                    f"the robots of the cell overlap: {self.contact(k, measured)}. Place them farther apart, or pass "
+                    f"allowed=[{self.owners(k)}] if these links may touch"
+                )
 
     def _view(self) -> View:
         counts = f"{len(self.bodies)} bodies, {len(self.pairs)} checked pairs, {len(self.excluded)} excluded pairs"
         attached = "".join(f", {body.name} attached" for body in self.attached)
-        owners = Counter(owner for k in range(len(self.pairs)) for owner in self._owners(k))
+        owners = Counter(owner for k in range(len(self.pairs)) for owner in self.owners(k))
         excluded = ((" and ".join(pair.owners), pair.reason) for pair in self.excluded)
         parts = [Rows(("body", "checked pairs"), owners.items()), Rows(("excluded pair", "reason"), excluded)]
         head = f"{self.group.robot.name!r}, {counts}, margin {self.margin * 1e3:g} mm{attached}"
@@ -324,11 +330,7 @@ class CollisionChecker(CheckedBodies, Shown):
         return self._derived(self.spec.with_held(held))
 
     def on_group(
-        self,
-        group: JointGroup,
-        scene: Scene,
-        attached: Sequence[Obstacle],
-        allowed: Sequence[tuple[str, str]] = (),
+        self, group: JointGroup, scene: Scene, attached: Sequence[Obstacle], allowed: Sequence[tuple[str, str]] = ()
     ) -> CollisionChecker:
         """Return a checker with the same links on another joint group, in another scene, with more allowed contacts.
 
@@ -352,17 +354,21 @@ class CollisionChecker(CheckedBodies, Shown):
         are derived from this one by a new scene, attached object or allowed contact check them again.
         """
         dropped = frozenset(pairs)
-        if dropped not in self._kept:
-            kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
-            self._keep(dropped, self._with_assembly(keep_pairs(self._assembly, kept)))
-        return self._kept[dropped]
+        if dropped in self._kept:
+            return self._kept[dropped]
+        kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
+        return self._keep(dropped, self._with_assembly(keep_pairs(self._assembly, kept)))
 
     def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
         """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
 
         The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
         """
-        return self._with_assembly(add_obstacle_bodies(self.group, self._assembly, bodies, list(pairs)))
+        made, every = self._assembly, (*self.bodies, *bodies)
+        checked = sorted({*self.pairs, *pairs})
+        geometry = pack_geometry(self.group, every, self.rounding)
+        made = made._replace(bodies=every, pairs=made.pairs._replace(checked=checked), geometry=geometry)
+        return self._with_assembly(made._replace(world=pack_world(geometry, checked)))
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
         """Return a checker with finer geometry for pairs whose bodies touch at q (n,) although their meshes do not.
@@ -373,20 +379,34 @@ class CollisionChecker(CheckedBodies, Shown):
         """
         at = self.group.configuration(q)
 
-        def touching(levels: Levels) -> set[frozenset[str]]:
-            judge = self if levels == self._levels else self._finer(levels)
-            owners = (frozenset(judge._owners(k)) for k in judge._in_contact(at))
-            return {pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))}
+        def touching(levels: Levels) -> set[Pair]:
+            return (self if levels == self._levels else self._finer(levels))._meshes_in_contact(at)
 
-        levels = finer_levels(touching, self._levels)
+        # Each pair gets the coarsest level on which it does not touch, because convex bodies are checked in compiled
+        # code. A pair that touches on every level keeps its level: the contact is real, and finer bodies only cost
+        # time.
+        levels = dict(self._levels)
+        still_open = touching(levels)
+        for level in (DECOMPOSED, EXACT):
+            if raised := {pair for pair in still_open if levels.get(pair, 0) < level}:
+                levels.update(dict.fromkeys(raised, level))
+                still_open &= touching(levels)
+        for pair in still_open:
+            levels.pop(pair)
+            if pair in self._levels:
+                levels[pair] = self._levels[pair]
         return self if levels == self._levels else self._finer(levels)
 
     def exact_at(self, q: npt.ArrayLike) -> CollisionChecker:
         """Return a checker in which links that touch at q (n,) are represented by their exact meshes."""
-        owners = (frozenset(self._owners(k)) for k in self._in_contact(self.group.configuration(q)))
-        pairs = [pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))]
+        pairs = self._meshes_in_contact(self.group.configuration(q))
         levels = {pair: max(EXACT, self._levels.get(pair, 0)) for pair in pairs}
         return self._finer({**self._levels, **levels}) if pairs else self
+
+    def _meshes_in_contact(self, q: Array) -> set[Pair]:
+        """Return the pairs of owners in contact at q (n,) that finer bodies can represent."""
+        pairs = {frozenset(self.owners(k)) for k in self.pairs_in_contact(q)}
+        return {pair for pair in pairs if any(map(self._link_bodies.can_be_finer, pair))}
 
     def exact(self) -> CollisionChecker:
         """Return a checker of the same pairs in which all meshes are their triangles, for checks at configurations.
@@ -410,13 +430,13 @@ class CollisionChecker(CheckedBodies, Shown):
     def _derived(self, spec: CheckerSpec, key: Hashable = None, *, assemble: bool = False) -> CollisionChecker:
         """Return the checker of a specification that was derived from this one's; with a key, it is kept.
 
-        The two share what the change leaves as it is: the bodies of links and obstacles, and the pairs. With
-        ``assemble``, pairs that :meth:`without_pairs` left out are checked again even if nothing else changes.
+        With ``assemble``, pairs that :meth:`without_pairs` left out are checked again even if nothing else changes.
         """
         if spec is self.spec:
             return self
         if key is not None and key in self._kept:
             return self._kept[key]
+        # The two share what the change leaves as it is: the bodies of links and obstacles, and the pairs.
         before, other = self.spec, copy(self)
         other._spec = spec
         if spec.link_meshes is not before.link_meshes:
@@ -436,14 +456,13 @@ class CollisionChecker(CheckedBodies, Shown):
             other._take(made)
         else:
             other._assemble()
-        if key is not None:
-            self._keep(key, other)
-        return other
+        return other if key is None else self._keep(key, other)
 
-    def _keep(self, key: Hashable, other: CollisionChecker) -> None:
-        """Keep a derived checker for later requests."""
+    def _keep(self, key: Hashable, other: CollisionChecker) -> CollisionChecker:
+        """Keep a derived checker for later requests, and return it."""
         latest = list(self._kept.items())[1 - CHECKERS_KEPT :]
         self._kept = {**dict(latest), key: other}  # replaced as a whole, because threads share this checker
+        return other
 
     def _with_assembly(self, made: Assembly) -> CollisionChecker:
         """Return a copy with other bodies or pairs, which the specification does not contain."""
@@ -480,13 +499,11 @@ class CollisionChecker(CheckedBodies, Shown):
 
     def pairs_of_owners(self, one: str, other: str) -> list[int]:
         """Return the indices of the checked pairs of the bodies of two owners."""
-        first, second = ({i for i, body in enumerate(self.bodies) if body.owner == name} for name in (one, other))
-        both = first | second
-        return [
-            k
-            for k, (i, j) in enumerate(self.pairs)
-            if i in both and j in both and ((i in first and j in second) or (i in second and j in first))
-        ]
+        return [k for k in range(len(self.pairs)) if {one, other} == set(self.owners(k))]
+
+    def pairs_in_contact(self, q: Array) -> list[int]:
+        """Return the indices of the pairs in contact at q (n,)."""
+        return [*(k for k, _ in self.still.touching), *self.workspace.contacts(q)]
 
     @property
     def hollow(self) -> tuple[str, ...]:
@@ -498,7 +515,12 @@ class CollisionChecker(CheckedBodies, Shown):
         """The result for pairs that no joint moves relative to each other; computed on first access."""
         if self._still is None:
             space = PlacedBodies(self, self.world.of_still_pairs())
-            self._still = check_fixed_pairs(space, np.zeros(self.group.dof))
+            q = np.zeros(self.group.dof)  # any configuration
+            near, touching = space.nearest(q), tuple(space.touching(q))
+            judged = [space.measure(k) for k in (*near.contacts, *near.left_to_coal)]
+            lower = min((near.lower, *(measured.distance for measured in judged)))
+            upper = min((near.upper, *(measured.attained for measured in judged)))
+            self._still = FixedPairs(touching, lower, upper)
         return self._still
 
     def fingerprint(self) -> str:
@@ -540,32 +562,7 @@ class CollisionChecker(CheckedBodies, Shown):
 
     def contact(self, k: int, measured: Distance) -> Contact:
         """Return the contact of pair k."""
-        return Contact(self._owners(k), measured.distance, measured.points, measured.normal)
-
-    def _owners(self, k: int) -> tuple[str, str]:
-        i, j = self.pairs[k]
-        return self.bodies[i].owner, self.bodies[j].owner
-
-    def _in_contact(self, q: Array) -> list[int]:
-        """Return the pairs in contact at q (n,)."""
-        space = self.workspace
-        still = [k for k, _ in self.still.touching]
-        return [*still, *space.contacts(q)]
-
-    def _refuse_overlapping_robots(self) -> None:
-        """Raise an exception if robots of a cell overlap with links that no joint moves, such as their bases."""
-        robot = self.group.robot
-        if not robot.parts:
-            return
-        for k, measured in self.still.touching:
-            i, j = self.pairs[k]
-            one, other = self.bodies[i], self.bodies[j]
-            if one.link is None or other.link is None or robot.part_of(one.link) == robot.part_of(other.link):
-                continue
-            raise InputError(
-                f"the robots of the cell overlap: {self.contact(k, measured)}. Place them farther apart, or pass "
-                f"allowed=[{self._owners(k)}] if these links may touch"
-            )
+        return Contact(self.owners(k), measured.distance, measured.points, measured.normal)
 
     # -- assembly -----------------------------------------------------------------------------------------------
 
@@ -578,16 +575,9 @@ class CollisionChecker(CheckedBodies, Shown):
         still, convex = made.world.still, made.world.convex
         for array in (still, convex):
             array.setflags(write=False)
-        self.__dict__.update(
-            bodies=made.bodies,
-            pairs=tuple(made.pairs.checked),
-            rounding=made.rounding,
-            excluded=tuple(made.pairs.excluded),
-            finer=tuple(made.pairs.finer),
-            world=made.world,
-            still_pairs=still,
-            convex=convex,
-        )
+        checked, excluded, finer = made.pairs
+        self.__dict__.update(bodies=made.bodies, pairs=tuple(checked), excluded=tuple(excluded), finer=tuple(finer))
+        self.__dict__.update(rounding=made.rounding, world=made.world, still_pairs=still, convex=convex)
         self._geometry = made.geometry
         self._known, self._geometry_model = made.known, None
         self._exact = tuple(body for body in made.bodies if body.is_exact)
@@ -600,8 +590,12 @@ class CollisionChecker(CheckedBodies, Shown):
 
     def _set_margins(self) -> None:
         """Set the margins of all pairs."""
-        owners = map(self._owners, range(len(self.pairs)))
-        margins = self._spec.margins_of(owners, len(self.pairs), self.obstacles_and_links)
+        spec, names = self._spec, self.obstacles_and_links
+        for name in sorted({name for pair in spec.margins for name in pair}.difference(names)):
+            raise UnknownNameError("body", name, names, "margins")
+        margins = np.full(len(self.pairs), spec.margin, dtype=float)
+        for k in range(len(self.pairs)) if spec.margins else ():
+            margins[k] = spec.margins.get(frozenset(self.owners(k)), spec.margin)
         if self._spec.obstacle_tolerance:
             margins += self._spec.obstacle_tolerance * np.array([self.bodies[j].link is None for _, j in self.pairs])
         margins.setflags(write=False)
@@ -673,6 +667,7 @@ def overlap_hint(checker: CollisionChecker, q: Array, found: CheckResult) -> str
     overlaps = {pair: checker._rules.overlaps.of(*pair) for pair in among_links}
     mostly = [f"{' and '.join(pair)} {how}" for pair, how in overlaps.items() if how.touching > MOSTLY * how.samples]
     hints = []
+    # Links that mostly touch do so by design; at its home an arm is expected to be free.
     if mostly:
         hints.append(
             f"{'; '.join(mostly)}: if these links touch by design, list them in allowed_contacts of a scene (allowed= "

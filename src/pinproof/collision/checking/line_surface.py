@@ -12,9 +12,8 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from pinproof.collision.checking.coal_checks import MeasureConvex
+from pinproof.collision.checking.placed_bodies import MeasureConvex
 from pinproof.collision.geometry.bodies import Body, Support, shape_body, triangles_of
 from pinproof.collision.geometry.hulls import Solid
 from pinproof.collision.geometry.occupancy import OccupancyGrid
@@ -118,7 +117,28 @@ class LineSurface:
     @cached_property
     def span(self) -> Span:
         """Where lines enter and leave a convex body."""
-        return _convex_span(_support(self.body))
+        support = _support(self.body)
+        points, discs = support.points, support.disc_radii
+        if support.semi_axes.any():
+            if len(points) == 1 and support.radius == 0 and not discs.any():
+                return partial(_ellipsoid, points[0], support.semi_axes)
+        elif discs.any():
+            if len(points) == 2 and support.radius == 0 and discs[0] == discs[1]:
+                return partial(_cylinder, points, float(discs[0]))
+            if support.radius == 0:  # a cone: an inscribed pyramid
+                angles = np.arange(CONE_SIDES) * 2 * np.pi / CONE_SIDES
+                ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(CONE_SIDES)], axis=1)
+                rim = np.unique((points[:, None] + discs[:, None, None] * ring).reshape(-1, 3), axis=0)
+                return partial(_planes, *_facets(rim))
+        elif support.radius > 0:  # a sphere or a capsule, the union of two balls and a cylinder
+            parts: list[Span] = [partial(_ellipsoid, point, np.full(3, support.radius)) for point in points]
+            if len(points) == 2 and not np.ptp(points[:, :2], axis=0).any():
+                parts.append(partial(_cylinder, points, support.radius))
+            if len(points) <= 2:
+                return partial(_union, parts)
+        else:
+            return partial(_planes, *_facets(points))
+        raise InputError("a body of this kind has no surface that lines could be intersected with")
 
 
 def _support(body: Body) -> Support:
@@ -199,6 +219,7 @@ def outer_points(surface: LineSurface) -> Array:
     if surface.body.support is None or surface.triangles is not None:
         return np.asarray((surface.triangles if surface.triangles is not None else np.empty((0, 3))).reshape(-1, 3))
     support = surface.body.support
+    # A disc is in a circumscribed prism, and what a body is grown by in a box.
     angles = np.arange(OUTER_SIDES) * 2 * np.pi / OUTER_SIDES
     ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(OUTER_SIDES)], axis=1) / np.cos(np.pi / OUTER_SIDES)
     points = support.points
@@ -217,30 +238,6 @@ def outer_points(surface: LineSurface) -> Array:
 Span = Callable[[Array, Array], tuple[Array, Array, Array]]
 """For origins (G, 3) and a direction (3,): where lines enter and leave a convex body (G,), and the outward normals
 (G, 3) where they enter."""
-
-
-def _convex_span(support: Support) -> Span:
-    points, discs = support.points, support.disc_radii
-    if support.semi_axes.any():
-        if len(points) == 1 and support.radius == 0 and not discs.any():
-            return partial(_ellipsoid, points[0], support.semi_axes)
-    elif discs.any():
-        if len(points) == 2 and support.radius == 0 and discs[0] == discs[1]:
-            return partial(_cylinder, points, float(discs[0]))
-        if support.radius == 0:
-            angles = np.arange(CONE_SIDES) * 2 * np.pi / CONE_SIDES
-            ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(CONE_SIDES)], axis=1)
-            rim = np.unique((points[:, None] + discs[:, None, None] * ring).reshape(-1, 3), axis=0)
-            return partial(_planes, *_facets(rim))
-    elif support.radius > 0:
-        parts: list[Span] = [partial(_ellipsoid, point, np.full(3, support.radius)) for point in points]
-        if len(points) == 2 and not np.ptp(points[:, :2], axis=0).any():
-            parts.append(partial(_cylinder, points, support.radius))
-        if len(points) <= 2:
-            return partial(_union, parts)
-    else:
-        return partial(_planes, *_facets(points))
-    raise InputError("a body of this kind has no surface that lines could be intersected with")
 
 
 def _facets(points: Array) -> tuple[Array, Array]:
@@ -289,6 +286,7 @@ def _cylinder(ends: Array, radius: float, origins: Array, direction: Array) -> t
         side_out = np.where(inside >= 0, (-b + root) / a, -np.inf)
     else:
         side_in, side_out = np.where(c <= 0, -np.inf, np.inf), np.where(c <= 0, np.inf, -np.inf)
+    # The slab between the ends; a line is inside of the cylinder where it is inside of both.
     caps = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
     levels = np.array([-ends[:, 2].min(), ends[:, 2].max()])
     cap_in, cap_out, cap_normals = _planes(caps, levels, origins, direction)
@@ -303,11 +301,9 @@ def _cylinder(ends: Array, radius: float, origins: Array, direction: Array) -> t
 
 def _union(parts: Sequence[Span], origins: Array, direction: Array) -> tuple[Array, Array, Array]:
     """Return the first entry and the last exit of bodies whose union is convex."""
-    found = [part(origins, direction) for part in parts]
-    depths = np.array([each[0] for each in found])
-    first, rows = depths.argmin(axis=0), np.arange(depths.shape[1])
-    normals = np.array([each[2] for each in found])[first, rows]
-    return depths[first, rows], np.max(np.stack([each[1] for each in found]), axis=0), normals
+    into, out, normals = map(np.array, zip(*(part(origins, direction) for part in parts), strict=True))
+    first, rows = into.argmin(axis=0), np.arange(into.shape[1])
+    return into[first, rows], out.max(axis=0), normals[first, rows]
 
 
 def _unit(vectors: Array) -> Array:
@@ -320,7 +316,10 @@ def _unit(vectors: Array) -> Array:
 
 def _enter_triangles(corners: Array, origins: Array, direction: Array, start: Array) -> SurfacePoints:
     """Return the first triangle (F, 3, 3) of each line at or beyond its start; both sides of a triangle count."""
-    across = _frame(direction)
+    # Two unit vectors perpendicular to the direction.
+    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    first /= np.linalg.norm(first)
+    across = np.array([first, np.cross(direction, first)])
     flat, height = corners @ across.T, corners @ direction
     lines, along = origins @ across.T, origins @ direction
     low, high = lines.min(axis=0), lines.max(axis=0)
@@ -331,33 +330,20 @@ def _enter_triangles(corners: Array, origins: Array, direction: Array, start: Ar
     depth, found = np.full(len(origins), np.inf), np.zeros((len(origins), 3))
     step = max(1, CHUNK // max(len(lines), 1))
     for k in range(0, len(flat), step):
-        hit, which = _chunk(flat[k : k + step], height[k : k + step], lines, along, start)
+        # The first of some triangles on each line, by barycentric coordinates in the plane across the lines.
+        (a, b, c), (za, zb, zc) = np.moveaxis(flat[k : k + step], 1, 0), height[k : k + step].T
+        e, f, x = b - a, c - a, lines[:, None] - a
+        area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = (x[..., 0] * f[:, 1] - x[..., 1] * f[:, 0]) / area
+            v = (e[:, 0] * x[..., 1] - e[:, 1] * x[..., 0]) / area
+            z = za + u * (zb - za) + v * (zc - za) - along[:, None]
+            on = (u >= 0) & (v >= 0) & (u + v <= 1) & (z >= start[:, None])
+        z = np.where(on, z, np.inf)
+        which = z.argmin(axis=1)
+        hit = z[np.arange(len(z)), which]
         closer = hit < depth
         depth[closer] = hit[closer]
         facing = normals[k : k + step][which[closer]]
         found[closer] = np.where((facing @ direction > 0)[:, None], -facing, facing)
     return SurfacePoints(depth, found)
-
-
-def _chunk(flat: Array, height: Array, lines: Array, along: Array, start: Array) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Return the first of some triangles on each line, by barycentric coordinates in the plane across the lines."""
-    a, b, c = flat[:, 0], flat[:, 1], flat[:, 2]
-    e, f = b - a, c - a
-    area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
-    x = lines[:, None] - a
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u = (x[..., 0] * f[:, 1] - x[..., 1] * f[:, 0]) / area
-        v = (e[:, 0] * x[..., 1] - e[:, 1] * x[..., 0]) / area
-        z = height[:, 0] + u * (height[:, 1] - height[:, 0]) + v * (height[:, 2] - height[:, 0]) - along[:, None]
-        on = (u >= 0) & (v >= 0) & (u + v <= 1) & (z >= start[:, None])
-    z = np.where(on, z, np.inf)
-    which = z.argmin(axis=1)
-    return z[np.arange(len(z)), which], which
-
-
-def _frame(direction: Array) -> Array:
-    """Return (2, 3) two unit vectors perpendicular to a direction."""
-    least = np.eye(3)[np.abs(direction).argmin()]
-    first = np.cross(direction, least)
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(direction, first)])

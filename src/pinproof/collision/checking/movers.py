@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.shapes import HalfSpace
-from pinproof.collision.scenes.scene import Scene
 from pinproof.description import Axis, JointType, urdf_with_axes
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import JointGroup, JointLimits, Robot, chain_of, held_values
@@ -80,6 +79,7 @@ class Mover:
             raise InputError(f"the trajectory of mover {self.name!r} must be a Trajectory of one joint")
         if not 0.0 <= self.tolerance < np.inf:
             raise InputError(f"the tolerance of mover {self.name!r} is {self.tolerance!r}; it must be 0 or more")
+        # The axis is a unit vector, and travel is limited because rounding grows with coordinates.
         direction = finite(f"the axis of mover {self.name!r}", self.axis, (3,))
         length = float(np.linalg.norm(direction))
         if not length > 0.0:
@@ -206,49 +206,17 @@ def with_movers(trajectory: Curve, checker: CollisionChecker, movers: Sequence[M
         raise InputError(f"the curve has the joints {trajectory.joint_names}, the arm has {group.joint_names}")
     carriers = [mover for mover in movers if isinstance(mover, Mover)]
     others = [mover for mover in movers if not isinstance(mover, Mover)]
-    _check_movers(carriers, others, group, checker)
-    ordered: list[Mover | Trajectory] = [*others, *carriers]
-    given = [_covering(mover, trajectory.duration) for mover in ordered]
-    whole = _larger_group(group, others, carriers)
-    carried = [
-        replace(scene[name], pose=SE3(np.eye(3), -np.asarray(mover.point)) * scene[name].pose, arm=mover.name)
-        for mover in carriers
-        for name in mover.obstacles
-    ]
-    names = {thing.name for thing in carried}
-    only = next(iter(group.ends))
-    attached = [replace(thing, arm=only) if thing.arm is None else thing for thing in checker.attached]
-    moving = checker.on_group(whole, scene.remove(*names), (*attached, *carried), _kept_allowances(scene, names))
-    parts = [TimedColumns("the motion", trajectory, list(range(group.dof)), np.arange(group.dof))]
-    first = group.dof
-    for name, each in given:
-        count = len(each.joint_names)
-        parts.append(TimedColumns(name, each, list(range(count)), np.arange(first, first + count)))
-        first += count
-    tolerances = np.zeros(whole.dof)
-    tolerances[whole.dof - len(carriers) :] = [mover.tolerance for mover in carriers]
-    return TimedScene(merged(parts, whole.joint_names, wait=True, duration=trajectory.duration), moving, tolerances)
-
-
-def _kept_allowances(scene: Scene, moved: set[str]) -> tuple[tuple[str, str], ...]:
-    """Return the contacts with moved obstacles that a scene allows; it drops them with the obstacles."""
-    return tuple((a, b) for a, b in scene.allowed if {a, b} & moved)
-
-
-def _check_movers(
-    carriers: Sequence[Mover], others: Sequence[Trajectory], group: JointGroup, checker: CollisionChecker
-) -> None:
-    urdf, moved = group.robot.urdf, dict[str, str]()
-    names = [mover.name for mover in carriers]
+    # Each mover needs a name of its own and obstacles that no other moves; a trajectory, joints that the checker holds.
+    urdf, moved, names = group.robot.urdf, dict[str, str](), [mover.name for mover in carriers]
     for mover in carriers:
         if names.count(mover.name) > 1:
             raise InputError(f"two movers have the name {mover.name!r}")
-        if any(mover.name in taken for taken in (urdf.links, urdf.joints, checker.scene, group.ends)):
+        if any(mover.name in taken for taken in (urdf.links, urdf.joints, scene, group.ends)):
             raise InputError(f"mover {mover.name!r} has the name of a link, joint, arm or obstacle; rename it")
         for name in mover.obstacles:
-            if name not in checker.scene:
-                raise UnknownNameError("obstacle", name, checker.scene, f"mover {mover.name!r}")
-            if isinstance(checker.scene[name].shape, HalfSpace):
+            if name not in scene:
+                raise UnknownNameError("obstacle", name, scene, f"mover {mover.name!r}")
+            if isinstance(scene[name].shape, HalfSpace):
                 raise InputError(f"obstacle {name!r} is a half-space, which mover {mover.name!r} cannot move")
             if name in moved:
                 raise InputError(f"obstacle {name!r} is moved by both {moved[name]!r} and {mover.name!r}")
@@ -264,22 +232,38 @@ def _check_movers(
                 held = [name for name in group.held if urdf.joints[name].mimic is None]
                 raise UnknownNameError("joint", joint, held, "the joints that a trajectory among the movers can move")
             seen.add(joint)
-
-
-def _covering(mover: Mover | Trajectory, duration: float) -> tuple[str, Trajectory]:
-    """Return a name for messages, and the trajectory of a mover.
-
-    InputError if the mover ends before the motion, and does not rest there.
-    """
-    if isinstance(mover, Mover):
-        name, trajectory, rests = f"mover {mover.name!r}", mover.trajectory, mover.rests
-    else:
-        name, trajectory, rests = f"the trajectory of {', '.join(mover.joint_names)}", mover, False
-    if trajectory.duration < duration and not rests:
-        raise InputError(
-            f"{name} covers {trajectory.duration:.6g} s; the motion takes {duration:.6g} s. Give its motion until then"
-        )
-    return name, trajectory
+    # A mover has to cover the motion, or to rest where it ends.
+    given: list[tuple[str, Trajectory]] = []
+    movings = [(f"the trajectory of {', '.join(each.joint_names)}", each, False) for each in others]
+    movings += [(f"mover {mover.name!r}", mover.trajectory, mover.rests) for mover in carriers]
+    for name, own, rests in movings:
+        if own.duration < trajectory.duration and not rests:
+            raise InputError(
+                f"{name} covers {own.duration:.6g} s; the motion takes {trajectory.duration:.6g} s. Give its motion "
+                "until then"
+            )
+        given.append((name, own))
+    # The obstacles of a mover are attached to it, at their poses in its frame.
+    whole = _larger_group(group, others, carriers)
+    carried = [
+        replace(scene[name], pose=SE3(np.eye(3), -np.asarray(mover.point)) * scene[name].pose, arm=mover.name)
+        for mover in carriers
+        for name in mover.obstacles
+    ]
+    only = next(iter(group.ends))
+    attached = [replace(thing, arm=only) if thing.arm is None else thing for thing in checker.attached]
+    kept = [pair for pair in scene.allowed if moved.keys() & pair]  # the scene drops them with the obstacles
+    moving = checker.on_group(whole, scene.remove(*moved), (*attached, *carried), kept)
+    # The motions of all joints on one clock.
+    parts = [TimedColumns("the motion", trajectory, list(range(group.dof)), np.arange(group.dof))]
+    first = group.dof
+    for name, each in given:
+        count = len(each.joint_names)
+        parts.append(TimedColumns(name, each, list(range(count)), np.arange(first, first + count)))
+        first += count
+    tolerances = np.zeros(whole.dof)
+    tolerances[whole.dof - len(carriers) :] = [mover.tolerance for mover in carriers]
+    return TimedScene(merged(parts, whole.joint_names, wait=True, duration=trajectory.duration), moving, tolerances)
 
 
 def _larger_group(group: JointGroup, others: Sequence[Trajectory], carriers: Sequence[Mover]) -> JointGroup:
@@ -287,6 +271,7 @@ def _larger_group(group: JointGroup, others: Sequence[Trajectory], carriers: Seq
     robot = group.robot
     links = {mover.name: f"mover/{mover.name}" for mover in carriers}
     if carriers:
+        # Each mover is a joint of the robot with a link for its obstacles.
         axes = {}
         for mover in carriers:
             control = mover.trajectory.bezier()[1]
@@ -303,6 +288,7 @@ def _larger_group(group: JointGroup, others: Sequence[Trajectory], carriers: Seq
             robot.parts,
             {**robot.movers, **links},
         )
+    # The chain has the joints of all trajectories, and the others are held.
     more = [name for each in others for name in each.joint_names]
     chain = chain_of(robot.urdf, (*group.joint_names, *more, *links))
     limits = JointLimits.join([group.limits, chain.limits.select(range(group.dof, len(chain.joint_names)))])

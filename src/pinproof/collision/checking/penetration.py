@@ -14,8 +14,8 @@ from typing import NamedTuple
 import coal
 import numpy as np
 
-from pinproof.collision.checking.coal_checks import GJK_SLACK, Distance, MeasureConvex
 from pinproof.collision.checking.line_surface import TOUCH, LineSurface, travel_to_touch
+from pinproof.collision.checking.placed_bodies import GJK_SLACK, Distance, MeasureConvex
 from pinproof.collision.geometry.bodies import Body, Support
 from pinproof.collision.geometry.hulls import winding_number
 from pinproof.spatial import SE3, Array, translated
@@ -53,14 +53,10 @@ AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
 class Penetration(NamedTuple):
     """How deep a body is inside another, and a displacement after which it is outside."""
 
-    depth: float
-    """An upper bound (m) of the depth, 0 if the bodies do not overlap; for convex bodies within :data:`BRACKET`."""
-    least: float
-    """A lower bound (m) of the depth."""
-    by: Array
-    """(3,) the displacement, of the length that was allowed or zero."""
-    clearance: float
-    """Metres between the bodies after this displacement; 0 or less if no displacement of this length separates them."""
+    depth: float  # an upper bound (m), 0 if the bodies do not overlap; for convex bodies within BRACKET
+    least: float  # a lower bound (m)
+    by: Array  # (3,) the displacement, of the length that was allowed or zero
+    clearance: float  # metres between the bodies after it; 0 or less if none of this length separates them
 
 
 def penetration(
@@ -71,6 +67,7 @@ def penetration(
     ``directions`` (K, 3) are tried first. If ``only``, no other directions are, and the depth is that along them. The
     poses are ``world_from_body``. A mesh counts as a solid of its own shape, also if its hull is checked elsewhere.
     """
+    # How far the bodies are apart, or which way they touch.
     measure = _Measure(one, other, other_at)
     here = measure(at)
     outside = here.attained > 0.0
@@ -80,6 +77,7 @@ def penetration(
     depth = least = 0.0
     a, b = one.body.support, other.body.support
     convex = a is not None and b is not None and one.triangles is None and other.triangles is None and not only
+    # The depth of convex bodies is bracketed; a mesh has directions in which it may leave the other.
     if outside:
         if here.attained >= most:
             return Penetration(0.0, 0.0, np.zeros(3), here.attained)
@@ -95,6 +93,7 @@ def penetration(
             tried.append(normal)
     elif not only:
         tried += _ways_out(one, at, other, other_at, most)
+    # The displacement with the largest clearance, of those that were tried.
     best, by = here.attained if outside else -np.inf, np.zeros(3)
     for direction in tried:
         clear = measure(translated(at, most * direction)).attained
@@ -102,6 +101,7 @@ def penetration(
             best, by = clear, most * direction
         if best >= ENOUGH * most and not convex:  # distances of meshes are expensive
             break
+    # The depth of a mesh is the length of the way back until it touches.
     if not convex and not outside:
         if best <= GJK_SLACK:
             depth, direction = _shortest_exit(measure, one, at, other, other_at, tried[:EXITS], only)
@@ -132,15 +132,13 @@ class _Measure:
 
 
 def _holds(outer: Body, inner: Body, outer_from_inner: SE3) -> bool:
-    """Whether a part of a body is inside a mesh that it does not touch.
-
-    A surface that is not watertight has no inside, but mostly encloses a point with a winding number above a half
-    (Jacobson and others, 2013, "Robust inside-outside segmentation using generalized winding numbers").
-    """
+    """Whether a part of a body is inside a mesh that it does not touch."""
     if outer.solid is None:
         return False
     if outer.solid.watertight:
         return outer.contains_part_of(inner, outer_from_inner)
+    # A surface that is not watertight has no inside, but mostly encloses a point with a winding number above a half
+    # (Jacobson and others, 2013, "Robust inside-outside segmentation using generalized winding numbers").
     points = inner.witnesses @ outer_from_inner.rotation.T + outer_from_inner.translation
     within = points[((points >= outer.box[0]) & (points <= outer.box[1])).all(axis=1)]
     corners = getattr(outer.solid, "corners", np.empty((0, 3, 3)))
@@ -156,12 +154,10 @@ def _share(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, motion:
 def _shortest_exit(
     measure: _Measure, one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, directions: list[Array], only: bool
 ) -> tuple[float, Array]:
-    """The shortest displacement (m) outside of the other body along several directions, and its direction (3,).
+    """The shortest displacement (m) outside of the other body along several directions, and its direction (3,)."""
 
-    Along each, the body comes from beyond all of the other until they touch. Unless ``only``, the normal at this
-    contact is the next direction, as long as the displacement becomes shorter.
-    """
-
+    # The body comes from beyond all of the other until they touch. Unless ``only``, the normal at this contact is the
+    # next direction, as long as the displacement becomes shorter.
     def way(direction: Array) -> tuple[float, Array]:
         far = other.reach(other_at.rotation.T @ direction) + one.reach(-at.rotation.T @ direction) + BEYOND
         far += float(direction @ (other_at.translation - at.translation))
@@ -171,6 +167,7 @@ def _shortest_exit(
         return float(length), direction
 
     length, best = min(map(way, directions), key=lambda found: found[0])
+    # Descent along the normals of contacts.
     for _ in range(0 if only else EXITS):
         normals = _away(measure(translated(at, (length + 2 * TOUCH) * best)))
         shorter, direction = min(map(way, normals), key=lambda found: found[0], default=(length, best))
@@ -196,6 +193,7 @@ def _ways_out(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, most
     """
     from scipy.optimize import nnls
 
+    # The triangles of each mesh that touch the other body.
     request, found = coal.CollisionRequest(), coal.CollisionResult()
     request.num_max_contacts = CONTACTS
     bodies, poses = (one.surface or one.body, other.surface or other.body), (at, other_at)
@@ -210,6 +208,7 @@ def _ways_out(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, most
         corners = surface.triangles[touched] @ pose.rotation.T + pose.translation
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1)
+        # The first body is outside of a triangle when it is moved beyond its plane.
         normals, corners = normals[lengths > 0] / lengths[lengths > 0, None], corners[lengths > 0, 0]
         opposite, placement = ((other, other_at), (one, at))[number]
         for sign in (1.0, -1.0):
@@ -222,6 +221,7 @@ def _ways_out(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, most
     shallow = shallow[shallow[:, 3] <= most]
     if not len(shallow):
         return axes
+    # The shortest displacement beyond all planes is a problem of least squares with weights of 0 or more.
     system = shallow.T  # the last row holds the distances
     residual = system @ nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))[0] - [0.0, 0.0, 0.0, 1.0]
     length = float(np.linalg.norm(residual[:3]))
@@ -234,25 +234,22 @@ def _ways_out(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, most
 
 def _difference(one: Support, at: SE3, other: Support, other_at: SE3, directions: Array) -> tuple[Array, Array]:
     """Reach (K,) and farthest points (K, 3) of the displacements with which the first body overlaps the other."""
-    points = [
-        _farthest(support, sign * directions @ pose.rotation) @ pose.rotation.T + pose.translation
-        for support, pose, sign in ((other, other_at, 1.0), (one, at, -1.0))
-    ]
-    extreme = points[0] - points[1]
-    return np.einsum("ij,ij->i", extreme, directions), extreme
-
-
-def _farthest(support: Support, directions: Array) -> Array:
-    """(K, 3) the farthest points of a convex body in directions (K, 3) of its own frame."""
 
     def scaled(vectors: Array) -> Array:
         lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
         return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
 
-    flat = directions * [1.0, 1.0, 0.0]
-    first = (directions @ support.points.T + np.linalg.norm(flat, axis=1)[:, None] * support.disc_radii).argmax(axis=1)
-    points = support.points[first] + support.disc_radii[first, None] * scaled(flat)
-    return points + support.radius * scaled(directions) + support.semi_axes * scaled(support.semi_axes * directions)
+    points = []
+    for s, pose, sign in ((other, other_at, 1.0), (one, at, -1.0)):
+        # The farthest points of a convex body in directions of its own frame.
+        own = sign * directions @ pose.rotation
+        flat = own * [1.0, 1.0, 0.0]
+        first = (own @ s.points.T + np.linalg.norm(flat, axis=1)[:, None] * s.disc_radii).argmax(axis=1)
+        far = s.points[first] + s.disc_radii[first, None] * scaled(flat)
+        far = far + s.radius * scaled(own) + s.semi_axes * scaled(s.semi_axes * own)
+        points.append(far @ pose.rotation.T + pose.translation)
+    extreme = points[0] - points[1]
+    return np.einsum("ij,ij->i", extreme, directions), extreme
 
 
 def _bracket(one: Support, at: SE3, other: Support, other_at: SE3, directions: Array) -> tuple[float, float, Array]:
@@ -266,6 +263,7 @@ def _bracket(one: Support, at: SE3, other: Support, other_at: SE3, directions: A
     reach, points = _difference(one, at, other, other_at, start)
     upper, normal = float(reach.min()), start[reach.argmin()]
     lower = -np.inf
+    # The hull is expanded at its nearest facets until the bracket is narrow.
     for _ in range(EXPANSIONS):
         facets = np.unique(np.round(ConvexHull(points).equations, 12), axis=0)
         facets = facets[np.argsort(-facets[:, 3], kind="stable")[:EXPANDED]]

@@ -7,42 +7,93 @@ Coal checks bodies without a support function, and computes penetration depths.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import coal
 import numpy as np
+import pinocchio as pin
 
 from pinproof._core import Workspace, World
 from pinproof.collision.checking.assembly import CheckedBodies
-from pinproof.collision.checking.coal_checks import CoalWorkspace, Distance, MeasureConvex
+from pinproof.collision.geometry.bodies import Body
 from pinproof.spatial import Array
+
+GJK_TOLERANCE = 1e-8
+"""GJK stops when its distance d is within GJK_TOLERANCE (1 + d) metres of the true one, and not below it by more than
+rounding (verified for boxes and cylinders against triangles). Coal's default of 1e-6 leaves 4e-6 m at d = 3 m."""
+
+GJK_ITERATIONS = 1000
+"""Coal's default of 128 is not enough for long thin cylinders."""
+
+GJK_SLACK = 2e-6
+"""Metres: a conservative bound of the error of coal's distances at the size of a robot cell. Pairs that coal checks
+are free only beyond it."""
+
+
+# In the first call of a process, coal's support function of boxes decides permanently whether boxes are enlarged by
+# 1e-10: they are if that first direction contains a zero. Without a query along another direction, distances differ
+# between processes.
+_request = coal.DistanceRequest()
+_request.gjk_initial_guess, _request.cached_gjk_guess = coal.GJKInitialGuess.CachedGuess, np.array([1.0, 2.0, 3.0])
+_box, _apart = coal.Box(1.0, 1.0, 1.0), coal.Transform3s(np.eye(3), np.array([3.0, 4.0, 5.0]))
+coal.distance(_box, coal.Transform3s.Identity(), _box, _apart, _request, coal.DistanceResult())
+
+
+class Distance(NamedTuple):
+    """Bounds (m) of the distance of a pair of bodies, with the nearest (or deepest) points (2, 3) in the root frame."""
+
+    distance: float  # signed: the proven lower bound if they are apart, otherwise minus coal's penetration depth
+    proven: float  # a lower bound, up to rounding
+    attained: float  # an upper bound, 0 or less if they overlap
+    points: Array
+    normal: Array  # (3,) the unit vector from the first body to the second
+
+
+class MeasureConvex:
+    """Measures the distance of two convex bodies; each thread needs its own instance."""
+
+    def __init__(self) -> None:
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        _configure(self._request)
+
+    def __call__(self, one: Body, at: Array, other: Body, other_at: Array) -> Distance:
+        """Return their distance at the placements ``at`` and ``other_at`` (4, 4)."""
+        return self.of(one.geometry, at, other.geometry, other_at)
+
+    def of(self, one: Any, at: Array, other: Any, other_at: Array) -> Distance:
+        """Return the distance of two convex coal shapes."""
+        first, second = (coal.Transform3s(place[:3, :3], place[:3, 3]) for place in (at, other_at))
+        result = self._result
+        result.clear()
+        distance = float(coal.distance(one, first, other, second, self._request, result))
+        points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+        return Distance(distance, distance - GJK_SLACK, distance, points, np.array(result.normal))
+
+
+def _configure(request: Any) -> None:
+    """Configure a coal request so that its result does not depend on earlier queries, as those of Pinocchio do."""
+    request.gjk_initial_guess = coal.GJKInitialGuess.DefaultGuess
+    request.gjk_tolerance, request.gjk_max_iterations = GJK_TOLERANCE, GJK_ITERATIONS
 
 
 class NearestBodies(NamedTuple):
-    """The smallest distance at a configuration, as far as the compiled core determines it."""
+    """The smallest distance (m) at a configuration, as far as the compiled core determines it."""
 
-    contacts: list[int]
-    """The pairs that overlap."""
-    left_to_coal: list[int]
-    """The pairs that coal has to measure."""
-    lower: float
-    """A lower bound (m) of the smallest distance over all other pairs; inf without one."""
-    upper: float
-    """An upper bound (m) of it, or of one that overlaps."""
-    nearest: int
-    """The pair of ``upper``, or -1."""
+    contacts: list[int]  # the pairs that overlap
+    left_to_coal: list[int]  # the pairs that coal has to measure
+    lower: float  # a lower bound over all other pairs; inf without one
+    upper: float  # an upper bound, or one of a pair that overlaps
+    nearest: int  # the pair of the upper bound, or -1
 
 
 class PlacedBodies:
-    """The bodies of a checker at one configuration; each thread needs its own instance.
-
-    ``world`` is the world of the checker, or a part of it.
-    """
+    """The bodies of a checker at one configuration, in its ``world`` or a part of it; each thread needs its own."""
 
     def __init__(self, checker: CheckedBodies, world: World) -> None:
         self._checker, self._core = checker, Workspace(world)
         self._q = np.zeros(checker.group.dof)
-        self._moves = 0
-        self._coal: CoalWorkspace | None = None
+        self._moves = self._moves_by_coal = 0
+        self._coal: Any = None
         self._convex: MeasureConvex | None = None
         self.core_judge = self._core.judge
         """:meth:`judge` for a contiguous array of doubles, without preparation for :meth:`any_left_touches`."""
@@ -94,7 +145,12 @@ class PlacedBodies:
     def measure(self, k: int) -> Distance:
         """Return the distance of pair k; a body inside an exact watertight mesh penetrates it."""
         if not self._checker.convex[k]:
-            return self._by_coal().measure(k)
+            result = pin.computeDistance(self._checker.coal_geometry(), self._by_coal(), k)
+            distance = float(result.min_distance)
+            points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+            if distance > 0 and self.one_inside_other(k):
+                distance = -distance
+            return Distance(distance, distance - GJK_SLACK, distance, points, np.array(result.normal))
         lower, upper, points, normal = self._core.measure(k)
         if lower > 0:
             return Distance(lower, lower, upper, points, normal)
@@ -106,21 +162,44 @@ class PlacedBodies:
         return deep._replace(distance=min(deep.distance, upper), proven=lower, attained=upper)
 
     def touches(self, k: int) -> bool:
-        """Whether pair k, which coal has to check, is within its margin."""
-        return self._by_coal().touches(k)
+        """Whether pair k, which coal has to check, is within its margin, or one body is inside the other."""
+        checker = self._checker
+        if pin.computeCollision(checker.coal_geometry(), self._by_coal(), k) or self.one_inside_other(k):
+            return True
+        # Coal's collide misses some triangles without an area. In a watertight mesh they lie on edges of triangles with
+        # one, so only contacts of two meshes, of which one is not watertight, can be missed.
+        solids = [checker.bodies[i].solid for i in checker.pairs[k]]
+        meshes = all(s is not None for s in solids) and not all(s.watertight for s in solids if s is not None)
+        return meshes and self.measure(k).proven <= checker.margins[k]
 
     def one_inside_other(self, k: int) -> bool:
         """Whether a part of one body of pair k lies inside the exact watertight mesh of the other."""
-        return self._by_coal().one_inside_other(k)
+        i, j = self._checker.pairs[k]
+        one, other, placed = self._checker.bodies[i], self._checker.bodies[j], self._by_coal().oMg
+        return one.contains_part_of(other, placed[i].actInv(placed[j])) or other.contains_part_of(
+            one, placed[j].actInv(placed[i])
+        )
 
     def _moved(self, q: Array) -> None:
         self._q[:] = q
         self._moves += 1
 
-    def _by_coal(self) -> CoalWorkspace:
+    def _by_coal(self) -> Any:
+        """Return coal's data of all bodies at the configuration; they are made when coal is first needed."""
+        group, margins, geometry = self._checker.group, self._checker.margins, self._checker.coal_geometry()
         if self._coal is None:
-            self._coal = CoalWorkspace(self._checker)
-        self._coal.move(self._q, self._moves)
+            # Made after the last geometry was added: adding one later corrupts memory.
+            self._coal, self._data = geometry.createData(), group.model.createData()
+            for k, margin in enumerate(margins.tolist()):
+                collision, distance = coal.CollisionRequest(), coal.DistanceRequest()
+                collision.security_margin = margin + GJK_SLACK
+                for request in (collision, distance):
+                    _configure(request)
+                self._coal.collisionRequests[k], self._coal.distanceRequests[k] = collision, distance
+        if self._moves_by_coal != self._moves:
+            q = group.model_configuration(self._q)
+            pin.updateGeometryPlacements(group.model, self._data, geometry, self._coal, q)
+            self._moves_by_coal = self._moves
         return self._coal
 
 
@@ -145,18 +224,6 @@ class CoalJudge:
 class FixedPairs(NamedTuple):
     """The result for the pairs that no joint moves relative to each other: the same at every configuration."""
 
-    touching: tuple[tuple[int, Distance], ...]
-    """The pairs in contact."""
-    lower: float
-    """Their smallest signed distance (m), as in :meth:`pinproof.CollisionChecker.clearance`."""
-    upper: float
-    """An upper bound (m) of it."""
-
-
-def check_fixed_pairs(space: PlacedBodies, q: Array) -> FixedPairs:
-    """Check the pairs of a workspace that has only such pairs, at any q (n,)."""
-    touching = tuple(space.touching(q))
-    near = space.nearest(q)
-    judged = [space.measure(k) for k in (*near.contacts, *near.left_to_coal)]
-    lower = min((near.lower, *(measured.distance for measured in judged)))
-    return FixedPairs(touching, lower, min((near.upper, *(measured.attained for measured in judged))))
+    touching: tuple[tuple[int, Distance], ...]  # the pairs in contact
+    lower: float  # the smallest signed distance (m), as in CollisionChecker.clearance
+    upper: float  # an upper bound (m) of it

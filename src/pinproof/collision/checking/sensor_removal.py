@@ -28,36 +28,16 @@ JOINED = 1e-6
 """Metres between two convex pieces of a body up to which a ray that leaves one enters the other."""
 
 
-class _Polytope(NamedTuple):
-    """A convex polytope inside a body, in the frame of the camera: its corners (V, 3) and its planes (P, 4)."""
-
-    corners: Array
-    planes: Array
-
-    def crossed(self, rays: Array) -> tuple[Array, Array]:
-        """Return the depths (...) at which rays (..., 3) with z = 1 enter and leave it; enter > leave: they miss it."""
-        slope, offset = rays @ self.planes[:, :3].T, self.planes[:, 3]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = -offset / slope
-        enter = np.where(slope < 0, at, -np.inf).max(axis=-1)
-        leave = np.where(slope > 0, at, np.inf).min(axis=-1)
-        beside = ((slope == 0) & (offset > 0)).any(axis=-1)
-        return np.where(beside, np.inf, enter), np.where(beside, -np.inf, leave)
-
-
 class _RayCrossing(NamedTuple):
     """Where the rays through the pixels of a window of the image cross a convex piece."""
 
     window: tuple[slice, slice]
-    enter: Array
-    """The smallest depth at which a ray through a corner of the pixel enters it; inf where none does."""
-    leave: Array
-    """The smallest depth at which such a ray leaves it."""
+    enter: Array  # the smallest depth at which a ray through a corner of the pixel enters it; inf where none does
+    leave: Array  # the smallest depth at which such a ray leaves it
+    # The largest depth at which a pixel that measures the piece may do so; -inf where no ray meets it. It is half the
+    # depth of the piece, because its pose is not exact; what is measured behind it may be its support.
     last: Array
-    """The largest depth at which a pixel that measures the piece may do so; -inf where no ray meets it. It is half
-    the depth of the piece, because its pose is not exact; what is measured behind it may be its support."""
-    whole: npt.NDArray[np.bool_]
-    """Whether the rays through all corners cross it: it covers the pixel, because both are convex."""
+    whole: npt.NDArray[np.bool_]  # whether all rays cross it: it covers the pixel, because both are convex
 
 
 def remove_robot(
@@ -155,7 +135,8 @@ def _piece(body: Body, root_from_body: Array) -> DepthPiece:
 def _look_through(view: DepthView, name: str, parts: Sequence[Body], nearest: Array, farthest: Array) -> int:
     """Change the bounds of depths (height, width) where they show a body; return the number of pixels."""
     camera_from_root = view.root_from_camera.inverse()
-    crossings = [_crossing(view, _polytope(part, camera_from_root)) for part in parts]
+    crossings = [_crossing(view, part, camera_from_root) for part in parts]
+    # Pixels that measure the body, those that it covers in part, and those that measure what is behind it.
     tolerance = np.broadcast_to(view.uncertainty, view.depth.shape)
     first, last = view.depth - tolerance, view.depth + tolerance
     shown, partly = np.zeros(view.depth.shape, dtype=bool), np.zeros(view.depth.shape, dtype=bool)
@@ -174,6 +155,7 @@ def _look_through(view: DepthView, name: str, parts: Sequence[Body], nearest: Ar
             enters = shown[at] & crossing.whole & (nearest[at] >= crossing.enter - JOINED)
             nearest[at] = np.where(enters, np.maximum(nearest[at], crossing.leave), nearest[at])
     behind &= ~shown
+    # Where most pixels see through the body, it is not there.
     if np.count_nonzero(behind) > SEEN_THROUGH * np.count_nonzero(behind | shown):
         raise InputError(
             f"{name!r} is not where it is stated to be: {np.count_nonzero(behind)} pixels measure surfaces "
@@ -184,23 +166,22 @@ def _look_through(view: DepthView, name: str, parts: Sequence[Body], nearest: Ar
     return int(np.count_nonzero(shown | partly))
 
 
-def _polytope(body: Body, camera_from_root: pin.SE3) -> _Polytope:
+def _crossing(view: DepthView, body: Body, camera_from_root: pin.SE3) -> _RayCrossing:
+    """Return where rays cross a convex body, by the planes of a polytope inside it in the frame of the camera."""
     from scipy.spatial import ConvexHull
 
     camera_from_body = camera_from_root * body.link_from_body
     points = extremes(body.support, with_ball=True) if body.support is not None else body.witnesses
     hull = ConvexHull(points @ camera_from_body.rotation.T + camera_from_body.translation)
+    corners = hull.points[hull.vertices]
     if (hull.equations[:, 3] <= 0).all():
         raise InputError(f"the camera is inside {body.owner!r}; check camera_pose and the pose of the body")
-    return _Polytope(hull.points[hull.vertices], hull.equations)
-
-
-def _crossing(view: DepthView, piece: _Polytope) -> _RayCrossing:
+    # The window of the image that can show the body.
     camera = view.intrinsics
     rows, columns = slice(0, camera.height), slice(0, camera.width)
-    if (piece.corners[:, 2] > 0).all():
+    if (corners[:, 2] > 0).all():
         u, v = (
-            focal * piece.corners[:, axis] / piece.corners[:, 2] + center
+            focal * corners[:, axis] / corners[:, 2] + center
             for axis, focal, center in ((0, camera.fx, camera.cx), (1, camera.fy, camera.cy))
         )
         columns, rows = (
@@ -211,10 +192,10 @@ def _crossing(view: DepthView, piece: _Polytope) -> _RayCrossing:
         (np.arange(columns.start, columns.stop + 1) - 0.5 - camera.cx) / camera.fx,
         (np.arange(rows.start, rows.stop + 1) - 0.5 - camera.cy) / camera.fy,
     )
-    enter, leave = piece.crossed(np.stack([x, y, np.ones_like(x)], axis=-1))
+    enter, leave = ray_depths(hull.equations, np.stack([x, y, np.ones_like(x)], axis=-1))
     hit = (enter <= leave) & (leave > 0)
-    corners = [slice(None, -1), slice(1, None)]
-    four = [(i, j) for i in corners for j in corners]
+    ends = [slice(None, -1), slice(1, None)]
+    four = [(i, j) for i in ends for j in ends]
     return _RayCrossing(
         (rows, columns),
         np.minimum.reduce([np.where(hit, enter, np.inf)[at] for at in four]),
@@ -222,3 +203,17 @@ def _crossing(view: DepthView, piece: _Polytope) -> _RayCrossing:
         np.maximum.reduce([(np.where(hit, enter, -np.inf) / 2 + np.where(hit, leave, -np.inf) / 2)[at] for at in four]),
         np.logical_and.reduce([hit[at] for at in four]),
     )
+
+
+def ray_depths(planes: Array, rays: Array) -> tuple[Array, Array]:
+    """Return the depths (...) at which rays (..., 3) with z = 1 enter and leave a polytope of planes (P, 4).
+
+    A ray misses the polytope if it would enter it behind the depth at which it leaves it.
+    """
+    slope, offset = rays @ planes[:, :3].T, planes[:, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = -offset / slope
+    beside = ((slope == 0) & (offset > 0)).any(axis=-1)
+    enter = np.where(slope < 0, depth, -np.inf).max(axis=-1)
+    leave = np.where(slope > 0, depth, np.inf).min(axis=-1)
+    return np.where(beside, np.inf, enter), np.where(beside, -np.inf, leave)

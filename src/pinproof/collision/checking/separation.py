@@ -16,8 +16,8 @@ import numpy.typing as npt
 from pinproof._core import Departure, DepartureProof, Workspace
 from pinproof._core import Shape as CoreShape
 from pinproof.collision.checking.checker import CollisionChecker
-from pinproof.collision.checking.coal_checks import MeasureConvex
-from pinproof.collision.geometry.bodies import Body
+from pinproof.collision.checking.placed_bodies import MeasureConvex
+from pinproof.collision.geometry.bodies import Body, Support
 from pinproof.collision.geometry.hulls import Solid, bvh
 from pinproof.spatial import Array, matrix
 
@@ -43,13 +43,17 @@ ONE_TRIANGLE = np.array([[0, 1, 2]])
 
 
 class MovingBody:
-    """A body that moves with a link: its placement at a configuration, and its support function."""
+    """A body that moves with a link: its placement at a configuration, and the support function of its hull."""
 
     def __init__(self, checker: CollisionChecker, body: int) -> None:
         self._world, self._index = checker.world, body
         self._space = Workspace(checker.world)
         self.rounding = checker.rounding
-        self.shape = BodySupport.of(checker.bodies[body])
+        self._support, moved = hull_support(checker.bodies[body]), checker.bodies[body]
+        self._hull = moved.core_shape
+        if moved.support is None and self._support is not None:  # an exact mesh
+            points = np.ascontiguousarray(self._support.points)
+            self._hull = CoreShape.convex(points, np.zeros(len(points)), 0.0, np.zeros(3), moved.box)
         self.move(np.zeros(checker.group.dof))
 
     def move(self, q: Array) -> None:
@@ -59,54 +63,33 @@ class MovingBody:
 
     def departure(self, normal: Array, level: float) -> Departure:
         """Return its motion along ``normal`` (3,), away from a body with the extent ``level`` (m) along it."""
-        return Departure(self._world, self._index, self.shape.hull, normal, level)
+        return Departure(self._world, self._index, self._hull, normal, level)
 
     def reach(self, directions: Array) -> Array:
         """Return (d,) the largest ``direction . y`` over its points y, for directions (d, 3) in the root frame."""
-        return self.shape.reach(self.at, directions)
+        return reach(self._support, self.at, directions)
 
 
-class BodySupport(NamedTuple):
-    """The support function of the convex hull of a body; of a half-space only along its own normal."""
+def hull_support(body: Body) -> Support | None:
+    """Return the support function of the convex hull of a body of any kind; None for a half-space."""
+    if body.support is not None or isinstance(body.geometry, coal.Halfspace):
+        return body.support
+    return Support(np.array(body.geometry.vertices()))
 
-    points: Array | None
-    """(V, 3) the corners of an exact mesh; None for a body with a support function."""
-    body: Body
 
-    @classmethod
-    def of(cls, body: Body) -> BodySupport:
-        """Return the support of a body of any kind."""
-        exact = body.support is None and not isinstance(body.geometry, coal.Halfspace)
-        return cls(np.array(body.geometry.vertices()) if exact else None, body)
-
-    @property
-    def hull(self) -> CoreShape:
-        """The hull as a convex shape of the compiled core."""
-        if self.points is None:
-            return self.body.core_shape
-        discs, semi_axes = np.zeros(len(self.points)), np.zeros(3)
-        return CoreShape.convex(np.ascontiguousarray(self.points), discs, 0.0, semi_axes, self.body.box)
-
-    def reach(self, at: Array, directions: Array) -> Array:
-        """Return (d,) the largest ``direction . x`` over the body at ``at`` (4, 4), for directions (d, 3)."""
-        origin = directions @ at[:3, 3]
-        if isinstance(self.body.geometry, coal.Halfspace):
-            return np.asarray(origin)
-        local = directions @ at[:3, :3]
-        if self.points is None and self.body.support is not None:
-            return np.asarray(origin + self.body.support.reach(local))
-        return np.asarray(origin + (local @ np.asarray(self.points).T).max(axis=1))
+def reach(support: Support | None, at: Array, directions: Array) -> Array:
+    """Return (d,) the largest ``direction . x`` over a body at ``at`` (4, 4); of a half-space along its own normal."""
+    origin = directions @ at[:3, 3]
+    return np.asarray(origin if support is None else origin + support.reach(directions @ at[:3, :3]))
 
 
 class FacetGroup(NamedTuple):
     """Facets from which a body separates along one direction."""
 
-    facets: Indices
-    """Their indices in the mesh."""
+    facets: Indices  # in the mesh
     departure: Departure
     proof: DepartureProof
-    gap: float
-    """Gap (m) at the start along the direction; negative if they overlap."""
+    gap: float  # m, at the start along the direction; negative if they overlap
 
 
 def facets_of(body: Body) -> tuple[Array, Indices]:
@@ -133,25 +116,17 @@ def facet_body(body: Body, name: str, vertices: Array, triangles: Indices) -> Bo
 
 
 def leave_facets(
-    moving: MovingBody,
-    body: Body,
-    corners: Array,
-    directions: Array,
-    *,
-    reach: float,
-    deepest: float,
-    follow: Follow,
+    moving: MovingBody, body: Body, corners: Array, directions: Array, *, reach: float, deepest: float, follow: Follow
 ) -> tuple[list[FacetGroup], float]:
     """Return groups of facets from which a body at its start separates, or which it does not approach at first.
 
     Facets in no group need the ordinary proof: those farther from the body than ``reach`` (m), and those that the body
-    penetrates by more than ``deepest`` (m) in every direction. Directions along which the body separates come first; a
-    group whose proof has ``until`` at infinity has no such direction. Also returns the gap (m) at the facet with the
-    deepest penetration, along the best direction for that facet.
-
-    ``corners`` (F, 3, 3) are the triangles in the root frame, ``directions`` (d, 3) are tried besides the normals of
-    the facets, the first of equally good ones is used, and ``follow`` follows the curve along a direction.
+    penetrates by more than ``deepest`` (m) in every direction. A group whose proof has ``until`` at infinity has no
+    direction of separation. Also returns the gap (m) at the facet that is penetrated most, along its best direction.
+    ``corners`` (F, 3, 3) are in the root frame, ``directions`` (d, 3) are tried besides the normals of the facets, and
+    ``follow`` follows the curve along a direction.
     """
+    # The gaps of the facets near the body along all directions that are tried.
     near = np.flatnonzero(_near(moving, corners, directions, reach))
     if not len(near):
         return [], np.inf
@@ -159,7 +134,7 @@ def leave_facets(
     normals = _commonest(_normals(facets))
     tried = distinct(np.concatenate([directions, normals, -normals]))
     tops, gaps = _gaps(moving, facets, tried)
-    if body.support is not None:
+    if body.support is not None:  # where facet and body overlap, coal measures the direction
         unclear = np.flatnonzero(gaps.max(axis=0) < -moving.rounding)
         deep_first = unclear[np.argsort(gaps.max(axis=0)[unclear], kind="stable")][:MEASURED]
         more = _measured(moving, body, facets[deep_first])
@@ -170,6 +145,8 @@ def leave_facets(
     due = best >= -deepest
     if not due.any():
         return [], float(best.min())
+    # The direction that serves the most facets comes first. One along which the body does not separate is kept for the
+    # facets that no other direction serves.
     depth = max(-float(best[due].min()), 0.0)  # the penetration never exceeds that at the start
     serves = (gaps >= -depth - moving.rounding) & due
     found: list[FacetGroup] = []
@@ -194,24 +171,16 @@ def leave_facets(
             departure = moving.departure(tried[chosen], float(tops[chosen, group].max()))
             found.append(FacetGroup(near[group], departure, proof, float(gaps[chosen, group].min())))
             due &= ~group
-    return _extended(found, corners), float(best.min())
-
-
-def _extended(groups: list[FacetGroup], corners: Array) -> list[FacetGroup]:
-    """Extend each group by all facets of the mesh with no larger extent along its direction.
-
-    The same proof holds for them, and a verdict does not depend on how finely a plane is cut into facets.
-    """
+    # Each group is extended by all facets of the mesh with no larger extent along its direction: the same proof holds
+    # for them, and a verdict does not depend on how finely a plane is cut into facets.
     grouped = np.zeros(len(corners), dtype=bool)
-    for group in groups:
-        grouped[group.facets] = True
-    out = []
-    for group in groups:
-        tops = (corners @ group.departure.normal).max(axis=1)
-        more = np.flatnonzero((tops <= group.departure.level) & ~grouped)
-        grouped[more] = True
-        out.append(group._replace(facets=np.sort(np.concatenate([group.facets, more]))))
-    return out
+    for part in found:
+        grouped[part.facets] = True
+    for k, part in enumerate(found):
+        others = np.flatnonzero(((corners @ part.departure.normal).max(axis=1) <= part.departure.level) & ~grouped)
+        grouped[others] = True
+        found[k] = part._replace(facets=np.sort(np.concatenate([part.facets, others])))
+    return found, float(best.min())
 
 
 def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: float) -> Array:
@@ -228,6 +197,7 @@ def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: 
     moving.move(q)
     vertices, triangles = facets_of(body)
     corners = (vertices @ at[:3, :3].T + at[:3, 3])[triangles]
+    # The facets within reach, and for each the direction of the largest gap.
     own = at[:3, :3].T
     directions = np.array([[0.0, 0.0, 1.0], *own, *-own])
     near = corners[_near(moving, corners, directions, reach)]
@@ -292,10 +262,8 @@ def _measured(moving: MovingBody, body: Body, facets: Array) -> Array:
 
 
 def unit_vectors(directions: Array) -> Array:
-    """Return the rows (d, 3) that are unit vectors; of overlapping bodies, coal's normals may be zero or not finite.
-
-    Along a vector without a length, every gap is 0 and no body ever approaches, which would be a false proof.
-    """
+    """Return the rows (d, 3) that are unit vectors; of overlapping bodies, coal's normals may be zero or not finite."""
+    # Along a vector without a length, every gap is 0 and no body ever approaches, which would be a false proof.
     with np.errstate(invalid="ignore", over="ignore"):
         lengths = np.sqrt((directions * directions).sum(axis=1))
     kept = np.abs(lengths - 1.0) < UNIT

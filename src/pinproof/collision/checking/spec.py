@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
@@ -23,11 +23,11 @@ import numpy as np
 from pinproof.collision.checking.links import LinkMeshes
 from pinproof.collision.geometry.bodies import FileStamp
 from pinproof.collision.geometry.shapes import Mesh, Obstacle
-from pinproof.collision.scenes.scene import Scene
+from pinproof.collision.scene import Scene
 from pinproof.common.validation import require_type
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.errors import InputError
 from pinproof.model import JointGroup
-from pinproof.spatial import Array, matrix
+from pinproof.spatial import matrix
 
 Pair = frozenset[str]
 """Two owners of bodies: links, attached objects, obstacles."""
@@ -135,18 +135,6 @@ class CheckerSpec:
         """Return the specification that allows more pairs of names to touch."""
         return self._with(allowed=(*self.allowed, *((str(a), str(b)) for a, b in pairs)))
 
-    def margins_of(self, owners: Iterable[tuple[str, str]], count: int, names: Sequence[str]) -> Array:
-        """Return (P,) the margins (m) of ``count`` pairs of owners, without the tolerance of obstacles.
-
-        UnknownNameError if a margin of a single pair is for a name that is not among ``names``.
-        """
-        unknown = {name for pair in self.margins for name in pair}.difference(names) if self.margins else ()
-        for name in sorted(unknown):
-            raise UnknownNameError("body", name, names, "margins")
-        if not self.margins:
-            return np.full(count, self.margin)
-        return np.array([self.margins.get(frozenset(pair), self.margin) for pair in owners], dtype=float)
-
     def setup_hash(self, movers: Sequence[HasIdentity] = ()) -> str:
         """Return a hash of the arm (kinematics, held joints, collision geometry), attached objects, scene, and movers.
 
@@ -157,6 +145,7 @@ class CheckerSpec:
         meshes = [None if geometry.mesh is None else geometry.mesh.path for geometry in robot.urdf.collisions]
         digest = _hash_of(self.arm, tuple(map(content_hash, meshes))).copy()
         digest.update(repr((self.scene.allowed, self.scene.disabled, robot.srdf.disabled)).encode())
+        # Meshes of obstacles and attached objects count by content, wherever their files are.
         for obstacle in (*self.attached, None, *self.scene.obstacles):
             if obstacle is None:  # separates the attached objects from the scene
                 digest.update(b"scene")

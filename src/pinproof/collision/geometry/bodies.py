@@ -235,7 +235,29 @@ class Body:
 def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> list[Body]:
     """Return the bodies of an obstacle or attached object: several for a mesh of convex pieces, or for cells."""
     if isinstance(shape, PointCloud | OccupancyGrid):
-        return _cell_bodies(name, link, shape, link_from_body)
+        # The boxes that together are the occupied cells.
+        low, high = merged_boxes(shape)
+        middles, halves = (low + high) / 2, (high - low) / 2
+        remark, rotation = _remark(shape, None), np.array(link_from_body.rotation)
+        places = middles @ rotation.T + link_from_body.translation
+        corners, boxes = CORNERS * halves[:, None], np.stack([-halves, halves], axis=1)
+        names = [name] if len(low) == 1 else [f"{name}_part_{i}" for i in range(len(low))]
+        parts = zip(names, halves, places, boxes, corners, strict=True)
+        return [
+            Body(
+                part,
+                name,
+                link,
+                coal.Box(*(2 * half)),
+                pin.SE3(rotation, place),
+                box,
+                Support(points),
+                None,
+                remark,
+                name,
+            )
+            for part, half, place, box, points in parts
+        ]
     if not isinstance(shape, Mesh) or shape.hull is not None:
         return [shape_body(name, name, link, shape, link_from_body)]
     stamped, file = _stamped(shape)
@@ -246,31 +268,6 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
     return [
         Body(part, name, link, each[0], link_from_body.copy(), *each[1:], remark, source=source, file=file)
         for part, each in zip(names, made, strict=True)
-    ]
-
-
-def _cell_bodies(
-    name: str, link: str | None, cloud: PointCloud | OccupancyGrid, link_from_cloud: pin.SE3
-) -> list[Body]:
-    """Return the boxes that together are the occupied cells of a point cloud or grid."""
-    low, high = merged_boxes(cloud)
-    middles, halves = (low + high) / 2, (high - low) / 2
-    remark, rotation = _remark(cloud, None), np.array(link_from_cloud.rotation)
-    places = middles @ rotation.T + link_from_cloud.translation
-    corners, boxes_around = CORNERS * halves[:, None], np.stack([-halves, halves], axis=1)
-    return [
-        Body(
-            name if len(low) == 1 else f"{name}_part_{i}",
-            name,
-            link,
-            coal.Box(*(2 * half)),
-            pin.SE3(rotation, place),
-            box,
-            Support(points),
-            remark=remark,
-            source=name,
-        )
-        for i, (half, place, box, points) in enumerate(zip(halves, places, boxes_around, corners, strict=True))
     ]
 
 
@@ -286,11 +283,7 @@ def with_triangles(obstacle: Obstacle) -> Obstacle:
 
 
 def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:
-    """Return a body of any shape.
-
-    MeshError if a mesh is unreadable or cannot be represented as requested; InputError if points have no hull, a
-    half-space is attached to a link, or the shape is unknown.
-    """
+    """Return a body of any shape; MeshError or InputError if it cannot be represented as requested, or is unknown."""
     file = _stamped(shape)[1] if isinstance(shape, Mesh) else None
     geometry, box, support, solid = _made(shape, owner, link)
     return Body(name, owner, link, geometry, link_from_body, box, support, solid, _remark(shape, solid), file=file)
@@ -313,10 +306,8 @@ def _remark(shape: Shape, solid: Inside | None) -> str:
 
 def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3, remark: str = "") -> Body:
     """Return a body of a link: a convex hull that contains ``points`` (V, 3), which may be flat."""
-    geometry = hull_of_any(points)
-    corners = np.array(geometry.points(), dtype=float)
-    box = np.array([corners.min(axis=0), corners.max(axis=0)])
-    return Body(name, link, link, geometry, link_from_body, box, Support(corners), remark=remark)
+    geometry, box, support, _ = _piece(points)
+    return Body(name, link, link, geometry, link_from_body, box, support, remark=remark)
 
 
 Made = tuple[Any, Array, Support | None, Inside | None]
@@ -334,62 +325,22 @@ def _made(shape: Shape, owner: str, link: str | None) -> Made:
     return make(shape)
 
 
-def _box(shape: Box) -> Made:
-    half = np.array([shape.x, shape.y, shape.z]) / 2
-    return coal.Box(shape.x, shape.y, shape.z), np.array([-half, half]), Support(CORNERS * half), None
+def _convex(
+    geometry: Any,
+    half: tuple[float, float, float],
+    points: Array,
+    radius: float = 0.0,
+    discs: Array | None = None,
+    semi_axes: Array | None = None,
+) -> Made:
+    """Return a convex body with half the sides (3,) of the box around it, and the parts of its support function."""
+    support = Support(points, radius, discs, semi_axes)  # type: ignore[arg-type]  # None is zeros
+    return geometry, np.array([np.negative(half), half]), support, None
 
 
-def _sphere(shape: Sphere) -> Made:
-    half = np.full(3, shape.radius)
-    support = Support(np.zeros((1, 3)), shape.radius)
-    return coal.Sphere(shape.radius), np.array([-half, half]), support, None
-
-
-def _ellipsoid(shape: Ellipsoid) -> Made:
-    half = np.array([shape.rx, shape.ry, shape.rz])
-    support = Support(np.zeros((1, 3)), semi_axes=half)
-    return coal.Ellipsoid(shape.rx, shape.ry, shape.rz), np.array([-half, half]), support, None
-
-
-def _cylinder(shape: Cylinder) -> Made:
-    ends, half = _ends(shape)
-    support = Support(ends, disc_radii=np.full(2, shape.radius))
-    return coal.Cylinder(shape.radius, shape.length), np.array([-half, half]), support, None
-
-
-def _cone(shape: Cone) -> Made:
-    ends, half = _ends(shape)
-    support = Support(ends, disc_radii=np.array([shape.radius, 0.0]))
-    return coal.Cone(shape.radius, shape.length), np.array([-half, half]), support, None
-
-
-def _capsule(shape: Capsule) -> Made:
-    ends, half = _ends(shape)
-    half[2] += shape.radius
-    return coal.Capsule(shape.radius, shape.length), np.array([-half, half]), Support(ends, shape.radius), None
-
-
-def _ends(shape: Cylinder | Cone | Capsule) -> tuple[Array, Array]:
-    """Return the two ends (2, 3) of the axis, and half the sides (3,) of the box around the part between them."""
-    ends = np.array([[0, 0, -shape.length / 2], [0, 0, shape.length / 2]])
-    return ends, np.array([shape.radius, shape.radius, shape.length / 2])
-
-
-def _half_space(_: HalfSpace) -> Made:
-    box = np.array([[-np.inf] * 3, [np.inf, np.inf, 0.0]])
-    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), box, None, None
-
-
-def _cells(shape: PointCloud | OccupancyGrid) -> Made:
-    return *_surface(*cell_faces(shape)), Cells(*cells_of(shape))
-
-
-def _height_map(shape: HeightMap) -> Made:
-    return *_surface(*ground_surface(shape)), Ground(shape)
-
-
-def _mesh(shape: Mesh) -> Made:
-    return _unmodified(*_stamped(shape))
+def _ends(shape: Cylinder | Cone | Capsule) -> Array:
+    """Return the two ends (2, 3) of the axis."""
+    return np.array([[0, 0, -shape.length / 2], [0, 0, shape.length / 2]])
 
 
 def _unmodified(shape: Mesh, file: FileStamp | None) -> Made:
@@ -403,10 +354,7 @@ def _unmodified(shape: Mesh, file: FileStamp | None) -> Made:
 
 
 def _stamped(shape: Mesh) -> tuple[Mesh, FileStamp | None]:
-    """Return a mesh with the absolute path of its file, which does not depend on the working directory, and its stamp.
-
-    The stamp is None for a mesh without a file, and for a missing file.
-    """
+    """Return a mesh with the absolute path of its file, and its stamp; None without a file."""
     file = None if shape.path is None else FileStamp.of(shape.path)
     return (shape if file is None else replace(shape, path=file.path)), file
 
@@ -420,6 +368,7 @@ def _own_shape(shape: Mesh, _file: FileStamp | None) -> tuple[bool, tuple[Made, 
     if not solid.watertight:
         remark = f"{what} is not watertight, so it is replaced by its convex hull, which fills its openings"
         return True, (), remark
+    # A watertight mesh is covered by convex pieces if they fit it closely.
     cover = convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
     if cover is None or cover.excess > MOST_EXCESS:
         remark = (
@@ -429,16 +378,12 @@ def _own_shape(shape: Mesh, _file: FileStamp | None) -> tuple[bool, tuple[Made, 
         return False, (), remark
     if len(cover.points) == 1:
         return True, (), ""
-    pieces = []
-    for points in cover.points:
-        geometry = hull_of_any(points)
-        corners = np.array(geometry.points(), dtype=float)
-        pieces.append((geometry, _box_around(corners), Support(corners), None))
+    pieces = tuple(map(_piece, cover.points))
     remark = (
         f"{what} is covered by {len(pieces)} convex pieces, which extend at most {cover.excess * 1e3:.1f} mm beyond it "
         f"(at {SAMPLES} points)"
     )
-    return False, tuple(pieces), remark
+    return False, pieces, remark
 
 
 @lru_cache(maxsize=MESHES_KEPT)
@@ -452,6 +397,7 @@ def _made_of_mesh(shape: Mesh, _file: FileStamp | None) -> Made:
             raise MeshError(what, f"{error}; use its triangles (hull=False), or give it thickness") from error
     if shape.hull is None:
         raise InputError("a Mesh without hull= may be several bodies; use shape_bodies")
+    # The triangles, which need an inside unless only the surface is checked.
     solid = Solid(mesh.vertices, mesh.triangles, shape.hollow)
     if not solid.watertight and not shape.hollow:
         raise MeshError(
@@ -479,22 +425,44 @@ def _hull(points: Array, what: str) -> Made:
     return geometry, _box_around(points), Support(np.array(geometry.points(), dtype=float)), None
 
 
+def _piece(points: Array) -> Made:
+    """Return a convex hull that contains points (V, 3), which may be flat."""
+    geometry = hull_of_any(points)
+    corners = np.array(geometry.points(), dtype=float)
+    return geometry, _box_around(corners), Support(corners), None
+
+
 def _box_around(points: Array) -> Array:
     return np.array([points.min(axis=0), points.max(axis=0)])
 
 
 GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
-    Box: _box,
-    Sphere: _sphere,
-    Cylinder: _cylinder,
-    Capsule: _capsule,
-    Cone: _cone,
-    Ellipsoid: _ellipsoid,
-    HalfSpace: _half_space,
-    ConvexHull: lambda shape: _hull(np.asarray(shape.points), "the convex hull"),
-    Mesh: _mesh,
-    PointCloud: _cells,
-    OccupancyGrid: _cells,
-    HeightMap: _height_map,
+    Box: lambda s: _convex(
+        coal.Box(s.x, s.y, s.z), (s.x / 2, s.y / 2, s.z / 2), CORNERS * (np.array([s.x, s.y, s.z]) / 2)
+    ),
+    Sphere: lambda s: _convex(coal.Sphere(s.radius), (s.radius,) * 3, np.zeros((1, 3)), s.radius),
+    Cylinder: lambda s: _convex(
+        coal.Cylinder(s.radius, s.length), (s.radius, s.radius, s.length / 2), _ends(s), discs=np.full(2, s.radius)
+    ),
+    Capsule: lambda s: _convex(
+        coal.Capsule(s.radius, s.length), (s.radius, s.radius, s.length / 2 + s.radius), _ends(s), s.radius
+    ),
+    Cone: lambda s: _convex(
+        coal.Cone(s.radius, s.length), (s.radius, s.radius, s.length / 2), _ends(s), discs=np.array([s.radius, 0.0])
+    ),
+    Ellipsoid: lambda s: _convex(
+        coal.Ellipsoid(s.rx, s.ry, s.rz), (s.rx, s.ry, s.rz), np.zeros((1, 3)), semi_axes=np.array([s.rx, s.ry, s.rz])
+    ),
+    HalfSpace: lambda _: (
+        coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),
+        np.array([[-np.inf] * 3, [np.inf, np.inf, 0.0]]),
+        None,
+        None,
+    ),
+    ConvexHull: lambda s: _hull(np.asarray(s.points), "the convex hull"),
+    Mesh: lambda s: _unmodified(*_stamped(s)),
+    PointCloud: lambda s: (*_surface(*cell_faces(s)), Cells(*cells_of(s))),
+    OccupancyGrid: lambda s: (*_surface(*cell_faces(s)), Cells(*cells_of(s))),
+    HeightMap: lambda s: (*_surface(*ground_surface(s)), Ground(s)),
 }
 """The registration of each shape: the function that returns its geometry, box, support and enclosed volume."""

@@ -1,8 +1,9 @@
-"""Depth images and point clouds: cameras, checks of units and sizes, and bodies that are removed from them."""
+"""Depth images and point clouds: their files, cameras, units and sizes, and bodies that are removed from them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,13 +11,88 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Shape
-from pinproof.collision.geometry.sensor_files import read_image, read_points
 from pinproof.collision.geometry.shape_values import point_array
+from pinproof.common.files import refuse_unreadable, unknown_suffix
 from pinproof.common.structs import COUNT, POSE, Key, Table, file_of, key, number, required, struct, table_of, without
 from pinproof.common.validation import named_arguments, require_positive
-from pinproof.errors import InputError
+from pinproof.description import positions, read_elements
+from pinproof.errors import FileError, InputError
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
 from pinproof.units import MOST_REACH
+
+LARGEST_FILE = 2**30
+"""Bytes: a cloud of about 70 million points."""
+
+Numbers = npt.NDArray[Any]
+
+
+def read_image(path: str | Path) -> Numbers:
+    """Return the numbers of an image file: ``.npy``, ``.png``, or ``.exr`` with the extra ``sensor``.
+
+    FileError if it has another suffix or cannot be read; InputError if an extra is missing.
+    """
+    return _read(path, "depth image", (".npy", ".png", ".exr"))
+
+
+def read_points(path: str | Path) -> npt.NDArray[np.float64]:
+    """Return the points (N, 3) of a file: ``.npy``, ``.ply``, or ``.pcd`` with the extra ``sensor``.
+
+    The points are returned in the frame of the file, including those that are not finite. The viewpoint that a PCD
+    file may state is not applied.
+
+    Raises
+    ------
+    FileError
+        If it has another suffix, cannot be read, or has no points of three coordinates.
+    InputError
+        If an extra is missing.
+    """
+    points = _read(path, "point cloud", (".npy", ".ply", ".pcd"))
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
+        raise FileError(Path(path), f"holds {points.dtype} of the shape {points.shape}, not points (N, 3)")
+    return points.astype(float)
+
+
+def _read(path: str | Path, what: str, suffixes: tuple[str, ...]) -> Numbers:
+    """Return the numbers of a file whose name has one of these suffixes."""
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix not in suffixes:
+        raise FileError(file, f"is not a {what}: {unknown_suffix(file, suffixes)}")
+    refuse_unreadable(file, FileError, largest=LARGEST_FILE)
+    try:
+        if suffix == ".npy":
+            return np.asarray(np.load(file, allow_pickle=False))
+        if suffix == ".ply":
+            return positions(read_elements(file.read_bytes()).get("vertex", {}))
+        if suffix == ".png":
+            from PIL import Image as PngImage
+
+            with PngImage.open(file) as image:
+                if image.mode not in ("I;16", "I;16B", "I", "F"):
+                    raise ValueError(f"it has the mode {image.mode}; depth images have one channel of 16 bits")
+                return np.asarray(image)
+        try:
+            library = import_module({".exr": "OpenEXR", ".pcd": "pypcd4"}[suffix])
+        except ImportError as error:
+            raise InputError(f"{suffix} files need the extra 'sensor': pip install 'pinproof[sensor]'") from error
+        if suffix == ".exr":  # the channel Z, as renderers name depth, or the only channel
+            channels = library.File(str(file), separate_channels=True).channels()
+            names = [name for name in channels if name.rpartition(".")[2] == "Z"] or list(channels)
+            if len(names) != 1:
+                raise ValueError(f"it has the channels {', '.join(channels)}; needed is one channel, or one named Z")
+            return np.asarray(channels[names[0]].pixels)
+        cloud = library.PointCloud.from_path(file)
+        points = np.asarray(cloud.numpy(("x", "y", "z")))
+        if len(points) != cloud.metadata.points:
+            raise ValueError(f"it holds {len(points)} points, but its header states {cloud.metadata.points}")
+        return points
+    # Pillow raises SyntaxError, OpenEXR RuntimeError, and readers of clouds others for damaged files.
+    except (OSError, ValueError, SyntaxError, RuntimeError, KeyError, IndexError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise FileError(file, f"cannot be read as a {what}: {str(error).splitlines()[0]}") from error
+
 
 DEPTH_UNCERTAINTY = 0.005
 """Default largest error (m) of a measured depth: about that of common depth cameras at a distance of 1 m."""
@@ -148,7 +224,19 @@ class DepthView:
     ) -> DepthView:
         """Check and convert an image; arguments and errors are those of :meth:`pinproof.OccupancyGrid.from_depth`."""
         pose = rigid("camera_pose", camera_pose)
-        raw = _pixels(image)
+        # The numbers (height, width) of an array or a file; masked pixels have no measurement.
+        what = f"the depth image {image}" if isinstance(image, (str, Path)) else "the depth image"
+        stated = read_image(image) if isinstance(image, (str, Path)) else image
+        stated = stated.filled(0) if isinstance(stated, np.ma.MaskedArray) else stated
+        try:
+            raw = np.asarray(stated)
+        except ValueError as wrong:
+            raise InputError(f"{what} is not an array: {wrong}") from wrong
+        raw = raw[:, :, 0] if raw.ndim == 3 and raw.shape[2] == 1 else raw
+        if raw.ndim != 2 or raw.size == 0 or raw.dtype.kind not in "iuf":
+            raise InputError(
+                f"{what} must be numbers of the shape (height, width); it is {raw.dtype} of the shape {raw.shape}"
+            )
         height, width = raw.shape
         camera = intrinsics if isinstance(intrinsics, Intrinsics) else Intrinsics.from_matrix(intrinsics, width, height)
         if (camera.width, camera.height) != (width, height):
@@ -188,7 +276,22 @@ class DepthView:
             raise InputError(f"intrinsics must be Intrinsics, not {type(intrinsics).__name__}: a cloud has no size")
         require_positive("depth_uncertainty", depth_uncertainty, zero=True)
         root_from_camera = rigid("camera_pose", camera_pose)
-        cloud, record = _measured_points(points)
+        # The finite points (N, 3) of an array or a file, and a sentence on their number.
+        what = f"the point cloud {points}" if isinstance(points, (str, Path)) else "the point cloud"
+        stated = point_array(what, read_points(points) if isinstance(points, (str, Path)) else points)
+        if isinstance(points, np.ma.MaskedArray):
+            stated[np.ma.getmaskarray(points)] = np.nan  # masked points are no measurements
+        if not stated.size:
+            raise InputError(f"{what} is empty")
+        cloud = stated[np.isfinite(stated).all(axis=1)]
+        if not len(cloud):
+            raise InputError(f"none of the points of {what} is finite")
+        median = float(np.median(np.linalg.norm(cloud, axis=1)))
+        if median > MOST_REACH:
+            raise InputError(f"the points of {what} are {median:g} m away (median), which looks like millimetres")
+        dropped = f"; {len(stated) - len(cloud)} others are not finite" if len(stated) > len(cloud) else ""
+        record = f"its pixels show the nearest points of a cloud of {len(cloud)}{dropped}"
+        # Each pixel shows the nearest of its points, and the farthest bounds what was measured in it.
         if cloud_pose is not None:
             cloud = _moved(rigid("cloud_pose", cloud_pose), cloud)
         seen = _moved(root_from_camera.inverse(), cloud)
@@ -209,20 +312,6 @@ class DepthView:
         farthest = np.where(farthest > 0, farthest + error, 0.0).reshape(shape)
         bound = np.maximum(depth - error, 0.0)
         return cls(depth, bound, farthest, np.array(error), intrinsics, root_from_camera, (), (record,), cloud[~shown])
-
-    @property
-    def stated_uncertainty(self) -> str:
-        """The uncertainty as text."""
-        low, high = float(self.uncertainty.min()) * 1e3, float(self.uncertainty.max()) * 1e3
-        return f"{high:g} mm" if low == high else f"{low:g} to {high:g} mm"
-
-    def refuse_covered(self, voxel: float) -> None:
-        """Refuse an image in which no surface is farther than its uncertainty and a cell: nothing can be free."""
-        if float(self.nearest.max()) <= voxel:
-            raise InputError(
-                f"every measured surface is within {float(self.depth.max()):.3g} m of the camera: it is covered or "
-                "inside an obstacle"
-            )
 
 
 def _view(
@@ -266,44 +355,6 @@ VIEW = Table(
     },
     make=_view,
 )
-
-
-def _pixels(image: Any) -> npt.NDArray[Any]:
-    """Return the numbers (height, width) of an array or file."""
-    what = "the depth image"
-    if isinstance(image, (str, Path)):
-        what, image = f"the depth image {image}", read_image(image)
-    if isinstance(image, np.ma.MaskedArray):
-        image = image.filled(0)  # masked pixels have no measurement
-    try:
-        pixels = np.asarray(image)
-    except ValueError as error:
-        raise InputError(f"{what} is not an array: {error}") from error
-    if pixels.ndim == 3 and pixels.shape[2] == 1:
-        pixels = pixels[:, :, 0]
-    if pixels.ndim != 2 or pixels.size == 0 or pixels.dtype.kind not in "iuf":
-        raise InputError(
-            f"{what} must be numbers of the shape (height, width); it is {pixels.dtype} of the shape {pixels.shape}"
-        )
-    return pixels
-
-
-def _measured_points(points: npt.ArrayLike | str | Path) -> tuple[Array, str]:
-    """Return the finite points (N, 3) of an array or file, and a sentence on their number."""
-    what = f"the point cloud {points}" if isinstance(points, (str, Path)) else "the point cloud"
-    stated = point_array(what, read_points(points) if isinstance(points, (str, Path)) else points)
-    if isinstance(points, np.ma.MaskedArray):
-        stated[np.ma.getmaskarray(points)] = np.nan  # masked points are no measurements
-    if not stated.size:
-        raise InputError(f"{what} is empty")
-    cloud = stated[np.isfinite(stated).all(axis=1)]
-    if not len(cloud):
-        raise InputError(f"none of the points of {what} is finite")
-    median = float(np.median(np.linalg.norm(cloud, axis=1)))
-    if median > MOST_REACH:
-        raise InputError(f"the points of {what} are {median:g} m away (median), which looks like millimetres")
-    dropped = f"; {len(stated) - len(cloud)} others are not finite" if len(stated) > len(cloud) else ""
-    return cloud, f"its pixels show the nearest points of a cloud of {len(cloud)}{dropped}"
 
 
 def _moved(to_from: SE3, points: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Convex hulls for coal, and the volume that a closed mesh encloses.
+"""Triangles as arrays of their corners (F, 3, 3), convex hulls for coal, and the volume that a closed mesh encloses.
 
 Qhull terminates the interpreter on flat points, which are refused here. Coal's meshes are hollow, so a body inside a
 mesh is not in contact for coal; :class:`Solid` detects it.
@@ -6,19 +6,108 @@ mesh is not in contact for coal; :class:`Solid` detects it.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import coal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.geometry.triangles import connected_parts
 from pinproof.errors import InputError
 from pinproof.spatial import Array
 
-Triangles = npt.NDArray[np.int64]
-"""Indices of vertices (F, 3)."""
+Indices = npt.NDArray[np.int64]
+"""Indices of nodes, or of vertices (F, 3)."""
+
+PRODUCTS = 2**20
+"""Products of a point and a plane that are computed at once: 8 MB."""
+
+
+def with_area(corners: Array) -> tuple[Array, Array, Array]:
+    """Return the triangles that have an area, their unit normals (F, 3), and their areas (F,)."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice = np.linalg.norm(across, axis=1)
+    some = twice > 0
+    return corners[some], across[some] / twice[some, None], twice[some] / 2
+
+
+def cut_crossing(corners: Array, heights: Array) -> tuple[Array, Array]:
+    """Return the parts below and above a plane of the triangles that cross it, for the heights (F, 3) of corners."""
+    crossing = ~((heights <= 0).all(axis=1) | (heights >= 0).all(axis=1))
+    cut, h = corners[crossing], heights[crossing]
+    # Each triangle is rotated so that its first corner is alone on its side; a corner in the plane counts to the
+    # others.
+    s = np.sign(h)
+    alone = np.argmax(
+        [
+            (s[:, i] * s[:, j] <= 0) & (s[:, i] * s[:, k] <= 0) & (s[:, i] != 0)
+            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+        ],
+        axis=0,
+    )
+    rows, order = np.arange(len(cut))[:, None], (alone[:, None] + np.arange(3)) % 3
+    (a, b, c), (ha, hb, hc) = np.moveaxis(cut[rows, order], 1, 0), h[rows, order].T
+    p, q = a + (ha / (ha - hb))[:, None] * (b - a), a + (ha / (ha - hc))[:, None] * (c - a)
+    tip = np.stack([a, p, q], axis=1)
+    rest = np.concatenate([np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)])
+    below = ha < 0
+    twice = np.tile(below, 2)
+    return np.concatenate([tip[below], rest[~twice]]), np.concatenate([tip[~below], rest[twice]])
+
+
+def connected_parts(count: int, one: Indices, other: Indices) -> Indices:
+    """Return the connected part of each node, numbered by their first nodes; edge k joins one[k] and other[k]."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+class PointHull:
+    """The convex hull of points: the points on it (V, 3), its faces (none if flat) as planes (E, 4), and its volume."""
+
+    def __init__(self, points: Array) -> None:
+        from scipy.spatial import ConvexHull, QhullError
+
+        self.points, self.planes, self.volume = points, np.empty((0, 4)), 0.0
+        self.triangles = np.empty((0, 3, 3))
+        if len(points) > 3:
+            with suppress(QhullError):
+                hull = ConvexHull(points)
+                self.points, self.planes, self.volume = points[hull.vertices], hull.equations, float(hull.volume)
+                self.triangles = points[hull.simplices]
+
+    @cached_property
+    def box(self) -> Array:
+        """(2, 3) the lower and upper corner of the box around it."""
+        return np.array([self.points.min(axis=0), self.points.max(axis=0)])
+
+    def space(self, points: Array, normals: Array) -> Array:
+        """Return how far (m) it is from points (N, 3) in the hull along unit normals (N, 3) to its surface."""
+        space = np.zeros(len(points))
+        for rows in self._blocks(points):
+            space[rows] = self._block_space(points[rows], normals[rows])
+        return space
+
+    def has_space(self, points: Array, normals: Array, tolerance: float) -> bool:
+        """Whether it is farther than ``tolerance`` (m) from any of the points to its surface; stops at the first."""
+        return any((self._block_space(points[r], normals[r]) > tolerance).any() for r in self._blocks(points))
+
+    def _blocks(self, points: Array) -> list[slice]:
+        """Rows of points by blocks: a CAD mesh has 500,000 samples and 3,000 planes, and their product is 12 GB."""
+        if len(self.planes) == 0:
+            return []
+        rows = max(1, PRODUCTS // len(self.planes))
+        return [slice(i, i + rows) for i in range(0, len(points), rows)]
+
+    def _block_space(self, points: Array, normals: Array) -> Array:
+        height = np.maximum(-(points @ self.planes[:, :3].T + self.planes[:, 3]), 0.0)
+        slope = normals @ self.planes[:, :3].T
+        return np.asarray(np.where(slope > 1e-9, height / np.maximum(slope, 1e-9), np.inf).min(axis=1))
+
 
 FLAT = 1e-6
 """Metres. Points with a smaller extent in some direction are flat: Qhull terminates the interpreter on them."""
@@ -31,10 +120,7 @@ THICKENING = 10.0
 
 
 def convex_hull(points: Array, what: str) -> Any:
-    """Return the coal shape of the hull of ``points`` (V, 3); ``what`` names them in errors.
-
-    InputError if they are flat, or Qhull or coal fails.
-    """
+    """Return the coal shape of the hull of ``points`` (V, 3); InputError, which names them, if they have none."""
     refuse_flat(points, what)
     # buildConvexRepresentation would only label a mesh as convex and miss collisions; this computes the hull (Qhull).
     surface = bvh(points, np.array([[0, 1, 2]]))
@@ -57,14 +143,10 @@ def hull_triangles(points: Array) -> npt.NDArray[np.int64]:
 
 
 def hull_of_any(points: Array) -> Any:
-    """Return the coal shape of a convex body that contains all ``points`` (V, 3), flat or not.
-
-    It is their hull. If they are flat or Qhull fails, it is the box around them along their principal axes, thickened
-    to :data:`THICKENING` times the smallest thickness that has a hull.
-    """
+    """Return the coal shape of a convex body that contains all ``points`` (V, 3), flat or not."""
     try:
         return convex_hull(points, "a cluster")
-    except InputError:
+    except InputError:  # flat, or Qhull fails: the box along their principal axes, thickened until it has a hull
         centre, axes, low, high = _principal_box(points)
     least = THICKENING * max(FLAT, FLAT_SHARE * float((high - low).max()))
     grow = np.maximum(least - (high - low), 0.0) / 2
@@ -122,40 +204,26 @@ class Inside(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A triangle mesh as a solid.
+    """A triangle mesh, of vertices (V, 3) and triangles (F, 3), as a solid.
 
     A part is what is connected over edges between two triangles. A closed part is solid, independently of the
     orientation of its triangles. A part with the opposite orientation of the whole mesh is a cavity if it is inside a
     solid part and does not touch any other part. Otherwise it is a solid part with inverted triangles; without this
-    rule, the overlap of two such parts would count as outside.
-
-    Parameters
-    ----------
-    vertices, triangles
-        (V, 3) metres and (F, 3) indices.
-    hollow
-        Treat it as a surface without an inside, watertight or not.
-    watertight
-        Whether every edge of a part joins exactly two of its triangles, once in each direction; if not, there is no
-        inside.
-    witnesses
-        (K, 3) one vertex of each part.
-    corners
-        (F, 3, 3) the triangles with three different corners; solid parts of a watertight mesh are oriented outwards.
-    box
-        (2, 3) the least and the greatest coordinates of a watertight mesh.
-    solids
-        The triangles of bodies whose union is the volume: of each part; of all if the mesh has cavities or no inside.
+    rule, the overlap of two such parts would count as outside. A ``hollow`` mesh is a surface without an inside.
     """
 
     vertices: Array
-    triangles: Triangles
+    triangles: Indices
     hollow: bool = False
     watertight: bool = field(init=False)
+    """Whether every edge of a part joins exactly two of its triangles, once in each direction."""
     witnesses: Array = field(init=False)
+    """(K, 3) one vertex of each part."""
     corners: Array = field(init=False, repr=False)
+    """(F, 3, 3) the triangles with three different corners; solid parts of a watertight mesh are oriented outwards."""
     box: Array = field(init=False, repr=False)
     solids: tuple[Array, ...] = field(init=False, repr=False)
+    """The triangles of bodies whose union is the volume: of each part; of all if the mesh has cavities or no inside."""
 
     def __post_init__(self) -> None:
         # Files such as STL repeat each corner for every triangle; equal corners are one vertex.
@@ -167,12 +235,29 @@ class Solid:
         closed = not self.hollow and edges.closed(parts)
         object.__setattr__(self, "watertight", closed)
         object.__setattr__(self, "witnesses", points[[faces[part[0], 0] for part in parts]])
-        corners, separate = _oriented(points, faces, parts) if closed else (points[faces], False)
+        # Solid parts are oriented outwards, and cavities, which are inside of a solid part, inwards.
+        corners, cavities = points[faces], False
+        if closed:
+            moved = corners - corners.mean(axis=(0, 1))  # avoids cancellation far from the origin
+            volume = np.array([np.linalg.det(moved[part]).sum() / 6 for part in parts])
+            if volume.sum() < 0:
+                corners, volume = corners[:, ::-1], -volume
+            for k in sorted(
+                np.flatnonzero(volume < 0), key=lambda k: float(volume[k])
+            ):  # large parts contain small ones
+                others = np.concatenate([part for i, part in enumerate(parts) if i != k])
+                within = winding_number(corners[parts[k][0], 0], corners[others]) > 0.5
+                if not within or _touch(corners[parts[k]], corners[others]):
+                    corners[parts[k]] = corners[parts[k], ::-1]
+                else:
+                    cavities = True
         object.__setattr__(self, "corners", corners)
         object.__setattr__(self, "box", box_of(corners) if closed else np.full((2, 3), np.nan))
         for array in (self.witnesses, self.corners, self.box):
             array.setflags(write=False)
-        solids = [self.corners[part] for part in parts] if separate and len(parts) > 1 else [self.corners]
+        solids = (
+            [self.corners[part] for part in parts] if closed and not cavities and len(parts) > 1 else [self.corners]
+        )
         object.__setattr__(self, "solids", tuple(solids))
 
     def contains(self, points: Array) -> bool:
@@ -213,22 +298,20 @@ def winding_number(point: Array, corners: Array) -> float:
 class _HullEdges:
     """The three edges of each triangle (3 F,): the triangle, the number of the edge, and +-1 for the direction."""
 
-    face: Triangles
-    number: Triangles
-    direction: Triangles
+    face: Indices
+    number: Indices
+    direction: Indices
 
     @classmethod
-    def of(cls, faces: Triangles, count: int) -> _HullEdges:
+    def of(cls, faces: Indices, count: int) -> _HullEdges:
         ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
         number = np.unique(ends.min(axis=1) * count + ends.max(axis=1), return_inverse=True)[1].reshape(-1)
         return cls(np.tile(np.arange(len(faces)), 3), number, np.where(ends[:, 0] < ends[:, 1], 1, -1))
 
-    def parts(self, count: int) -> list[Triangles]:
-        """Return the triangles of each part, as indices of the ``count`` triangles.
-
-        Bodies that touch, or share vertices or edges, are separate parts: an edge of more than two triangles, or of two
-        in the same direction, does not connect them.
-        """
+    def parts(self, count: int) -> list[Indices]:
+        """Return the triangles of each part, as indices of the ``count`` triangles."""
+        # Bodies that touch, or share vertices or edges, are separate parts: an edge of more than two triangles, or of
+        # two in the same direction, does not connect them.
         order = np.argsort(self.number, kind="stable")
         begins = np.flatnonzero(np.diff(self.number[order], prepend=-1))
         two = begins[np.diff(begins, append=len(order)) == 2]
@@ -238,7 +321,7 @@ class _HullEdges:
         order = np.argsort(labels, kind="stable")
         return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if count else []
 
-    def closed(self, parts: list[Triangles]) -> bool:
+    def closed(self, parts: list[Indices]) -> bool:
         """Whether every edge of a part joins exactly two of its triangles, once in each direction."""
         label = np.empty(len(self.face) // 3, dtype=np.int64)
         for k, part in enumerate(parts):
@@ -246,25 +329,6 @@ class _HullEdges:
         key = label[self.face] * (self.number.max(initial=0) + 1) + self.number
         edge = np.unique(key, return_inverse=True)[1].reshape(-1)
         return len(parts) > 0 and bool((np.bincount(edge) == 2).all()) and not np.bincount(edge, self.direction).any()
-
-
-def _oriented(points: Array, faces: Triangles, parts: list[Triangles]) -> tuple[Array, bool]:
-    """Return triangles (F, 3, 3), solid parts oriented outwards and cavities inwards, and whether no cavity exists."""
-    corners = points[faces]
-    corners = corners - corners.mean(axis=(0, 1))  # avoids cancellation far from the origin
-    volume = np.array([np.linalg.det(corners[part]).sum() / 6 for part in parts])
-    corners = points[faces]
-    if volume.sum() < 0:
-        corners, volume = corners[:, ::-1], -volume
-    cavities = False
-    for k in sorted(np.flatnonzero(volume < 0), key=lambda k: float(volume[k])):  # large parts contain small ones
-        others = np.concatenate([part for i, part in enumerate(parts) if i != k])
-        within = winding_number(corners[parts[k][0], 0], corners[others]) > 0.5
-        if not within or _touch(corners[parts[k]], corners[others]):
-            corners[parts[k]] = corners[parts[k], ::-1]
-        else:
-            cavities = True
-    return corners, not cavities
 
 
 def _touch(a: Array, b: Array) -> bool:

@@ -12,8 +12,7 @@ import coal
 import numpy as np
 
 from pinproof.collision.geometry.bodies import MOST_EXCESS, Body, Support
-from pinproof.collision.geometry.hulls import Solid, winding_number
-from pinproof.collision.geometry.triangles import with_area
+from pinproof.collision.geometry.hulls import Solid, winding_number, with_area
 from pinproof.spatial import Array
 
 MOST_BALLS = 24
@@ -49,12 +48,7 @@ triangles."""
 
 
 class InnerShapes(NamedTuple):
-    """Shapes inside a body, in its frame: balls, and a box with rounded edges if there is one.
-
-    ``balls`` (k, 4) are centres and radii. ``corners`` (m, 3) are points of the surface, spread over the corners of the
-    body: balls without a radius. The box has a centre (3,), half sides (3,) along the axes of the body (None if the
-    body has no box), and the radius of the ball that is added to it.
-    """
+    """Shapes inside a body, in its frame: balls (centre, radius), points of its surface, and a rounded box."""
 
     balls: Array
     corners: Array
@@ -74,54 +68,35 @@ def inner_shapes(body: Body) -> InnerShapes:
     if body.support is not None and body.link is not None and body.file is not None:
         return none
     key = body.content()
-    if key not in _KEPT:
-        if len(_KEPT) >= KEPT:
-            _KEPT.clear()
-        _KEPT[key] = _inner_shapes(body, none)
-    return _KEPT[key]
-
-
-def _inner_shapes(body: Body, none: InnerShapes) -> InnerShapes:
+    if key in _KEPT:
+        return _KEPT[key]
+    shapes = none
     if body.support is not None:
         # The pieces of a mesh may extend beyond it.
         less = ROUNDING + (MOST_EXCESS if body.file is not None else 0.0)
-        shapes = none._replace(balls=_spread(*_in_polytope(_Planes.of(body.support), body.box), less))
+        shapes = none._replace(balls=_spread(*_in_polytope(body.support, body.box), less))
         if body.file is None:
             shapes = shapes._replace(corners=_far_apart(extremes(body.support)))
         if isinstance(body.geometry, coal.Box):
             shapes = shapes._replace(box_half=body.box[1] - less)
-        return shapes
-    if isinstance(body.solid, Solid) and body.solid.watertight:
-        balls = _spread(*_in_mesh(body.solid.corners, body.box), ROUNDING)
-        return none._replace(balls=balls, corners=_far_apart(np.unique(body.solid.corners.reshape(-1, 3), axis=0)))
-    return none
-
-
-class _Planes(NamedTuple):
-    """The planes ``normals . x <= offsets`` of a polytope, to which a ball of ``radius`` is added.
-
-    A point or a segment has no planes: ``core`` (1 or 2, 3) are its ends.
-    """
-
-    normals: Array
-    offsets: Array
-    radius: float
-    core: Array
-
-    @classmethod
-    def of(cls, support: Support) -> _Planes:
-        """The polytope of the extreme points of a convex body."""
-        from scipy.spatial import ConvexHull, QhullError
-
-        points = extremes(support)
-        empty = np.empty((0, 3)), np.empty(0)
-        if len(points) <= 2:
-            return cls(*empty, support.radius, points)
-        try:
-            hull = ConvexHull(points)
-        except QhullError:  # flat
-            return cls(*empty, support.radius, points[:1])
-        return cls(hull.equations[:, :3], -hull.equations[:, 3], support.radius, np.empty((0, 3)))
+    elif isinstance(body.solid, Solid) and body.solid.watertight:
+        corners = body.solid.corners
+        # A point behind the planes of all triangles is inside, since every triangle adds to its winding number; its
+        # smallest distance from the planes is the radius. For others, the triangles give the distances.
+        faces, normals, _ = with_area(corners)
+        centres = _candidates(body.box)
+        radii = (np.einsum("ij,ij->i", normals, faces[:, 0]) - centres @ normals.T).min(axis=1)
+        if (radii > 0).sum() > len(centres) // CONVEX:
+            centres, radii = centres[radii > 0], radii[radii > 0]
+        else:
+            centres = centres[[winding_number(centre, corners) > 0.5 for centre in centres]]
+            radii = np.array([_distance(centre, corners) for centre in centres])
+        balls = _spread(centres, radii, ROUNDING)
+        shapes = none._replace(balls=balls, corners=_far_apart(np.unique(corners.reshape(-1, 3), axis=0)))
+    if len(_KEPT) >= KEPT:
+        _KEPT.clear()
+    _KEPT[key] = shapes
+    return shapes
 
 
 def spiral_directions(count: int) -> Array:
@@ -155,32 +130,23 @@ def _candidates(box: Array) -> Array:
     return np.asarray(np.concatenate([[box.mean(axis=0)], box[0] + grid * (box[1] - box[0])]))
 
 
-def _in_polytope(planes: _Planes, box: Array) -> tuple[Array, Array]:
-    """Return centres (m, 3) and radii (m,) of balls in a polytope to which a ball is added."""
-    if len(planes.core):
+def _in_polytope(support: Support, box: Array) -> tuple[Array, Array]:
+    """Return centres (m, 3) and radii (m,) of balls in a convex body: a polytope to which a ball is added."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    points, flat = extremes(support), False
+    if len(points) > 2:
+        try:
+            hull = ConvexHull(points)
+        except QhullError:
+            points, flat = points[:1], True
+    if len(points) <= 2 or flat:  # a point or a segment
         share = np.linspace(0.0, 1.0, 2 * GRID)[:, None]
-        centres = planes.core[:1] + share * (planes.core[-1:] - planes.core[:1])
-        return centres, np.full(len(centres), planes.radius)
+        centres = points[:1] + share * (points[-1:] - points[:1])
+        return centres, np.full(len(centres), support.radius)
     centres = _candidates(box)
-    depth = (planes.offsets - centres @ planes.normals.T).min(axis=1)
-    return centres[depth > 0], depth[depth > 0] + planes.radius
-
-
-def _in_mesh(corners: Array, box: Array) -> tuple[Array, Array]:
-    """Return centres (m, 3) and radii (m,) of balls in a watertight mesh of triangles (F, 3, 3).
-
-    A point behind the planes of all triangles is inside, since every triangle adds to its winding number; its smallest
-    distance from the planes is the radius. Other meshes are not star-shaped, and their distances are to the triangles.
-    """
-    faces, normals, _ = with_area(corners)
-    offsets = np.einsum("ij,ij->i", normals, faces[:, 0])
-    centres = _candidates(box)
-    depth = (offsets - centres @ normals.T).min(axis=1)
-    if (depth > 0).sum() > len(centres) // CONVEX:
-        return centres[depth > 0], depth[depth > 0]
-    inside = centres[[winding_number(centre, corners) > 0.5 for centre in centres]]
-    radii = np.array([_distance(centre, corners) for centre in inside])
-    return inside, radii
+    depth = (-hull.equations[:, 3] - centres @ hull.equations[:, :3].T).min(axis=1)
+    return centres[depth > 0], depth[depth > 0] + support.radius
 
 
 def _distance(point: Array, corners: Array) -> float:

@@ -117,6 +117,7 @@ class OccupancyGrid(ByContent):
             )
         cells = np.ascontiguousarray(cells, dtype=np.uint8)
         cells.setflags(write=False)
+        # The lattice: the side of a cell and the integer indices of the first one.
         voxel = checked_size("OccupancyGrid.voxel", self.voxel)
         low = finite("OccupancyGrid.low", self.low, (3,))
         first = tuple(int(index) for index in low)
@@ -243,11 +244,21 @@ class OccupancyGrid(ByContent):
             raise InputError(
                 f"pixel_margin = {pixel_margin} is larger than the image: {camera.width} x {camera.height}"
             )
-        view.refuse_covered(side)
+        if float(view.nearest.max()) <= side:  # nothing can be free
+            raise InputError(
+                f"every measured surface is within {float(view.depth.max()):.3g} m of the camera: it is covered or "
+                "inside an obstacle"
+            )
         cells = np.empty(count, dtype=np.uint8)
         intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         carve(cells, low, side, matrix(camera_from_root), intrinsics, view.nearest, view.farthest, pixel_margin)
-        _mark(cells, view.beside / side - low, float(view.uncertainty.max()) / side)
+        # Cells within the error of points outside the image are occupied too; lengths in cells from the first one.
+        beside, error = view.beside / side - low, float(view.uncertainty.max()) / side
+        steps = np.linspace(-error, error, max(2, math.ceil(2 * error) + 1))
+        for offset in itertools.product(steps, repeat=3) if len(beside) else ():
+            at = np.floor(beside + offset)
+            at = at[((at >= 0) & (at < cells.shape)).all(axis=1)].astype(np.int64)
+            cells[tuple(at.T)] = SEEN
         if (cells == UNKNOWN).all():
             center = camera_from_root.act((low + np.array(count) / 2) * side)
             place = ", ".join(f"{x:.3g}" for x in center)
@@ -256,10 +267,12 @@ class OccupancyGrid(ByContent):
                 "whose x axis points right, y down and z forward, or it is hidden; check camera_pose and bounds"
             )
         free = int(np.count_nonzero(cells == FREE))
-        at = ", ".join(f"{x:.4g}" for x in view.root_from_camera.translation)
+        place = ", ".join(f"{x:.4g}" for x in view.root_from_camera.translation)
+        least, most = float(view.uncertainty.min()) * 1e3, float(view.uncertainty.max()) * 1e3
+        trusted = f"{most:g} mm" if least == most else f"{least:g} to {most:g} mm"
         sentence = (
-            f"depth image of {camera.width} x {camera.height} pixels from ({at}): {free} cells free; depths are "
-            f"trusted to {view.stated_uncertainty}, bodies that the camera does not measure are not covered"
+            f"depth image of {camera.width} x {camera.height} pixels from ({place}): {free} cells free; depths are "
+            f"trusted to {trusted}, bodies that the camera does not measure are not covered"
         )
         grid = cls(cells, side, tuple(low.tolist()), unknown, (sentence, *view.record))
         for part in view.removed:
@@ -354,6 +367,7 @@ class OccupancyGrid(ByContent):
             If the bounds are empty, contain no known leaf, or have too many cells; if a threshold is given for a
             ``.bt`` file.
         """
+        # The lattice is that of the map, so that every leaf consists of whole cells.
         leaves = path if isinstance(path, OctomapLeaves) else read_octomap(path, threshold)
         known: Array = np.asarray(leaves.bounds * leaves.resolution, dtype=np.float64)
         lattice = f"the resolution of the {leaves.source}"
@@ -419,15 +433,6 @@ class OccupancyGrid(ByContent):
         return self.fuse(other)
 
 
-def _mark(cells: Cells, points: Array, error: float) -> None:
-    """Set the cells within ``error`` of points (N, 3) to SEEN; lengths in cells from the first one."""
-    steps = np.linspace(-error, error, max(2, math.ceil(2 * error) + 1))
-    for offset in itertools.product(steps, repeat=3) if len(points) else ():
-        at = np.floor(points + offset)
-        at = at[((at >= 0) & (at < cells.shape)).all(axis=1)].astype(np.int64)
-        cells[tuple(at.T)] = SEEN
-
-
 def _ranked(cells: Cells) -> Cells:
     """The ranks of states in the order FREE, SEEN, CLEARED, UNKNOWN in which views are fused; its own inverse."""
     return np.bitwise_xor(cells, cells >> np.uint8(1), dtype=np.uint8)  # exchanges 2 and 3
@@ -436,10 +441,7 @@ def _ranked(cells: Cells) -> Cells:
 def _lattice(
     bounds: Bounds, voxel: float, source: str = ""
 ) -> tuple[npt.NDArray[np.int64], tuple[int, int, int], float]:
-    """Return the first cell (3,), the number of cells along each axis and their side for a box of space.
-
-    ``source`` names what states the side, if it is not the caller.
-    """
+    """Return the first cell (3,), the numbers of cells and their side, which ``source`` states if not the caller."""
     side = checked_size(source or "voxel", voxel)
     box = finite("bounds", bounds, (2, 3))
     if not (box[0] < box[1]).all():
@@ -492,6 +494,7 @@ _KEYS = (
 
 def _grid(unknown: str = POLICIES[0], **stated: Any) -> OccupancyGrid:
     """The grid that a file states: by depth images of which it is made, by a map, or by the states of its cells."""
+    # A grid has one source, and the keys that belong to it.
     sources = [key for key in SOURCES if key in stated]
     if len(sources) != 1:
         what = " and ".join(sources) or "no source of its cells"
@@ -512,6 +515,7 @@ def _grid(unknown: str = POLICIES[0], **stated: Any) -> OccupancyGrid:
             for view, margin in stated["views"]
         ]
         return grids[0].fuse(*grids[1:])
+    # The states of the cells are zlib in base64, of exactly the stated size.
     size = math.prod(stated["count"])
     if size > MOST_CELLS:
         raise InputError(f"occupancy_grid.count: {stated['count']} are more than {MOST_CELLS} cells")
@@ -532,17 +536,18 @@ def stated_grid(grid: OccupancyGrid) -> dict[str, Any]:
     return {**head, "cells": packed, "record": list(grid.record)}
 
 
-def _only_with(source: str) -> dict[str, Any]:
-    """The rule of a schema for the keys of a grid with one of its sources."""
-    needed, possible = SOURCES[source]
-    valid = (source, "unknown", *needed, *possible)
-    return {"required": [*needed, source], **without(*(key.name for key in _KEYS if key.name not in valid))}
-
-
 GRID = Table(
     "occupancy_grid",
     "Space that depth images prove free, or that a map of OctoMap states free; everything else is an obstacle.",
     *_KEYS,
-    rules={"oneOf": [_only_with(source) for source in SOURCES]},
+    rules={
+        "oneOf": [
+            {
+                "required": [*needed, source],
+                **without(*(key.name for key in _KEYS if key.name not in (source, "unknown", *needed, *possible))),
+            }
+            for source, (needed, possible) in SOURCES.items()
+        ]
+    },
     make=_grid,
 )

@@ -48,21 +48,11 @@ Integers = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class OctomapLeaves:
-    """The known leaves of a tree.
+    """The known leaves of a tree, each free or occupied.
 
-    Parameters
-    ----------
-    resolution
-        The side (m) of a cell.
-    places
-        (n, 4) for each leaf the indices of its first cell, where cell c is the cube from c to c + 1 times the
-        resolution, and the number of cells along its side.
-    occupied
-        (n,) whether a leaf is occupied; it is free otherwise.
-    threshold
-        The occupancy from which leaves are occupied, or None if the file states only which are.
-    source
-        Where the tree is from, for notes and messages.
+    ``places`` (n, 4) are the indices of the first cell of each leaf (cell c is the cube from c to c + 1, times the
+    resolution in m) and the number of cells along its side. ``threshold`` is the occupancy from which leaves are
+    occupied, None if the file states only which are; ``source`` is where the tree is from.
     """
 
     resolution: float
@@ -94,11 +84,7 @@ class OctomapLeaves:
 
 
 def read_octomap(path: str | Path, threshold: float = THRESHOLD) -> OctomapLeaves:
-    """Return the known leaves of a ``.bt`` or ``.ot`` file.
-
-    FileError if the file cannot be read, is not a tree of occupancies, is truncated or damaged, or has no known leaf;
-    InputError if a threshold is given for a ``.bt`` file, which states no occupancies, or is not between 0 and 1.
-    """
+    """Return the known leaves of a ``.bt`` or ``.ot`` file; errors as :meth:`pinproof.OccupancyGrid.from_octomap`."""
     file = Path(path)
     if not 0.0 < threshold < 1.0:
         raise InputError(f"threshold = {threshold!r} is not between 0 and 1")
@@ -125,17 +111,34 @@ def octomap_leaves(
 ) -> OctomapLeaves:
     """Return the known leaves of the data of a tree, as they are in files and in octomap_msgs/Octomap.
 
-    ``file`` is named in messages; ``kind`` is the type of the tree, such as ``"OcTree"``; ``resolution`` is the side
-    (m) of a cell. ``binary`` states whether the data are those of a ``.bt`` file; leaves of other data are occupied
-    from the occupancy ``threshold``. ``size`` is the number of nodes, if it is stated. FileError if the data are
-    truncated or damaged, are of another type of tree, or have no known leaf.
+    ``file`` is named in messages; ``kind`` is the type of the tree, such as ``"OcTree"``; ``binary`` states whether the
+    data are those of a ``.bt`` file; ``size`` is the number of nodes, if it is stated.
     """
     if not (0.0 < resolution < np.inf):
         raise FileError(file, f"states the resolution {resolution:g} m, which is not positive")
-    if binary:
-        count, places, occupied = _binary_tree(file, data)
+    if binary:  # the state of each child of a node in two bits: unknown, free, occupied, or a node with children
+        words = np.frombuffer(data, dtype="<u2", count=len(data) // 2)
+        states = words[:, None] >> np.arange(0, 16, 2, dtype=np.uint16) & 3
+        masks = ((states == 3) << np.arange(8)).sum(axis=1)
+        parents = _places(file, masks.tolist(), len(data) / 2)
+        if len(parents) and parents[:, 3].min() < 2:
+            raise FileError(file, "is damaged: it has more than 16 levels of nodes")
+        half = parents[:, 3, None, None] // 2
+        first = parents[:, None, :3] + half * CORNERS
+        known = (states == 1) | (states == 2)
+        places = np.concatenate([first, np.broadcast_to(half, (*states.shape, 1))], axis=2)[known]
+        count, occupied = min(len(words), 1) + int(np.count_nonzero(states)), states[known] == 2
     else:
-        count, places, occupied = _full_tree(file, data, kind, float(np.log(threshold / (1.0 - threshold))))
+        if kind not in COLOURS:
+            raise FileError(file, f"holds a tree of the type {kind!r}; valid: {', '.join(COLOURS)}")
+        node = np.dtype([("odds", "<f4"), ("colour", "u1", (COLOURS[kind],)), ("children", "u1")])
+        nodes = np.frombuffer(data, dtype=node, count=len(data) // node.itemsize)
+        leaf, count = nodes["children"] == 0, len(nodes)
+        places = _places(file, nodes["children"].tolist(), len(data) / node.itemsize)[leaf]
+        odds = nodes["odds"][leaf]
+        if not np.isfinite(odds).all():
+            raise FileError(file, "is damaged: the occupancy of a leaf is not a number")
+        occupied = odds >= np.float32(np.log(threshold / (1.0 - threshold)))
     if size not in (None, count):
         raise FileError(file, f"is damaged: it holds {count} nodes, but its header states {size}")
     if not len(places):
@@ -166,43 +169,10 @@ def _header(path: Path, content: bytes) -> tuple[str, int, float, bytes]:
     return stated["id"], size, resolution, rest
 
 
-def _binary_tree(path: Path, data: bytes) -> tuple[int, Integers, npt.NDArray[np.bool_]]:
-    """Return the number of nodes, the places of the leaves and whether they are occupied."""
-    words = np.frombuffer(data, dtype="<u2", count=len(data) // 2)
-    states = words[:, None] >> np.arange(0, 16, 2, dtype=np.uint16) & 3
-    masks = ((states == 3) << np.arange(8)).sum(axis=1)
-    parents = _places(path, masks.tolist(), len(data) / 2)
-    if len(parents) and parents[:, 3].min() < 2:
-        raise FileError(path, "is damaged: it has more than 16 levels of nodes")
-    half = parents[:, 3, None, None] // 2
-    children = np.concatenate(
-        [parents[:, None, :3] + half * CORNERS, np.broadcast_to(half, (*states.shape, 1))], axis=2
-    )
-    known = (states == 1) | (states == 2)
-    count = min(len(words), 1) + int(np.count_nonzero(states))
-    return count, children[known], states[known] == 2
-
-
-def _full_tree(path: Path, data: bytes, kind: str, least: float) -> tuple[int, Integers, npt.NDArray[np.bool_]]:
-    """Return the same for a ``.ot`` file; leaves whose log-odds are ``least`` or more are occupied."""
-    if kind not in COLOURS:
-        raise FileError(path, f"holds a tree of the type {kind!r}; valid: {', '.join(COLOURS)}")
-    node = np.dtype([("odds", "<f4"), ("colour", "u1", (COLOURS[kind],)), ("children", "u1")])
-    nodes = np.frombuffer(data, dtype=node, count=len(data) // node.itemsize)
-    places = _places(path, nodes["children"].tolist(), len(data) / node.itemsize)
-    leaf = nodes["children"] == 0
-    odds = nodes["odds"][leaf]
-    if not np.isfinite(odds).all():
-        raise FileError(path, "is damaged: the occupancy of a leaf is not a number")
-    return len(nodes), places[leaf], odds >= np.float32(least)
-
-
 def _places(path: Path, masks: list[int], available: float) -> Integers:
-    """Return (n, 4) the first cell and the side of nodes that are stored depth first, from their child masks.
-
-    ``available`` is the number of nodes that the data are long enough for.
-    """
+    """Return (n, 4) first cells and sides of nodes, depth first, by their child masks; the data hold ``available``."""
     half = ROOT_CELLS // 2
+    # The root is centred at the origin; children are pushed so that the first one is read first.
     stack = [(-half, -half, -half, ROOT_CELLS)] if available else []
     places = []
     for mask in masks:

@@ -40,10 +40,7 @@ COORDINATE = number(minimum=-LARGEST_SIZE, maximum=LARGEST_SIZE)
 
 
 def coordinates(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
-    """Return a read-only copy of coordinates (m) of the given shape, as :func:`pinproof.spatial.finite` does.
-
-    InputError if a number is not finite or beyond :data:`LARGEST_SIZE`.
-    """
+    """Return a read-only copy of coordinates (m); InputError if one is not finite or beyond :data:`LARGEST_SIZE`."""
     array = finite(name, value, shape)
     if array.size and float(np.abs(array).max()) > LARGEST_SIZE:
         raise InputError(f"{name} holds {np.abs(array).max():g}; coordinates are limited to {LARGEST_SIZE:g} m")

@@ -353,14 +353,6 @@ def _box(stated: Any) -> Box:
     return Box(*finite("box", parsed(stated), (3,)))
 
 
-def _key_of_shape(name: str, made: Any) -> Key:
-    """The key of a shape in the mapping of an obstacle; a box is a list, all others are mappings."""
-    if made is Box:
-        return Key(name, simple(vector(3, SIZE).schema, parse=_box), "the full sides x, y, z of a box", "m")
-    table = GRID if made is OccupancyGrid else table_of(made)
-    return Key(name, table, f"{table.text[0].lower()}{table.text[1:].rstrip('.')}")
-
-
 def _only_shape(**shapes: Shape) -> Shape:
     if len(shapes) != 1:
         raise InputError(f"has {' and '.join(shapes) or 'no shape'}; it needs one of {', '.join(SHAPES_BY_KEY)}")
@@ -370,7 +362,13 @@ def _only_shape(**shapes: Shape) -> Shape:
 SHAPE = Table(
     "shape",
     "Exactly one shape.",
-    *(_key_of_shape(name, made) for name, made in SHAPES_BY_KEY.items()),
+    Key("box", simple(vector(3, SIZE).schema, parse=_box), "the full sides x, y, z of a box", "m"),
+    *(
+        Key(name, table, f"{table.text[0].lower()}{table.text[1:].rstrip('.')}")
+        for name, made in SHAPES_BY_KEY.items()
+        if made is not Box
+        for table in (GRID if made is OccupancyGrid else table_of(made),)
+    ),
     rules={"oneOf": [{"required": [name]} for name in SHAPES_BY_KEY]},
     make=_only_shape,
 )
@@ -432,6 +430,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
     kind = next((name for name, made in SHAPES_BY_KEY.items() if type(shape) is made), None)
     if kind is None:
         raise InputError(f"a {type(shape).__name__} has no key in files; valid: {', '.join(SHAPES_BY_KEY)}")
+    # A box is a list, a grid has keys of its own, and paths are relative to the file.
     if isinstance(shape, Box):
         return kind, [shape.x, shape.y, shape.z]
     if isinstance(shape, OccupancyGrid):

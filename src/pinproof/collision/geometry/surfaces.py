@@ -14,9 +14,9 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision.geometry.hulls import Indices, connected_parts
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import GRID_CELLS, HeightMap, PointCloud, cell_numbers
-from pinproof.collision.geometry.triangles import Indices, connected_parts
 from pinproof.spatial import Array
 
 CellShape = PointCloud | OccupancyGrid
@@ -32,6 +32,7 @@ def ground_surface(ground: HeightMap) -> tuple[Array, Indices]:
     under = np.stack([x, y, np.full_like(x, ground.bottom)], axis=-1).reshape(-1, 3)
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    # Each cell is divided along its higher diagonal.
     ridge = _ridge_ac(ground.heights).ravel()[:, None]
     first = np.where(ridge, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
     second = np.where(ridge, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
@@ -39,6 +40,7 @@ def ground_surface(ground: HeightMap) -> tuple[Array, Indices]:
     rim = np.concatenate(
         [index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]]
     )  # along the edge, counter-clockwise
+    # Walls join the rim of the surface with that of the underside.
     onward, down = np.roll(rim, -1), len(top)
     walls = np.concatenate([np.stack([rim + down, onward + down, onward], 1), np.stack([rim + down, onward, rim], 1)])
     return np.concatenate([top, under]), np.concatenate([upper, upper[:, ::-1] + down, walls])
@@ -64,6 +66,7 @@ class Ground:
         if len(under) == 0:
             return False
         rows, columns = ground.heights.shape
+        # The cell of each point, and the height of the surface there.
         grid = (under[:, :2] / sides + 0.5) * [columns - 1, rows - 1]
         cell = np.minimum(grid.astype(np.int64), [columns - 2, rows - 2])
         (s, t), (i, j) = (grid - cell).T, cell.T
@@ -92,21 +95,6 @@ def cells_of(shape: CellShape) -> tuple[Indices, float]:
     return np.argwhere(shape.occupied) + np.array(shape.low), shape.voxel
 
 
-def _bare_cells(shape: CellShape, axis: int, side: int) -> Indices:
-    """Return the occupied cells (K, 3) whose neighbour on one side (0: below, 1: above) along an axis is empty."""
-    if isinstance(shape, PointCloud):
-        cells = shape.cells
-        step = np.eye(3, dtype=np.int64)[axis] * (2 * side - 1)
-        return cells[~np.isin(cell_numbers(cells + step), cell_numbers(cells))]
-    beside = np.moveaxis(np.zeros_like(shape.occupied), axis, 0)
-    occupied = np.moveaxis(shape.occupied, axis, 0)
-    if side:
-        beside[:-1] = occupied[1:]
-    else:
-        beside[1:] = occupied[:-1]
-    return np.argwhere(np.moveaxis(occupied & ~beside, 0, axis)) + np.array(shape.low)
-
-
 def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
     """Return the faces between full and empty cells: vertices (V, 3), triangles (F, 3) counter-clockwise from outside.
 
@@ -117,7 +105,19 @@ def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
     for axis in range(3):
         along, across = (axis + 1) % 3, (axis + 2) % 3
         for side in (0, 1):
-            bare = _bare_cells(shape, axis, side)
+            # The occupied cells whose neighbour on this side (0: below, 1: above) is empty.
+            if isinstance(shape, PointCloud):
+                cells = shape.cells
+                step = np.eye(3, dtype=np.int64)[axis] * (2 * side - 1)
+                bare = cells[~np.isin(cell_numbers(cells + step), cell_numbers(cells))]
+            else:
+                occupied = np.moveaxis(shape.occupied, axis, 0)
+                beside = np.zeros_like(occupied)
+                if side:
+                    beside[:-1] = occupied[1:]
+                else:
+                    beside[1:] = occupied[:-1]
+                bare = np.argwhere(np.moveaxis(occupied & ~beside, 0, axis)) + np.array(shape.low)
             if not len(bare):  # a grid without an occupied cell
                 continue
             bare = bare[np.lexsort((bare[:, along], bare[:, across], bare[:, axis]))]
@@ -136,11 +136,8 @@ def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
 
 
 def merged_cells(cells: Indices) -> tuple[Indices, Indices]:
-    """Join cells to boxes that cover the same volume: lower corners (N, 3) and upper corners (N, 3), in cells.
-
-    Cells are joined to rows, rows to plates and plates to blocks, with the order of the axes that gives the fewest
-    boxes. A plane of cells becomes one box; the boxes of a noisy surface contain few cells each.
-    """
+    """Join cells to boxes that cover the same volume: lower corners (N, 3) and upper corners (N, 3), in cells."""
+    # Cells are joined to rows, rows to plates and plates to blocks, in the order of axes that gives the fewest boxes.
     orders = (_joined(cells, cells + 1, order) for order in permutations(range(3)))
     return min(orders, key=lambda boxes: len(boxes[0]))
 
@@ -150,28 +147,21 @@ def merged_boxes(shape: CellShape) -> tuple[Array, Array]:
     if isinstance(shape, PointCloud):
         low, high = merged_cells(shape.cells)
         return np.asarray(low * shape.resolution), np.asarray(high * shape.resolution)
-    # The rows of a grid are found without a list of its cells.
-    rows = (_rows(shape.occupied, axis) for axis in range(3))
-    orders = (
-        _joined(*found, tuple(order)) for axis, found in enumerate(rows) for order in permutations({0, 1, 2} - {axis})
-    )
+    # The rows of a grid are found without a list of its cells: they begin and end where the occupancy changes.
+    orders = []
+    for axis in range(3):
+        along, others = np.moveaxis(shape.occupied, axis, 2), [other for other in range(3) if other != axis]
+        padded = np.zeros((*along.shape[:2], along.shape[2] + 2), dtype=np.int8)
+        padded[:, :, 1:-1] = along
+        change = np.diff(padded, axis=2)
+        first, end = np.argwhere(change == 1), np.argwhere(change == -1)
+        low = np.empty_like(first)
+        low[:, [*others, axis]] = first
+        high = low + 1
+        high[:, axis] = end[:, 2]
+        orders += [_joined(low, high, order) for order in permutations(others)]
     low, high = min(orders, key=lambda boxes: len(boxes[0]))
     return np.asarray((low + shape.low) * shape.voxel), np.asarray((high + shape.low) * shape.voxel)
-
-
-def _rows(occupied: npt.NDArray[np.bool_], axis: int) -> tuple[Indices, Indices]:
-    """Return the rows of occupied cells along an axis: lower corners (N, 3) and upper corners (N, 3)."""
-    along = np.moveaxis(occupied, axis, 2)
-    padded = np.zeros((*along.shape[:2], along.shape[2] + 2), dtype=np.int8)
-    padded[:, :, 1:-1] = along
-    change = np.diff(padded, axis=2)
-    others = [other for other in range(3) if other != axis]
-    first, end = np.argwhere(change == 1), np.argwhere(change == -1)
-    low = np.empty_like(first)
-    low[:, [*others, axis]] = first
-    high = low + 1
-    high[:, axis] = end[:, 2]
-    return low, high
 
 
 def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indices, Indices]:
@@ -188,11 +178,7 @@ def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indice
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The volume of occupied cells.
-
-    ``cells`` (K, 3) are those of :attr:`PointCloud.cells <pinproof.PointCloud.cells>`, ``resolution`` is their side
-    (m), and ``witnesses`` (W, 3) are the middles of one cell of each part that is connected by faces.
-    """
+    """The volume of occupied cells (K, 3) of a side (m); ``witnesses`` (W, 3) are in one cell of each part."""
 
     watertight: ClassVar[bool] = True
     cells: Indices
@@ -203,7 +189,15 @@ class Cells:
     def __post_init__(self) -> None:
         keys = cell_numbers(self.cells)
         object.__setattr__(self, "_keys", np.sort(keys))
-        first = _first_of_each_part(self.cells, keys)
+        # Cells that share a face are connected; the first cell of each connected part is its witness.
+        order, joined = np.argsort(keys), []
+        for axis in range(3):
+            beside = cell_numbers(self.cells + np.eye(3, dtype=np.int64)[axis])
+            place = np.minimum(np.searchsorted(keys[order], beside), len(keys) - 1)
+            there = keys[order][place] == beside
+            joined.append(np.stack([np.flatnonzero(there), order[place[there]]]))
+        labels = connected_parts(len(keys), *np.concatenate(joined, axis=1))
+        first = np.unique(labels, return_index=True)[1]
         object.__setattr__(self, "witnesses", (self.cells[first] + 0.5) * self.resolution)
 
     def contains(self, points: Array) -> bool:
@@ -215,15 +209,3 @@ class Cells:
     def content(self) -> bytes:
         """Return its defining numbers, for a hash."""
         return self.cells.tobytes() + np.float64(self.resolution).tobytes()
-
-
-def _first_of_each_part(cells: Indices, keys: Indices) -> Indices:
-    order = np.argsort(keys)
-    joined = []
-    for axis in range(3):
-        beside = cell_numbers(cells + np.eye(3, dtype=np.int64)[axis])
-        place = np.minimum(np.searchsorted(keys[order], beside), len(keys) - 1)
-        there = keys[order][place] == beside
-        joined.append(np.stack([np.flatnonzero(there), order[place[there]]]))
-    labels = connected_parts(len(cells), *np.concatenate(joined, axis=1))
-    return np.asarray(np.unique(labels, return_index=True)[1])

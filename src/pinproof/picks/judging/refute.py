@@ -66,7 +66,7 @@ def _overlaps(checker: CollisionChecker, q: Array) -> list[BodyOverlap]:
     pairs: dict[tuple[str, str], tuple[Body, Body, tuple[str, str]]] = {}
     for each in q[:: max(len(q) // EXAMINED, 1)]:
         exact = bare.exact_at(each)  # overlap of convex hulls is no proof of contact
-        for k in exact._in_contact(each):
+        for k in exact.pairs_in_contact(each):
             first, second = (exact.bodies[i] for i in exact.pairs[k])
             pairs.setdefault((first.name, second.name), (first, second, (first.owner, second.owner)))
     carriers = _Carriers(checker.arm)

@@ -58,10 +58,7 @@ Pairs = list[tuple[str, str]]
 def allowed_pairs(path: Path, matrix: Mapping[str, Any], parts: Mapping[str, tuple[str, ...]]) -> tuple[Pairs, Pairs]:
     """Return the pairs (robot link, obstacle) that may touch, and the pairs of robot links that the matrix disables.
 
-    An entry of the matrix overrides the defaults, and a pair of two defaults needs both, as in MoveIt
-    (``AllowedCollisionMatrix::getAllowedCollision``). A pair whose two entries differ is not allowed. ``parts`` are the
-    obstacles made of each object of the file; every other name is assumed to be a robot link. SceneError if the matrix
-    is not square.
+    ``parts`` are the obstacles made of each object of the file; every other name is assumed to be a robot link.
     """
     names = [str(name) for name in matrix.get("entry_names") or []]
     rows: list[Any] = [
@@ -71,6 +68,8 @@ def allowed_pairs(path: Path, matrix: Mapping[str, Any], parts: Mapping[str, tup
         raise SceneError(
             path, "entry_values is not square with a row for each of entry_names", "allowed_collision_matrix"
         )
+    # An entry overrides the defaults, and a pair of two defaults needs both, as in MoveIt
+    # (AllowedCollisionMatrix::getAllowedCollision). A pair whose two entries differ is not allowed.
     entries = {
         frozenset((names[i], names[j])): rows[i][j] is True and rows[j][i] is True
         for i, j in combinations(range(len(names)), 2)
@@ -150,6 +149,7 @@ def moveit_message(
 
     InputError if the message has no shape for an obstacle.
     """
+    # Obstacles with their shapes and colours.
     header = {"frame_id": frame or WORLD[1]}
     objects = [
         {"header": header, "id": each.name, **_pose_fields(each.pose), **_shape_fields(each)} for each in obstacles
@@ -160,14 +160,23 @@ def moveit_message(
         if each.rgba is not None
     ]
     message: dict[str, Any] = {"is_diff": True, "world": {"collision_objects": objects}, "object_colors": colours}
-    if allowed or disabled:
-        message["allowed_collision_matrix"] = _matrix_fields(allowed, disabled)
+    if allowed or disabled:  # the matrix of these pairs and no others; a body that may touch anything is a default
+        pairs = {frozenset(pair) for pair in (*allowed, *disabled) if ANYTHING not in pair}
+        names = sorted({name for pair in pairs for name in pair})
+        anything = sorted({name for pair in allowed if ANYTHING in pair for name in pair if name != ANYTHING})
+        message["allowed_collision_matrix"] = {
+            "entry_names": names,
+            "entry_values": [{"enabled": [frozenset((a, b)) in pairs for b in names]} for a in names],
+            "default_entry_names": anything,
+            "default_entry_values": [True] * len(anything),
+        }
     return message
 
 
 def _shape_fields(obstacle: Obstacle) -> dict[str, Any]:
     """The shapes of an obstacle, in its own frame."""
     shape = obstacle.shape
+    # Primitives: number of the kind, dimensions, and height in the frame of the obstacle.
     if isinstance(shape, Box):
         parts = [(1, [shape.x, shape.y, shape.z], 0.0)]
     elif isinstance(shape, Sphere):
@@ -177,10 +186,21 @@ def _shape_fields(obstacle: Obstacle) -> dict[str, Any]:
     elif isinstance(shape, Capsule):
         balls = [(2, [shape.radius], side * shape.length / 2) for side in (-1, 1)]
         parts = [(3, [shape.length, shape.radius], 0.0), *balls]
+    # A plane has its material behind it; all else is a mesh.
     elif isinstance(shape, HalfSpace):
         return {"planes": [{"coef": [0.0, 0.0, 1.0, 0.0]}], "plane_poses": [_pose_fields(pin.SE3.Identity())["pose"]]}
     elif isinstance(shape, (Mesh, ConvexHull)):
-        return {"meshes": [_mesh_fields(shape)], "mesh_poses": [_pose_fields(pin.SE3.Identity())["pose"]]}
+        if isinstance(shape, ConvexHull):
+            vertices, hull = np.asarray(shape.points), True
+        else:
+            read = triangles_of(shape)
+            vertices, triangles, hull = read.vertices, read.triangles, bool(shape.hull)
+        if hull:  # only the vertices of the hull
+            used, triangles = np.unique(hull_triangles(vertices), return_inverse=True)
+            vertices, triangles = vertices[used], triangles.reshape(-1, 3)
+        points = [dict(zip("xyz", row, strict=True)) for row in vertices.tolist()]
+        mesh = {"vertices": points, "triangles": [{"vertex_indices": row} for row in triangles.tolist()]}
+        return {"meshes": [mesh], "mesh_poses": [_pose_fields(pin.SE3.Identity())["pose"]]}
     else:
         valid = "box, sphere, cylinder, cone, capsule, half-space, mesh and convex hull"
         raise InputError(
@@ -188,33 +208,6 @@ def _shape_fields(obstacle: Obstacle) -> dict[str, Any]:
         )
     poses = [_pose_fields(pin.SE3(np.eye(3), np.array([0.0, 0.0, z])))["pose"] for _, _, z in parts]
     return {"primitives": [{"type": k, "dimensions": sizes} for k, sizes, _ in parts], "primitive_poses": poses}
-
-
-def _mesh_fields(shape: Mesh | ConvexHull) -> dict[str, Any]:
-    if isinstance(shape, ConvexHull):
-        vertices, hull = np.asarray(shape.points), True
-    else:
-        read = triangles_of(shape)
-        vertices, triangles, hull = read.vertices, read.triangles, bool(shape.hull)
-    if hull:
-        triangles = hull_triangles(vertices)
-        used, triangles = np.unique(triangles, return_inverse=True)
-        vertices, triangles = vertices[used], triangles.reshape(-1, 3)
-    points = [dict(zip("xyz", row, strict=True)) for row in vertices.tolist()]
-    return {"vertices": points, "triangles": [{"vertex_indices": row} for row in triangles.tolist()]}
-
-
-def _matrix_fields(allowed: Sequence[tuple[str, str]], disabled: Sequence[tuple[str, str]]) -> dict[str, Any]:
-    """The allowed-collision matrix of these pairs and no others."""
-    pairs = {frozenset(pair) for pair in (*allowed, *disabled) if ANYTHING not in pair}
-    names = sorted({name for pair in pairs for name in pair})
-    anything = sorted({name for pair in allowed if ANYTHING in pair for name in pair if name != ANYTHING})
-    return {
-        "entry_names": names,
-        "entry_values": [{"enabled": [frozenset((a, b)) in pairs for b in names]} for a in names],
-        "default_entry_names": anything,
-        "default_entry_values": [True] * len(anything),
-    }
 
 
 def _pose_fields(place: pin.SE3) -> dict[str, Any]:
@@ -235,23 +228,27 @@ def read_moveit_scene(path: Path, content: LinedMapping) -> dict[str, Any]:
 
 
 def _scene(path: Path, content: LinedMapping) -> dict[str, Any]:
+    # Keys that are not known, and bodies that the robot carries, are refused.
     refuse_unknown(SceneError, path, "key of a planning scene", content, SCENE_KEYS, "")
     world = _mapping(path, content["world"], "world")
     refuse_unknown(SceneError, path, "key of world", world, ("collision_objects", "octomap"), "")
     state = _mapping(path, content.get("robot_state") or {}, "robot_state")
-    carried = [_carried(part) for part in state.get("attached_collision_objects") or []]
+    attached = state.get("attached_collision_objects") or []
+    carried = [f"{(part.get('object') or {}).get('id')!r} on {part.get('link_name')!r}" for part in attached]
     if carried:
         how = "remove them from the file and pass them to the CollisionChecker as attached"
         raise SceneError(path, f"has objects attached to the robot ({', '.join(carried)}), which are not read; {how}")
+    # What is read, and what is noted because it is not applied.
     frames = _Frames(path, content, state)
     colours = {part.get("id"): part.get("color") for part in content.get("object_colors") or []}
     notes = [
         f"{key} is not applied; use the checker's margin"
-        for key in ("link_padding", "link_scale")
-        if _is_set(content, key)
+        for key, word, nothing in (("link_padding", "padding", 0.0), ("link_scale", "scale", 1.0))
+        if any(part.get(word, nothing) != nothing for part in content.get(key) or [])
     ]
     obstacles = _octomap(path, _mapping(path, world.get("octomap") or {}, "octomap"), frames, notes)
     parts: dict[str, tuple[str, ...]] = {each.name: (each.name,) for each in obstacles}
+    # Each object becomes one obstacle for each of its shapes.
     for stated in require_list(SceneError, path, "world.collision_objects", world.get("collision_objects") or []):
         name, where = _name(path, stated)
         if name in parts:
@@ -259,7 +256,10 @@ def _scene(path: Path, content: LinedMapping) -> dict[str, Any]:
         try:
             shapes = _shapes(path, stated, notes, name)
             root_from_object = frames.placed(stated, where)
-            rgba = _colour(colours.get(name))
+            colour, rgba = colours.get(name), None
+            if isinstance(colour, Mapping) and float(colour.get("a", 0.0)) > 0:
+                r, g, b, a = (float(colour.get(key, 0.0)) for key in "rgba")
+                rgba = (r, g, b, a)
             names = [name] if len(shapes) == 1 else [f"{name}/{i}" for i in range(1, len(shapes) + 1)]
             made = [
                 Obstacle(n, shape, root_from_object * at, rgba) for n, (shape, at) in zip(names, shapes, strict=True)
@@ -287,6 +287,7 @@ def _octomap(path: Path, stated: Mapping[str, Any], frames: _Frames, notes: list
         raise SceneError(path, f"does not state {' and '.join(missing)} of the octomap", where)
     if not isinstance(tree["binary"], bool):
         raise SceneError(path, f"states binary = {tree['binary']!r}, which is neither true nor false", where)
+    # The data are signed bytes in messages, and may be a list of integers in YAML.
     try:
         if not isinstance(data, bytes | bytearray):
             numbers = np.asarray(data)
@@ -317,6 +318,7 @@ class _Frames:
         if len(transforms) > 1:
             raise SceneError(path, f"moves the robot by {len(transforms)} floating joints; at most one is supported")
         root_from_world = _transform(transforms[0]).inverse() if transforms else pin.SE3.Identity()
+        # Frames of the file are fixed to the world, which may be another frame than the root.
         for stated in content.get("fixed_frame_transforms") or []:
             world_from_frame = _transform(stated.get("transform") or {})
             self._root_from[str(stated.get("child_frame_id", ""))] = root_from_world * world_from_frame
@@ -356,8 +358,15 @@ def _shapes(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) 
             elif key == "mesh":
                 shape = _mesh(path, thing, notes, name)
             else:
-                shape, thing_from_half = _half_space(thing)
-                object_from_thing = object_from_thing * thing_from_half
+                # The half-space a x + b y + c z + d <= 0 of a plane.
+                a, b, c, d = finite("coef of a plane", parsed(thing.get("coef")), (4,))
+                normal = np.array([a, b, c])
+                length = float(np.linalg.norm(normal))
+                if length < 1e-9:
+                    raise InputError(f"coef of a plane: the normal {normal.tolist()} has no length")
+                turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), normal / length)
+                shape = HalfSpace()
+                object_from_thing = object_from_thing * pin.SE3(turn, -d / length**2 * normal)
                 notes.append(f"the plane of {name!r} is read as the half-space behind it")
             made.append((shape, object_from_thing))
     if not made:
@@ -394,22 +403,12 @@ def _mesh(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) ->
             part["vertex_indices"] if isinstance(part, dict) else part for part in stated.get("triangles") or []
         ]
         mesh = Mesh.from_arrays(vertices, triangles)
+    # A mesh that is not watertight has no inside, so that its hull is the obstacle.
     read = triangles_of(mesh)
     if Solid(read.vertices, read.triangles).watertight:
         return mesh
     notes.append(f"a mesh of {name!r} is not watertight, so its convex hull is used")
     return replace(mesh, hull=True)
-
-
-def _half_space(stated: Mapping[str, Any]) -> tuple[HalfSpace, pin.SE3]:
-    """The half-space a x + b y + c z + d <= 0 of a plane, and plane_from_half_space."""
-    a, b, c, d = finite("coef of a plane", parsed(stated.get("coef")), (4,))
-    normal = np.array([a, b, c])
-    length = float(np.linalg.norm(normal))
-    if length < 1e-9:
-        raise InputError(f"coef of a plane: the normal {normal.tolist()} has no length")
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), normal / length)
-    return HalfSpace(), pin.SE3(turn, -d / length**2 * normal)
 
 
 def _name(path: Path, stated: object) -> tuple[str, str]:
@@ -419,23 +418,6 @@ def _name(path: Path, stated: object) -> tuple[str, str]:
     if not isinstance(name, str) or not name:
         raise SceneError(path, f"an object has the id {name!r}, which is not a text", f"line {stated.line}")
     return name, f"line {stated.line}, object {name!r}" if stated.line else f"object {name!r}"
-
-
-def _carried(stated: Mapping[str, Any]) -> str:
-    return f"{(stated.get('object') or {}).get('id')!r} on {stated.get('link_name')!r}"
-
-
-def _is_set(content: Mapping[str, Any], key: str) -> bool:
-    """Whether a padding or a scale of a link has an effect."""
-    word, nothing = ("padding", 0.0) if key == "link_padding" else ("scale", 1.0)
-    return any(part.get(word, nothing) != nothing for part in content.get(key) or [])
-
-
-def _colour(stated: object) -> tuple[float, float, float, float] | None:
-    if not isinstance(stated, Mapping):
-        return None
-    r, g, b, a = (float(stated.get(key, 0.0)) for key in "rgba")
-    return (r, g, b, a) if a > 0 else None
 
 
 def _transform(stated: Mapping[str, Any]) -> pin.SE3:

@@ -15,17 +15,7 @@ import pinocchio as pin
 from pinproof.collision.geometry.shapes import Obstacle, stated_shape
 from pinproof.common.files import read_yaml, write_yaml
 from pinproof.common.results import Rows, Shown, View, shortened
-from pinproof.common.structs import (
-    ANY_TEXT,
-    Accepting,
-    errors_of,
-    key,
-    list_of,
-    plain,
-    simple,
-    struct,
-    table_of,
-)
+from pinproof.common.structs import ANY_TEXT, Accepting, errors_of, key, list_of, plain, simple, struct, table_of
 from pinproof.errors import InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, matrix, rigid, xyz_rpy
 from pinproof.units import MOST_REACH
@@ -194,7 +184,7 @@ class Scene(Mapping[str, Obstacle], Shown):
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
-        """Read a scene file (YAML) in the format of pinproof or of MoveIt (:mod:`pinproof.collision.scenes.moveit`).
+        """Read a scene file (YAML) in the format of pinproof or of MoveIt (:mod:`pinproof.collision.moveit`).
 
         docs/formats/scene.md describes the format. Invalid values are refused, because a scene that is read wrongly can
         cause a collision.
@@ -204,7 +194,7 @@ class Scene(Mapping[str, Obstacle], Shown):
         SceneError
             If the file cannot be read or its content is invalid; the message names the obstacle and the key.
         """
-        from pinproof.collision.scenes.moveit import is_moveit, read_moveit_scene
+        from pinproof.collision.moveit import is_moveit, read_moveit_scene
 
         path, table = Path(path), table_of(cls)
         content = read_yaml(path, table.names, SceneError)
@@ -212,8 +202,12 @@ class Scene(Mapping[str, Obstacle], Shown):
             if is_moveit(content):
                 return cls(**read_moveit_scene(path, content), source=path)
             values = table.values("the scene", content, path)
-            made = table.made(content, {**values, "notes": _far(values["obstacles"]), "source": path})
-            return cast(Scene, made)
+            # Obstacles that are implausibly far away are noted, such as for a missing decimal point.
+            far = [(thing.name, float(np.abs(thing.pose.translation).max())) for thing in values["obstacles"]]
+            notes = [
+                f"obstacle {name!r} is {off:g} m away; lengths are in metres" for name, off in far if off > MOST_REACH
+            ]
+            return cast(Scene, table.made(content, {**values, "notes": notes, "source": path}))
 
     def save(self, path: str | Path) -> None:
         """Write the scene as YAML, atomically.
@@ -229,12 +223,6 @@ class Scene(Mapping[str, Obstacle], Shown):
         content: dict[str, Any] = {"obstacles": _stated_bodies(self.obstacles, path)}
         more = {"frame": self.frame, "allowed_contacts": self.allowed, "disabled_pairs": self.disabled}
         write_yaml(path, content | {name: plain(value) for name, value in more.items() if value}, SceneError)
-
-
-def _far(obstacles: Iterable[Obstacle]) -> list[str]:
-    """Return a note on each obstacle that is implausibly far away, such as for a missing decimal point."""
-    far = [(thing.name, float(np.abs(thing.pose.translation).max())) for thing in obstacles]
-    return [f"obstacle {name!r} is {off:g} m away; lengths are in metres" for name, off in far if off > MOST_REACH]
 
 
 def _stated_bodies(bodies: Iterable[Obstacle], path: str | Path) -> list[dict[str, Any]]:

@@ -1,1 +1,0 @@
-"""Scenes of obstacles, and the files that they are read from."""

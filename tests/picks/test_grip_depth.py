@@ -15,6 +15,7 @@ import trimesh
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks import PickStatus, Stage, SuctionCup
+from pinproof.picks.judging.configurations import configurations
 from pinproof.picks.judging.grasp import GraspCandidate, reach, screen
 from pinproof.picks.judging.hand import FACE, BodyDepth
 from pinproof.picks.judging.lines import line_in
@@ -330,6 +331,32 @@ def test_a_part_that_is_stated_with_the_pick_is_there_on_the_approach(oracle, ar
         found[aside] = pp.validate_picks(arm, pp.Scene(), picks, home=oracle.HOME, budget=budget).verdicts[0]
     assert found[-1].ok, found[-1].reason
     assert found[1].failed is Stage.APPROACH
+
+
+@pytest.mark.parametrize("approach", [0.0, 0.03, 0.12])
+@pytest.mark.parametrize("stated", [True, False])
+def test_the_transit_does_not_lead_through_a_part_that_the_pick_states_itself(oracle, arm, stated, approach) -> None:
+    """At home the cup is beside a wall of the part, on the other side of which it grasps."""
+    shape, mesh = upright(oracle)
+    grasp, tip = on_cup(oracle, shape, mesh, 0.0, SuctionCup(radius=0.008)), pp.pose((0, 0, oracle.TIP))
+    part = pp.Obstacle("part", shape, tip.actInv(grasp.tcp_from_part))
+    beside = oracle.GRASP * pp.pose((0.05, 0, -0.015)) * tip.inverse()
+    home = configurations(arm, np.array([(arm.root_from_base.inverse() * beside).homogeneous]), oracle.HOME, 0)[1]
+    there = replace(part, pose=oracle.GRASP * part.pose)
+    pick = pp.Pick("part", oracle.GRASP, carried=part if stated else "part", approach=approach, retreat=0.02)
+    picks = pp.Picks((pick,), tip=tip, margin=0.0005, **grasp.settings)
+    alone = pp.CollisionChecker(arm, pp.Scene([there]), attached=picks.tool)
+    start = next(q for q in home if alone.is_free(q))
+    scene = pp.Scene() if stated else pp.Scene([there])
+    budget = pp.picks.PickBudget(compared=1, remedies=0, motion=0)
+    verdict = pp.validate_picks(arm, scene, picks, home=start, budget=budget).verdicts[0]
+    assert verdict.ok is (approach > 0), verdict.reason
+    if verdict.ok:
+        transit = verdict.motions[0].trajectory
+        assert all(alone.is_free_batch(transit(np.linspace(0, transit.duration, 200))))
+    elif stated:
+        assert verdict.failed is Stage.TIMING
+        assert "into the cup" in verdict.reason
 
 
 @pytest.mark.slow

@@ -154,7 +154,7 @@ def _parts(
 def _part(task: PickTask, member: Member, name: str) -> MotionPart:
     """The conditions of a transit or a transfer."""
     if name == "transit":
-        return MotionPart(name, (), task.outside)
+        return MotionPart(name, (), task.before(member))
     return MotionPart(name, (), task.carrying(member), constraints=task.constraints(member))
 
 

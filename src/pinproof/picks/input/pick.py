@@ -487,9 +487,10 @@ class Pick(StraightLines, Shown):
         "how far the grasp may be moved if the nominal one fails", default_factory=GraspTolerance, shown=None
     )
     carried: Obstacle | str | None = key(
-        "the grasped object: the name of an obstacle of the scene, or a shape, whose pose is tip_from_object. It moves "
-        "with the tool after the grasp; without it, the motion after the grasp is judged with the empty tool. In a "
-        "pattern, `{i}`, `{j}` and `{k}` are replaced by the indices",
+        "the grasped object: the name of an obstacle of the scene, or a shape, whose pose is tip_from_object and which "
+        "is an obstacle there until it is grasped. It moves with the tool after the grasp; without it, the motion "
+        "after the grasp is judged with the empty tool. In a pattern, `{i}`, `{j}` and `{k}` are replaced by the "
+        "indices",
         default=None,
         name="object",
         kind=any_of(TEXT, BODY, check=_carried),

@@ -117,7 +117,7 @@ def along(task: PickTask, candidate: GraspCandidate) -> Attempt:
 def line_in(task: PickTask, candidate: GraspCandidate) -> ToolLine:
     """The approach, planned from the grasp outwards, so that both lines share exactly the same configuration."""
     end, q = task.pick.before(task.grasp(candidate.member)), candidate.q
-    into = line(Stage.APPROACH, task, task.at_grasp, q, end, task.pick.approach)
+    into = line(Stage.APPROACH, task, task.approaching(candidate.member), q, end, task.pick.approach)
     return passing(into, task.passing(candidate.member), q)
 
 
@@ -210,14 +210,28 @@ class Crossing(NamedTuple):
 
 def transit(task: PickTask, attempts: list[Attempt], nodes: int, seeds: list[int]) -> Crossing:
     """A path from home to the entrance of one of the attempts."""
+    # an object that the pick states itself is elsewhere for another grasp, so each grasp is planned on its own
+    groups: dict[CollisionChecker, list[Attempt]] = {}
+    for attempt in attempts:
+        groups.setdefault(task.before(attempt.candidate.member), []).append(attempt)
+    for checker, group in groups.items():
+        crossing = _transit(task, checker, group, nodes, seeds)
+        if crossing.attempt is not None:
+            break
+    return crossing
+
+
+def _transit(
+    task: PickTask, checker: CollisionChecker, attempts: list[Attempt], nodes: int, seeds: list[int]
+) -> Crossing:
     planner = make_planner(task.cell.budget.planner).limited_to(nodes)
     goals = np.array([attempt.entrance for attempt in attempts])
     torques = torque_limits(task, attempts[0].candidate.member, "transit", task.outside.arm)
-    plan = planner.plan(task.outside, task.cell.home, goals, torque_limits=torques, rng=seeds[0])
+    plan = planner.plan(checker, task.cell.home, goals, torque_limits=torques, rng=seeds[0])
     if not plan.ok:
         figures = {"nodes": float(plan.nodes), "goals": float(len(attempts))}
         return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
-    path, clearance = shortened(plan, task.outside, seeds[1], torques)
+    path, clearance = shortened(plan, checker, seeds[1], torques)
     message = f"{path.length:.2f} rad, {len(path)} waypoints"
     figures = {"length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes)}
     return Crossing(StageResult(Stage.TRANSIT, True, message, figures), attempts[plan.goal], path, clearance)

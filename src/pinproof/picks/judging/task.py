@@ -261,8 +261,24 @@ class PickTask:
 
     @property
     def outside(self) -> CollisionChecker:
-        """The checker before the grasp."""
+        """The checker before the grasp, without an object that the pick states itself."""
         return self.cell.checker
+
+    @once_per_grasp
+    def before(self, member: Member) -> CollisionChecker:
+        """The checker before the grasp; an object that the pick states itself is where it will be grasped.
+
+        Without an approach, the transit ends where the hand may touch it.
+        """
+        if not isinstance(self.pick.carried, Obstacle):
+            return self.outside
+        part = replace(self.pick.carried, pose=self.grasp(member) * self.pick.carried.pose)
+        checker = self.outside.with_scene(self.scene.add(part))
+        return checker if self.pick.approach else self._allowing_hand(checker)
+
+    def approaching(self, member: Member) -> CollisionChecker:
+        """The checker on the approach, on which the hand may touch the object."""
+        return self.at_grasp if self.from_scene or self.name is None else self._allowing_hand(self.before(member))
 
     @cached_property
     def at_grasp(self) -> CollisionChecker:
@@ -275,11 +291,7 @@ class PickTask:
 
         :attr:`at_grasp` allows any contact of the hand with the object.
         """
-        if isinstance(self.pick.carried, str):
-            return self._passing(member, self.scene[self.pick.carried])
-        if self.pick.carried is None:
-            return None
-        return self._passing(member, replace(self.pick.carried, pose=self.grasp(member) * self.pick.carried.pose))
+        return None if self.name is None else self._passing(member, self.before(member).scene[self.name])
 
     @cached_property
     def closing(self) -> CollisionChecker:

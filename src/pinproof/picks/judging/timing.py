@@ -328,7 +328,9 @@ class _PartsTiming:
         """The certified motion of a part, or None and the reason."""
         part, own = self.parts[number], [each for each in self._curves if each.part == number]
         trajectory = Trajectory.join(*self.trajectories(number))
-        certificate = self._proven.get(number) or (own[0].certificate if len(own) == 1 else None)
+        certificate = self._proven.get(number)
+        if certificate is None and len(own) == 1 and part.passing is None:
+            certificate = own[0].certificate
         certificate = certificate or prove_part(part, trajectory)
         if not certificate.free:
             return None, certificate.message
@@ -497,9 +499,10 @@ def _with_wider_margins(checker: CollisionChecker, name: str, by: float, kept: P
 def part_of(task: PickTask, member: Member, name: str, curves: Curves = (), parting: Pairs = ()) -> MotionPart:
     """A part of a motion with the conditions under which it is certified; pairs of ``parting`` may touch at one end."""
     if task.name is None or name == "transit":
-        return MotionPart(name, curves, task.outside)
+        hand = None if task.from_scene or task.pick.approach else task.passing(member)
+        return MotionPart(name, curves, task.before(member), passing=hand)
     if name == "approach":
-        return MotionPart(name, curves, task.at_grasp, passing=task.passing(member))
+        return MotionPart(name, curves, task.approaching(member), passing=task.passing(member))
     if name == "leave":
         return MotionPart(name, curves, task.letting_go(member), passing=task.passing_off(member))
     carrying, kept = task.carrying(member), task.constraints(member)
@@ -567,7 +570,7 @@ def prove_part(part: MotionPart, trajectory: Trajectory, joint_tolerance: float 
         # both directions have the same configurations, so the proof applies to both
         proof = replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
     if proof.free and part.passing is not None:
-        q = trajectory.end if part.name == "approach" else trajectory.start
+        q = trajectory.start if part.name == "leave" else trajectory.end
         if (failure := part.passing.prove(trajectory, q, deviation=joint_tolerance)) is not None:
             return replace(failure.proof, message=failure.reason)
     return proof

@@ -61,11 +61,9 @@ FACES |= {"picks", "cell"}
 """Packages that others import by their public names only: ``from pinproof.ik import Clik``, never an inner module."""
 NAMESPACES = {
     "pinproof.description.meshes",
-    "pinproof.motion.bezier",
-    "pinproof.motion.corner",
     "pinproof.viewer.panels",
 }
-"""Modules of these packages whose functions are used with the name of the module, such as ``bezier.split``."""
+"""Modules of these packages whose functions are used with the name of the module, such as ``panels.Bar``."""
 VERIFIER_NEEDS = {"numpy", *sys.stdlib_module_names}
 
 

@@ -33,8 +33,7 @@ from pinproof.collision.checking.audit import STEP
 from pinproof.errors import InputError, TimingError, UnknownNameError
 from pinproof.ik import AnalyticIk
 from pinproof.model import Arm, JointLimits, Payload, load_robot
-from pinproof.motion import TorqueLimits, Trajectory
-from pinproof.motion.rate_constraints import RateConstraint
+from pinproof.motion import RateConstraint, TorqueLimits, Trajectory
 from pinproof.planning import DEFAULT_PLANNER, RrtConnect, optimise, shortcut
 from pinproof.spatial import SE3, Array, matrix
 

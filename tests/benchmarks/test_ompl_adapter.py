@@ -9,7 +9,7 @@ import pytest
 from benchmarks.ompl_adapter import OmplPlanner, ompl_planners
 
 import pinproof as pp
-from pinproof.planning.edges import Edges
+from pinproof.planning import Edges
 
 from ..planning.arms import assert_solves, ball_arm
 

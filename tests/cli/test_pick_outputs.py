@@ -13,8 +13,7 @@ import pytest
 
 from pinproof.cli.main import main
 from pinproof.description import robots_folder
-from pinproof.motion import MotionProgram, RobotProgram
-from pinproof.motion.program_steps import SetOutput, Wait
+from pinproof.motion import MotionProgram, RobotProgram, SetOutput, Wait
 
 from ..processes import PATIENCE, RUN_CLI, started, wait_for
 

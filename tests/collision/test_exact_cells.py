@@ -13,7 +13,7 @@ from pinproof import _core
 from pinproof.collision import is_proven_free
 from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.motion import CubicPath
-from pinproof.planning.edges import Edges
+from pinproof.planning import Edges
 
 from .exact_cells import cell
 

@@ -32,7 +32,7 @@ from pinproof import (
 from pinproof.collision import HeightMap
 from pinproof.collision.certificates.certificate import Parting
 from pinproof.collision.checking.separation import MovingBody, directions_to_facets
-from pinproof.motion import CubicPath, bezier
+from pinproof.motion import Bezier, CubicPath
 
 from ..examples import examples
 
@@ -299,9 +299,7 @@ def test_the_gap_never_decreases_by_more_than_the_bound(request, name, seed):
     departure = MovingBody(checker, body).departure(normal / np.linalg.norm(normal), float(rng.normal()))
     piece = q + rng.choice([0.002, 0.05, 0.5]) * rng.normal(size=(rng.integers(2, 6), arm.dof))
     decrease, motion = departure.decrease(piece)
-    gaps = np.array(
-        [departure.gap(p) for p in bezier.evaluate(np.array([0.0, 1.0]), piece[None], np.linspace(0, 1, 80))]
-    )
+    gaps = np.array([departure.gap(p) for p in Bezier(np.array([0.0, 1.0]), piece[None]).at(np.linspace(0, 1, 80))])
     assert (np.maximum.accumulate(gaps) - gaps).max() <= decrease + 1e-9
     assert np.ptp(gaps) <= 2 * motion + 1e-9
     if len(piece) == 2 and motion < 0.02:  # and it is no idle bound: it tells a short piece from the same one backwards

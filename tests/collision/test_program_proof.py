@@ -12,8 +12,7 @@ import pinproof as pp
 from pinproof.collision import certify_program, export_program
 from pinproof.collision.certificates.program_proof import _share, feasible, shortest_durations, trace_line
 from pinproof.errors import InputError
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, StreamedPoint, Wait
-from pinproof.motion.robot_program import RobotProgram, make_program
+from pinproof.motion import Blend, JointMove, LinearMove, RobotProgram, SetOutput, StreamedPoint, Wait, make_program
 
 Cell = tuple[pp.CollisionChecker, pp.Trajectory]
 MOVING = ("urscript", "rapid", "krl", "fanuc")

@@ -20,17 +20,12 @@ class Geometric:
     """A path as toppra wants it: evaluated with its derivatives by the parameter."""
 
     def __init__(self, path):
-        from pinproof.motion import bezier
-
-        self._bezier, (self._knots, control) = bezier, path.bezier()
-        self._controls = [control]
-        for _ in range(2):
-            self._controls.append(bezier.derivative(self._knots, self._controls[-1]))
+        self._derivatives = [path.derivative(order) for order in range(3)]
         self.dof = len(path.joint_names)
         self.path_interval = np.array(path.domain)
 
     def __call__(self, s, order=0):
-        return self._bezier.evaluate(self._knots, self._controls[order], s)
+        return self._derivatives[order].at(s)
 
 
 def toppra_speeds(path, limits, steps):
@@ -64,16 +59,13 @@ def test_motions_are_within_two_percent_of_toppras_optimum(problem):
 
 def test_the_core_finds_toppras_speeds():
     from pinproof._core import fastest_speeds
-    from pinproof.motion import CubicPath, bezier
+    from pinproof.motion import CubicPath
 
     u = np.linspace(0, 1, 9)[:, None]
     path = CubicPath.through(np.hstack([np.sin(5 * u), np.cos(3 * u), u**2]), names(3), u[:, 0])
     limits = limits_of([1, 2, 1], [3, 2, 4])
     s, theirs = toppra_speeds(path, limits, 12)
-    knots, control = path.bezier()
-    first = bezier.derivative(knots, control)
-    second = bezier.derivative(knots, first)
-    slope, curvature = (bezier.evaluate(knots, derivative, s) for derivative in (first, second))
+    slope, curvature = (path.derivative(order).at(s) for order in (1, 2))
     sides = [np.stack([values[:-1], values[1:]], axis=1) for values in (slope, curvature)]  # C2: both sides are equal
     ceiling = ((limits.velocity / np.abs(slope).clip(1e-9)).min(axis=1)) ** 2
     ceiling[[0, -1]] = 0.0

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pinproof import InputError
-from pinproof.motion import bezier
+from pinproof.motion import Bezier, split
+from pinproof.motion.curve import argmax, extremes
 
 coordinate = st.floats(-10, 10, allow_subnormal=False)
 
@@ -38,20 +39,20 @@ def test_evaluate_is_the_bernstein_sum(curve):
     u = np.linspace(0, 1, 9)[1:-1]
     for i, piece in enumerate(control):
         t = knots[i] + u * (knots[i + 1] - knots[i])
-        np.testing.assert_allclose(bezier.evaluate(knots, control, t), on_piece(piece, u), atol=1e-11)
+        np.testing.assert_allclose(Bezier(knots, control).at(t), on_piece(piece, u), atol=1e-11)
 
 
 @given(curves())
 def test_a_piece_starts_at_its_first_control_point_and_the_curve_ends_at_its_last_bit_for_bit(curve):
     knots, control = curve
-    np.testing.assert_array_equal(bezier.evaluate(knots, control, knots[:-1]), control[:, 0])
-    np.testing.assert_array_equal(bezier.evaluate(knots, control, knots[-1]), control[-1, -1])
+    np.testing.assert_array_equal(Bezier(knots, control).at(knots[:-1]), control[:, 0])
+    np.testing.assert_array_equal(Bezier(knots, control).at(knots[-1]), control[-1, -1])
 
 
 @given(curves(), st.floats(0, 1))
 def test_both_halves_of_a_split_trace_the_same_curve(curve, u):
     _, control = curve
-    left, right = bezier.split(control, u)
+    left, right = split(control, u)
     local = np.linspace(0, 1, 7)
     for i in range(len(control)):
         np.testing.assert_allclose(on_piece(left[i], local), on_piece(control[i], local * u), atol=1e-12)
@@ -61,7 +62,7 @@ def test_both_halves_of_a_split_trace_the_same_curve(curve, u):
 @given(curves())
 def test_the_hull_contains_every_sample(curve):
     _, control = curve
-    low, high = bezier.hull(control)
+    low, high = control.min(axis=1), control.max(axis=1)
     for i, piece in enumerate(control):
         samples = on_piece(piece, np.linspace(0, 1, 101))
         assert (samples >= low[i] - 1e-13).all()
@@ -71,7 +72,7 @@ def test_the_hull_contains_every_sample(curve):
 @given(curves())
 def test_extremes_contain_every_sample_and_are_reached(curve):
     _, control = curve
-    low, high = bezier.extremes(control)
+    low, high = extremes(control)
     for i, piece in enumerate(control):
         samples = on_piece(piece, np.linspace(0, 1, 2001))
         size = max(np.abs(piece).max(), 1e-140)  # the squares of smaller coordinates underflow
@@ -94,7 +95,7 @@ def test_extremes_of_high_degrees_are_tight_at_flat_and_at_double_tops(degree):
     twin = 1 - (u * 2 - 1) ** 2 * ((u * 2 - 1) ** 2 - 0.5)  # degree 4: tops of 17/16 at 2u - 1 = +-1/2
     flat = 1 - (2 * u - 1) ** 4
     control = (to_bernstein @ np.stack([twin, flat], axis=1))[None]
-    low, high = bezier.extremes(control)
+    low, high = extremes(control)
     np.testing.assert_allclose(high[0], [17 / 16, 1.0], rtol=1e-11)
     np.testing.assert_allclose(low[0], [0.5, 0.0], atol=1e-11)
 
@@ -102,8 +103,9 @@ def test_extremes_of_high_degrees_are_tight_at_flat_and_at_double_tops(degree):
 @given(curves(st.integers(1, 4)))
 def test_the_derivative_is_that_of_the_polynomial(curve):
     knots, control = curve
-    slope = bezier.derivative(knots, control)
-    assert bezier.degree(slope) == bezier.degree(control) - 1
+    curve = Bezier(knots, control)
+    slope = curve.derivative().control
+    assert curve.derivative().degree == curve.degree - 1
     for i, piece in enumerate(control):
         power = np.array(
             [
@@ -125,38 +127,38 @@ def _samples(coefficients):
 def test_hermite_pieces_have_the_requested_points_and_slopes(derivatives, width, quintic):
     knots = np.array([0.0, width, 2.5 * width])
     request = derivatives[:, : 3 if quintic else 2].swapaxes(0, 1)
-    curve = bezier.hermite(knots, *request)
+    curve = Bezier.hermite(knots, *request)
     for values in request:
-        np.testing.assert_allclose(bezier.evaluate(knots, curve, knots), values, atol=1e-9 / min(width, 1) ** 2)
-        curve = bezier.derivative(knots, curve)
+        np.testing.assert_allclose(curve.at(knots), values, atol=1e-9 / min(width, 1) ** 2)
+        curve = curve.derivative()
         if not quintic and values is request[-1]:
             break  # a cubic's second derivative jumps
-    slope = bezier.hermite_slope(knots, *request)
-    np.testing.assert_allclose(slope, bezier.derivative(knots, bezier.hermite(knots, *request)), atol=1e-10 / width)
+    slope, expected = Bezier.hermite_slope(knots, *request), Bezier.hermite(knots, *request).derivative()
+    np.testing.assert_allclose(slope.control, expected.control, atol=1e-10 / width)
 
 
 @pytest.mark.parametrize("t", [-1e-9, 1.0 + 1e-9, np.nan, np.inf, [0.5, 2.0]])
 def test_a_parameter_off_the_curve_is_refused(t):
     with pytest.raises(InputError, match="outside"):
-        bezier.evaluate(np.array([0.0, 1.0]), np.zeros((1, 2, 1)), t)
+        Bezier(np.array([0.0, 1.0]), np.zeros((1, 2, 1))).at(t)
 
 
 def test_a_piece_of_zero_width_is_its_configuration():
     knots, control = np.zeros(2), np.full((1, 4, 3), 0.7)
-    np.testing.assert_array_equal(bezier.evaluate(knots, control, 0.0), np.full(3, 0.7))
-    np.testing.assert_array_equal(bezier.derivative(knots, control), np.zeros((1, 3, 3)))
+    np.testing.assert_array_equal(Bezier(knots, control).at(0.0), np.full(3, 0.7))
+    np.testing.assert_array_equal(Bezier(knots, control).derivative().control, np.zeros((1, 3, 3)))
 
 
 def test_elevated_pieces_are_the_same_pieces() -> None:
     rng = np.random.default_rng(0)
     knots, control = np.array([0.0, 1.0, 3.0]), rng.normal(size=(2, 3, 4))
     control[1, 0] = control[0, -1]
-    raised = bezier.elevate(control, 5)
-    assert raised.shape == (2, 6, 4)
+    raised = Bezier(knots, control).elevated(5)
+    assert raised.control.shape == (2, 6, 4)
     t = np.linspace(0, 3, 100)
-    assert np.allclose(bezier.evaluate(knots, raised, t), bezier.evaluate(knots, control, t), atol=1e-14)
-    assert np.array_equal(raised[:, [0, -1]], control[:, [0, -1]])
-    assert bezier.elevate(control, 2) is control
+    assert np.allclose(raised.at(t), Bezier(knots, control).at(t), atol=1e-14)
+    assert np.array_equal(raised.control[:, [0, -1]], control[:, [0, -1]])
+    assert Bezier(knots, control).elevated(2).control is control
 
 
 @settings(max_examples=25)
@@ -165,11 +167,11 @@ def test_argmax_is_where_a_polynomial_is_largest(curve, falling):
     for row in np.moveaxis(curve[1], 2, 1).reshape(-1, curve[1].shape[1]):
         row = np.sort(row)[::-1] if falling else row
         dense = on_piece(row[:, None], np.linspace(0.0, 1.0, 400))[:, 0]
-        u = bezier.argmax(row)
+        u = argmax(row)
         assert 0.0 <= u <= 1.0
         assert on_piece(row[:, None], np.array([u]))[0, 0] >= dense.max() - 1e-9 * np.abs(row).max()
 
 
 def test_a_parameter_with_two_dimensions_is_refused():
     with pytest.raises(InputError, match="shape"):
-        bezier.evaluate(np.array([0.0, 1.0]), np.zeros((1, 2, 1)), np.zeros((2, 2)))
+        Bezier(np.array([0.0, 1.0]), np.zeros((1, 2, 1))).at(np.zeros((2, 2)))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.motion import Curve, bezier, corner
+from pinproof.motion import REVERSAL, Bezier, Curve, corner_distance
 
 from ..examples import examples
 
@@ -19,9 +19,7 @@ NAMES = ("a", "b", "c")
 
 def derivatives(path: pp.motion.BlendedPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First and second derivative (k, points, n) as Bernstein coefficients, over the path's knots."""
-    knots, control = path.bezier()
-    first = bezier.derivative(knots, control)
-    return knots, first, bezier.derivative(knots, first)
+    return path.knots, path.derivative(1).control, path.derivative(2).control
 
 
 @st.composite
@@ -36,7 +34,7 @@ def polylines(draw: st.DrawFn) -> tuple[pp.JointPath, np.ndarray]:
     direction = np.diff(q, axis=0) / length[:, None]
     reach = np.zeros(count)
     for i in range(1, count - 1):
-        if np.linalg.norm(direction[i] + direction[i - 1]) > 2 * corner.REVERSAL:
+        if np.linalg.norm(direction[i] + direction[i - 1]) > 2 * REVERSAL:
             reach[i] = draw(st.sampled_from([0.0, 0.01, 0.3, 1.0])) * min(length[i - 1], length[i]) / 2
     return pp.JointPath(q, NAMES), reach
 
@@ -54,7 +52,7 @@ def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.J
     step = np.abs(first[1:, 0] - first[:-1, -1]).max(axis=1)
     for knot, gap in zip(knots[1:-1], step, strict=True):
         assert knot in smooth.corners or gap < 1e-5
-    speed = np.linalg.norm(bezier.evaluate(knots, first, np.linspace(*smooth.domain, 500)), axis=1)
+    speed = np.linalg.norm(Bezier(knots, first).at(np.linspace(*smooth.domain, 500)), axis=1)
     assert speed.max() < 1.02
     assert speed.min() > 0.04  # the sharpest corners are slow in their middle
     assert smooth.length <= path.length * (1 + 1e-9)
@@ -68,7 +66,7 @@ def test_the_stated_corner_deviation_is_exact(turn: float, reach: float) -> None
     smooth = pp.motion.BlendedPath.rounded(pp.JointPath(q, NAMES), [0, reach, 0])
     points = smooth(np.linspace(*smooth.domain, 4001))
     nearest = np.linalg.norm(points, axis=1).min()
-    assert nearest == pytest.approx(reach * float(corner.distance_to_corner(line[:1], line[1:])[0]), abs=2e-3 * reach)
+    assert nearest == pytest.approx(reach * float(corner_distance(line[:1], line[1:])[0]), abs=2e-3 * reach)
     # nowhere is the curve farther from the legs than at its middle
     legs = [np.linalg.norm(points - np.clip(points @ leg, *ends)[:, None] * leg, axis=1)
             for leg, ends in ((line[0], (-1, 0)), (line[1], (0, 1)))]  # fmt: skip

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.motion import JointPath, separate, synchronise, time_parametrise
-from pinproof.motion.group_motion import TimedColumns, merged
+from pinproof.motion import JointPath, TimedColumns, merged, separate, synchronise, time_parametrise
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment
-from pinproof.motion.motion_program import certificate_id
+from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment, certificate_id
 
 NAMES = ("a", "b")
 

@@ -8,8 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.interpolate import CubicSpline
 
 from pinproof import InputError
-from pinproof.motion import CubicPath, Curve, JointPath, bezier
-from pinproof.motion.curve import refuse_broken
+from pinproof.motion import Bezier, CubicPath, Curve, JointPath, refuse_broken
 
 from ..examples import examples
 
@@ -23,7 +22,7 @@ def test_paths_are_curves_whose_pieces_are_what_is_evaluated(curve):
     knots, control = curve.bezier()
     assert (knots[0], knots[-1]) == curve.domain
     t = np.linspace(*curve.domain, 17)
-    np.testing.assert_array_equal(curve(t), bezier.evaluate(knots, control, t))
+    np.testing.assert_array_equal(curve(t), Bezier(knots, control).at(t))
     np.testing.assert_array_equal(curve(t[0]), curve.start)
     np.testing.assert_array_equal(curve(t[-1]), curve.end)
 
@@ -117,7 +116,7 @@ def test_a_cubic_path_has_the_points_and_tangents_it_was_given(values):
     knots = np.array([0.0, 0.4, 1.0, 1.5, 2.5])
     path = CubicPath(values, values[::-1], knots, NAMES)
     np.testing.assert_array_equal(path(knots), values)
-    slopes = bezier.derivative(*path.bezier())
+    slopes = path.derivative(1).control
     np.testing.assert_allclose(slopes[:, 0], values[::-1][:-1], atol=1e-13)
     np.testing.assert_allclose(slopes[:, -1], values[::-1][1:], atol=1e-13)  # the same from both sides: C1
 

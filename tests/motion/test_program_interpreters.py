@@ -18,9 +18,8 @@ import pytest
 import pinproof as pp
 from pinproof.collision import certify_program
 from pinproof.errors import PinproofError
+from pinproof.motion import JointMove, LinearMove, RobotProgram, SetOutput, Step, StreamedPoint, Wait, make_program
 from pinproof.motion.dialects import DIALECTS
-from pinproof.motion.program_steps import JointMove, LinearMove, SetOutput, Step, StreamedPoint, Wait
-from pinproof.motion.robot_program import RobotProgram, make_program
 
 NAMES = pp.load_robot("ur5").arm().joint_names
 OUTPUT = {"urscript": "0", "rapid": "do_gripper", "krl": "1", "fanuc": "1"}

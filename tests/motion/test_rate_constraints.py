@@ -7,7 +7,7 @@ import pytest
 
 from pinproof import InputError
 from pinproof.errors import TimingError
-from pinproof.motion import BlendedPath, CubicPath, JointPath, RateConstraint, bezier, time_parametrise
+from pinproof.motion import Bezier, BlendedPath, CubicPath, JointPath, RateConstraint, time_parametrise
 
 from .timing_problems import RELATIVE, assert_on_path, assert_within, limits_of, names
 
@@ -30,9 +30,10 @@ class Linear:
         return (*rows, np.broadcast_to(self.bound, rows[0].shape))
 
     def excess(self, trajectory):
-        force = trajectory.bezier(2)[1] @ self.matrix.T
+        knots, acceleration = trajectory.bezier(2)
+        force = acceleration @ self.matrix.T
         if not self.weight:
-            return np.sqrt(np.maximum(bezier.largest(force) / self.bound, 0)).max(axis=1)
+            return np.sqrt(np.maximum(Bezier(knots, force).largest() / self.bound, 0)).max(axis=1)
         hold = np.abs(trajectory.bezier()[1] @ self.matrix.T * self.weight).max(axis=1)
         return np.sqrt(np.abs(force).max(axis=1) / np.maximum(self.bound - hold, 1e-12)).max(axis=1)
 

@@ -14,9 +14,19 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.errors import InputError, TrajectoryError, UnknownNameError
+from pinproof.motion import (
+    Blend,
+    JointMap,
+    JointMove,
+    LinearMove,
+    RobotProgram,
+    SetOutput,
+    StreamedPoint,
+    Wait,
+    make_program,
+    moves_along,
+)
 from pinproof.motion.dialects import DIALECTS
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove, SetOutput, StreamedPoint, Wait
-from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
 
 NAMES = tuple(f"joint_{i}" for i in range(1, 7))
 MOVING = ("urscript", "rapid", "krl", "fanuc")

@@ -10,9 +10,17 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.motion import CubicPath, JointPath, time_parametrise
-from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import MoveSequence, Steering, least_times, rate_excess, rest, rest_to_rest_times
+from pinproof.motion import (
+    Bounds,
+    CubicPath,
+    JointPath,
+    MoveSequence,
+    Steering,
+    least_times,
+    rate_excess,
+    rest,
+    time_parametrise,
+)
 
 NAMES = ("a", "b", "c")
 V, A, J = np.array([2.0, 1.0, 3.0]), np.array([15.0, 4.0, 9.0]), np.array([500.0, 60.0, 90.0])
@@ -35,7 +43,7 @@ def test_rest_to_rest_times_agree_with_ruckig(jerk: bool) -> None:
         distance = rng.uniform(0.1, 1.0, 3) * size
         move = steering.move(rest(np.zeros(3)), rest(distance))
         assert move is not None
-        assert move.duration == pytest.approx(rest_to_rest_times(distance, bounds).max(), rel=1e-4)
+        assert move.duration == pytest.approx(least_times(distance, bounds), rel=1e-4)
 
 
 @pytest.mark.parametrize("jerk", [True, False])
@@ -87,7 +95,7 @@ def test_rest_to_rest_times_are_those_of_the_timing(jerk: bool) -> None:
         limits = SimpleNamespace(velocity=[velocity], acceleration=[acceleration])
         timed = time_parametrise(JointPath([[0.0], [distance]], ("a",)), limits, jerk=[rate] if jerk else None)
         bounds = Bounds.of(limits, ("a",), [rate] if jerk else None)
-        least = rest_to_rest_times(np.array([distance]), bounds)[0]
+        least = least_times(np.array([distance]), bounds, by_joint=True)[0]
         assert least <= timed.duration + 3e-9  # times are rounded to nanoseconds
         assert timed.duration <= 1.005 * least + 3e-9  # phases of a millisecond are left out
 
@@ -111,16 +119,16 @@ def test_no_motion_is_faster_than_the_least_times() -> None:
     arm, generator = pp.load_robot("ur5").arm(tcp="tool0"), np.random.default_rng(3)
     bounds = Bounds.of(arm.limits, arm.joint_names)
     distances = generator.uniform(-2.0, 2.0, (20, arm.dof))
-    full_speed, from_rest = arm.limits.least_time(distances), least_times(distances, bounds)
+    full_speed, from_rest = least_times(distances, arm.limits, full_speed=True), least_times(distances, bounds)
     assert (full_speed < from_rest).all()
     for distance, most, least in zip(distances, full_speed, from_rest, strict=True):
         assert most == max(abs(d) / v for d, v in zip(distance, arm.limits.velocity, strict=True))
         straight = pp.JointPath([-distance / 2, distance / 2], arm.joint_names)
         assert pp.time_parametrise(straight, arm.limits).duration >= least * (1 - 1e-9)
-    assert arm.limits.least_time(np.zeros((0, arm.dof))).shape == (0,)
+    assert least_times(np.zeros((0, arm.dof)), arm.limits, full_speed=True).shape == (0,)
 
 
 def test_a_joint_without_a_velocity_limit_needs_no_time_at_full_speed() -> None:
     limits = replace(pp.load_robot("ur5").arm(tcp="tool0").limits, velocity=np.array([np.inf] * 5 + [2.0]))
-    assert limits.least_time(np.full((2, 6), 3.0)).tolist() == [1.5, 1.5]
-    assert limits.least_time(np.array([3.0] * 5 + [0.0])) == 0.0
+    assert least_times(np.full((2, 6), 3.0), limits, full_speed=True).tolist() == [1.5, 1.5]
+    assert least_times(np.array([3.0] * 5 + [0.0]), limits, full_speed=True) == 0.0

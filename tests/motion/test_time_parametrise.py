@@ -208,9 +208,9 @@ class Bare:
         return np.array([0.0, 1.0, 2.0]), np.array(control, float)
 
     def __call__(self, t):
-        from pinproof.motion import bezier
+        from pinproof.motion import Bezier
 
-        return bezier.evaluate(*self.bezier(), t)
+        return Bezier(*self.bezier()).at(t)
 
 
 @pytest.mark.parametrize("jerk", [None, 20.0])

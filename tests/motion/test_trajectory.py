@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pinproof import InputError
-from pinproof.motion import Curve, Trajectory, bezier
+from pinproof.motion import Bezier, Curve, Trajectory
 
 from ..examples import examples
 
@@ -34,7 +34,7 @@ def test_a_trajectory_is_the_cubic_hermite_curve_through_its_points(trajectory):
     inside = np.setdiff1d(t, trajectory.times)  # accelerations jump at the points
     np.testing.assert_allclose(trajectory.acceleration(inside), oracle(inside, 2), atol=1e-7)
     assert isinstance(trajectory, Curve)
-    np.testing.assert_array_equal(trajectory(t), bezier.evaluate(*trajectory.bezier(), t))
+    np.testing.assert_array_equal(trajectory(t), Bezier(*trajectory.bezier()).at(t))
 
 
 @given(trajectories())

@@ -11,8 +11,7 @@ import pytest
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.errors import InputError, PicksError
-from pinproof.motion import MotionProgram
-from pinproof.motion.limits import Bounds
+from pinproof.motion import Bounds, MotionProgram
 from pinproof.picks import PickBudget, PickSetup, PickVerdict
 from pinproof.picks.judging.timing import GAIN, SPEEDS, JoinedMotion, LineEnd
 

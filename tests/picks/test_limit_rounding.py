@@ -11,7 +11,7 @@ from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.configurations import turned_inside
 from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.lines import Attempt, full_rotations
-from pinproof.planning.ends import with_turns
+from pinproof.planning import with_turns
 from pinproof.spatial import SE3
 
 TURN = 2 * np.pi

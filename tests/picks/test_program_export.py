@@ -11,8 +11,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import InputError
-from pinproof.motion import RobotProgram
-from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Wait
+from pinproof.motion import Blend, JointMove, RobotProgram, SetOutput, Wait
 from pinproof.picks import PickReport, certify_picks_program, export_picks
 
 ROOT = Path(__file__).parents[2]

@@ -7,9 +7,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.ik import IkTask
-from pinproof.planning import LinearStatus, cartesian
-from pinproof.planning.follow import RouteFollower
-from pinproof.planning.route import Route
+from pinproof.planning import LinearStatus, Route, RouteFollower, cartesian
 from pinproof.spatial import interpolate, twist_size
 
 from .arms import assert_free, ball_arm

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import State, Steering, rest
-from pinproof.planning import moving_ends
+from pinproof.motion import Bounds, State, Steering, rest
+from pinproof.planning import MovingEnds, moving_ends
 from pinproof.planning.gentle_moves import SHARE, GentleMoves
-from pinproof.planning.moving_ends import MovingEnds
 
 START, END = np.array([0.0, -1.2, 1.2, -1.6, -1.6, 0.0]), np.array([1.0, -1.0, 1.4, -1.9, -1.6, 0.4])
 

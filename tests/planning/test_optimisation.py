@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.motion.limits import RATE_TOLERANCE, Bounds
-from pinproof.motion.steering import Steering
+from pinproof.motion import RATE_TOLERANCE, Bounds, Steering
 from pinproof.planning import optimise
 from pinproof.planning.optimisation import _goals, _MotionSearch
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.planning import Planner, make_planner
-from pinproof.planning.planners import planner_of
+from pinproof.planning import Planner, make_planner, planner_of
 
 START, GOAL = [-1.0, -1.2, 1.2, -1.57, -1.57, 0.0], [1.0, -1.2, 1.2, -1.57, -1.57, 0.0]
 POST = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.0), pp.pose(xyz=(0.55, 0.0, 0.5)))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.planning.edges import Edges
+from pinproof.planning import Edges
 
 from .arms import assert_free, assert_solves, ball_arm
 
@@ -290,7 +290,7 @@ def test_rotations_are_not_suggested_if_all_are_goals(turntable: pp.Arm) -> None
 
 def test_shifts_by_2_pi_stay_within_the_limits(ur5: pp.Arm) -> None:
     goal = np.array([3.0, -1.5, 1.0, -5.0, 1.0, 6.0])
-    from pinproof.planning.ends import with_turns
+    from pinproof.planning import with_turns
 
     many, index_of = with_turns(ur5, ur5.home, goal[None])
     assert np.array_equal(many[0], goal)

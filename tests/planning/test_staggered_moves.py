@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import Move, MoveSequence, Steering, rate_excess, rest, rest_to_rest_times
-from pinproof.planning.edges import Edges
+from pinproof.motion import Bounds, Move, MoveSequence, Steering, least_times, rate_excess, rest
+from pinproof.planning import Edges
 
 START, GOAL = np.array([-0.8, -0.4]), np.array([0.5, 0.6])
 
@@ -24,7 +23,7 @@ def test_a_staggered_move_avoids_an_obstacle_and_takes_little_longer_than_the_lo
     draws = np.random.default_rng(0).random((300, search.draws_per_motion))
     found = search.run(10.0, draws)
     assert not edges.samples_free(START, GOAL)
-    lower_bound = rest_to_rest_times(GOAL - START, bounds).max()
+    lower_bound = least_times(GOAL - START, bounds)
     assert found.goal == 0
     assert lower_bound <= found.duration < 1.35 * lower_bound
     motion = MoveSequence([Move(found)])

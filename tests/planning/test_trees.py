@@ -6,7 +6,7 @@ import numpy as np
 
 import pinproof as pp
 from pinproof import _core
-from pinproof.planning.edges import Edges
+from pinproof.planning import Edges
 
 
 def _search(arm: pp.Arm, start: np.ndarray, goals: np.ndarray) -> _core.RrtSearch:

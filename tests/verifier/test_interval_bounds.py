@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof.motion import bezier
+from pinproof.motion import Bezier
 from pinproof.verifier import IntervalBounds, Proof, interval_bounds
 
 from ..examples import examples
@@ -55,7 +55,7 @@ def test_no_sample_in_an_interval_is_nearer_than_its_bound(proof, rehashed, orac
     found, _ = bounds(checked, directions, ends)
     for row, (start, end) in enumerate(ends):
         for t in (start, end, *rng.uniform(start, end, 10)):
-            q = bezier.evaluate(np.arange(3.0), control, t) + tolerance * rng.choice([-1, 1], 3)
+            q = Bezier(np.arange(3.0), control).at(t) + tolerance * rng.choice([-1, 1], 3)
             assert (look.distances(q) >= found[:, row] - 1e-6).all()
 
 
@@ -63,7 +63,7 @@ def test_on_a_short_interval_the_bound_is_close_to_the_distance(proof, rehashed,
     control = curve(np.random.default_rng(5), 0.01, 3, 1)
     document = with_curve(proof, rehashed, control)
     look, span = oracle(document), np.array([[0.4995, 0.5005]])
-    q = bezier.evaluate(np.arange(2.0), control, 0.5)
+    q = Bezier(np.arange(2.0), control).at(0.5)
     found, _ = bounds(Proof(document), look.normals(q)[None], span)
     assert found[:, 0] == pytest.approx(look.distances(q), abs=1e-4)
 

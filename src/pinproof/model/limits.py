@@ -216,10 +216,6 @@ class JointLimits(Shown):
         clipped = np.minimum(np.maximum(q, self.lower), self.upper)  # as clip, in a third of its time
         return np.asarray(np.where(np.abs(q - clipped) < AT_LIMIT, clipped, q))
 
-    def least_time(self, distance: Array) -> Array:
-        """Return (...,) lower bounds of the time (s) of motions over distances (..., n), in rad or m, at full speed."""
-        return np.asarray((np.abs(distance) / self.velocity).max(axis=-1, initial=0.0))
-
     def inside(self, q: Array) -> npt.NDArray[np.bool_]:
         """Return (...,) whether q (..., n) is inside the limits after :meth:`snap`."""
         near = self.snap(q)

@@ -1,26 +1,17 @@
 """Curves in joint space: paths, timed trajectories, and time parametrisation."""
 
-from pinproof.motion.bezier import split
-from pinproof.motion.blended_path import BlendedPath
-from pinproof.motion.cubic_path import CubicPath
 from pinproof.motion.curve import (
     MEET_TOLERANCE,
+    Bezier,
     BezierCurve,
     Curve,
     TimedCurve,
     parameter_text,
     read_only,
     refuse_broken,
+    split,
 )
-from pinproof.motion.dialects import dialect_of_file, find_dialect, is_program_file
-from pinproof.motion.group_motion import TimedColumns, merged, separate, synchronise
-from pinproof.motion.joint_path import JointPath
-from pinproof.motion.limit_check import LIMIT_TOLERANCE, LimitCheck, LimitViolation, check_limits
-from pinproof.motion.limits import RATE_TOLERANCE, Bounds, MotionLimits
-from pinproof.motion.motion_program import EventKind, MotionProgram, ProgramEvent, ProgramSegment, certificate_id
-from pinproof.motion.motion_record import MotionRecord
-from pinproof.motion.plot import Panel, panels_of
-from pinproof.motion.program_steps import (
+from pinproof.motion.dialects import (
     Blend,
     JointMove,
     LinearMove,
@@ -29,25 +20,56 @@ from pinproof.motion.program_steps import (
     StreamedPoint,
     StreamedTrajectory,
     Wait,
+    dialect_of_file,
+    find_dialect,
+    is_program_file,
 )
-from pinproof.motion.rate_constraints import RateConstraint, checked_constraints, rate_violations
-from pinproof.motion.robot_program import JointMap, ProgramPick, RobotProgram, make_program, moves_along
-from pinproof.motion.steering import (
-    Move,
-    MoveSequence,
-    State,
-    Steering,
+from pinproof.motion.group_motion import TimedColumns, merged, separate, synchronise
+from pinproof.motion.limits import (
+    LIMIT_TOLERANCE,
+    RATE_TOLERANCE,
+    Bounds,
+    LimitCheck,
+    LimitViolation,
+    MotionLimits,
+    check_limits,
     inside_position_limits,
     least_times,
     rate_excess,
-    rest,
-    rest_to_rest_times,
 )
+from pinproof.motion.motion_program import EventKind, MotionProgram, ProgramEvent, ProgramSegment, certificate_id
+from pinproof.motion.paths import (
+    REVERSAL,
+    BlendedPath,
+    CubicPath,
+    JointPath,
+    corner_distance,
+    corner_spacing,
+    round_corner,
+)
+from pinproof.motion.plot import Panel, panels_of
+from pinproof.motion.rate_limits import (
+    RateConstraint,
+    ToolLimits,
+    TorqueLimits,
+    TorquePeak,
+    checked_constraints,
+    rate_violations,
+)
+from pinproof.motion.robot_program import JointMap, ProgramPick, RobotProgram, make_program, moves_along
+from pinproof.motion.steering import Move, MoveSequence, State, Steering, rest
 from pinproof.motion.timing import time_parametrise
-from pinproof.motion.tool_limits import ToolLimits
-from pinproof.motion.torque_limits import TorqueLimits, TorquePeak
 from pinproof.motion.trajectory import Trajectory
-from pinproof.motion.trajectory_files import MOTION, NANO, Reader, from_message, seconds, to_message, whole_nanoseconds
+from pinproof.motion.trajectory_files import (
+    MOTION,
+    NANO,
+    MotionRecord,
+    Reader,
+    from_message,
+    seconds,
+    to_message,
+    whole_nanoseconds,
+)
 
 __all__ = [
     "LIMIT_TOLERANCE",
@@ -55,6 +77,8 @@ __all__ = [
     "MOTION",
     "NANO",
     "RATE_TOLERANCE",
+    "REVERSAL",
+    "Bezier",
     "BezierCurve",
     "Blend",
     "BlendedPath",
@@ -96,6 +120,8 @@ __all__ = [
     "certificate_id",
     "check_limits",
     "checked_constraints",
+    "corner_distance",
+    "corner_spacing",
     "dialect_of_file",
     "find_dialect",
     "from_message",
@@ -112,7 +138,7 @@ __all__ = [
     "read_only",
     "refuse_broken",
     "rest",
-    "rest_to_rest_times",
+    "round_corner",
     "seconds",
     "separate",
     "split",

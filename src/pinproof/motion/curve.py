@@ -1,20 +1,39 @@
-"""The protocol of curves in joint space, and the validation that their constructors share."""
+"""Curves in joint space: the protocol, and the polynomial pieces as which every curve is represented.
+
+A curve is a sequence of polynomials in the Bernstein basis, :class:`Bezier`: ``knots`` (k+1,) and ``control``
+(k, degree+1, n). For a parameter t in [knots[i], knots[i+1]] and u = (t - knots[i]) / (knots[i+1] - knots[i]), piece i
+is sum_r C(degree, r) u^r (1-u)^(degree-r) control[i, r]. The n columns are independent (one per joint), in the units of
+the curve. A piece of zero width represents the single configuration control[i, 0].
+
+In this basis, a piece is inside the convex hull of its control points, subdivision is exact up to the rounding of
+averages, and the coefficients of the derivative are scaled differences.
+
+Source: R. T. Farouki, "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric Design 29
+(2012), sections 3 (hull, differences) and 5 (de Casteljau's algorithm).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import fields
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-from pinproof.motion import bezier
 from pinproof.spatial import Array, finite
 
 MEET_TOLERANCE = 1e-12
 """Maximum difference (rad or m, rad/s or m/s) of two ends that are joined: rounding errors only."""
+
+EXTREME_TOLERANCE = 1e-12
+"""Maximum error of an extremum, relative to the largest coefficient, for degrees without a closed form: far above the
+rounding of de Casteljau's averages, far below the tolerance of every limit."""
+
+
+# -- the protocol -----------------------------------------------------------------------------------------------------
 
 
 @runtime_checkable
@@ -42,7 +61,7 @@ class Curve(Protocol):
         """(n,) last configuration."""
 
     def bezier(self) -> tuple[Array, Array]:
-        """The curve as ``knots`` (k+1,) and control points (k, degree+1, n), see :mod:`pinproof.motion.bezier`.
+        """The curve as ``knots`` (k+1,) and control points (k, degree+1, n), as in :class:`~pinproof.motion.Bezier`.
 
         There is at least one piece: a single configuration is one piece of zero width, k = 1.
         """
@@ -63,6 +82,227 @@ class TimedCurve(Curve, Protocol):
         """(n,) or (N, n) velocities in rad/s or m/s."""
 
 
+# -- the representation -----------------------------------------------------------------------------------------------
+
+
+class Bezier(NamedTuple):
+    """Polynomial pieces in the Bernstein basis: piece i is over [knots[i], knots[i+1]].
+
+    Parameters
+    ----------
+    knots
+        (k+1,) parameters at the ends of the pieces.
+    control
+        (k, degree+1, n) control points.
+    """
+
+    knots: Array
+    control: Array
+
+    @classmethod
+    def hermite(cls, knots: Array, values: Array, slopes: Array, curvatures: Array | None = None) -> Bezier:
+        """Hermite pieces with given derivatives (k+1, n) at the knots.
+
+        The pieces are cubic with ``values`` and ``slopes``, and quintic with the second derivatives ``curvatures``. The
+        first two (three) points follow from the derivatives at the left end by the differences of the coefficients of
+        the derivative (Farouki 2012, 3), the others from those at the right end.
+        """
+        width = (knots[1:] - knots[:-1])[:, None]
+        first, last = values[:-1], values[1:]
+        if curvatures is None:
+            third = width / 3.0
+            return cls(knots, _stacked(first, first + third * slopes[:-1], last - third * slopes[1:], last))
+        fifth, square = width / 5.0, width * width / 20.0
+        left, right = fifth * slopes[:-1], fifth * slopes[1:]
+        second, fourth = 2.0 * left + square * curvatures[:-1], 2.0 * right - square * curvatures[1:]
+        return cls(knots, _stacked(first, first + left, first + second, last - fourth, last - right, last))
+
+    @classmethod
+    def hermite_slope(cls, knots: Array, values: Array, slopes: Array, curvatures: Array | None = None) -> Bezier:
+        """The derivative of the pieces of :meth:`hermite`.
+
+        The outer coefficients are the derivatives at the ends. The middle one follows from the mean slope, which is the
+        mean of all coefficients. This uses the points themselves, because differences of inner control points would
+        amplify their rounding by 1 / width.
+        """
+        width = (knots[1:] - knots[:-1])[:, None]
+        mean = (values[1:] - values[:-1]) / width
+        before, after = slopes[:-1], slopes[1:]
+        if curvatures is None:
+            return cls(knots, _stacked(before, 3.0 * mean - before - after, after))
+        left, right = before + 0.25 * width * curvatures[:-1], after - 0.25 * width * curvatures[1:]
+        return cls(knots, _stacked(before, left, 5.0 * mean - before - left - right - after, right, after))
+
+    @property
+    def degree(self) -> int:
+        """The polynomial degree of the pieces."""
+        return int(self.control.shape[1]) - 1
+
+    def at(self, t: npt.ArrayLike) -> Array:
+        """Points of the curve, by de Casteljau's algorithm.
+
+        Parameters
+        ----------
+        t
+            A parameter or (N,) parameters in [knots[0], knots[-1]]. At an inner knot, the later piece is used.
+
+        Returns
+        -------
+        (n,) for a scalar, else (N, n). The values at both ends of every piece are exactly its end control points.
+
+        Raises
+        ------
+        InputError
+            If ``t`` is not finite, is outside the domain, or has more than one axis.
+        """
+        knots, control = self
+        try:
+            parameter = np.asarray(t, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the parameter of a curve must be a number: {error}") from error
+        if parameter.ndim > 1:
+            raise InputError(f"the parameter must be a scalar or have the shape (N,); its shape is {parameter.shape}")
+        outside = ~((parameter >= knots[0]) & (parameter <= knots[-1]))  # True for NaN
+        if outside.any():
+            raise InputError(f"the parameter {parameter[outside][0]} is outside the domain [{knots[0]}, {knots[-1]}]")
+        flat = parameter.reshape(-1)
+        piece = np.minimum(np.maximum(knots.searchsorted(flat, side="right") - 1, 0), len(control) - 1)
+        width = knots[piece + 1] - knots[piece]
+        points = self.on(piece, np.divide(flat - knots[piece], width, out=np.zeros_like(flat), where=width > 0.0))
+        return points[0] if parameter.ndim == 0 else points
+
+    def on(self, piece: npt.NDArray[np.intp], u: Array) -> Array:
+        """(N, n) points at the local parameters ``u`` (N,) in [0, 1] of the given pieces (N,)."""
+        return _de_casteljau(self.control[piece], u[:, None])
+
+    def derivative(self) -> Bezier:
+        """The derivative with respect to the parameter; zero on a piece of degree 0 or of zero width."""
+        knots, control = self
+        if self.degree == 0:
+            return Bezier(knots, np.zeros_like(control))
+        width = (knots[1:] - knots[:-1])[:, None, None]
+        rise = self.degree * (control[:, 1:] - control[:, :-1])
+        return Bezier(knots, np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0))
+
+    def elevated(self, degree: int) -> Bezier:
+        """The same pieces with the control points of a degree that is at least their own (Farouki 2012, 5.2)."""
+        control = self.control
+        for n in range(self.degree, degree):
+            share = (np.arange(n + 2) / (n + 1))[:, None]
+            before = np.concatenate([control[:, :1], control], axis=1)  # the repeated ends have weight 0
+            control = share * before + (1.0 - share) * np.concatenate([control, control[:, -1:]], axis=1)
+        return Bezier(self.knots, control)
+
+    def largest(self, enough: Array | None = None) -> Array:
+        """The maximum magnitude (k, n) per piece and joint, with the accuracy of :func:`extremes`.
+
+        If the hull is not above ``enough`` (n,), the result may be the bound of the hull, which is not smaller.
+        """
+        size: Array = np.abs(self.control).max(axis=1)
+        above = np.ones(len(size), dtype=bool) if enough is None else (~(size <= enough)).any(axis=1)
+        if above.any():
+            low, high = extremes(self.control[above])
+            size[above] = np.maximum(-low, high)
+        return size
+
+
+def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
+    """Subdivide pieces (..., degree+1, n) at the local parameter ``u`` in [0, 1] into left and right parts.
+
+    Each control point is a convex combination, so that rounding errors are not amplified (Farouki 2012, 5.1).
+    """
+    left, right = np.empty_like(control), np.empty_like(control)
+    rest, last = control, control.shape[-2] - 1
+    for r in range(last + 1):
+        left[..., r, :] = rest[..., 0, :]
+        right[..., last - r, :] = rest[..., -1, :]
+        rest = rest[..., :-1, :] * (1.0 - u) + rest[..., 1:, :] * u
+    return left, right
+
+
+def extremes(control: Array) -> tuple[Array, Array]:
+    """The minimum and maximum (k, n) of pieces (k, degree+1, n), per piece and joint.
+
+    Up to degree 3, the roots of the derivative are computed in closed form and the curve is evaluated there. Both
+    values are attained; an error e of a root changes the value by order e^2 only. For higher degrees, pieces are
+    subdivided until their hull is within :data:`EXTREME_TOLERANCE` of a value of the curve (Farouki 2012, sections 3
+    and 5: the error of a hull decreases to a quarter with each subdivision). The result then bounds the curve to this
+    tolerance.
+    """
+    pieces, points, n = control.shape
+    if points > 4:
+        rows = np.swapaxes(control, 1, 2).reshape(pieces * n, points)
+        return -_upper(-rows).reshape(pieces, n), _upper(rows).reshape(pieces, n)
+    low = np.minimum(control[:, 0], control[:, -1])
+    high = np.maximum(control[:, 0], control[:, -1])
+    # The roots in [0, 1] of the derivative, or any other points of [0, 1] where it has none; a line has none.
+    slope = np.diff(control, axis=1)
+    roots: list[Array] = []
+    if points == 3:
+        roots = [_ratio(slope[:, 0], slope[:, 0] - slope[:, 1])]
+    elif points == 4:
+        # For a u^2 - 2 b u + c, the larger root comes first and the other from their product, without cancellation.
+        c = slope[:, 0]
+        b = slope[:, 0] - slope[:, 1]
+        a = slope[:, 0] - 2.0 * slope[:, 1] + slope[:, 2]
+        large = b + np.copysign(np.sqrt(np.maximum(b * b - a * c, 0.0)), b)
+        roots = [_ratio(large, a), _ratio(c, large)]
+    for u in roots:
+        value = _de_casteljau(control, u)
+        low, high = np.minimum(low, value), np.maximum(high, value)
+    return low, high
+
+
+def argmax(row: Array) -> float:
+    """The local parameter in [0, 1] at which one polynomial with the coefficients ``row`` (degree+1,) is largest.
+
+    It is an end or a root of the derivative. In powers of u, the derivative has the coefficients C(m, j) times the j-th
+    differences of its Bernstein coefficients (Farouki 2012, section 3).
+    """
+    slope, m = np.diff(row), len(row) - 2
+    powers = [math.comb(m, j) * float(np.diff(slope, j)[0]) for j in range(m + 1)]
+    candidates = np.concatenate([[0.0, 1.0], np.clip(np.roots(powers[::-1]).real, 0.0, 1.0)])
+    values = _de_casteljau(np.tile(row[:, None], (len(candidates), 1, 1)), candidates[:, None])[:, 0]
+    return float(candidates[values.argmax()])
+
+
+def _stacked(*points: Array) -> Array:
+    """(k, r, n) the r control points (k, n) of each piece; as np.stack, in a third of its time."""
+    k, n = points[0].shape
+    control = np.empty((k, len(points), n))
+    for r, point in enumerate(points):
+        control[:, r] = point
+    return control
+
+
+def _upper(rows: Array) -> Array:
+    """An upper bound (R,) of each polynomial with coefficients ``rows`` (R, degree+1), tight to EXTREME_TOLERANCE."""
+    proven, seen = rows.max(axis=1), np.maximum(rows[:, 0], rows[:, -1])
+    slack = EXTREME_TOLERANCE * np.abs(rows).max(axis=1)
+    owner = np.flatnonzero(proven > seen + slack)
+    parts = rows[owner][:, :, None]
+    while len(owner):
+        left, right = split(parts)
+        np.maximum.at(seen, owner, left[:, -1, 0])
+        parts, owner = np.concatenate([left, right]), np.concatenate([owner, owner])
+        exceeds = parts.max(axis=(1, 2)) > seen[owner] + slack[owner]
+        parts, owner = parts[exceeds], owner[exceeds]
+    return np.minimum(proven, seen + slack)
+
+
+def _de_casteljau(control: Array, u: Array) -> Array:
+    """One point per piece; ``u`` is broadcast to (k, n)."""
+    weight = u[:, None, :]
+    while control.shape[1] > 1:
+        control = control[:, :-1] * (1.0 - weight) + control[:, 1:] * weight
+    return control[:, 0]
+
+
+def _ratio(numerator: Array, denominator: Array) -> Array:
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        return np.clip(np.nan_to_num(numerator / denominator, nan=0.0), 0.0, 1.0)
+
+
 class BezierCurve:
     """Domain, ends, evaluation and comparison of a curve that is stored as Bezier pieces."""
 
@@ -74,9 +314,16 @@ class BezierCurve:
         """Knots (k+1,) and control points (k, degree+1, n)."""
         raise NotImplementedError
 
+    def derivative(self, order: int) -> Bezier:
+        """The derivative of an order with respect to the parameter."""
+        pieces = Bezier(*self.bezier())
+        for _ in range(order):
+            pieces = pieces.derivative()
+        return pieces
+
     def __call__(self, t: npt.ArrayLike) -> Array:
         """The configuration (n,) at ``t`` in the domain, or (N, n) at (N,) of them; InputError outside."""
-        return bezier.evaluate(*self.bezier(), t)
+        return Bezier(*self.bezier()).at(t)
 
     @property
     def domain(self) -> tuple[float, float]:
@@ -96,6 +343,11 @@ class BezierCurve:
         point: Array = self.bezier()[1][-1, -1]
         return point
 
+    def range(self) -> tuple[Array, Array]:
+        """Minimum and maximum position (n,) of each joint over the curve."""
+        low, high = extremes(self.bezier()[1])
+        return low.min(axis=0), high.max(axis=0)
+
     def is_close(self, other: BezierCurve, tolerance: float = 1e-9) -> bool:
         """Whether the joints are the same, and all numbers that define the curves agree to ``tolerance``."""
 
@@ -108,7 +360,15 @@ class BezierCurve:
         return same and all(agree(getattr(self, name), getattr(other, name)) for name in self.NUMBERS)
 
     def __reduce__(self) -> tuple[Any, ...]:  # default pickling would restore writable arrays
-        return type(self), tuple(getattr(self, each.name) for each in fields(self))  # type: ignore[arg-type]
+        return type(self), tuple(getattr(self, own.name) for own in fields(self))  # type: ignore[arg-type]
+
+    def _set(self, **values: object) -> None:
+        """Set the fields of a frozen dataclass in its constructor; arrays become read-only."""
+        for name, value in values.items():
+            object.__setattr__(self, name, read_only(value) if isinstance(value, np.ndarray) else value)
+
+
+# -- validation -------------------------------------------------------------------------------------------------------
 
 
 def parameter_text(curve: Curve, parameter: float) -> str:
@@ -124,8 +384,8 @@ def read_only(array: Array) -> Array:
 
 def increasing(knots: Array) -> Array:
     """The same knots (k,); InputError unless they increase strictly."""
-    if not (np.diff(knots) > 0.0).all():
-        i = int(np.flatnonzero(np.diff(knots) <= 0.0)[0])
+    if len(flat := np.flatnonzero(~(np.diff(knots) > 0.0))):
+        i = int(flat[0])
         raise InputError(f"knots must increase strictly; {knots[i]} is followed by {knots[i + 1]} at index {i + 1}")
     return knots
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
-from pinproof.motion.tool_limits import require_joints
+from pinproof.motion.rate_limits import require_joints
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds, whole_nanoseconds
 

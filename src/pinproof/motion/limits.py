@@ -1,7 +1,12 @@
-"""The limits for which a motion is timed."""
+"""Limits of joints: those for which a motion is timed, the least time that they allow, and the check of a curve.
+
+A curve is compared with its limits by the exact extremes of its polynomial pieces, so that the result holds between
+samples too.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -9,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
+from pinproof.model import JointLimits, distinct
+from pinproof.motion.curve import Bezier, BezierCurve, Curve, TimedCurve, argmax, extremes, parameter_text
 from pinproof.spatial import Array
 
 RATE_TOLERANCE = 1e-9
@@ -16,6 +23,19 @@ RATE_TOLERANCE = 1e-9
 
 POSITION_TOLERANCE = 1e-9
 """Excess over a position limit (rad or m) that is attributed to rounding, such as the rounding of an IK solution."""
+
+LIMIT_TOLERANCE = 1e-6
+"""Rad or m for positions, relative for velocities and accelerations: motion files of other programs are often rounded
+to six digits."""
+
+ROUNDINGS = 4
+"""Rounding errors of a position, in units in the last place. In a piece of nanoseconds, such as between the points of
+two motions that are combined, they are accelerations of thousands of rad/s^2."""
+
+IMPULSE = 0.01
+"""rad or m, or per s: the sum of what these errors may change positions, or speeds, in all pieces that they decide."""
+
+Quantity = Literal["position", "velocity", "acceleration"]
 
 
 class MotionLimits(Protocol):
@@ -55,10 +75,19 @@ class Bounds:
         """
         if not hasattr(limits, "velocity"):
             raise InputError(f"limits must be JointLimits, such as arm.limits, not {limits!r:.80}")
-        velocity = _rates("velocity", limits.velocity, joint_names)
-        acceleration = _rates("acceleration", limits.acceleration, joint_names)
-        lower = _positions("lower", getattr(limits, "lower", None), joint_names, -np.inf)
-        upper = _positions("upper", getattr(limits, "upper", None), joint_names, np.inf)
+        velocity, acceleration = (
+            _rates(kind, getattr(limits, kind), joint_names) for kind in ("velocity", "acceleration")
+        )
+        ends = []
+        for kind, unlimited in (("lower", -np.inf), ("upper", np.inf)):
+            given = getattr(limits, kind, None)
+            ends.append(_array(kind, np.full(len(joint_names), unlimited) if given is None else given, joint_names))
+            if (unknown := np.flatnonzero(np.isnan(ends[-1]))).size:
+                name = joint_names[int(unknown[0])]
+                raise InputError(
+                    f"the {kind} position limit of joint {name!r} is NaN; give it with limits= (inf for none)"
+                )
+        lower, upper = ends
         source = getattr(limits, "acceleration_source", "") or "as given by the caller"
         note = f"acceleration limits: {source}"
         if jerk is None:
@@ -85,16 +114,6 @@ def _rates(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:
     return rates
 
 
-def _positions(kind: str, value: object, joint_names: tuple[str, ...], default: float) -> Array:
-    if value is None:
-        return np.full(len(joint_names), default)
-    positions = _array(kind, value, joint_names)
-    for name, position in zip(joint_names, positions.tolist(), strict=True):
-        if np.isnan(position):
-            raise InputError(f"the {kind} position limit of joint {name!r} is NaN; give it with limits= (inf for none)")
-    return positions
-
-
 def _array(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:
     try:
         array = np.array(value, dtype=float)
@@ -103,3 +122,225 @@ def _array(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:
     if array.shape != (len(joint_names),):
         raise InputError(f"limits.{kind} must have the shape ({len(joint_names)},); it has {array.shape}")
     return array
+
+
+def least_times(
+    distance: npt.ArrayLike, limits: MotionLimits, *, full_speed: bool = False, by_joint: bool = False
+) -> Array:
+    """The least times (s) in which joints move between two configurations, whatever the path.
+
+    Parameters
+    ----------
+    distance
+        (..., n) distances in rad or m.
+    limits
+        The limits of the joints, such as :class:`Bounds`; without ``jerk``, there is no jerk limit.
+    full_speed
+        Whether joints move at their velocity limit from the first instant to the last; by default, they begin and end
+        at rest.
+    by_joint
+        Whether to return the time of each joint.
+
+    Returns
+    -------
+    (...,) lower bounds of the times of all motions, or (..., n) the shortest times of single joints.
+
+    Notes
+    -----
+    L. Biagiotti, C. Melchiorri, "Trajectory Planning for Automatic Machines and Robots" (2008), section 3.4, for rest
+    at both ends.
+    """
+    d, v, a = np.abs(distance), limits.velocity, limits.acceleration
+    j = getattr(limits, "jerk", None)
+    if full_speed:
+        times = d / v
+    elif j is None:
+        times = np.where(d * a < v * v, 2.0 * np.sqrt(d / a), d / v + v / a)
+    else:
+        # To a speed u and back to rest: 2 (u / a + a / j) if the acceleration limit is reached, else 4 sqrt(u / j). The
+        # distance on the way is u times half of this.
+        reached = v * j > a * a
+        ramps = np.where(reached, v / a + a / j, 2.0 * np.sqrt(v / j))
+        cruising = 2.0 * ramps + (d - v * ramps) / v
+        speed = 0.5 * a * (np.sqrt((a / j) ** 2 + 4.0 * d / a) - a / j)
+        with_limit, without = 2.0 * (speed / a + a / j), 4.0 * np.cbrt(d / (2.0 * j))
+        slower = np.where(speed * j >= a * a, with_limit, without)
+        times = np.where(d >= v * ramps, cruising, slower)
+    return np.asarray(times if by_joint else times.max(axis=-1, initial=0.0))
+
+
+def rate_excess(trajectory: BezierCurve, bounds: Bounds) -> Array:
+    """(k,) the factor by which each piece must be slowed down to satisfy the limits of the rates; 1 or less if it does.
+
+    A factor f divides velocities by f, accelerations by f^2 and jerks by f^3. The extremes of the pieces are exact.
+    """
+    shares = []
+    for order, limit in enumerate((bounds.velocity, bounds.acceleration, bounds.jerk), start=1):
+        if limit is not None:
+            knots, control = trajectory.derivative(order)
+            shares.append(Bezier(knots, control / limit).largest(np.ones_like(limit)).max(axis=1) ** (1.0 / order))
+    return np.asarray(np.max(shares, axis=0))
+
+
+def inside_position_limits(trajectory: BezierCurve, bounds: Bounds) -> bool:
+    """Whether a motion keeps the position limits, to rounding; the extremes of the pieces are exact."""
+    control = trajectory.bezier()[1]
+    if ((control.min(axis=(0, 1)) >= bounds.lower) & (control.max(axis=(0, 1)) <= bounds.upper)).all():
+        return True  # the hull is inside, and so is the curve
+    low, high = trajectory.range()
+    inside = (low >= bounds.lower - POSITION_TOLERANCE) & (high <= bounds.upper + POSITION_TOLERANCE)
+    return bool(inside.all())
+
+
+# -- the check of a curve ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class LimitViolation:
+    """A joint that exceeds a limit by more than :data:`LIMIT_TOLERANCE`.
+
+    Parameters
+    ----------
+    joint, quantity, limit
+        What is exceeded (rad or m, per s or s^2).
+    value
+        The extreme over the whole curve; of velocity and acceleration the magnitude.
+    time
+        The parameter at which it is reached: seconds on a trajectory, waypoint index on a path.
+    q
+        (n,) the configuration there.
+    place
+        The parameter as text.
+    """
+
+    joint: str
+    quantity: Quantity
+    value: float
+    limit: float
+    time: float
+    q: Array
+    place: str
+
+    def __str__(self) -> str:
+        value, limit = distinct(self.value, self.limit)
+        unit = {"position": "rad or m", "velocity": "rad/s or m/s", "acceleration": "rad/s^2 or m/s^2"}[self.quantity]
+        return f"{self.joint} reaches a {self.quantity} of {value} at {self.place}; its limit is {limit} ({unit})"
+
+
+@dataclass(frozen=True, eq=False)
+class LimitCheck:
+    """The comparison of a curve with joint limits.
+
+    Parameters
+    ----------
+    checked
+        The quantities that were compared: of a path only the position, and the acceleration only if it is known for at
+        least one joint, because the default accelerations of :class:`~pinproof.JointLimits` are no limits of the robot.
+    violations
+        At most two for each joint and quantity; empty if the curve is within the limits.
+    limits
+        The limits that were stated.
+    velocity, acceleration
+        (n,) those that were compared, in the order of the joints of the curve; infinite where none was.
+    unknown
+        For a curve with time, the joints whose velocity or acceleration was not compared.
+    """
+
+    checked: tuple[Quantity, ...]
+    violations: tuple[LimitViolation, ...]
+    limits: JointLimits
+    velocity: Array
+    acceleration: Array
+    unknown: Mapping[Quantity, tuple[str, ...]]
+
+    def __str__(self) -> str:
+        if self.violations:
+            return "outside the limits: " + "; ".join(map(str, self.violations))
+        kinds = " and ".join(filter(None, (", ".join(self.checked[:-1]), self.checked[-1])))
+        # A quantity that was not compared is unknown for every joint.
+        remark = ", ".join(
+            " ".join([f"no {kind} limit is known", *([f"of {', '.join(names)}"] if kind in self.checked else [])])
+            for kind, names in self.unknown.items()
+        )
+        return f"within the limits of {kinds}{f' ({remark})' if remark else ''}"
+
+
+def check_limits(curve: Curve, limits: JointLimits) -> LimitCheck:
+    """Compare a curve with joint limits by the exact extremes of its polynomial pieces.
+
+    Parameters
+    ----------
+    curve
+        Velocities and accelerations are compared if it has a time, such as a :class:`~pinproof.Trajectory`.
+    limits
+        The limits of the joints of the curve, in the same order.
+
+    Raises
+    ------
+    InputError
+        If the limits are those of another number of joints.
+    """
+    names = curve.joint_names
+    if len(limits) != len(names):
+        raise InputError(f"limits are those of {len(limits)} joints; the curve has {len(names)}: {', '.join(names)}")
+    timed = isinstance(curve, TimedCurve)
+    velocity = np.where(np.isnan(limits.velocity) | (not timed), np.inf, limits.velocity)
+    # Accelerations that follow from the velocity limit by default say nothing about the robot.
+    open_ended = limits.guessed | np.isnan(limits.acceleration) | (not timed)
+    acceleration = np.where(open_ended, np.inf, limits.acceleration)
+    ranges: list[tuple[Quantity, Array, Array]] = [("position", limits.lower, limits.upper)]
+    ranges += [("velocity", -velocity, velocity), ("acceleration", -acceleration, acceleration)]
+    pieces = Bezier(*curve.bezier())
+    knots, control = pieces
+    width = np.diff(knots)[:, None]
+    rounding = np.full((len(width), 1), ROUNDINGS * np.finfo(float).eps) * np.abs(control).max(axis=(0, 1))
+    jump = np.zeros_like(rounding, dtype=bool)
+    checked: list[Quantity] = []
+    violations: list[LimitViolation] = []
+    for order, (quantity, low, high) in enumerate(ranges):
+        if order:
+            # The pieces of the next derivative. The acceleration is infinite where the velocity jumps.
+            if order == 2:
+                step = np.abs(control[1:, 0] - control[:-1, -1])
+                jump = np.pad(step > LIMIT_TOLERANCE + rounding[1:] + rounding[:-1], ((1, 0), (0, 0)))
+            rise = 2.0 * pieces.degree * rounding
+            rounding = np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
+            pieces = curve.derivative(order) if isinstance(curve, BezierCurve) else pieces.derivative()
+            control = pieces.control
+            if not np.isfinite(high).any():
+                continue
+        checked.append(quantity)
+        slack = LIMIT_TOLERANCE * (np.where(np.isfinite(high), high, 0.0) if order else np.ones(len(names)))
+        least, most = control.min(axis=1), control.max(axis=1)
+        # Most pieces are inside by their control points; only of the others are the extremes computed.
+        near = np.flatnonzero(~((least >= low - slack) & (most <= high + slack) & ~jump).all(axis=1))
+        if not len(near):
+            continue
+        least, most = extremes(control[near])
+        most = np.where(jump[near], np.inf, most)
+        excess = np.maximum(low - least, most - high)
+        # An excess that rounding explains is allowed if all of it together has almost no effect.
+        tiny = (excess > slack) & (excess <= slack + rounding[near])
+        tiny &= (np.where(tiny, excess, 0.0) * width[near]).sum(axis=0) <= IMPULSE
+        outside = ~(excess <= slack) & ~tiny  # also true for NaN
+        for joint in np.flatnonzero(outside.any(axis=0)):
+            rows = outside[:, joint]
+            worst = []
+            for sign, limit, extreme in ((-1.0, low[joint], -least), (1.0, high[joint], most)):
+                k = int(extreme[rows, joint].argmax())
+                if not (value := float(extreme[rows, joint][k])) <= sign * limit + slack[joint]:
+                    worst.append((value, sign, float(limit), int(near[rows][k])))
+            # Both ends of a range can be exceeded; of a rate, the larger magnitude is reported.
+            for value, sign, limit, piece in [max(worst)] if order else worst:
+                share = argmax(sign * control[piece, :, joint]) if np.isfinite(value) else 0.0
+                time = min(float(knots[piece] + share * width[piece, 0]), float(knots[-1]))
+                size, bound = (value, abs(limit)) if order else (sign * value, limit)
+                place = parameter_text(curve, time)
+                violations.append(LimitViolation(names[joint], quantity, size, bound, time, curve(time), place))
+    rates: dict[Quantity, Array] = {"velocity": velocity, "acceleration": acceleration}
+    unknown = {
+        kind: tuple(name for name, limit in zip(names, values, strict=True) if np.isinf(limit))
+        for kind, values in rates.items()
+        if timed and np.isinf(values).any()
+    }
+    return LimitCheck(tuple(checked), tuple(violations), limits, velocity, acceleration, unknown)

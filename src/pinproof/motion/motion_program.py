@@ -35,9 +35,8 @@ from pinproof.common.structs import (
 )
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import MEET_TOLERANCE, ends_meet
-from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.trajectory import Trajectory
-from pinproof.motion.trajectory_files import INTERPOLANTS, NANO, RATES, TIME, UNITS, Reader, stamp
+from pinproof.motion.trajectory_files import INTERPOLANTS, NANO, RATES, TIME, UNITS, MotionRecord, Reader, stamp
 from pinproof.spatial import Array
 
 EventKind = Literal["grip", "release"]

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-from pinproof.motion import bezier
+from pinproof.motion.curve import BezierCurve
 from pinproof.motion.limits import MotionLimits
 from pinproof.spatial import Array, finite
 
@@ -67,13 +67,6 @@ class Panel:
     upper: Array
 
 
-class _PlottedMotion(Protocol):
-    @property
-    def joint_names(self) -> tuple[str, ...]: ...
-
-    def bezier(self, order: int = 0) -> tuple[Array, Array]: ...
-
-
 @dataclass
 class _Picture:
     """The PNG file of a figure; a class, because functions within functions cannot be pickled."""
@@ -87,7 +80,7 @@ class _Picture:
 
 
 def plot_trajectory(
-    trajectory: _PlottedMotion,
+    trajectory: BezierCurve,
     limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
@@ -118,7 +111,7 @@ def plot_trajectory(
 
 
 def panels_of(
-    trajectory: _PlottedMotion,
+    trajectory: BezierCurve,
     limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
@@ -127,11 +120,27 @@ def panels_of(
 ) -> tuple[Array, list[Panel]]:
     """(N,) times and the panels of a plot, with this number of samples of each piece; see :meth:`Trajectory.plot`."""
     names = trajectory.joint_names
-    lines = _lines(limits, jerk, len(names))
-    times, values = _sampled(trajectory, samples)
+    # (N,) times, and (N, n) positions and derivatives up to the jerk there, with both values where one jumps.
+    knots, control = trajectory.bezier()
+    piece, u = np.repeat(np.arange(len(control)), samples), np.tile(np.linspace(0.0, 1.0, samples), len(control))
+    times = knots[piece] + u * np.diff(knots)[piece]
+    values = [trajectory.derivative(order).on(piece, u) for order in range(4)]
+    # The lower and the upper limit (n,) of each quantity, infinite where none is given.
+    given = {kind: None if limits is None else getattr(limits, kind) for kind in ("velocity", "acceleration")}
+    given["jerk"] = np.full(len(names), jerk) if jerk is not None and np.ndim(jerk) == 0 else jerk
+    lower, upper = getattr(limits, "lower", None), getattr(limits, "upper", None)
+    none: Array = np.full(len(names), np.inf)
+    bounds = [(-none if lower is None else np.asarray(lower), none if upper is None else np.asarray(upper))]
+    for kind, limit in given.items():
+        unlimited = np.isposinf(np.asarray(none if limit is None else limit, dtype=float))
+        rates = finite(kind, np.where(unlimited, 1.0, none if limit is None else limit), (len(names),))
+        if (rates <= 0.0).any():
+            raise InputError(f"{kind} must be above 0; it is {rates}")
+        rates = np.where(unlimited, np.inf, rates)
+        bounds.append((-rates, rates))
     panels = [
         Panel(*quantity, names, columns, *both)
-        for quantity, columns, both in zip(QUANTITIES, values, lines, strict=True)
+        for quantity, columns, both in zip(QUANTITIES, values, bounds, strict=True)
     ]
     for constraint in rate_limits:
         _, beta, gamma, bound = constraint.coefficients(values[0], values[1], values[2])
@@ -139,34 +148,3 @@ def panels_of(
         labels = names if count == len(names) else tuple(f"component {k + 1}" for k in range(count))
         panels.append(Panel(constraint.name, "", labels, beta + gamma, -least, least))
     return times, panels
-
-
-def _sampled(trajectory: _PlottedMotion, samples: int) -> tuple[Array, list[Array]]:
-    """(N,) times, and (N, n) positions and derivatives up to the jerk, with both values where one jumps."""
-    knots, control = trajectory.bezier()
-    pieces = len(control)
-    piece, u = np.repeat(np.arange(pieces), samples), np.tile(np.linspace(0.0, 1.0, samples), pieces)
-    times = knots[piece] + u * np.diff(knots)[piece]
-    return times, [bezier.on_pieces(trajectory.bezier(order)[1], piece, u) for order in range(4)]
-
-
-def _lines(limits: MotionLimits | None, jerk: npt.ArrayLike | None, n: int) -> list[tuple[Array, Array]]:
-    """The lower and the upper limit (n,) of each panel; infinite where no limit is given."""
-    none: Array = np.full(n, np.inf)
-    lower, upper = getattr(limits, "lower", None), getattr(limits, "upper", None)
-    rates = [
-        none if limits is None else _rates(each, getattr(limits, each), n) for each in ("velocity", "acceleration")
-    ]
-    rates.append(none if jerk is None else _rates("jerk", np.broadcast_to(jerk, n) if np.ndim(jerk) == 0 else jerk, n))
-    positions = (-none if lower is None else np.asarray(lower), none if upper is None else np.asarray(upper))
-    return [positions, *((-rate, rate) for rate in rates)]
-
-
-def _rates(name: str, value: npt.ArrayLike, n: int) -> Array:
-    """The limits (n,) of a rate, infinite without a limit."""
-    given = np.asarray(value, dtype=float)
-    unlimited = np.isposinf(given)
-    rates = finite(name, np.where(unlimited, 1.0, given), (n,))
-    if (rates <= 0.0).any():
-        raise InputError(f"{name} must be above 0; it is {rates}")
-    return np.where(unlimited, np.inf, rates)

@@ -24,10 +24,9 @@ from pinproof.common.files import read_text, write_text_whole
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Curve, TimedCurve, checked_joint_names, read_only
-from pinproof.motion.dialects import Dialect, dialect_of_file, find_dialect
-from pinproof.motion.joint_path import JointPath
-from pinproof.motion.program_steps import (
+from pinproof.motion.dialects import (
     Blend,
+    Dialect,
     JointMove,
     LinearMove,
     SetOutput,
@@ -35,7 +34,10 @@ from pinproof.motion.program_steps import (
     StreamedPoint,
     StreamedTrajectory,
     Wait,
+    dialect_of_file,
+    find_dialect,
 )
+from pinproof.motion.paths import JointPath
 from pinproof.spatial import Array, finite
 
 FORMAT = "pinproof program 1"

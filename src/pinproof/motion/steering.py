@@ -16,7 +16,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from pinproof._core import EdgeChecker, StaggeredMove, StaggeredSearch
-from pinproof.motion import bezier
 from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds
@@ -346,51 +345,3 @@ def _parabolic_steps(times: Array, q: Array, velocity: Array, exact: Any) -> Non
 def _sums(steps: Array) -> Array:
     """(m, n) the sums of the steps (m-1, n) before each point."""
     return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
-
-
-def rate_excess(trajectory: Trajectory, bounds: Bounds) -> Array:
-    """(k,) the factor by which each piece must be slowed down to satisfy the limits of the rates; 1 or less if it does.
-
-    A factor f divides velocities by f, accelerations by f^2 and jerks by f^3. The extremes of the pieces are exact.
-    """
-    limits = [bounds.velocity, bounds.acceleration] + ([] if bounds.jerk is None else [bounds.jerk])
-    shares = [
-        bezier.largest(trajectory.bezier(order)[1] / limit, np.ones_like(limit)).max(axis=1) ** (1.0 / order)
-        for order, limit in enumerate(limits, start=1)
-    ]
-    return np.asarray(np.max(shares, axis=0))
-
-
-def inside_position_limits(trajectory: Trajectory, bounds: Bounds) -> bool:
-    """Whether a motion keeps the position limits, to rounding; the extremes of the pieces are exact."""
-    control = trajectory.bezier()[1]
-    outside = (control.min(axis=(0, 1)) < bounds.lower) | (control.max(axis=(0, 1)) > bounds.upper)
-    low, high = trajectory.range() if outside.any() else (bounds.lower, bounds.upper)  # inside if the hull is inside
-    inside = (low >= bounds.lower - POSITION_TOLERANCE) & (high <= bounds.upper + POSITION_TOLERANCE)
-    return bool(inside.all())
-
-
-def least_times(distance: Array, bounds: Bounds) -> Array:
-    """Lower bounds (...,) of the times (s) of all motions over distances (..., n) from rest to rest."""
-    return np.asarray(rest_to_rest_times(distance, bounds).max(axis=-1))
-
-
-def rest_to_rest_times(distance: Array, bounds: Bounds) -> Array:
-    """The shortest times (s) in which single joints move by ``distance`` (..., n) from rest to rest.
-
-    (L. Biagiotti, C. Melchiorri, "Trajectory Planning for Automatic Machines and Robots", 2008, section 3.4, for rest
-    at both ends.)
-    """
-    d, v, a = np.abs(distance), bounds.velocity, bounds.acceleration
-    if bounds.jerk is None:
-        return np.where(d * a < v * v, 2.0 * np.sqrt(d / a), d / v + v / a)
-    j = bounds.jerk
-    # To a speed u and back to rest: 2 (u / a + a / j) if the acceleration limit is reached, else 4 sqrt(u / j). The
-    # distance on the way is u times half of this.
-    reached = v * j > a * a
-    ramps = np.where(reached, v / a + a / j, 2.0 * np.sqrt(v / j))
-    cruising = 2.0 * ramps + (d - v * ramps) / v
-    speed = 0.5 * a * (np.sqrt((a / j) ** 2 + 4.0 * d / a) - a / j)
-    with_limit, without = 2.0 * (speed / a + a / j), 4.0 * np.cbrt(d / (2.0 * j))
-    slower = np.where(speed * j >= a * a, with_limit, without)
-    return np.where(d >= v * ramps, cruising, slower)

@@ -15,9 +15,9 @@ import numpy.typing as npt
 from pinproof._core import corners, time_path
 from pinproof.errors import InputError, TimingError
 from pinproof.motion.curve import Curve
-from pinproof.motion.joint_path import JointPath
-from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds, MotionLimits
-from pinproof.motion.rate_constraints import RateConstraint, checked_constraints, constraint_rows
+from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds, MotionLimits, inside_position_limits
+from pinproof.motion.paths import JointPath
+from pinproof.motion.rate_limits import RateConstraint, checked_constraints, constraint_rows
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import LONGEST
 from pinproof.spatial import Array, finite
@@ -88,22 +88,33 @@ def time_parametrise(
         still if velocity is None else finite(name, velocity, still.shape)
         for name, velocity in (("start_velocity", start_velocity), ("end_velocity", end_velocity))
     )
-    knots, control, stops = _pieces(curve)
-    if not np.ptp(control, axis=(0, 1)).any():
+    # The pieces, and where the motion stops: None if where the tangent jumps.
+    stops: Array | None = None
+    if isinstance(curve, JointPath) and len(q := corners(curve.q)) > 1:
+        knots, control, stops = np.arange(len(q), dtype=float), np.stack([q[:-1], q[1:]], axis=1), np.ones(len(q))
+    else:
+        knots, control = (np.ascontiguousarray(values, dtype=float) for values in curve.bezier())
+        if hasattr(curve, "corners"):
+            stops = np.isin(knots, np.asarray(curve.corners, dtype=float)).astype(float)
+    if np.ptp(control, axis=(0, 1)).any():
+        tangents = control[0, 1] - control[0, 0], control[-1, -1] - control[-1, -2]
+        for place, velocity, tangent in zip(("start", "end"), (start, end), tangents, strict=True):
+            _check_velocity(place, velocity, tangent, bounds, names)
+        trajectory = _timed(names, (knots, control, stops), bounds, (start, end), further)
+    else:
         if start.any() or end.any():
             raise InputError("the path has length 0; start_velocity and end_velocity must be zero")
-        constraint_rows(further, control[0, :1], still[None], still[None])
-        accelerations = None if jerk is None else still[None]
-        return _inside(
-            Trajectory([0.0], control[0, :1], still[None], names, bounds.note, accelerations=accelerations), bounds
+        constraint_rows(further, control[0, :1], still[None], still[None])  # raises if it is violated at standstill
+        rest = None if jerk is None else still[None]
+        trajectory = Trajectory([0.0], control[0, :1], still[None], names, bounds.note, accelerations=rest)
+    if not inside_position_limits(trajectory, bounds):
+        low, high = trajectory.range()
+        j = int(((low < bounds.lower - POSITION_TOLERANCE) | (high > bounds.upper + POSITION_TOLERANCE)).argmax())
+        raise TimingError(
+            f"the path exceeds the limits of joint {names[j]!r}: its range is [{low[j]:.9g}, {high[j]:.9g}], the "
+            f"limits are [{bounds.lower[j]:.9g}, {bounds.upper[j]:.9g}]; plan it inside the limits"
         )
-    for place, velocity, tangent in (
-        ("start", start, control[0, 1] - control[0, 0]),
-        ("end", end, control[-1, -1] - control[-1, -2]),
-    ):
-        _check_velocity(place, velocity, tangent, bounds, names)
-
-    return _inside(_timed(names, (knots, control, stops), bounds, (start, end), further), bounds)
+    return trajectory
 
 
 def _timed(
@@ -123,7 +134,7 @@ def _timed(
 
     def excess(*points: Array) -> Array:
         trajectory = trajectory_of(*points)
-        return np.max([np.asarray(each.excess(trajectory), dtype=float) for each in further], axis=0)
+        return np.max([np.asarray(limit.excess(trajectory), dtype=float) for limit in further], axis=0)
 
     knots, control, stops = pieces
     rates = bounds.velocity, bounds.acceleration, bounds.jerk, *ends
@@ -160,18 +171,6 @@ _FAILURES = {
 """The messages for the results of the core that are not a motion."""
 
 
-def _pieces(curve: Curve) -> tuple[Array, Array, Array | None]:
-    """Knots, control points, and the stops (k+1,) of a path; None if it stops where its tangent jumps."""
-    if isinstance(curve, JointPath):
-        q = corners(curve.q)
-        if len(q) > 1:
-            return np.arange(len(q), dtype=float), np.stack([q[:-1], q[1:]], axis=1), np.ones(len(q))
-    knots, control = curve.bezier()
-    stops = np.isin(knots, np.asarray(curve.corners, dtype=float)) if hasattr(curve, "corners") else None
-    knots, control = (np.ascontiguousarray(values, dtype=float) for values in (knots, control))
-    return knots, control, None if stops is None else stops.astype(float)
-
-
 def _check_velocity(place: str, velocity: Array, tangent: Array, bounds: Bounds, names: tuple[str, ...]) -> None:
     if not velocity.any():
         return
@@ -188,17 +187,3 @@ def _check_velocity(place: str, velocity: Array, tangent: Array, bounds: Bounds,
     if over.max() > 1.0 + RATE_TOLERANCE:
         name, limit = names[int(over.argmax())], bounds.velocity[int(over.argmax())]
         raise InputError(f"{place}_velocity exceeds the velocity limit {limit:g} of joint {name!r}")
-
-
-def _inside(trajectory: Trajectory, bounds: Bounds) -> Trajectory:
-    """Check the position limits on the trajectory, and return it."""
-    control = trajectory.bezier()[1]
-    outside = (control.min(axis=(0, 1)) < bounds.lower) | (control.max(axis=(0, 1)) > bounds.upper)
-    low, high = trajectory.range() if outside.any() else (bounds.lower, bounds.upper)  # inside if the hull is inside
-    for name, a, b, lower, upper in zip(trajectory.joint_names, low, high, bounds.lower, bounds.upper, strict=True):
-        if a < lower - POSITION_TOLERANCE or b > upper + POSITION_TOLERANCE:
-            raise TimingError(
-                f"the path exceeds the limits of joint {name!r}: its range is [{a:.9g}, {b:.9g}], the limits are "
-                f"[{lower:.9g}, {upper:.9g}]; plan it inside the limits"
-            )
-    return trajectory

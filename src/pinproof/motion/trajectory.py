@@ -17,15 +17,13 @@ from pinproof.common.results import PLOT_POINTS, Rows, Shown, View, html_plot
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.model import guess_mark
-from pinproof.motion import bezier, trajectory_files
-from pinproof.motion.curve import MEET_TOLERANCE, BezierCurve, checked_joint_names, ends_meet, read_only
-from pinproof.motion.dialects import find_dialect
+from pinproof.motion import trajectory_files
+from pinproof.motion.curve import MEET_TOLERANCE, Bezier, BezierCurve, checked_joint_names, ends_meet, read_only
+from pinproof.motion.dialects import Blend, StreamedTrajectory, find_dialect
 from pinproof.motion.limits import MotionLimits
-from pinproof.motion.motion_record import Certified, MotionRecord, records_of
 from pinproof.motion.plot import DrawnConstraint, plot_trajectory
-from pinproof.motion.program_steps import Blend, StreamedTrajectory
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
-from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
+from pinproof.motion.trajectory_files import LONGEST, NANO, Certified, MotionRecord, seconds, whole_nanoseconds
 from pinproof.spatial import Array, finite
 from pinproof.verifier import curve_digest
 
@@ -95,13 +93,22 @@ class Trajectory(BezierCurve, Shown):
             raise InputError(
                 "a trajectory with a single point must be at rest there; its velocity or acceleration is not 0"
             )
-        object.__setattr__(self, "times", read_only(_checked_times(finite("times", times, (len(positions),)))))
-        object.__setattr__(self, "q", read_only(positions))
-        object.__setattr__(self, "velocities", read_only(rates))
-        object.__setattr__(self, "joint_names", names)
-        object.__setattr__(self, "limits_note", str(limits_note))
-        object.__setattr__(self, "accelerations", None if second is None else read_only(second))
-        object.__setattr__(self, "certified", tuple(certified))
+        # Times are rounded to nanoseconds here, so that a file holds exactly the curve of memory.
+        given = finite("times", times, (len(positions),))
+        if abs(given).max() > LONGEST:
+            raise InputError(
+                f"times reach {abs(given).max():g} s; the maximum is {LONGEST:g} s, up to which nanoseconds are exact"
+            )
+        clock = whole_nanoseconds(given)
+        if clock[0] != 0:
+            raise InputError(f"times must start at 0, not at {given[0]} s")
+        if len(late := np.flatnonzero(np.diff(clock) <= 0)):
+            i = int(late[0])
+            raise InputError(
+                f"times must increase by at least a nanosecond; {given[i]} s is followed by {given[i + 1]} s"
+            )
+        self._set(times=seconds(clock), q=positions, velocities=rates, accelerations=second)
+        self._set(joint_names=names, limits_note=str(limits_note), certified=tuple(certified))
 
     @classmethod
     def at_rest(
@@ -143,15 +150,15 @@ class Trajectory(BezierCurve, Shown):
         for previous, part in pairwise(parts):
             start += int(whole_nanoseconds(previous.times)[-1])
             times_ns.append(start + whole_nanoseconds(part.times)[1:])
-        curvatures = [part.accelerations for part in parts if part.accelerations is not None]
-        return cls(
-            seconds(np.concatenate(times_ns)),
-            _concatenated([part.q for part in parts]),
-            _concatenated([part.velocities for part in parts]),
-            parts[0].joint_names,
-            "; ".join(dict.fromkeys(part.limits_note for part in parts if part.limits_note)),
-            accelerations=_concatenated(curvatures) if curvatures else None,
+        # The rows of all parts, without the first row of each part after the first one.
+        _, q, velocities, *rates = (
+            np.concatenate([rows[0], *(row[1:] for row in rows[1:])])
+            for rows in zip(*(part._points for part in parts), strict=True)
         )
+        note = "; ".join(dict.fromkeys(part.limits_note for part in parts if part.limits_note))
+        accelerations = rates[0] if rates else None
+        times = seconds(np.concatenate(times_ns))
+        return cls(times, q, velocities, parts[0].joint_names, note, accelerations=accelerations)
 
     def split(self, time: float) -> tuple[Trajectory, Trajectory]:
         """The parts before and after a point at which the motion rests; :meth:`join` restores the trajectory exactly.
@@ -162,9 +169,9 @@ class Trajectory(BezierCurve, Shown):
             If the trajectory has no inner point at this time, or moves there.
         """
         require_positive("time (s)", time, zero=True)
-        clock = whole_nanoseconds(self.times)
-        k = int(np.searchsorted(clock, round(time * trajectory_files.NANO)))
-        if not 0 < k < len(clock) - 1 or clock[k] != round(time * trajectory_files.NANO):
+        clock, now = whole_nanoseconds(self.times), round(time * NANO)
+        k = int(np.searchsorted(clock, now))
+        if not 0 < k < len(clock) - 1 or clock[k] != now:
             raise InputError(f"the trajectory has no point between its ends at {time} s")
         if self.velocities[k].any():
             raise InputError(f"the trajectory moves at {time} s; it can be split only where it rests")
@@ -174,7 +181,7 @@ class Trajectory(BezierCurve, Shown):
         """The motion from one of its points to another, by their indices; the arm may move at both."""
         rows = slice(first, last + 1)
         clock = whole_nanoseconds(self.times)[rows]
-        return self._with_points(seconds(clock - clock[0]), *(each[rows] for each in self._points[1:]))
+        return self._with_points(seconds(clock - clock[0]), *(values[rows] for values in self._points[1:]))
 
     def _with_points(self, times: Array, q: Array, velocities: Array, accelerations: Array | None = None) -> Trajectory:
         """Another motion of the same joints, with the same source of the limits."""
@@ -196,10 +203,10 @@ class Trajectory(BezierCurve, Shown):
             raise InputError(
                 f"the trajectory of {names} ends at {self.duration:.6g} s, still moving; {time:.6g} s is late"
             )
-        clock, now = whole_nanoseconds(self.times), round(min(time, self.duration) * trajectory_files.NANO)
-        at, rows = now / trajectory_files.NANO, clock > now
+        clock, now = whole_nanoseconds(self.times), round(min(time, self.duration) * NANO)
+        at, rows = now / NANO, clock > now
         now_at = (self(at), self.velocity(at), self.acceleration(at))
-        points = [np.vstack([state, each[rows]]) for state, each in zip(now_at, self._points[1:], strict=False)]
+        points = [np.vstack([state, known[rows]]) for state, known in zip(now_at, self._points[1:], strict=False)]
         return self._with_points(seconds(np.concatenate([[0], clock[rows] - now])), *points)
 
     def slowed(self, factor: float) -> Trajectory:
@@ -271,14 +278,16 @@ class Trajectory(BezierCurve, Shown):
         order = [names.index(name) for name in wanted]
         try:
             complete = cls.of_record(record)
-            return complete if wanted == names else complete._in_order(cls.of_record(record.columns(order, wanted)))
+            if wanted == names:
+                return complete
+            ordered = cls.of_record(record.columns(order, wanted))
+            # A record is for the curve with this hash, which depends on the order of the joints.
+            renamed = {complete.digest(): ordered.digest()}
+            return ordered.with_records(
+                replace(own, curve=renamed.get(own.curve, own.curve)) for own in complete.certified
+            )
         except InputError as error:
             raise TrajectoryError(path, str(error)) from error
-
-    def _in_order(self, other: Trajectory) -> Trajectory:
-        """The motion ``other``, which has the joints in another order, with the records of this motion."""
-        renamed = {self.digest(): other.digest()}
-        return other.with_records(replace(each, curve=renamed.get(each.curve, each.curve)) for each in self.certified)
 
     def save(self, path: str | Path, *, certificate: Certified | None = None) -> None:
         """Write the trajectory to a file; :meth:`load` restores every number exactly.
@@ -303,33 +312,25 @@ class Trajectory(BezierCurve, Shown):
         InputError
             If the certificate is for another motion.
         """
-        certified = self.certified if certificate is None else records_of(certificate, self.digest(), self.duration)
+        certified = self.certified
+        if certificate is not None:
+            if certificate.curve != self.digest():
+                raise InputError("the certificate is for another motion; save the motion that was certified")
+            certified = (certificate.motion_record(end=self.duration),)
         trajectory_files.write(path, self.record(certified))
 
     def record(self, certified: tuple[MotionRecord, ...] = ()) -> trajectory_files.Record:
         """The points as they are written to a file."""
-        return trajectory_files.Record(
-            self.joint_names,
-            whole_nanoseconds(self.times),
-            self.q,
-            self.velocities,
-            self.accelerations,
-            self.limits_note,
-            certified,
-        )
+        clock, note = whole_nanoseconds(self.times), self.limits_note
+        points = self.q, self.velocities, self.accelerations
+        return trajectory_files.Record(self.joint_names, clock, *points, note, certified)
 
     @classmethod
     def of_record(cls, record: trajectory_files.Record) -> Trajectory:
         """The trajectory of the points of a file."""
-        return cls(
-            seconds(record.nanoseconds),
-            record.q,
-            record.velocities,
-            record.joint_names,
-            record.limits_note,
-            accelerations=record.accelerations,
-            certified=record.certified,
-        )
+        points = seconds(record.nanoseconds), record.q, record.velocities
+        further = {"accelerations": record.accelerations, "certified": record.certified}
+        return cls(*points, record.joint_names, record.limits_note, **further)  # type: ignore[arg-type]
 
     def to_program(
         self,
@@ -375,14 +376,9 @@ class Trajectory(BezierCurve, Shown):
         exact = find_dialect(dialect).exact
         steps = [StreamedTrajectory(self.record())] if exact else moves_along(self, tolerance=tolerance, blend=blend)
         return make_program(
-            steps,
-            self.joint_names,
-            dialect=dialect,
-            name=name,
-            deviation=deviation,
-            certificate=certificate,
+            steps, self.joint_names, dialect=dialect, name=name, deviation=deviation, certificate=certificate,
             joint_map=joint_map,
-        )
+        )  # fmt: skip
 
     def digest(self) -> str:
         """The hash of joints, knots and polynomial pieces that certificates contain."""
@@ -395,22 +391,24 @@ class Trajectory(BezierCurve, Shown):
 
     def velocity(self, t: npt.ArrayLike) -> Array:
         """(n,) or (N, n) velocities in rad/s or m/s; InputError outside [0, duration]."""
-        return bezier.evaluate(self._knots, self._derivatives[1], t)
+        return self.bezier(1).at(t)
 
     def acceleration(self, t: npt.ArrayLike) -> Array:
         """(n,) or (N, n) accelerations in rad/s^2 or m/s^2; where they jump, the value after the jump."""
-        return bezier.evaluate(self._knots, self._derivatives[2], t)
+        return self.bezier(2).at(t)
 
     def jerk(self, t: npt.ArrayLike) -> Array:
         """(n,) or (N, n) jerks within the pieces, in rad/s^3 or m/s^3; the jerk may jump between pieces."""
-        return bezier.evaluate(self._knots, self._jerk_control, t)
+        return self.bezier(3).at(t)
 
-    def bezier(self, order: int = 0) -> tuple[Array, Array]:
+    def bezier(self, order: int = 0) -> Bezier:
         """Knots (k+1,) in seconds and control points, one piece between consecutive points.
 
         The curve has (k, 4 or 6, n) control points; ``order`` 1 to 3 selects its derivatives with respect to time.
         """
-        return self._knots, self._jerk_control if order == 3 else self._derivatives[order]
+        return self._jerk if order == 3 else self._derivatives[order]
+
+    derivative = bezier
 
     @property
     def interpolant(self) -> str:
@@ -424,22 +422,17 @@ class Trajectory(BezierCurve, Shown):
 
     def max_velocity(self) -> Array:
         """(n,) maximum speed of each joint over the motion, from the exact extremes of the pieces."""
-        return np.asarray(bezier.largest(self._derivatives[1]).max(axis=0))
+        return np.asarray(self.bezier(1).largest().max(axis=0))
 
     def max_acceleration(self) -> Array:
         """(n,) maximum acceleration of each joint over the motion, from the exact extremes of the pieces."""
-        return np.asarray(bezier.largest(self._derivatives[2]).max(axis=0))
+        return np.asarray(self.bezier(2).largest().max(axis=0))
 
     def max_jerk(self) -> Array:
         """(n,) maximum jerk of each joint; infinite for a joint that moves on a cubic, whose acceleration jumps."""
         if self.accelerations is None:
-            return np.where(np.ptp(self._derivatives[0], axis=(0, 1)) > 0.0, np.inf, 0.0)
-        return np.asarray(bezier.largest(self._jerk_control).max(axis=0))
-
-    def range(self) -> tuple[Array, Array]:
-        """Minimum and maximum position (n,) of each joint over the curve."""
-        low, high = bezier.extremes(self._derivatives[0])
-        return low.min(axis=0), high.max(axis=0)
+            return np.where(np.ptp(self.bezier().control, axis=(0, 1)) > 0.0, np.inf, 0.0)
+        return np.asarray(self.bezier(3).largest().max(axis=0))
 
     @cached_property
     def _points(self) -> tuple[Array, ...]:
@@ -448,22 +441,23 @@ class Trajectory(BezierCurve, Shown):
         return cubic if self.accelerations is None else (*cubic, self.accelerations)
 
     @cached_property
-    def _knots(self) -> Array:
-        return self.times if len(self.q) > 1 else read_only(np.zeros(2))
-
-    @cached_property
-    def _derivatives(self) -> tuple[Array, ...]:
-        """Control points (k, degree+1-r, n) of the r-th derivative with respect to time, r from 0 to 2."""
+    def _derivatives(self) -> tuple[Bezier, Bezier, Bezier]:
+        """The position, velocity and acceleration as pieces."""
         if len(self.q) == 1:
-            position, velocity = np.stack([self.q] * 4, axis=1), np.zeros((1, 3, len(self.joint_names)))
+            position = Bezier(np.zeros(2), np.stack([self.q] * 4, axis=1))
+            velocity = Bezier(position.knots, np.zeros((1, 3, len(self.joint_names))))
         else:
-            position, velocity = bezier.hermite(*self._points), bezier.hermite_slope(*self._points)
-        acceleration = bezier.derivative(self._knots, velocity)
-        return tuple(read_only(control) for control in (position, velocity, acceleration))
+            position, velocity = Bezier.hermite(*self._points), Bezier.hermite_slope(*self._points)
+        pieces = position, velocity, velocity.derivative()
+        for array in (position.knots, *(part.control for part in pieces)):
+            read_only(array)
+        return pieces
 
     @cached_property
-    def _jerk_control(self) -> Array:
-        return read_only(bezier.derivative(self._knots, self._derivatives[2]))
+    def _jerk(self) -> Bezier:
+        jerk = self._derivatives[2].derivative()
+        read_only(jerk.control)
+        return jerk
 
     def plot(
         self,
@@ -510,23 +504,3 @@ class Trajectory(BezierCurve, Shown):
         instants = np.linspace(0.0, self.duration, PLOT_POINTS)
         yield html_plot(instants, dict(zip(self.joint_names, np.asarray(self(instants)).T, strict=True)), "rad or m")
         yield [f"Limits: {self.limits_note}"] if self.limits_note else None
-
-
-def _concatenated(parts: list[Array]) -> Array:
-    """The rows of all parts, without the first row of each part after the first one."""
-    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-
-
-def _checked_times(times: Array) -> Array:
-    if abs(times).max() > LONGEST:
-        raise InputError(
-            f"times reach {abs(times).max():g} s; the maximum is {LONGEST:g} s, up to which nanoseconds are exact"
-        )
-    clock = whole_nanoseconds(times)
-    if clock[0] != 0:
-        raise InputError(f"times must start at 0, not at {times[0]} s")
-    steps = np.diff(clock)
-    if (steps <= 0).any():
-        i = int(np.flatnonzero(steps <= 0)[0])
-        raise InputError(f"times must increase by at least a nanosecond; {times[i]} s is followed by {times[i + 1]} s")
-    return seconds(clock)

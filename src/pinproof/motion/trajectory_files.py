@@ -12,10 +12,11 @@ import csv
 import io
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Annotated, Any, NamedTuple, NoReturn, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -29,11 +30,13 @@ from pinproof.common.files import (
     unknown_suffix,
     write_text_whole,
 )
+from pinproof.common.results import Written
 from pinproof.common.structs import (
     ANY_TEXT,
     ANYTHING,
     COUNT,
     NOT_NEGATIVE,
+    OPTIONAL_NUMBER,
     PLAIN_NUMBER,
     Key,
     Misread,
@@ -41,13 +44,15 @@ from pinproof.common.structs import (
     any_of,
     choice,
     integer,
+    key,
     list_of,
+    mapping_to,
     required,
     step,
+    struct,
     table_of,
 )
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.motion_record import MotionRecord
 from pinproof.spatial import Array
 
 NANO = 1_000_000_000
@@ -74,6 +79,71 @@ CUBIC_UNITS = {key: unit for key, unit in UNITS.items() if key != "accelerations
 WRITTEN, READ = (".json", ".csv"), (".json", ".csv", *YAML_SUFFIXES)
 """The suffixes of motion files that are written and read."""
 
+RATES = ("velocities", "accelerations")
+_TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
+_MARK = "# pinproof: "
+_KINDS = ("position", "velocity", "acceleration")
+_TIME = re.compile(r"(\d{1,10})\.(\d{9})", re.ASCII)
+
+Codec = TypeVar("Codec")
+
+
+@struct("record")
+class MotionRecord(Written):
+    """The setup with which a motion, or a part of it, was certified. A record is not a proof.
+
+    Notes
+    -----
+    It allows a later certification to detect differences of the setup. A proof that can be verified independently is
+    written by :meth:`pinproof.Certificate.save`.
+    """
+
+    name: str = key("name of the part, such as `transit`; `motion` if there is only one", kind=ANY_TEXT)
+    start: float = key("start of the part from the start of the motion", "s", kind=PLAIN_NUMBER)
+    end: float = key("end of the part", "s", kind=PLAIN_NUMBER)
+    status: str = key("status of the certificate: `FREE`, `COLLIDING`, `VIOLATED` or `UNDECIDED`", kind=ANY_TEXT)
+    clearance: Annotated[float | None, OPTIONAL_NUMBER] = key(
+        "proven clearance; null if none was proven or no obstacle exists", "m"
+    )
+    margin: float = key("required distance between any two bodies", "m", kind=PLAIN_NUMBER)
+    pairs: int = key("number of pairs of bodies that were checked")
+    curve: str = key("hash of the certified curve", kind=ANY_TEXT)
+    setup: str = key("hash of the arm, the scene and the attached bodies", kind=ANY_TEXT)
+    attached: Mapping[str, str] = key(
+        "the bodies attached to the tcp: a hash of shape and pose by name",
+        default_factory=dict,
+        required=True,
+        kind=mapping_to(ANY_TEXT),
+    )
+    held: Mapping[str, float] = key(
+        "values of joints outside the arm, by name",
+        "rad or m",
+        default_factory=dict,
+        required=True,
+        kind=mapping_to(PLAIN_NUMBER),
+    )
+    obstacles: tuple[str, ...] = key(
+        "names of the obstacles of the scene", default=(), required=True, kind=list_of(ANY_TEXT)
+    )
+    constraints: tuple[str, ...] = key(
+        "the certified constraints of the tcp, with all their numbers", default=(), kind=list_of(ANY_TEXT)
+    )
+
+    def same_setup(self, other: MotionRecord) -> bool:
+        """Whether both were made with the same attached bodies, held joints, scene and margin."""
+        return all(getattr(self, kind) == getattr(other, kind) for kind in ("setup", "attached", "held", "margin"))
+
+
+class Certified(Protocol):
+    """The attributes of a certificate that :meth:`pinproof.Trajectory.save` requires."""
+
+    @property
+    def curve(self) -> str:
+        """The hash of the certified curve."""
+
+    def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
+        """The record of the setup."""
+
 
 def checked_nanoseconds(sec: int, nanosec: int) -> int:
     """The time in nanoseconds; InputError if doubles do not represent it exactly."""
@@ -93,7 +163,7 @@ def _time_of(seconds: str, nanoseconds: str, of: str) -> Table:
     )
 
 
-TIME = _time_of("sec", "nanosec", "ros2")
+TIME = _time_of(*_TIME_KEYS[0], "ros2")
 
 POINT = Table(
     "point",
@@ -109,7 +179,7 @@ POINT = Table(
     Key("effort", list_of(PLAIN_NUMBER, 0, 0), "not supported; must be empty"),
     required(
         "time_from_start",
-        any_of(NOT_NEGATIVE, TIME, _time_of("secs", "nsecs", "ros1")),
+        any_of(NOT_NEGATIVE, TIME, _time_of(*_TIME_KEYS[1], "ros1")),
         "time from the start of the motion; 0 for the first point, then strictly increasing",
         "s",
     ),
@@ -160,15 +230,6 @@ MOTION = Table(
         "else": _metadata_of("cubic", CUBIC_UNITS),
     },
 )
-
-RATES = ("velocities", "accelerations")
-_TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
-
-_MARK = "# pinproof: "
-_KINDS = ("position", "velocity", "acceleration")
-_TIME = re.compile(r"(\d{1,10})\.(\d{9})", re.ASCII)
-
-Codec = TypeVar("Codec")
 
 
 def whole_nanoseconds(times: Array) -> npt.NDArray[np.int64]:
@@ -222,15 +283,14 @@ class Record:
         return {**meta, "certified": [each.to_dict() for each in self.certified]} if self.certified else meta
 
 
-class Points:
-    """The points of a file, each with its location for error messages."""
+class _Point(NamedTuple):
+    """A point of a file, with its location for error messages; without accelerations in a cubic."""
 
-    def __init__(self) -> None:
-        self.places: list[str] = []
-        self.clock: list[int] = []
-        self.q: list[list[float]] = []
-        self.velocities: list[list[float]] = []
-        self.accelerations: list[list[float]] = []
+    place: str
+    nanoseconds: int
+    q: list[float]
+    velocities: list[float]
+    accelerations: list[float] | None
 
 
 class Reader:
@@ -268,13 +328,6 @@ class Reader:
         except (ValueError, RecursionError) as error:
             self.fail(f"is not valid JSON: {error}")
 
-    def number(self, cell: str, place: str) -> float:
-        """Convert a text to a number."""
-        try:
-            return float(cell)
-        except ValueError:
-            self.fail(f"{cell!r} is not a number", place)
-
     def numbers(self, values: Any, count: int, place: str) -> list[float]:
         """Check a list of ``count`` finite numbers."""
         if not isinstance(values, list) or len(values) != count:
@@ -297,49 +350,41 @@ class Reader:
         except InputError as error:
             self.fail(str(error), place)
 
-    def record(self, names: list[str], points: Points, meta: Any, meta_place: str, time: str = "") -> Record:
+    def record(self, names: list[str], points: Sequence[_Point], meta: Any, place: str, time: str = "") -> Record:
         """Create a record, after checking the order of the points and the metadata, if there are any.
 
-        ``time`` is the location of the time within a point.
+        ``place`` is the location of the metadata, ``time`` that of the time within a point.
         """
-        if points.clock[0] != 0:
-            self.fail("the first point must be at time 0", points.places[0] + time)
-        for i in range(1, len(points.clock)):
-            if points.clock[i] <= points.clock[i - 1]:
-                self.fail("times must increase strictly", points.places[i] + time)
-        shape = len(points.clock), len(names)
-        record = Record(
-            tuple(names),
-            np.array(points.clock, np.int64),
-            np.reshape(points.q, shape),
-            np.reshape(points.velocities, shape),
-            np.reshape(points.accelerations, shape) if points.accelerations else None,
-            self._note(meta, meta_place),
-            self._certified(meta, meta_place),
-        )
-        for key, expected in record.meta().items() if meta is not None else ():
-            if key not in ("limits_note", "certified") and meta.get(key) != expected:
-                self.fail(f"{key} must be {expected!r}, not {meta.get(key)!r}", meta_place)
-        if meta is not None:
-            self.known_keys(meta, META, meta_place)
-        return record
-
-    def _note(self, meta: Any, place: str) -> str:
-        if meta is None:
-            return ""
-        if not isinstance(meta, dict):
+        # The times begin at 0 and increase.
+        if points[0].nanoseconds != 0:
+            self.fail("the first point must be at time 0", points[0].place + time)
+        for before, point in pairwise(points):
+            if point.nanoseconds <= before.nanoseconds:
+                self.fail("times must increase strictly", point.place + time)
+        # A message of another program has no metadata.
+        if meta is not None and not isinstance(meta, dict):
             self.fail("must be an object", place)
-        note = meta.get("limits_note", "")
+        stated = meta or {}
+        note = stated.get("limits_note", "")
         if not isinstance(note, str):
             self.fail("limits_note must be a string", place)
-        return note
-
-    def _certified(self, meta: Any, place: str) -> tuple[MotionRecord, ...]:
         where = f"{place}.certified" if place == "pinproof" else f"{place}, certified"
         try:
-            return tuple(step(where, "", RECORDS.read, "certified", (meta or {}).get("certified", []), self.path))
+            certified = tuple(step(where, "", RECORDS.read, "certified", stated.get("certified", []), self.path))
         except Misread as error:
             self.fail(error.reason, error.place.removeprefix("key "))
+        _, clock, q, velocities, accelerations = zip(*points, strict=True)
+        shape = len(points), len(names)
+        second = None if accelerations[0] is None else np.reshape(accelerations, shape)
+        rows = np.reshape(q, shape), np.reshape(velocities, shape), second
+        record = Record(tuple(names), np.array(clock, np.int64), *rows, note, certified)
+        # What the metadata state must be what follows from the points.
+        if meta is not None:
+            for key, expected in record.meta().items():
+                if key not in ("limits_note", "certified") and meta.get(key) != expected:
+                    self.fail(f"{key} must be {expected!r}, not {meta.get(key)!r}", place)
+            self.known_keys(meta, META, place)
+        return record
 
 
 def to_message(record: Record) -> dict[str, Any]:
@@ -361,18 +406,8 @@ def to_json(record: Record) -> str:
     )
 
 
-def from_json(reader: Reader, text: str) -> Record:
-    """Read the output of :func:`to_json`, or a message without the key ``pinproof``."""
-    return from_message(reader, reader.json(text))
-
-
-def from_yaml(reader: Reader, _text: str) -> Record:
-    """Read a message in YAML."""
-    return from_message(reader, read_yaml(reader.path, MOTION.names, TrajectoryError))
-
-
 def from_message(reader: Reader, data: Any) -> Record:
-    """Read a message that was parsed before."""
+    """Read a message that was parsed before: an output of :func:`to_json`, or one without the key ``pinproof``."""
     if not isinstance(data, dict):
         reader.fail("must be an object with joint_names and points")
     reader.known_keys(data, MOTION, "")
@@ -382,46 +417,41 @@ def from_message(reader: Reader, data: Any) -> Record:
     stated = data["points"]
     if not isinstance(stated, list) or not stated:
         reader.fail("must be a list of at least one point", "points")
-    points = Points()
+    points = []
     for i, point in enumerate(stated):
-        _read_point(reader, point, f"points[{i}]", len(names), points)
-    if points.accelerations and len(points.accelerations) != len(stated):
+        place = f"points[{i}]"
+        if not isinstance(point, dict):
+            reader.fail("must be an object", place)
+        if not point.get("velocities"):
+            reader.fail(
+                "lacks velocities: a controller interpolates positions linearly, with a velocity jump at every point; "
+                "create a JointPath from the positions and time it with time_parametrise",
+                place,
+            )
+        reader.known_keys(point, POINT, place)
+        if point.get("effort"):
+            reader.fail("efforts are not supported; remove them", f"{place}.effort")
+        # A number of seconds is rounded to nanoseconds, as the times of a trajectory are.
+        time, where = point["time_from_start"], f"{place}.time_from_start"
+        keys = next((keys for keys in _TIME_KEYS if isinstance(time, dict) and time.keys() == set(keys)), None)
+        if type(time) in (int, float) and 0 <= time <= LONGEST:  # type, not isinstance: bool is refused
+            clock = round(time * NANO)
+        elif keys and all(type(time[key]) is int for key in keys):
+            clock = reader.nanoseconds(time[keys[0]], time[keys[1]], where)
+        else:
+            reader.fail('must be {"sec": integer, "nanosec": integer}, or a non-negative number of seconds', where)
+        read = {
+            kind: reader.numbers(point[kind], len(names), f"{place}.{kind}")
+            for kind in ("positions", *RATES)
+            if kind != "accelerations" or point.get(kind)
+        }
+        points.append(_Point(place, clock, read["positions"], read["velocities"], read.get("accelerations")))
+    if len({point.accelerations is None for point in points}) > 1:
         reader.fail(
             "either all points or no point must have accelerations; a controller would mix quintics and cubics",
             "points",
         )
     return reader.record(names, points, data.get("pinproof"), "pinproof", ".time_from_start")
-
-
-def _read_point(reader: Reader, point: Any, place: str, count: int, points: Points) -> None:
-    if not isinstance(point, dict):
-        reader.fail("must be an object", place)
-    if not point.get("velocities"):
-        reader.fail(
-            "lacks velocities: a controller interpolates positions linearly, with a velocity jump at every point; "
-            "create a JointPath from the positions and time it with time_parametrise",
-            place,
-        )
-    reader.known_keys(point, POINT, place)
-    if point.get("effort"):
-        reader.fail("efforts are not supported; remove them", f"{place}.effort")
-    points.places.append(place)
-    points.clock.append(_time(reader, point["time_from_start"], f"{place}.time_from_start"))
-    points.q.append(reader.numbers(point["positions"], count, f"{place}.positions"))
-    points.velocities.append(reader.numbers(point["velocities"], count, f"{place}.velocities"))
-    if point.get("accelerations"):
-        points.accelerations.append(reader.numbers(point["accelerations"], count, f"{place}.accelerations"))
-
-
-def _time(reader: Reader, value: Any, place: str) -> int:
-    """The time in nanoseconds; a number of seconds is rounded."""
-    if type(value) in (int, float) and 0 <= value <= LONGEST:  # type, not isinstance: bool is refused
-        return round(value * NANO)
-    for sec, nanosec in _TIME_KEYS:
-        known = isinstance(value, dict) and value.keys() == {sec, nanosec}
-        if known and type(value[sec]) is int and type(value[nanosec]) is int:
-            return reader.nanoseconds(value[sec], value[nanosec], place)
-    reader.fail('must be {"sec": integer, "nanosec": integer}, or a non-negative number of seconds', place)
 
 
 def to_csv(record: Record) -> str:
@@ -451,7 +481,7 @@ def from_csv(reader: Reader, text: str) -> Record:
     except (ValueError, RecursionError) as error:
         reader.fail(f"is not valid JSON: {error}", "line 1")
     rows = csv.reader(io.StringIO(body, newline=""), strict=True)
-    points = Points()
+    points = []
     try:
         header = next(rows, [])
         kinds = 3 if header and header[-1].startswith(f"{_KINDS[2]} ") else 2
@@ -470,25 +500,31 @@ def from_csv(reader: Reader, text: str) -> Record:
             time = _TIME.fullmatch(row[0])
             if time is None:
                 reader.fail(f"time_from_start must have nine decimals, as 0.125000000, not {row[0]!r}", place)
-            numbers = reader.numbers([reader.number(cell, place) for cell in row[1:]], kinds * n, place)
-            points.places.append(place)
-            points.clock.append(reader.nanoseconds(int(time[1]), int(time[2]), place))
-            points.q.append(numbers[:n])
-            points.velocities.append(numbers[n : 2 * n])
-            if kinds == 3:
-                points.accelerations.append(numbers[2 * n :])
+            values = []
+            for cell in row[1:]:
+                try:
+                    values.append(float(cell))
+                except ValueError:
+                    reader.fail(f"{cell!r} is not a number", place)
+            numbers = reader.numbers(values, kinds * n, place)
+            clock = reader.nanoseconds(int(time[1]), int(time[2]), place)
+            second = numbers[2 * n :] if kinds == 3 else None
+            points.append(_Point(place, clock, numbers[:n], numbers[n : 2 * n], second))
     except csv.Error as error:
         reader.fail(f"is not valid CSV: {error}", f"line {rows.line_num + 1}")
-    if not points.clock:
+    if not points:
         reader.fail("has no point", "line 3")
     return reader.record(names, points, meta, "line 1")
 
 
 _WRITERS: dict[str, Callable[[Record], str]] = {".json": to_json, ".csv": to_csv}
 _READERS: dict[str, Callable[[Reader, str], Record]] = {
-    ".json": from_json,
+    ".json": lambda reader, text: from_message(reader, reader.json(text)),
     ".csv": from_csv,
-    **dict.fromkeys(YAML_SUFFIXES, from_yaml),
+    **dict.fromkeys(
+        YAML_SUFFIXES,
+        lambda reader, _: from_message(reader, read_yaml(reader.path, MOTION.names, TrajectoryError)),
+    ),
 }
 
 

@@ -30,7 +30,7 @@ from pinproof.common.validation import require_integer, require_positive
 from pinproof.description import moved_by
 from pinproof.errors import InputError
 from pinproof.model import guess_mark
-from pinproof.motion import JointPath, Trajectory, time_parametrise
+from pinproof.motion import JointPath, Trajectory, least_times, time_parametrise
 from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanAnswer, PlanResult, PlanStatus
 from pinproof.planning.rrt_connect import SEARCH_PAD, RrtConnect, sampling_box
@@ -351,7 +351,8 @@ class _Roadmap:
         near = np.clip(near + NEARBY * rng.standard_normal(near.shape), low, high)
         drawn = np.where(rng.random((count, 1)) < 0.5, near, low + (high - low) * rng.random(near.shape))
         for q in drawn[self._steering.is_free_batch(drawn)]:
-            nearest = np.argsort(self._limits.least_time(np.array(self.q) - q), kind="stable")[:NEIGHBOURS].tolist()
+            times = least_times(np.array(self.q) - q, self._limits, full_speed=True)
+            nearest = np.argsort(times, kind="stable")[:NEIGHBOURS].tolist()
             new = self._add(q)
             for other in nearest:
                 self._connect(new, other)
@@ -361,7 +362,7 @@ class _Roadmap:
     def least_time(self) -> float:
         """Lower bound (s) of the time from the start to the nearest goal."""
         goals = np.array([self.q[goal] for goal in self._goals])
-        return float(self._limits.least_time(goals - self.q[self._start]).min())
+        return float(least_times(goals - self.q[self._start], self._limits, full_speed=True).min())
 
     # -- the search ---------------------------------------------------------------------------------------------------
 
@@ -374,7 +375,7 @@ class _Roadmap:
         """The motion that ends first at a goal within the window; None if the roadmap has none."""
         times, grid = self._times, self._times.grid
         goals = np.array([self.q[goal] for goal in self._goals])
-        bound = [float(self._limits.least_time(goals - q).min()) for q in self.q]
+        bound = [float(least_times(goals - q, self._limits, full_speed=True).min()) for q in self.q]
         if not self._free[self._start][0]:
             return None
         self._reached = set()

@@ -8,7 +8,7 @@ On every piece, with a local parameter u from 0 to 1, the pose is
 where (c, C) is a pose, (t, w) the direction of the incoming and (t', w') of the outgoing segment, each a
 translation in the base frame and a rotation vector in the tcp frame. On a segment, a = 0 and b is linear. In the
 rounding of a corner, a decreases from the reach d to 0 and b increases from 0 to d, with the Bernstein coefficients of
-:mod:`pinproof.motion.corner`, so that segments and roundings together are twice differentiable.
+:func:`pinproof.motion.round_corner`, so that segments and roundings together are twice differentiable.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from pinproof._core import Route as CompiledRoute
-from pinproof.motion import corner
+from pinproof.motion import REVERSAL, corner_spacing
 from pinproof.spatial import SE3, Array, log6, matrix
 
 LEVER = 0.25
@@ -166,10 +166,10 @@ def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) 
     tiny = np.finfo(float).tiny
     for i, (into, out) in enumerate(pairwise(segments), 1):
         # The distance before and after a pose at which its rounding begins and ends.
-        reversed_there = np.linalg.norm(into.direction + out.direction) < corner.REVERSAL
+        reversed_there = np.linalg.norm(into.direction + out.direction) < REVERSAL
         if min(into.length, out.length, rounding, rotation_rounding) <= 0.0 or reversed_there:
             continue
-        share = (16.0 - 25.0 * float(corner.spacing(into.direction, out.direction))) / 32.0  # of it, in the middle
+        share = (16.0 - 25.0 * float(corner_spacing(into.direction, out.direction))) / 32.0  # of it, in the middle
         distance = share * float(np.linalg.norm(out.translation - into.translation))
         angle = share * float(np.linalg.norm(into.rotation) + np.linalg.norm(out.rotation))
         allowed = rounding / max(distance, tiny), rotation_rounding / max(angle, tiny)
@@ -194,6 +194,6 @@ def _straight_piece(segment: PoseSegment, low: float, high: float) -> _RoutePiec
 
 
 def _rounding(into: PoseSegment, out: PoseSegment, reach: float) -> _RoutePiece:
-    h = reach * float(corner.spacing(into.direction, out.direction))
+    h = reach * float(corner_spacing(into.direction, out.direction))
     increasing = np.array([0.0, 0.0, 0.0, reach - 2 * h, reach - h, reach])
     return _RoutePiece(out.start, into, out, increasing[::-1], increasing, 5.0 * h)

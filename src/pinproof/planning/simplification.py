@@ -28,7 +28,7 @@ from pinproof.collision import (
 from pinproof.common.results import Shown, View
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
-from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier, corner
+from pinproof.motion import REVERSAL, BlendedPath, JointPath, TorqueLimits, corner_distance, round_corner
 from pinproof.planning.constrained import manifold_of, shortened, smooth_curves
 from pinproof.planning.edges import Edges
 from pinproof.spatial import Array
@@ -195,8 +195,8 @@ def _candidates(
     if rounded and constraints:
         edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD, torque_limits=torque_limits)
         for curve in smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names):
-            low, high = bezier.extremes(curve.control)  # a spline may leave the joint limits between its points
-            if checker.group.limits.inside(np.array([low.min(axis=0), high.max(axis=0)])).all():
+            # A spline may leave the joint limits between its points.
+            if checker.group.limits.inside(np.array(curve.range())).all():
                 yield curve
     if rounded:
         yield blend(short, checker, deviation=deviation)
@@ -301,10 +301,10 @@ def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1)
     directions = steps / lengths[:, None]
     into, out = directions[:-1], directions[1:]
     turns = np.linalg.norm(out - into, axis=1) > STRAIGHT
-    turns &= np.linalg.norm(out + into, axis=1) > corner.REVERSAL
+    turns &= np.linalg.norm(out + into, axis=1) > REVERSAL
     wanted = np.zeros(len(q))
     inner = np.flatnonzero(turns) + 1
-    wanted[inner] = deviation / corner.distance_to_corner(into[turns], out[turns])
+    wanted[inner] = deviation / corner_distance(into[turns], out[turns])
     # Each end of a segment may use half of its length, and what the other end leaves of its half.
     allowed = np.minimum(
         lengths[:-1] - np.minimum(wanted[:-2], lengths[:-1] / 2), lengths[1:] - np.minimum(wanted[2:], lengths[1:] / 2)
@@ -316,7 +316,7 @@ def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1)
         for _ in range(MAX_HALVINGS + 1):
             if tried < MIN_REACH:
                 break
-            width, piece = corner.rounding(q[i], into[i - 1], out[i - 1], tried)
+            width, piece = round_corner(q[i], into[i - 1], out[i - 1], tried)
             if is_proven_free(BlendedPath([0.0, width], piece[None], path.joint_names), checker):
                 reach[i] = tried
                 break

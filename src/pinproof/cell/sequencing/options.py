@@ -21,7 +21,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm
-from pinproof.motion import Bounds, CubicPath, least_times, rest_to_rest_times, time_parametrise
+from pinproof.motion import Bounds, CubicPath, least_times, time_parametrise
 from pinproof.picks import (
     Attempt,
     GraspCandidate,
@@ -331,7 +331,7 @@ def connected(setup: PickSetup, checker: CollisionChecker, start: Array, jobs: l
     for members in queue:
         nearest = q[members[from_start[members].argmin()]]
         goals = with_turns(checker.arm, q[0], nearest[None])[0]
-        seconds = rest_to_rest_times(goals - q[0], bounds)
+        seconds = least_times(goals - q[0], bounds, by_joint=True)
         for goal in goals[np.lexsort((seconds.sum(axis=1), seconds.max(axis=1)))[:ROTATIONS]]:
             if planner.plan(checker, q[0], goal, rng=0).ok:
                 inside = checker.arm.limits.inside(q[members] + goal - nearest)

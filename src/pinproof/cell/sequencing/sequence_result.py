@@ -8,8 +8,6 @@ from functools import cached_property
 from operator import itemgetter
 from pathlib import Path
 
-import numpy as np
-
 from pinproof.cell.pages import MOST_FRAMES, RATE, CellPage, CellRow
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.collision import Certificate, Scene, proven_millimetres
@@ -35,7 +33,7 @@ from pinproof.common.structs import (
 )
 from pinproof.errors import InputError, NoAnswer
 from pinproof.model import Arm, guess_mark
-from pinproof.motion import Bounds, MotionProgram, rest_to_rest_times
+from pinproof.motion import Bounds, MotionProgram, least_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 from pinproof.viewer import Bar, ColouredPoints, FilmPhase, film, set_stage, simplified
 
@@ -504,7 +502,7 @@ def cycle_time(result: SequenceResult) -> CycleTime:
 def _limit(arm: Arm, motion: PickMotion, bounds: Bounds, *, tool_speed: bool) -> tuple[float, str]:
     """The shortest time (s) of a motion, and what limits it."""
     moved = motion.trajectory
-    times = rest_to_rest_times(np.abs(moved.end - moved.start), bounds)
+    times = least_times(moved.end - moved.start, bounds, by_joint=True)
     least, slowest = float(times.max()), arm.joint_names[int(times.argmax())]
     if motion.torques and max(peak.share for peak in motion.torques) > 1 / DETOUR:
         worst = max(motion.torques, key=lambda peak: peak.share)

@@ -42,7 +42,8 @@ from pinproof.collision.checking.separation import (
 )
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.motion import BezierCurve, Curve, bezier, parameter_text, read_only
+from pinproof.motion import Bezier, BezierCurve, Curve, parameter_text, read_only
+from pinproof.motion import split as split_pieces
 from pinproof.spatial import Array, matrix
 
 DEEPEST = 1e-3
@@ -73,7 +74,7 @@ def prove_parting(
     proven: list[Certificate] = []
     for first, last in zip(ends, [*ends[1:], float(knots[-1])], strict=True):
         separated = [separating for separating in separating_pairs if separating.proof.end == first]
-        space = full.checker.placed(bezier.evaluate(knots, control, first)) if separated else None
+        space = full.checker.placed(Bezier(knots, control).at(first)) if separated else None
         for separating in separated:
             attained = np.inf if space is None else space.measure(separating.pair).attained
             if attained - limits.obstacles <= full.checker.margins[separating.pair]:
@@ -143,7 +144,7 @@ class _BodyMotion(NamedTuple):
 
     def gap(self, departure: Departure, t: float) -> float:
         """Return the gap (m) at a parameter."""
-        return departure.gap(bezier.evaluate(self.knots, self.control, t))
+        return departure.gap(Bezier(self.knots, self.control).at(t))
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,16 +333,16 @@ class _Part(BezierCurve):
         knots, control = curve.bezier()
         names = tuple(curve.joint_names)
         if first >= last:
-            here = bezier.evaluate(knots, control, last)
+            here = Bezier(knots, control).at(last)
             return cls(names, np.array([last, last]), np.stack([here] * control.shape[1])[None])
         i = int(np.clip(np.searchsorted(knots, first, side="right") - 1, 0, len(control) - 1))
         j = int(np.clip(np.searchsorted(knots, last, side="left") - 1, 0, len(control) - 1))
         pieces = control[i : j + 1].copy()
         if last < knots[j + 1]:  # split at the end first, which keeps the start of the piece
-            pieces[-1] = bezier.split(pieces[-1], (last - knots[j]) / (knots[j + 1] - knots[j]))[0]
+            pieces[-1] = split_pieces(pieces[-1], (last - knots[j]) / (knots[j + 1] - knots[j]))[0]
         if first > knots[i]:
             ends = last if i == j else knots[i + 1]
-            pieces[0] = bezier.split(pieces[0], (first - knots[i]) / (ends - knots[i]))[1]
+            pieces[0] = split_pieces(pieces[0], (first - knots[i]) / (ends - knots[i]))[1]
         return cls(names, np.array([first, *knots[i + 1 : j + 1], last]), pieces)
 
     def bezier(self) -> tuple[Array, Array]:
@@ -419,9 +420,9 @@ def _not_separated(
     """Return the verdict on a pair that has not separated at the end of the span in which it does not approach."""
     curve, knots, control = motion.curve, motion.knots, motion.control
     proof, pair, bodies = separating.proof, separating.pair, separating.bodies
-    here = bezier.evaluate(knots, control, proof.end)
+    here = Bezier(knots, control).at(proof.end)
     shown = min(proof.stopped, float(knots[-1]))
-    there = bezier.evaluate(knots, control, shown)
+    there = Bezier(knots, control).at(shown)
     # It is in contact where it approaches again or ends; before, it is undecided whether it has left.
     measured = checker.placed(there).measure(pair)
     nearer = separating.departure.gap(there) < separating.departure.gap(here) - checker.rounding

@@ -8,8 +8,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from pinproof.errors import TrajectoryError
-from pinproof.motion.dialects.dialect import NUMBER, Body, Dialect, in_degrees, numbers_of, positive, rounded_up
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step
+from pinproof.motion.dialects.dialect import (
+    NUMBER,
+    Blend,
+    Body,
+    Dialect,
+    JointMove,
+    LinearMove,
+    Step,
+    in_degrees,
+    numbers_of,
+    positive,
+    rounded_up,
+)
 from pinproof.spatial import Array
 
 CONTINUOUS = 50
@@ -47,7 +58,9 @@ class Fanuc(Dialect):
             moves = isinstance(step, JointMove | LinearMove)
             lines.append(f"{':' if moves else ':  '}{self.line_of(step)}".replace(NEXT, str(len(positions) + 1)))
             if isinstance(step, JointMove | LinearMove) and step.q is not None:
-                positions.append(_position(len(positions) + 1, step.q))
+                values = ", ".join(f"J{i} = {value} deg" for i, value in enumerate(in_degrees(step.q, 3), 1))
+                number = len(positions) + 1
+                positions.append(f"P[{number}]{{\n   GP1:\n    UF : 0, UT : 1,\n    {values}\n}};")
         before = [f"/PROG  {name.upper()[:32]}", "/ATTR", 'COMMENT = "pinproof";', "DEFAULT_GROUP = 1,*,*,*,*;", "/MN"]
         after = ["/POS", *(line for position in positions for line in position.splitlines()), "/END"]
         return before, lines, after
@@ -106,11 +119,6 @@ class Fanuc(Dialect):
 
 def _milliseconds(seconds: float) -> int:
     return round(rounded_up(seconds * 1000, 1.0, 1.0))
-
-
-def _position(number: int, q: Array) -> str:
-    values = ", ".join(f"J{i} = {value} deg" for i, value in enumerate(in_degrees(q, 3), 1))
-    return f"P[{number}]{{\n   GP1:\n    UF : 0, UT : 1,\n    {values}\n}};"
 
 
 def _positions(source: str, body: Body, joints: int) -> dict[str, Array]:

@@ -7,8 +7,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pinproof.motion.dialects.dialect import NAME, NUMBER, Dialect, Rule, in_degrees, numbers_of, positive
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step
+from pinproof.motion.dialects.dialect import (
+    NAME,
+    NUMBER,
+    Blend,
+    Dialect,
+    JointMove,
+    LinearMove,
+    Rule,
+    Step,
+    in_degrees,
+    numbers_of,
+    positive,
+)
 from pinproof.spatial import pose, xyz_rpy
 
 APPROXIMATION = 50
@@ -38,14 +49,15 @@ class Krl(Dialect):
     ignored = r"BAS\(#VEL_PTP,(100|[1-9]\d?)\)"
     supported = "PTP {A1 .., ..} [C_PTP], LIN {X .., Y .., Z .., A .., B .., C ..}, $APO.CPTP, $OUT[n], WAIT SEC"
     contents = "moves, outputs and waiting times; set points need RSI"
+    frame = ("DEF {}()",), ("END",)
 
     def write(self, name: str, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
         """See :meth:`Dialect.write`."""
-        lines = ["  BAS(#INITMOV,0)", f"  BAS(#VEL_PTP,{SPEED})", f"  $APO.CPTP={APPROXIMATION}"]
+        before, lines, after = super().write(name, steps)
+        speeds = ["  BAS(#INITMOV,0)", f"  BAS(#VEL_PTP,{SPEED})", f"  $APO.CPTP={APPROXIMATION}"]
         if any(isinstance(step, LinearMove) for step in steps):
-            lines.insert(2, f"  BAS(#VEL_CP,{LINE_SPEED})")
-        lines += [f"  {self.line_of(step)}" for step in steps]
-        return [f"DEF {name}()"], lines, ["END"]
+            speeds.insert(2, f"  BAS(#VEL_CP,{LINE_SPEED})")
+        return before, [*speeds, *lines], after
 
     def move(self, step: Step) -> str | None:
         """See :meth:`Dialect.move`."""

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 import numpy as np
 
 from pinproof.motion.dialects.dialect import (
     NAME,
     NUMBER,
+    Blend,
     Dialect,
+    JointMove,
+    LinearMove,
     Rule,
+    Step,
     in_degrees,
     numbers_of,
     positive,
     rounded_up,
 )
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step
 
 NO_AXIS = ",".join(["9E9"] * 6)
 """The values of external axes that do not exist."""
@@ -42,11 +44,8 @@ class Rapid(Dialect):
     opening, closing = (f"MODULE {NAME}", r"PROC main\(\)"), ("ENDPROC", "ENDMODULE")
     supported = r"MoveAbsJ [[..],[9E9,..]]\NoEOffs, MoveL CalcRobT(..), SetDO, WaitTime"
     contents = "moves, outputs and waiting times; set points need EGM"
-
-    def write(self, name: str, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
-        """See :meth:`Dialect.write`."""
-        lines = [f"    {self.line_of(step)}" for step in steps]
-        return [f"MODULE {name}", "  PROC main()"], lines, ["  ENDPROC", "ENDMODULE"]
+    frame = ("MODULE {}", "  PROC main()"), ("  ENDPROC", "ENDMODULE")
+    indent = "    "
 
     def move(self, step: Step) -> str | None:
         """See :meth:`Dialect.move`."""

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.dialects.dialect import Body, Dialect
-from pinproof.motion.program_steps import Step, StreamedTrajectory
-from pinproof.motion.trajectory_files import Reader, Record, from_json, to_message
+from pinproof.motion.dialects.dialect import Body, Dialect, Step, StreamedTrajectory
+from pinproof.motion.trajectory_files import Reader, from_message, to_message
 
 
 class Ros2(Dialect):
@@ -34,7 +33,13 @@ class Ros2(Dialect):
         """See :meth:`Dialect.write`."""
         if len(steps) != 1 or not isinstance(steps[0], StreamedTrajectory):
             raise InputError("a goal of ros2 contains exactly one trajectory, and no outputs or waiting times")
-        return [], _goal_lines(steps[0].record), []
+        # The goal as JSON, which is YAML too, with one point per line.
+        message = to_message(steps[0].record)
+        points = ",\n".join(f"    {json.dumps(point, allow_nan=False)}" for point in message["points"])
+        # In YAML 1.1 a number with an exponent needs a point; without one it is a text.
+        points = re.sub(r"([\[ ]-?\d+)(e[-+]\d+)", r"\1.0\2", points)
+        names = json.dumps(message["joint_names"])
+        return [], ['{"trajectory": {', f'  "joint_names": {names},', '  "points": [', *points.split("\n"), "  ]}}"], []
 
     def read(self, source: str, body: Body, joints: int) -> list[Step]:
         """See :meth:`Dialect.read`."""
@@ -45,17 +50,7 @@ class Ros2(Dialect):
         # The stamp of a header would start the motion at another time, without the points before it.
         if not isinstance(data["trajectory"], dict) or set(data["trajectory"]) != {"joint_names", "points"}:
             raise TrajectoryError(source, "must contain the keys joint_names and points and no other", "trajectory")
-        record = from_json(reader, json.dumps(data["trajectory"]))
+        record = from_message(reader, data["trajectory"])
         if len(record.joint_names) != joints:
             raise TrajectoryError(source, f"has {len(record.joint_names)} joints; its comments state {joints}")
         return [StreamedTrajectory(record, body[0][0])]
-
-
-def _goal_lines(record: Record) -> list[str]:
-    """The goal as JSON, which is YAML too, with one point per line."""
-    message = to_message(record)
-    points = ",\n".join(f"    {json.dumps(point, allow_nan=False)}" for point in message["points"])
-    # In YAML 1.1 a number with an exponent needs a point; without one it is a text.
-    points = re.sub(r"([\[ ]-?\d+)(e[-+]\d+)", r"\1.0\2", points)
-    names = json.dumps(message["joint_names"])
-    return ['{"trajectory": {', f'  "joint_names": {names},', '  "points": [', *points.split("\n"), "  ]}}"]

@@ -6,8 +6,20 @@ import re
 from collections.abc import Sequence
 
 from pinproof.errors import InputError
-from pinproof.motion.dialects.dialect import NAME, NUMBER, Dialect, Rule, numbers_of, positive, rounded_up
-from pinproof.motion.program_steps import Blend, JointMove, LinearMove, Step, StreamedPoint
+from pinproof.motion.dialects.dialect import (
+    NAME,
+    NUMBER,
+    Blend,
+    Dialect,
+    JointMove,
+    LinearMove,
+    Rule,
+    Step,
+    StreamedPoint,
+    numbers_of,
+    positive,
+    rounded_up,
+)
 from pinproof.spatial import Array
 
 START_ACCELERATION, START_SPEED = 0.5, 0.3
@@ -34,19 +46,18 @@ class UrScript(Dialect):
     opening, closing = (rf"def {NAME}\(\):",), ("end",)
     supported = "movej, movel to joint values, servoj, set_standard_digital_out, sleep, stopj(10)"
     contents = "moves, set points, outputs and waiting times"
+    frame = ("def {}():",), ("end",)
 
     def write(self, name: str, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
         """See :meth:`Dialect.write`."""
-        streaming = False
+        before, steps_lines, after = super().write(name, steps)
         lines = []
-        for step in steps:
-            if streaming and not isinstance(step, StreamedPoint):
+        # The arm stops behind the last of consecutive set points.
+        for step, following, line in zip(steps, [*steps[1:], None], steps_lines, strict=True):
+            lines.append(line)
+            if isinstance(step, StreamedPoint) and not isinstance(following, StreamedPoint):
                 lines.append("  stopj(10)")
-            streaming = isinstance(step, StreamedPoint)
-            lines.append(f"  {self.line_of(step)}")
-        if streaming:
-            lines.append("  stopj(10)")
-        return [f"def {name}():"], lines, ["end"]
+        return before, lines, after
 
     def move(self, step: Step) -> str | None:
         """See :meth:`Dialect.move`."""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import AT_LIMIT, Arm, JointLimits
+from pinproof.motion import least_times
 from pinproof.spatial import Array
 
 SWEEP = AnalyticIk(redundant_steps=24)
@@ -121,10 +122,11 @@ def at_full_speed(arm: Arm, points: Array) -> float:
     For the control points of a curve this is an upper bound of the time of the curve at full speed, and at least
     :func:`least_seconds` between its ends.
     """
-    return float(arm.limits.least_time(np.diff(points, axis=0)).sum())
+    return float(least_times(np.diff(points, axis=0), arm.limits, full_speed=True).sum())
 
 
 def least_seconds(arm: Arm, here: Array, there: Array) -> Array:
     """(k, m) lower bound (s) of the time of any motion from each of (k, n) to each of (m, n) modulo full rotations."""
     distance = here[:, None, :] - there[None, :, :]
-    return arm.limits.least_time(np.where(arm.periodic, distance - TURN * np.round(distance / TURN), distance))
+    turned = np.where(arm.periodic, distance - TURN * np.round(distance / TURN), distance)
+    return least_times(turned, arm.limits, full_speed=True)

@@ -16,6 +16,7 @@ from pinproof.collision import CheckResult, CollisionChecker, Contact
 from pinproof.description import moved_by
 from pinproof.ik import AnalyticIk, Clik, is_provable, prove_unreachable
 from pinproof.model import Arm
+from pinproof.motion import least_times
 from pinproof.picks.input.pick import Member
 from pinproof.picks.input.settings import PickWeights
 from pinproof.picks.judging.configurations import (
@@ -315,7 +316,7 @@ def screen(task: PickTask, members: list[Member], reached: Reached) -> Screened:
 def rank(task: PickTask, q: Array, members: list[Member]) -> list[GraspCandidate]:
     """The collision-free configurations q (k, n), ordered by score with the weights of the cell."""
     arm, home = task.arm, task.cell.home
-    seconds = arm.limits.least_time(q - home)
+    seconds = least_times(q - home, arm.limits, full_speed=True)
     if len(q) > RANKED:
         near = np.sort(np.argsort(seconds, kind="stable")[:RANKED])
         q, members, seconds = q[near], [members[i] for i in near], seconds[near]

@@ -36,7 +36,7 @@ import numpy as np
 
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.motion import JointPath
+from pinproof.motion import JointPath, least_times
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.judging.configurations import (
     REDUNDANT,
@@ -329,7 +329,8 @@ class BestFirst:
     def _bounds(self, attempt: Attempt, shifts: Array) -> Array:
         """(k,) upper bounds of the score of complete motions with the lines of an attempt, at full rotations (k, n)."""
         arm, (low, high) = self._task.arm, attempt.span()
-        seconds = arm.limits.least_time(attempt.entrance + shifts - self._task.cell.home) + self._rest(attempt)
+        distance = attempt.entrance + shifts - self._task.cell.home
+        seconds = least_times(distance, arm.limits, full_speed=True) + self._rest(attempt)
         seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, attempt.approach, attempt.retreat))
         margins = limit_margin(arm, low + shifts, high + shifts)
         clearance = min(attempt.candidate.clearance, attempt.clearance)

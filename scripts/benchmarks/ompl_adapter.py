@@ -23,10 +23,17 @@ from pinproof.collision import CollisionChecker, PathConstraint, certify
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import JointPath, TorqueLimits
-from pinproof.planning import Edges, PlanResult, PlanStatus
-from pinproof.planning.barriers import find_barriers, no_path_message
-from pinproof.planning.ends import Ends, read_ends
-from pinproof.planning.rrt_connect import SEARCH_PAD, sampling_box
+from pinproof.planning import (
+    Edges,
+    Ends,
+    PlanResult,
+    PlanStatus,
+    find_barriers,
+    no_path_message,
+    read_ends,
+    sampling_box,
+)
+from pinproof.planning.rrt_connect import SEARCH_PAD
 from pinproof.spatial import Array
 
 UNLIMITED = 86_400.0

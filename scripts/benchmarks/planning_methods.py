@@ -18,8 +18,7 @@ from benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Sphere, certify
 from pinproof.errors import TimingError
 from pinproof.motion import Curve, JointPath, time_parametrise
-from pinproof.planning import DEFAULT_PLANNER, RrtConnect, make_planner, simplify
-from pinproof.planning.rrt_connect import sampling_box
+from pinproof.planning import DEFAULT_PLANNER, RrtConnect, make_planner, sampling_box, simplify
 from pinproof.spatial import matrix
 
 STEPS = ("plan", "simplify", "time", "certify")

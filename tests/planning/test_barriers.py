@@ -10,7 +10,7 @@ import trimesh
 
 import pinproof as pp
 from pinproof.model import load_robot
-from pinproof.planning.barriers import find_barriers
+from pinproof.planning import find_barriers
 
 BUDGET = pp.RrtConnect(max_nodes=300, max_samples=600, time_limit=600.0)
 START, GOAL = np.array([0.0, 0.0, 0.0]), np.array([0.5, 0.4, -0.4])

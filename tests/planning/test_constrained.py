@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof._core import Manifold
 from pinproof.planning import Edges
-from pinproof.planning.constrained import manifold_of
+from pinproof.planning.problem import manifold_of
 
 START, GOAL = np.array([-1.0, -1.2, 1.6, -1.97, -1.57, 0.0]), np.array([1.0, -1.2, 1.6, -1.97, -1.57, 0.5])
 TILT = np.array([0, 0, 0, 0.3, 0, 0])

@@ -9,8 +9,8 @@ import pytest
 
 import pinproof as pp
 from pinproof.motion import Bounds, State, Steering, rest
-from pinproof.planning import MovingEnds, moving_ends
-from pinproof.planning.gentle_moves import SHARE, GentleMoves
+from pinproof.planning import MovingEnds, moves
+from pinproof.planning.moves import SHARE, GentleMoves
 
 START, END = np.array([0.0, -1.2, 1.2, -1.6, -1.6, 0.0]), np.array([1.0, -1.0, 1.4, -1.9, -1.6, 0.4])
 
@@ -148,11 +148,11 @@ def test_a_changed_end_is_the_fastest_of_those_of_all_parts_that_may_be_replaced
     for first in (True, False):
         for extra in (1.0, -0.05):
             states = (state(START, moving), rest(END)) if first else (rest(START), state(END, moving))
-            ends, longest = between(arm, **limits)[0], slow.duration * moving_ends.SHARE**-0.5 + extra
+            ends, longest = between(arm, **limits)[0], slow.duration * moves.MOVING_SHARE**-0.5 + extra
             alone = []
-            for fraction in moving_ends.FRACTIONS:
+            for fraction in moves.FRACTIONS:
                 with monkeypatch.context() as only:
-                    only.setattr(moving_ends, "FRACTIONS", (fraction,))
+                    only.setattr(moves, "FRACTIONS", (fraction,))
                     if (motion := ends.changed(slow, *states, longest)) is not None:
                         alone.append(motion.duration)
                         assert motion.duration < longest

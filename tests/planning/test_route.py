@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.planning.follow import RouteFollower, line_task
-from pinproof.planning.route import LEVER, MIN_LENGTH, Route, routes_through
+from pinproof.planning.follow import LEVER, MIN_LENGTH, Route, RouteFollower, line_task, routes_through
 from pinproof.spatial import SE3, interpolate, twist_size
 
 from ..examples import examples

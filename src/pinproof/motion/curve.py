@@ -139,16 +139,10 @@ class Bezier(NamedTuple):
         return int(self.control.shape[1]) - 1
 
     def at(self, t: npt.ArrayLike) -> Array:
-        """Points of the curve, by de Casteljau's algorithm.
+        """(n,) point of the curve at a parameter, or (N, n) points at (N,) of them, by de Casteljau's algorithm.
 
-        Parameters
-        ----------
-        t
-            A parameter or (N,) parameters in [knots[0], knots[-1]]. At an inner knot, the later piece is used.
-
-        Returns
-        -------
-        (n,) for a scalar, else (N, n). The values at both ends of every piece are exactly its end control points.
+        The values at both ends of every piece are exactly its end control points. At an inner knot, the later piece is
+        used.
 
         Raises
         ------

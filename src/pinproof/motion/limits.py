@@ -127,7 +127,7 @@ def _array(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:
 def least_times(
     distance: npt.ArrayLike, limits: MotionLimits, *, full_speed: bool = False, by_joint: bool = False
 ) -> Array:
-    """The least times (s) in which joints move between two configurations, whatever the path.
+    """(...,) lower bounds of the times (s) of all motions between two configurations, whatever the path.
 
     Parameters
     ----------
@@ -139,11 +139,7 @@ def least_times(
         Whether joints move at their velocity limit from the first instant to the last; by default, they begin and end
         at rest.
     by_joint
-        Whether to return the time of each joint.
-
-    Returns
-    -------
-    (...,) lower bounds of the times of all motions, or (..., n) the shortest times of single joints.
+        Whether to return the shortest times (..., n) of single joints.
 
     Notes
     -----

@@ -46,8 +46,8 @@ GAUSS_POINTS = 16
 """Points of the quadrature of the length: relative error 1e-9 for corners up to 90 degrees, 1e-6 for sharper ones."""
 
 REVERSAL = 0.1
-"""|u + v| below which a corner is not rounded: the direction is reversed to within 6 degrees, and the arm would almost
-stop in a rounding."""
+"""Length of the sum of the unit directions into and out of a corner below which it is not rounded: the direction is
+reversed to within 6 degrees, and the arm would almost stop in a rounding."""
 
 MIN_SEGMENT = 1e-12
 """Length (rad or m) below which the segment between two roundings is omitted."""

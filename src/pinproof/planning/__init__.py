@@ -3,22 +3,23 @@
 from pinproof.planning.among_movers import TimedPlanResult, plan_among_movers
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.coordination import CoordinationResult, coordinate, plan_arms
-from pinproof.planning.edges import Edges
-from pinproof.planning.ends import with_turns
-from pinproof.planning.follow import RouteFollower
+from pinproof.planning.follow import Route, RouteFollower
 from pinproof.planning.motion_plan import MotionPlan, plan
-from pinproof.planning.moving_ends import MovingEnds
+from pinproof.planning.moves import MovingEnds
 from pinproof.planning.optimisation import OptimiseResult, optimise
-from pinproof.planning.planners import DEFAULT_PLANNER, Planner, make_planner, planner_of
-from pinproof.planning.result import (
+from pinproof.planning.planners import (
+    DEFAULT_PLANNER,
     LinearPlanResult,
     LinearStatus,
+    Planner,
     PlanProgress,
     PlanResult,
     PlanStatus,
     PosesPlanResult,
+    make_planner,
+    planner_of,
 )
-from pinproof.planning.route import Route
+from pinproof.planning.problem import Edges, Ends, find_barriers, no_path_message, read_ends, sampling_box, with_turns
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplification import SimplifyResult, blend, shortcut, simplify
 
@@ -26,6 +27,7 @@ __all__ = [
     "DEFAULT_PLANNER",
     "CoordinationResult",
     "Edges",
+    "Ends",
     "LinearPlanResult",
     "LinearStatus",
     "MotionPlan",
@@ -43,7 +45,9 @@ __all__ = [
     "TimedPlanResult",
     "blend",
     "coordinate",
+    "find_barriers",
     "make_planner",
+    "no_path_message",
     "optimise",
     "plan",
     "plan_among_movers",
@@ -51,6 +55,8 @@ __all__ = [
     "plan_linear",
     "plan_poses",
     "planner_of",
+    "read_ends",
+    "sampling_box",
     "shortcut",
     "simplify",
     "with_turns",

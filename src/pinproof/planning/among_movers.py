@@ -24,16 +24,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Mover, certify, with_movers
+from pinproof.collision import Certificate, CollisionChecker, Mover, certify, with_movers
 from pinproof.common.results import Solution
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.description import moved_by
 from pinproof.errors import InputError
 from pinproof.model import guess_mark
 from pinproof.motion import JointPath, Trajectory, least_times, time_parametrise
-from pinproof.planning.ends import Ends, read_ends
-from pinproof.planning.result import PlanAnswer, PlanResult, PlanStatus
-from pinproof.planning.rrt_connect import SEARCH_PAD, RrtConnect, sampling_box
+from pinproof.planning.planners import PlanAnswer, PlanResult, PlanStatus
+from pinproof.planning.problem import Ends, read_ends, sampling_box
+from pinproof.planning.rrt_connect import SEARCH_PAD, RrtConnect
 from pinproof.planning.simplification import shortcut
 from pinproof.spatial import Array, finite
 
@@ -152,112 +152,109 @@ def plan_among_movers(
         invalid.
     """
     require_integer("samples", samples, 0)
-    require_positive("start_time", start_time, zero=True)
-    if isinstance(movers, Mover | Trajectory) or not movers:
-        raise InputError("movers must be a list of at least one mover; without a mover, plan with RrtConnect")
-    if wrong := [type(mover).__name__ for mover in movers if not isinstance(mover, Mover | Trajectory)]:
-        raise InputError(f"a mover is a Mover or a Trajectory of other joints, not {wrong[0]}")
-    shifted = tuple(mover.after(start_time) for mover in movers)  # on the clock that begins at the start
-    first, last = _window(shifted, start_time, window)
-    group = checker.group
-    resting = Trajectory.at_rest(group.configuration(start, "start"), group.joint_names, last)
-    whole = with_movers(resting, checker, shifted)
-    # The checker without the obstacles that move, and without the links of other joints that move.
-    gone = {name for mover in shifted if isinstance(mover, Mover) for name in mover.obstacles}
-    others = {name for mover in shifted if isinstance(mover, Trajectory) for name in mover.joint_names}
-    still = checker.with_scene(checker.scene.remove(*gone)) if gone else checker
-    if others:
-        urdf = group.robot.urdf
-        moving = {link for link in urdf.links if moved_by(urdf, link, others)}
-        own = [any(still.bodies[i].link in moving for i in pair) for pair in still.pairs]
-        still = still.without_pairs(k for k, moves in enumerate(own) if moves)
-    ends = read_ends(still, start, goals, turns=False)
+    times = _Times(checker, start, movers, start_time, window)
+    ends = read_ends(times.still, start, goals, turns=False)
 
     def failed(status: PlanStatus, message: str, tried: int = 0) -> TimedPlanResult:
-        return TimedPlanResult(status, None, None, None, message, start_time, shifted, samples=tried)
+        return TimedPlanResult(status, None, None, None, message, start_time, times.movers, samples=tried)
 
     if isinstance(ends, PlanResult):
         return failed(ends.status, ends.message)
-    found = whole.checker.check(whole.trajectory.start)
-    if found.contacts:
+    if (found := times.checker.check(times.clock.start)).contacts:
         return failed(PlanStatus.START_INVALID, f"the start is invalid at {start_time:.4g} s: {found}")
-    generator, plans = np.random.default_rng(rng), planner or RrtConnect()
-    times = _Times(whole.trajectory, whole.checker, group.dof, last, first)
-    search = _Roadmap(times, still, ends, jerk)
+    search = _Roadmap(times, ends, jerk)
     if (least := search.least_time) > times.last:
         window_end = f"the window ends {times.last:.3g} s after the start"
         return failed(PlanStatus.OUT_OF_BUDGET, f"the joints need at least {least:.3g} s to a goal, and {window_end}")
-    tried, rounds = 0, 0
+    generator, plans = np.random.default_rng(rng), planner or RrtConnect()
+    rounds = tried = 0
     while True:
+        # The roadmap grows by a few paths without the movers, then by random configurations.
         if rounds < STATIC_PATHS:
-            plan = plans.plan(still, ends.start, ends.goals, rng=generator)
+            plan = plans.plan(times.still, ends.start, ends.goals, rng=generator)
             if not plan.ok and rounds == 0 and plan.status is not PlanStatus.OUT_OF_BUDGET:
                 return failed(plan.status, f"without the movers: {plan.message}")
             if plan.ok:
-                search.add_path(shortcut(plan.path, still, rng=generator).q)
+                search.add_path(shortcut(plan.path, times.still, rng=generator).q)
         elif tried >= samples or search.failures > MOST_PROOFS:
             return failed(*search.reason(start_time, tried), tried)
         else:
             tried += search.grow(min(BATCH, samples - tried), generator)
         rounds += 1
+        # The motion that ends first is certified; a part that fails the proof is removed, and the search continues.
         while (route := search.earliest()) is not None and search.failures <= MOST_PROOFS:
             trajectory, steps = search.motion(route)
-            certificate = certify(trajectory, checker, movers=shifted)
-            if certificate.status is CertificateStatus.FREE:
+            certificate = certify(trajectory, checker, movers=times.movers)
+            if certificate.free:
                 waiting = sum(step.end - step.start for step in steps if step.edge is None)
-                message = f"reached goal {ends.indices[route.goal]} at {start_time + trajectory.duration:.4g} s"
+                goal = ends.indices[route.goal]
+                message = f"reached goal {goal} at {start_time + trajectory.duration:.4g} s"
                 message += f"{guess_mark(trajectory.limits_note)}, after waiting {waiting:.3g} s; {certificate.message}"
                 return TimedPlanResult(
-                    PlanStatus.FOUND, trajectory, certificate, ends.indices[route.goal], message, start_time, shifted,
-                    waiting, tried,
-                )  # fmt: skip
+                    PlanStatus.FOUND, trajectory, certificate, goal, message, start_time, times.movers, waiting, tried
+                )
             search.refuse(certificate, steps)
 
 
-def _window(
-    movers: Sequence[Mover | Trajectory], start_time: float, window: tuple[float, float] | None
-) -> tuple[float, float]:
-    """The window in seconds after the start; the end of time that is searched is its end."""
-    covered = min((_covered(each) for each in movers if not (isinstance(each, Mover) and each.rests)), default=math.inf)
-    if window is None:
-        rested = max(_covered(each) for each in movers) + LONGEST / 4
-        last = min(covered, LONGEST, rested if math.isinf(covered) else math.inf)
-        if not last > 0.0:
-            raise InputError(f"the movers end before start_time = {start_time:g} s; give their motion until later")
-        return 0.0, last
-    first, last = (finite("window", window, (2,)) - start_time).tolist()
-    if not (last > 0.0 and first <= last < math.inf):
-        raise InputError(
-            f"window = {window}; it must be two times in increasing order that end after start_time = {start_time:g} s"
-        )
-    return max(first, 0.0), last
-
-
-def _covered(mover: Mover | Trajectory) -> float:
-    return mover.trajectory.duration if isinstance(mover, Mover) else mover.duration
-
-
 class _Times:
-    """The clock of a search: which configurations are free at which time.
+    """The clock of a search, which begins at ``start_time``: which configurations are free at which time."""
 
-    Parameters
-    ----------
-    clock
-        A motion of the joint group with the movers; only the columns of the movers are used.
-    checker
-        The checker of that group.
-    dof
-        Number of joints of the arm.
-    last, first
-        The window (s) of the arrival.
-    """
-
-    def __init__(self, clock: Trajectory, checker: CollisionChecker, dof: int, last: float, first: float) -> None:
-        last = min(last, clock.duration)  # times of trajectories are rounded to nanoseconds
-        self.clock, self.checker, self.dof, self.first, self.last = clock, checker, dof, min(first, last), last
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        start: npt.ArrayLike,
+        movers: Sequence[Mover | Trajectory],
+        start_time: float,
+        window: tuple[float, float] | None,
+    ) -> None:
+        require_positive("start_time", start_time, zero=True)
+        if isinstance(movers, Mover | Trajectory) or not movers:
+            raise InputError("movers must be a list of at least one mover; without a mover, plan with RrtConnect")
+        if wrong := [type(mover).__name__ for mover in movers if not isinstance(mover, Mover | Trajectory)]:
+            raise InputError(f"a mover is a Mover or a Trajectory of other joints, not {wrong[0]}")
+        self.movers = tuple(mover.after(start_time) for mover in movers)
+        first, last = self._window(start_time, window)
+        # The arm at rest beside the movers: a motion of a larger joint group, of which the movers' columns are used.
+        group = checker.group
+        resting = Trajectory.at_rest(group.configuration(start, "start"), group.joint_names, last)
+        whole = with_movers(resting, checker, self.movers)
+        self.clock, self.checker, self.dof = whole.trajectory, whole.checker, group.dof
+        last = min(last, self.clock.duration)  # times of trajectories are rounded to nanoseconds
+        self.first, self.last = min(first, last), last
         self.grid = np.append(np.arange(0.0, last - STEP / 2, STEP), last)
-        self.steering = checker.padded(SEARCH_PAD)
-        self._at_grid = clock(self.grid)[:, dof:]
+        self.steering = self.checker.padded(SEARCH_PAD)
+        self._at_grid = self.clock(self.grid)[:, self.dof :]
+        # The checker without the obstacles that move, and without the links of other joints that move.
+        gone = {name for mover in self.movers if isinstance(mover, Mover) for name in mover.obstacles}
+        others = {name for mover in self.movers if isinstance(mover, Trajectory) for name in mover.joint_names}
+        self.still = checker.with_scene(checker.scene.remove(*gone)) if gone else checker
+        if others:
+            urdf, bodies = group.robot.urdf, self.still.bodies
+            moving = {link for link in urdf.links if moved_by(urdf, link, others)}
+            own = [any(bodies[i].link in moving for i in pair) for pair in self.still.pairs]
+            self.still = self.still.without_pairs(k for k, moves in enumerate(own) if moves)
+
+    def _window(self, start_time: float, window: tuple[float, float] | None) -> tuple[float, float]:
+        """The window in seconds after the start; the end of time that is searched is its end."""
+        covered = [mover.trajectory.duration if isinstance(mover, Mover) else mover.duration for mover in self.movers]
+        if window is None:
+            # A mover that rests at its end covers all later times.
+            ends = [
+                seconds
+                for mover, seconds in zip(self.movers, covered, strict=True)
+                if not (isinstance(mover, Mover) and mover.rests)
+            ]
+            last = min(*ends, LONGEST) if ends else min(LONGEST, max(covered) + LONGEST / 4)
+            if not last > 0.0:
+                raise InputError(f"the movers end before start_time = {start_time:g} s; give their motion until later")
+            return 0.0, last
+        first, last = (finite("window", window, (2,)) - start_time).tolist()
+        if not (last > 0.0 and first <= last < math.inf):
+            raise InputError(
+                f"window = {window}; it must be two times in increasing order that end after start_time = "
+                f"{start_time:g} s"
+            )
+        return max(first, 0.0), last
 
     def free_at(self, q: Array, *, padded: bool = True) -> Flags:
         """(K,) whether q (n,) is free at each time of the grid."""
@@ -303,10 +300,9 @@ class _TimedRoute(NamedTuple):
 class _Roadmap:
     """The configurations, edges and safe intervals, and the search for the earliest arrival."""
 
-    def __init__(self, times: _Times, still: CollisionChecker, ends: Ends, jerk: npt.ArrayLike | None) -> None:
-        self._times, self._still, self._jerk = times, still, jerk
-        self._steering = still.padded(SEARCH_PAD)
-        self._group, self._limits = still.group, still.group.limits
+    def __init__(self, times: _Times, ends: Ends, jerk: npt.ArrayLike | None) -> None:
+        self._times, self._jerk, self._steering = times, jerk, times.still.padded(SEARCH_PAD)
+        self._group, self._limits = times.still.group, times.still.group.limits
         self.q: list[Array] = []
         self._free: list[Flags] = []
         self._near: list[list[int]] = []

@@ -15,9 +15,15 @@ from pinproof.errors import InputError, NoClosedForm
 from pinproof.ik import AnalyticIk, Clik, IkTask, TaskName
 from pinproof.model import Arm
 from pinproof.motion import BlendedPath, CubicPath
-from pinproof.planning.follow import FollowedRoute, RouteFollower, line_task, nearest_target
-from pinproof.planning.result import LinearPlanResult, LinearStatus, PosesPlanResult
-from pinproof.planning.route import Route, routes_through
+from pinproof.planning.follow import (
+    FollowedRoute,
+    Route,
+    RouteFollower,
+    line_task,
+    nearest_target,
+    routes_through,
+)
+from pinproof.planning.planners import LinearPlanResult, LinearStatus, PosesPlanResult
 from pinproof.spatial import SE3, Array, rigid, rigid_many
 
 MAX_STARTS = 64

@@ -13,8 +13,7 @@ from pinproof.common.results import Answer, View
 from pinproof.errors import PlanFailed
 from pinproof.motion import RateConstraint, TorqueLimits, Trajectory
 from pinproof.planning.optimisation import OptimiseResult, optimise
-from pinproof.planning.planners import Planner, planner_of
-from pinproof.planning.result import PlanResult
+from pinproof.planning.planners import Planner, PlanResult, planner_of
 from pinproof.planning.simplification import SimplifyResult, simplify
 
 

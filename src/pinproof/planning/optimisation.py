@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from operator import attrgetter, mul
+from operator import mul
 from typing import Literal
 
 import numpy as np
@@ -45,8 +45,6 @@ from pinproof.motion import (
     MoveSequence,
     RateConstraint,
     State,
-    Steering,
-    TorqueLimits,
     Trajectory,
     checked_constraints,
     inside_position_limits,
@@ -55,17 +53,12 @@ from pinproof.motion import (
     rest,
     time_parametrise,
 )
-from pinproof.planning.constrained import manifold_of
-from pinproof.planning.edges import Edges
-from pinproof.planning.gentle_moves import GentleMoves
-from pinproof.planning.rrt_connect import sampling_box
+from pinproof.planning.moves import FreeMoves
+from pinproof.planning.problem import manifold_of, sampling_box
 from pinproof.spatial import Array, finite
 
 BUDGET = 500
 """Default number of evaluations: about 25 ms for an arm of seven joints between shelves."""
-
-RESOLUTION = 0.06
-"""Metres that bodies move between two samples of a motion that is considered. Motions are proven later."""
 
 SAMPLE_TIME = 0.06
 """Seconds between two samples of a motion, in which acceleration bends it by few millimetres."""
@@ -226,9 +219,24 @@ def optimise(
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(least_times(ends - path.start, bounds).min())
-    task = _MotionTask(checker, bounds, path, before, ends, further, kept, manifold, tolerances)
-    useful = budget > 0 and (further or before.duration > lower_bound * (1.0 + CLOSE_ENOUGH))
-    trajectory, certificate, evaluations = _shortest(task, np.random.default_rng(rng), int(budget) if useful else 0)
+    task = _MotionTask(checker, bounds, path, before, ends, further, kept, manifold)
+    # The shortest motion of the search that keeps all limits, if necessary slower, and is certified; otherwise the path
+    # with its timing.
+    trajectory, certificate, evaluations = before, None, 0
+    if budget and (further or before.duration > lower_bound * (1.0 + CLOSE_ENOUGH)):
+        search = _MotionSearch(task, np.random.default_rng(rng), int(budget))
+        if search.worthwhile:
+            search.run()
+        evaluations = search.evaluations
+        for proven in reversed(search.proven):
+            faster = _timed(search.trajectory(*proven), bounds, further)
+            if faster is not None and faster.duration < before.duration:
+                proof = certify(faster, checker, constraints=kept)
+                if proof.free:
+                    trajectory, certificate = faster, proof
+                    break
+    if certificate is None:
+        certificate = certify(before, checker, constraints=kept)
     given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
     index = next(iter(np.flatnonzero((given == trajectory.end).all(axis=1)).tolist()), None)
     message = (
@@ -237,35 +245,6 @@ def optimise(
         f"{certificate.message}"
     )
     return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, evaluations, message)
-
-
-def _shortest(task: _MotionTask, rng: np.random.Generator, budget: int) -> tuple[Trajectory, Certificate, int]:
-    """The shortest certified motion that is found, otherwise the given one, and the number of evaluations."""
-    evaluations = 0
-    if budget:
-        search = _MotionSearch(task, rng, budget)
-        if search.worthwhile:
-            search.run()
-        evaluations = search.evaluations
-        for each in reversed(search.proven):
-            trajectory = _timed(search.trajectory(*each), task.bounds, task.rate_limits)
-            if trajectory is None or trajectory.duration >= task.before.duration:
-                continue
-            certificate = certify(trajectory, task.checker, constraints=task.constraints)
-            if certificate.free:
-                return trajectory, certificate, evaluations
-    return task.before, certify(task.before, task.checker, constraints=task.constraints), evaluations
-
-
-def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> float:
-    """The factor by which a motion must be slowed down; infinite if no factor suffices, 1 if it need not be."""
-    try:
-        further = [each.excess(trajectory) for each in constraints]
-    except TimingError:  # a constraint is violated even at rest
-        return math.inf
-    # A jerk changes with the third power of the factor, so that a third of the tolerance is the tolerance of a jerk.
-    excess = float(np.max([rate_excess(trajectory, bounds), *further]))
-    return 1.0 if excess <= 1.0 + RATE_TOLERANCE / 3.0 else excess
 
 
 def _goals(
@@ -288,25 +267,21 @@ def _goals(
     return free if len(free) and np.abs(free - end).max(axis=1).min() == 0.0 else np.vstack([end, free])
 
 
-_duration = attrgetter("duration")
-
-
-def _nearest(rows: Array, q: Array) -> int:
-    return int(np.abs(rows - q).max(axis=1).argmin())
-
-
 def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> Trajectory | None:
     """The motion within all limits, if necessary slower; None if this is not possible."""
     for _ in range(SLOW_ROUNDS):
-        excess = _excess(trajectory, bounds, constraints)
-        if excess == 1.0:
-            break
+        try:
+            further = [limit.excess(trajectory) for limit in constraints]
+        except TimingError:  # a constraint is violated even at rest
+            return None
+        excess = float(np.max([rate_excess(trajectory, bounds), *further]))
+        # A jerk changes with the third power of the factor, so that a third of the tolerance is that of a jerk.
+        if excess <= 1.0 + RATE_TOLERANCE / 3.0:
+            return trajectory if inside_position_limits(trajectory, bounds) else None
         if not math.isfinite(excess):
             return None
         trajectory = trajectory.slowed(excess * (1.0 + 1e-9))
-    else:
-        return None
-    return trajectory if inside_position_limits(trajectory, bounds) else None
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,35 +299,23 @@ class _MotionTask:
     rate_limits: tuple[RateConstraint, ...] = ()
     constraints: tuple[PathConstraint, ...] = ()
     manifold: Manifold | None = None
-    tolerances: Array = field(default_factory=lambda: np.zeros(0))
-
-    def satisfied(self, points: npt.ArrayLike) -> bool:
-        """Whether samples (m, n) satisfy the constraints of the tcp, with a reserve except near the two ends."""
-        if self.manifold is None:
-            return True
-        errors = np.array([self.manifold.errors(q) for q in np.array(points)])
-        return bool((errors <= np.maximum(TOLERANCE_SHARE * self.tolerances, errors[[0, -1]].max(axis=0))).all())
 
 
 class _MotionSearch:
     """The search for the shortest motion.
 
-    Attributes
-    ----------
-    proven
-        The motions that were proven free, each shorter than the previous one, with the index of their goal.
-    evaluations
-        Number of moves that were computed.
+    ``proven`` are the motions that were proven free, each shorter than the previous one, with the index of their goal;
+    ``evaluations`` is the number of moves that were computed.
     """
 
     def __init__(self, task: _MotionTask, rng: np.random.Generator, budget: int, *, share: float = 1.0) -> None:
-        self._task, self._checker, self._bounds, self._path = task, task.checker, task.bounds, task.path
+        self._task, self._bounds, self._path = task, task.bounds, task.path
         self._rng, self._goals, self._start = rng, task.goals, np.asarray(task.path.start)
-        torques = next((each for each in task.rate_limits if isinstance(each, TorqueLimits)), None)
-        ends = np.array([task.path.start, task.path.end])
-        self._edges = Edges(task.checker, RESOLUTION, ends, torque_limits=torques)
-        self._steering = Steering(task.bounds, share)
-        self._gentle = GentleMoves(self._steering, task.bounds, task.rate_limits)
+        self._moves = FreeMoves(
+            task.checker, task.bounds, np.array([task.path.start, task.path.end]), task.rate_limits, task.constraints,
+            share=share, step=SAMPLE_TIME, tolerance=TOLERANCE_SHARE, middle_first=True,
+        )  # fmt: skip
+        self._edges = self._moves.edges
         self._left, self.evaluations, self._staggered = budget, 0, STAGGERED * budget
         self._best, self._goal = self._given()
         self._found: list[tuple[MoveSequence, int]] = []
@@ -360,7 +323,6 @@ class _MotionSearch:
         self._bound_of = least_times(task.goals - task.path.start, task.bounds)
         self._enough = float(self._bound_of.min()) * (1.0 + CLOSE_ENOUGH)
         self._per_velocity = (1.0 / task.bounds.velocity).tolist()
-        self._step = SAMPLE_TIME
 
     @property
     def worthwhile(self) -> bool:
@@ -371,7 +333,23 @@ class _MotionSearch:
         """Search until the budget is used up or the motion is as short as its lower bound."""
         budget = self._left
         if self._task.rate_limits:
-            self._try_without_rate_limits(int(FREE_SEARCH * budget))
+            # A motion without rate constraints, slowed down until it satisfies them at samples.
+            search = _MotionSearch(
+                replace(self._task, rate_limits=()), self._rng, int(FREE_SEARCH * budget), share=GENTLE_SHARE
+            )
+            search._staggered = self._staggered
+            search.run()
+            self._spend(search.evaluations)
+            if search.proven:
+                motion, goal = search.proven[-1]
+                trajectory = search.trajectory(motion, goal)
+                slowdown = self._moves.gentle.slowdown(trajectory)
+                if slowdown == 1.0 and motion.duration < self._best.duration:
+                    self._best, self._goal = motion, goal
+                    self.proven.append((motion, goal))
+                if math.isfinite(slowdown):
+                    slower = trajectory.slowed(slowdown) if slowdown > 1.0 else trajectory
+                    self._found.append((MoveSequence.of(slower, self._bounds), goal))
         # The fastest move to a goal is the optimum where no obstacle is; the goals in the order of their bounds.
         for goal in self._promising(GOALS):
             moves = self._connect([rest(self._start), rest(self._goals[goal])], self._best.duration)
@@ -379,53 +357,30 @@ class _MotionSearch:
                 self._best, self._goal = MoveSequence(moves), goal
                 self._prove()
                 break
+        # Moves whose joints choose when they move pass obstacles as fast as direct moves, or little slower.
         if self._best.duration > self._enough and self._task.manifold is None and not self._task.rate_limits:
-            self._try_staggered_moves()
+            goals = self._promising(STAGGERED_GOALS, STAGGERED_DISTINCT)
+            if goals:
+                steering, step = self._moves.steering, self._moves.step
+                staggered = steering.staggered(self._edges.core, self._start, self._goals[goals], step)
+                draws = self._rng.random((self._staggered, staggered.draws_per_motion))
+                found = staggered.run(self._limit(self._best.duration), draws)
+                if found is not None:
+                    self._best, self._goal = MoveSequence([Move(found)]), goals[found.goal]
+                    self._prove()
+        # The given motion and motions along further paths are shortened, then the best one alone.
         if self._best.duration > self._enough:
             self._shorten_first_motions(int(CONNECT * self._left))
             self._prove()
-        self._best = self._improve(self._best, self._goal, self._left // 2)
-        self._prove()
-        self._best = self._improve(self._best, self._goal, self._left)
-        self._prove()
+        for last in (False, True):
+            self._best = self._improve(self._best, self._goal, self._left if last else self._left // 2)
+            self._prove()
 
     def trajectory(self, motion: MoveSequence, goal: int) -> Trajectory:
         """A motion to a goal as a trajectory."""
         names, bounds = self._path.joint_names, self._bounds
         ends = rest(self._start), rest(self._goals[goal])
         return motion.trajectory(names, bounds.note, *ends, smooth=bounds.jerk is not None)
-
-    # -- phases ---------------------------------------------------------------------------------------------------
-
-    def _try_without_rate_limits(self, budget: int) -> None:
-        """Search without rate constraints, and slow the result down until it satisfies them at samples."""
-        search = _MotionSearch(replace(self._task, rate_limits=()), self._rng, budget, share=GENTLE_SHARE)
-        search._staggered = self._staggered
-        search.run()
-        self._spend(search.evaluations)
-        if not search.proven:
-            return
-        motion, goal = search.proven[-1]
-        trajectory = search.trajectory(motion, goal)
-        slowdown = self._gentle.slowdown(trajectory)
-        if slowdown == 1.0 and motion.duration < self._best.duration:
-            self._best, self._goal = motion, goal
-            self.proven.append((motion, goal))
-        if math.isfinite(slowdown):
-            slower = trajectory.slowed(slowdown) if slowdown > 1.0 else trajectory
-            self._found.append((MoveSequence.of(slower, self._bounds), goal))
-
-    def _try_staggered_moves(self) -> None:
-        """Moves whose joints choose when they move: around obstacles as fast as direct moves, or little slower."""
-        goals = self._promising(STAGGERED_GOALS, STAGGERED_DISTINCT)
-        if not goals:
-            return
-        search = self._steering.staggered(self._edges.core, self._start, self._goals[goals], self._step)
-        draws = self._rng.random((self._staggered, search.draws_per_motion))
-        found = search.run(self._limit(self._best.duration), draws)
-        if found is not None:
-            self._best, self._goal = MoveSequence([Move(found)]), goals[found.goal]
-            self._prove()
 
     def _shorten_first_motions(self, budget: int) -> None:
         """Shorten the given motion, and motions along further paths; the shortest becomes the best one."""
@@ -435,18 +390,9 @@ class _MotionSearch:
         found = [given, *self._found[-1:]]
         if self.proven:
             found.append((self._best, self._goal))
-        found += self._plans(min(PLANS, budget // PER_PLAN + 1 - len(found)))
-        rounds = max(math.ceil(math.log2(len(found))), 1)
-        for _ in range(rounds):  # the better half continues
-            share = budget // (rounds * len(found))
-            found = [(self._improve(motion, goal, share), goal) for motion, goal in found]
-            found = sorted(found, key=lambda each: each[0].duration)[: (len(found) + 1) // 2]
-        self._best, self._goal = min([*found, (self._best, self._goal)], key=lambda each: each[0].duration)
-
-    def _plans(self, count: int) -> list[tuple[MoveSequence, int]]:
-        """Motions along further paths, if possible to different goals whose bounds are below the duration so far."""
-        used, found = {self._goal}, []
-        for _ in range(count):
+        # Motions along further paths, if possible to different goals whose bounds are below the duration so far.
+        used = {self._goal}
+        for _ in range(min(PLANS, budget // PER_PLAN + 1 - len(found))):
             promising = self._promising(GOALS)
             plan = self._plan([goal for goal in promising if goal not in used] or promising) if promising else None
             if plan is None:
@@ -455,7 +401,13 @@ class _MotionSearch:
             used.add(goal)
             if (motion := self._stopping(path)) is not None:
                 found.append((motion, goal))
-        return found
+        # All are shortened in turn, and the better half continues.
+        rounds = max(math.ceil(math.log2(len(found))), 1)
+        for _ in range(rounds):
+            share = budget // (rounds * len(found))
+            found = [(self._improve(motion, goal, share), goal) for motion, goal in found]
+            found = sorted(found, key=lambda each: each[0].duration)[: (len(found) + 1) // 2]
+        self._best, self._goal = min([*found, (self._best, self._goal)], key=lambda each: each[0].duration)
 
     def _plan(self, goals: list[int]) -> tuple[Array, int] | None:
         """A path (m, n) to one of the goals, with edges that are free at their samples."""
@@ -464,7 +416,7 @@ class _MotionSearch:
             self._edges.core,
             np.ascontiguousarray(self._start),
             ends,
-            sampling_box(self._checker.group, np.vstack([self._start, ends])).clip(bounds.lower, bounds.upper),
+            sampling_box(self._task.checker.group, np.vstack([self._start, ends])).clip(bounds.lower, bounds.upper),
             step=PLAN_STEP,
             max_nodes=PLAN_SAMPLES,
             max_samples=PLAN_SAMPLES,
@@ -493,17 +445,29 @@ class _MotionSearch:
 
     def _improve(self, motion: MoveSequence, goal: int, budget: int) -> MoveSequence:
         """Replace random parts of a motion by shortcuts and by moves through modified states."""
-        until = self._left - budget
+        until, bounds = self._left - budget, self._bounds
+        fastest, hardest = INSIDE * bounds.velocity, INSIDE * bounds.acceleration
         while self._left > until and motion.duration > self._enough:
             start, end = self._window(motion)
             if end <= start:
                 continue
             states = [motion.state(start), motion.state(end)]
             if self._rng.random() >= SHORTCUTS:
-                state = motion.state(float(self._rng.uniform(start, end)))
+                # A state of the part with noise in half of its joints, inside the limits, and often at its position.
+                known = motion.state(float(self._rng.uniform(start, end)))
                 share = self._rng.random(len(self._start)) < 0.5
                 size = 0.3 * self._rng.random() ** 2 * share
-                states.insert(1, self._modified(state, self._rng.random() < 0.5, size))
+                moves_away = self._rng.random() < 0.5
+                noise = size * self._rng.standard_normal((3, len(self._start)))
+                q = np.array(known[0]) + noise[0] * moves_away
+                velocity = np.array(known[1]) + noise[1] * bounds.velocity
+                acceleration = np.array(known[2]) + noise[2] * bounds.acceleration
+                modified = (
+                    q.clip(bounds.lower, bounds.upper).tolist(),
+                    velocity.clip(-fastest, fastest).tolist(),
+                    acceleration.clip(-hardest, hardest).tolist(),
+                )
+                states.insert(1, modified)
             moves = self._connect(states, end - start)
             if moves is not None:
                 motion = motion.replaced(start, end, moves)
@@ -525,66 +489,26 @@ class _MotionSearch:
         """The largest share of its velocity limit that a joint uses at a time (s)."""
         return max(map(abs, map(mul, motion.state(time)[1], self._per_velocity)))
 
-    def _modified(self, state: State, moves: bool, size: float | npt.NDArray[np.floating]) -> State:
-        """A state near another one, inside the limits; if not ``moves``, with the same position."""
-        bounds = self._bounds
-        noise = size * self._rng.standard_normal((3, len(self._start)))
-        noise[0] *= moves
-        q = np.array(state[0]) + noise[0]
-        velocity = np.array(state[1]) + noise[1] * bounds.velocity
-        acceleration = np.array(state[2]) + noise[2] * bounds.acceleration
-        fastest, hardest = INSIDE * bounds.velocity, INSIDE * bounds.acceleration
-        return (
-            q.clip(bounds.lower, bounds.upper).tolist(),
-            velocity.clip(-fastest, fastest).tolist(),
-            acceleration.clip(-hardest, hardest).tolist(),
-        )
-
     def _stopping(self, path: Array) -> MoveSequence | None:
         """The motion along the edges of a path (m, n) that stops at each waypoint; None if it does not exist."""
         moves = []
         for first, last in pairwise(path.tolist()):
             if first != last:
-                move = self._gentle.straight(first, last)
+                move = self._moves.gentle.straight(first, last)
                 if move is None:
                     return None
                 moves.append(move)
         return MoveSequence(moves) if moves else None
 
     def _connect(self, states: Sequence[State], duration: float) -> list[Move] | None:
-        """The fastest moves from state to state, if they are shorter than a duration, allowed, and free at samples."""
-        connected: list[Move] = []
-        longest = left = self._limit(duration)
-        for first, last in pairwise(states):
-            self._spend(1)
-            move = self._steering.move(first, last)
-            if move is None or move.duration >= left:
-                return None
-            connected.append(move)
-            left -= move.duration
-        if not self._acceptable(states[0], connected):
-            return None
-        computed = self._gentle.computed
-        moves = self._gentle.connect(states, connected, longest)
-        self._spend(self._gentle.computed - computed)
-        if moves is None or moves is connected:
-            return moves
-        return moves if self._acceptable(states[0], moves) else None
+        """The fastest allowed moves from state to state, if they are shorter than a duration; they cost budget."""
+        computed = self._moves.computed
+        moves = self._moves.connect(states, self._limit(duration))
+        self._spend(self._moves.computed - computed)
+        return moves
 
     def _spend(self, evaluations: int) -> None:
         self._left, self.evaluations = self._left - evaluations, self.evaluations + evaluations
-
-    def _acceptable(self, first: State, moves: Sequence[Move]) -> bool:
-        """Whether moves are inside the position limits, and samples are free and satisfy the constraints of the tcp."""
-        if not all(self._steering.inside(move) for move in moves):
-            return False
-        longest = max(moves, key=_duration)  # most moves that are not free are not free in the middle
-        if not self._edges.core.points_free(np.array([longest.state(0.5 * longest.duration)[0]])):
-            return False
-        points = [first[0]]
-        for move in moves:
-            points += [state[0] for state in move.states(self._step)]
-        return self._task.satisfied(points) and bool(self._edges.core.points_free(np.array(points)))
 
     @staticmethod
     def _limit(duration: float) -> float:
@@ -608,13 +532,12 @@ class _MotionSearch:
 
         def is_proven(trajectory: Trajectory) -> bool:
             if not constraints:
-                return is_proven_free(trajectory, self._checker)
-            return certify(trajectory, self._checker, constraints=constraints).free
+                return is_proven_free(trajectory, self._task.checker)
+            return certify(trajectory, self._task.checker, constraints=constraints).free
 
         def free_at_samples(motion: MoveSequence) -> bool:
-            count = max(math.ceil(motion.duration / self._step), 2)
-            points = [motion.state(float(time))[0] for time in np.linspace(0.0, motion.duration, count)]
-            return self._task.satisfied(points) and bool(self._edges.core.points_free(np.array(points)))
+            count = max(math.ceil(motion.duration / self._moves.step), 2)
+            return self._moves.free([motion.state(float(t))[0] for t in np.linspace(0.0, motion.duration, count)])
 
         found = sorted(self._found, key=lambda each: each[0].duration)
         self._found = []
@@ -625,7 +548,7 @@ class _MotionSearch:
             if is_proven(self.trajectory(*tried)):
                 self.proven.append(tried)
                 break
-            self._step /= 2.0
+            self._moves.step /= 2.0
             self._edges.refine()
             longest = tried[0].duration
             following = (each for each in found if each[0].duration > longest and free_at_samples(each[0]))
@@ -640,7 +563,8 @@ class _MotionSearch:
         It is slowed down somewhat if it uses all of the torque, because moves between its states would not be allowed.
         """
         before = self._task.before
-        slowdown = self._gentle.slowdown(before)
+        slowdown = self._moves.gentle.slowdown(before)
         if 1.0 < slowdown < MAX_SLOWDOWN:
             before = before.slowed(slowdown)
-        return MoveSequence.of(before, self._bounds), _nearest(self._goals, np.asarray(self._path.end))
+        goal = int(np.abs(self._goals - np.asarray(self._path.end)).max(axis=1).argmin())
+        return MoveSequence.of(before, self._bounds), goal

@@ -18,22 +18,27 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import RrtSearch
-from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify, check_constraints
+from pinproof.collision import CollisionChecker, PathConstraint, certify, check_constraints
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
-from pinproof.model import JointGroup
 from pinproof.motion import JointPath, TorqueLimits
-from pinproof.planning.barriers import find_barriers, no_path_message
-from pinproof.planning.constrained import manifold_of
-from pinproof.planning.edges import Edges
-from pinproof.planning.ends import Ends, read_ends, with_turns
-from pinproof.planning.result import PlanProgress, PlanResult, PlanStatus, Progress
+from pinproof.planning.planners import PlanProgress, PlanResult, PlanStatus, Progress
+from pinproof.planning.problem import (
+    Edges,
+    Ends,
+    find_barriers,
+    manifold_of,
+    no_path_message,
+    read_ends,
+    sampling_box,
+    with_turns,
+)
 from pinproof.spatial import Array
 
 SEARCH_PAD = 2e-3
@@ -172,20 +177,9 @@ class RrtConnect:
 
 
 class ConnectSearch:
-    """One search between the start and the goals.
+    """One search between the start and the goals, which satisfy the constraints of the tcp.
 
-    Parameters
-    ----------
-    settings
-        The budgets and steps.
-    ends
-        The start, the goals and the checker.
-    constraints
-        The constraints of the tcp; the start and the goals satisfy them.
-    rng
-        Seed or Generator of the random samples; a Generator is made when the first samples are drawn.
-    progress
-        The callback that is called during the search, if any.
+    A Generator is made of the seed ``rng`` when the first random samples are drawn.
     """
 
     def __init__(
@@ -217,7 +211,7 @@ class ConnectSearch:
         self._began = time.monotonic()
 
     def run(self) -> PlanResult:
-        """ConnectSearch until a path is certified, a budget is exhausted or the callback requests to stop."""
+        """Search until a path is certified, a budget is exhausted or the callback requests to stop."""
         search, settings, happened = self._core, self._settings, RrtSearch.Event
         if self._stop_requested():
             return self._cancelled()
@@ -233,8 +227,17 @@ class ConnectSearch:
                     return result
             event = search.grow(self._edges.samples + SAMPLES_PER_CALL)
             if event is happened.MET:
-                if (result := self._join(search.meeting(0), search.meeting(1))) is not None:
+                # The path through the two coincident nodes; if an edge fails the proof, it is removed.
+                forward, backward = search.branch(0, search.meeting(0))[::-1], search.branch(1, search.meeting(1))
+                q = np.concatenate([search.configurations(0, forward), search.configurations(1, backward[1:])])
+                result, failed = self._prove(q, backward[-1])
+                if result is not None:
                     return result
+                # Edge i connects the waypoints i and i + 1. A tree stores an edge with its child node.
+                if failed < len(forward) - 1:
+                    search.cut(0, forward[failed + 1])
+                else:
+                    search.cut(1, backward[failed - (len(forward) - 1)])
             elif event is happened.NEEDS_DRAWS:
                 self._rng = np.random.default_rng(self._rng)
                 search.add_draws(self._rng.random((DRAWS, len(self._given.start) + 2)))
@@ -275,27 +278,14 @@ class ConnectSearch:
                 return result
         return None
 
-    def _join(self, at_start: int, at_goal: int) -> PlanResult | None:
-        """The certified path through two coincident nodes, or None after the removal of the edge that failed."""
-        search = self._core
-        forward, backward = search.branch(0, at_start)[::-1], search.branch(1, at_goal)
-        q = np.concatenate([search.configurations(0, forward), search.configurations(1, backward[1:])])
-        result, failed = self._prove(q, backward[-1])
-        if result is None:
-            # Edge i connects the waypoints i and i + 1. A tree stores an edge with its child node.
-            if failed < len(forward) - 1:
-                search.cut(0, forward[failed + 1])
-            else:
-                search.cut(1, backward[failed - (len(forward) - 1)])
-        return result
-
     def _prove(self, q: Array, row: int) -> tuple[PlanResult | None, int]:
         """The certified path q (m, n) to a goal; or None and the index of the edge that is not free."""
         path = JointPath(q, self._checker.group.joint_names)
         certificate = certify(path, self._checker, constraints=self._constraints)
         if certificate.free:
             message = f"found a path with {len(path)} waypoints and length {path.length:.3g}; {certificate.message}"
-            return self._result(PlanStatus.FOUND, message, 0.0, path, certificate, self._given.indices[row]), -1
+            goal = self._given.indices[row]
+            return self._result(PlanStatus.FOUND, message, 0.0, path=path, certificate=certificate, goal=goal), -1
         self._cut, self._last_cut = self._cut + 1, certificate.message
         self._edges.refine()
         # The parameter of the path is the index of the waypoint.
@@ -366,36 +356,11 @@ class ConnectSearch:
         others = with_turns(self._checker.group, self._given.start, goals)[0][len(goals) :]
         return bool((np.abs(goals[:, None] - others).max(axis=2).min(axis=0) > SAME_GOAL).any())
 
-    def _result(
-        self,
-        status: PlanStatus,
-        message: str,
-        gap: float,
-        path: JointPath | None = None,
-        certificate: Certificate | None = None,
-        goal: int | None = None,
-    ) -> PlanResult:
+    def _result(self, status: PlanStatus, message: str, gap: float, **found: Any) -> PlanResult:
         return PlanResult(
-            status,
-            path,
-            certificate,
-            goal,
-            message,
-            nodes=self._nodes,
-            cut=self._cut,
-            samples=self._core.samples,
-            seconds=self._seconds,
-            gap=gap,
-            checker=self._checker,
-        )
-
-
-def sampling_box(arm: JointGroup, ends: Array) -> Array:
-    """(2, n) the joint limits; an unbounded joint gets the range of the ends (e, n), extended by pi on both sides."""
-    unbounded = np.isinf(arm.limits.lower) | np.isinf(arm.limits.upper)
-    low = np.where(unbounded, np.maximum(ends.min(axis=0) - np.pi, arm.limits.lower), arm.limits.lower)
-    high = np.where(unbounded, np.minimum(ends.max(axis=0) + np.pi, arm.limits.upper), arm.limits.upper)
-    return np.array([low, high])
+            status, message=message, nodes=self._nodes, cut=self._cut, samples=self._core.samples,
+            seconds=self._seconds, gap=gap, checker=self._checker, **found,
+        )  # fmt: skip
 
 
 def _run_portfolio(
@@ -422,9 +387,19 @@ def _run_portfolio(
             if results[-1].status in (PlanStatus.CANCELLED, PlanStatus.IMPOSSIBLE):
                 break
     else:
-        futures = [executor.submit(_search, settings, ends, constraints, stream) for stream in streams]
-        results = _gather(futures, progress)
-    return _best(results).changed(checker=ends.checker)
+        results = _gather([executor.submit(_search, settings, ends, constraints, each) for each in streams], progress)
+    # A path, else the reason for which the search ended, else the failure with the smallest gap.
+    if found := [result for result in results if result.ok]:
+        best = min(found, key=lambda result: result.path.length)
+    elif results[-1].status is PlanStatus.CANCELLED:
+        best = results[-1]
+    elif impossible := [result for result in results if result.status is PlanStatus.IMPOSSIBLE]:
+        best = impossible[0]
+    else:
+        nearest = min(results, key=lambda result: result.gap)
+        message = f"none of {len(results)} searches found a path; the search with the smallest gap: {nearest.message}"
+        best = nearest.changed(message=message)
+    return best.changed(checker=ends.checker)
 
 
 def _search(
@@ -443,35 +418,16 @@ def _gather(futures: list[Future[PlanResult]], progress: Progress | None) -> lis
     try:
         while waiting:
             _, waiting = wait(waiting, None if progress is None else PROGRESS_INTERVAL, FIRST_COMPLETED)
-            if progress is not None:
-                known = [future.result() for future in futures if future.done()]
-                nodes, samples = sum(result.nodes for result in known), sum(result.samples for result in known)
-                gap = min((result.gap for result in known), default=np.inf)
-                if waiting and progress(PlanProgress(nodes, samples, time.monotonic() - began, gap)) is False:
-                    message = f"cancelled with {len(known)} of {len(futures)} searches completed"
-                    known.append(
-                        PlanResult(
-                            PlanStatus.CANCELLED, message=message, nodes=nodes, samples=samples,
-                            seconds=time.monotonic() - began, gap=gap,
-                        )
-                    )  # fmt: skip
-                    return known
+            if progress is None or not waiting:
+                continue
+            known = [future.result() for future in futures if future.done()]
+            nodes, samples = sum(result.nodes for result in known), sum(result.samples for result in known)
+            gap, seconds = min((result.gap for result in known), default=np.inf), time.monotonic() - began
+            if progress(PlanProgress(nodes, samples, seconds, gap)) is False:
+                message = f"cancelled with {len(known)} of {len(futures)} searches completed"
+                work = {"nodes": nodes, "samples": samples, "seconds": seconds, "gap": gap}
+                return [*known, PlanResult(PlanStatus.CANCELLED, message=message, **work)]  # type: ignore[arg-type]
         return [future.result() for future in futures]
     finally:
         for future in futures:
             future.cancel()
-
-
-def _best(results: list[PlanResult]) -> PlanResult:
-    found = [result for result in results if result.ok]
-    if found:
-        return min(found, key=lambda result: result.path.length)
-    if results[-1].status is PlanStatus.CANCELLED:
-        return results[-1]
-    for result in results:
-        if result.status is PlanStatus.IMPOSSIBLE:
-            return result
-    nearest = min(results, key=lambda result: result.gap)
-    return nearest.changed(
-        message=f"none of {len(results)} searches found a path; the search with the smallest gap: {nearest.message}"
-    )

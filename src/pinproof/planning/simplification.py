@@ -3,18 +3,24 @@
 Random shortcuts remove detours. The removal of waypoints, and moving the remaining ones towards the straight line
 between their neighbours, keeps the number of waypoints small. A new edge is accepted only if it is proven free.
 
+With constraints of the tcp, every waypoint is projected onto them, and every edge is proven to satisfy them
+(``src/core/planning/manifold.h``); a smooth curve through points of the path replaces it.
+
 Sources: R. Geraerts, M. Overmars, "Creating high-quality paths for motion planning", IJRR 26(8), 2007 (random
 shortcuts); S. Sekhavat, P. Svestka, J.-P. Laumond, M. Overmars, "Multilevel path planning for nonholonomic robots using
-semiholonomic subsystems", IJRR 17(8), 1998 (removal of waypoints).
+semiholonomic subsystems", IJRR 17(8), 1998 (removal of waypoints); D. Berenson, S. Srinivasa, J. Kuffner, "Task space
+regions: a framework for pose-constrained manipulation planning", IJRR 30(12), 2011, section 4 (CBiRRT2).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+from pinproof._core import Manifold
 from pinproof._core import shortcut as shorten
 from pinproof.collision import (
     Certificate,
@@ -28,9 +34,8 @@ from pinproof.collision import (
 from pinproof.common.results import Shown, View
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
-from pinproof.motion import REVERSAL, BlendedPath, JointPath, TorqueLimits, corner_distance, round_corner
-from pinproof.planning.constrained import manifold_of, shortened, smooth_curves
-from pinproof.planning.edges import Edges
+from pinproof.motion import REVERSAL, BlendedPath, CubicPath, JointPath, TorqueLimits, corner_distance, round_corner
+from pinproof.planning.problem import Edges, manifold_of
 from pinproof.spatial import Array
 
 RESOLUTION = 0.05
@@ -48,6 +53,30 @@ MIN_REACH = 1e-6
 
 STRAIGHT = 1e-9
 """There is no corner between two unit directions that differ by less."""
+
+STEP = 0.3
+"""rad or m: maximum length of a step along the constraints, before it is halved until its edge is proven."""
+
+MIN_GAIN = 1e-3
+"""Fraction of the path length that a shortcut must save."""
+
+PATIENCE = 15
+"""Number of consecutive random shortcuts without gain after which no more are tried."""
+
+INSIDE = 0.5
+"""Share of the tolerance to which points are projected, so that the curve through them has the rest."""
+
+SPACINGS = (0.3, 0.15, 0.075)
+"""rad or m: distances between the points of the smooth curve, tried in this order."""
+
+FEWEST, MOST = 6, 300
+"""Limits of the number of points of the smooth curve."""
+
+PASSES = 40
+"""Maximum number of passes in which each point is moved towards the middle of its neighbours."""
+
+CONVERGED = 0.01
+"""The passes end when no point moves by this fraction of the spacing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +206,16 @@ def simplify(
     for curve in _candidates(short, checker, constraints, torque_limits, blend, deviation):
         proof = certify(curve, checker, constraints=constraints)
         if proof.free:
-            return _result(curve, proof, path, before, rejected)
+            break
         kind = "rounded" if isinstance(curve, BlendedPath) else "shortened"
         rejected = f"; the {kind} path was rejected: {proof.message}"
-    return _result(path, certify(path, checker, constraints=constraints), path, before, rejected)
+    else:
+        curve, proof = path, certify(path, checker, constraints=constraints)
+    message = (
+        f"length reduced from {path.length:.3g} to {curve.length:.3g}, stops from {_stops(path)} to {_stops(curve)}; "
+        f"{proof.message}{rejected}"
+    )
+    return SimplifyResult(curve, proof, before, path.length, curve.length, message)
 
 
 def _candidates(
@@ -194,24 +229,13 @@ def _candidates(
     """The curves that may replace a shortened path, in the order of preference."""
     if rounded and constraints:
         edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD, torque_limits=torque_limits)
-        for curve in smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names):
+        for curve in _smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names):
             # A spline may leave the joint limits between its points.
             if checker.group.limits.inside(np.array(curve.range())).all():
                 yield curve
     if rounded:
         yield blend(short, checker, deviation=deviation)
     yield short
-
-
-def _result(
-    curve: JointPath | BlendedPath, proof: Certificate, path: JointPath, before: Certificate, rejected: str
-) -> SimplifyResult:
-    stops = _stops(curve)
-    message = (
-        f"length reduced from {path.length:.3g} to {curve.length:.3g}, stops from {max(len(path) - 2, 0)} to {stops}; "
-        f"{proof.message}{rejected}"
-    )
-    return SimplifyResult(curve, proof, before, path.length, curve.length, message)
 
 
 def _stops(curve: JointPath | BlendedPath) -> int:
@@ -261,7 +285,7 @@ def shortcut(
     generator = np.random.default_rng(rng)
     if constraints := check_constraints(constraints):
         manifold = manifold_of(checker.arm, constraints)
-        return JointPath(shortened(path.q, edges, manifold, generator, attempts), path.joint_names)
+        return JointPath(_shortened(path.q, edges, manifold, generator, attempts), path.joint_names)
     draws = generator.random((attempts, 2))
     return JointPath(shorten(edges.core, np.ascontiguousarray(path.q), draws), path.joint_names)
 
@@ -292,9 +316,10 @@ def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1)
         raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.group.joint_names}")
     if not deviation > 0:
         raise InputError(f"deviation = {deviation}; it must be a distance in joint space above 0")
-    distinct = JointPath(without_repeats(path.q), path.joint_names)
+    # A segment of length 0 has no direction.
+    moves = (np.diff(path.q, axis=0) != 0.0).any(axis=1)
+    distinct = JointPath(path.q[np.concatenate([[True], moves])], path.joint_names)
     q = distinct.q
-
     # The waypoints that can be rounded, and how far their roundings may reach along the two segments.
     steps = np.diff(q, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -309,7 +334,7 @@ def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1)
     allowed = np.minimum(
         lengths[:-1] - np.minimum(wanted[:-2], lengths[:-1] / 2), lengths[1:] - np.minimum(wanted[2:], lengths[1:] / 2)
     )
-
+    # A rounding is halved until it is proven free.
     reach = np.zeros(len(distinct))
     for i in inner.tolist():
         tried = float(min(wanted[i], allowed[i - 1]))
@@ -324,7 +349,71 @@ def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1)
     return BlendedPath.rounded(distinct, reach)
 
 
-def without_repeats(q: Array) -> Array:
-    """The waypoints without those that equal their predecessor: a segment of length 0 has no direction."""
-    moves = (np.diff(q, axis=0) != 0.0).any(axis=1)
-    return np.asarray(q[np.concatenate([[True], moves])])
+# -- along constraints of the tcp --------------------------------------------------------------------------------------
+
+
+def _shortened(q: Array, edges: Edges, manifold: Manifold, rng: np.random.Generator, attempts: int) -> Array:
+    """A shorter path (k, n) along the constraints from waypoints q (m, n) that satisfy them; new edges are proven."""
+    failures = 0
+    for draws in [np.array([0.0, 1.0]), *rng.random((attempts, 2))]:
+        at = _lengths(q)
+        low, high = np.sort(draws) * at[-1]
+        a, b = _point(q, at, low), _point(q, at, high)
+        most = float(high - low - MIN_GAIN * at[-1])
+        found = manifold.connect(edges.core, a, b, STEP, most) if most > 0 else None
+        if found is not None and all(edges.proven_free(*pair) for pair in pairwise(found)):
+            head, tail = q[at < low], q[at > high]
+            q, failures = np.concatenate([head, found, tail]), 0
+        else:
+            failures += 1
+            if failures > PATIENCE:
+                break
+    return q
+
+
+def _smooth_curves(q: Array, edges: Edges, manifold: Manifold, joint_names: Sequence[str]) -> Iterator[BlendedPath]:
+    """Twice differentiable curves through points along a path (m, n), in the order of their numbers of points.
+
+    The curves are not proven: a spline may leave the constraints between its points.
+    """
+    along = _lengths(q)
+    if (length := float(along[-1])) == 0.0:
+        return
+
+    def is_free(a: Array, b: Array) -> bool:
+        return bool(manifold.edge_proven(a, b)) and edges.samples_free(a, b)
+
+    for spacing in SPACINGS:
+        count = int(np.clip(np.ceil(length / spacing), FEWEST, MOST))
+        points = np.array([_point(q, along, share) for share in np.linspace(0.0, along[-1], count + 1)])
+        # Each point is moved inside the constraints, and then towards the middle of its neighbours, as far as
+        # constraints and obstacles allow.
+        for i in range(1, len(points) - 1):
+            inside = manifold.project(points[i], INSIDE)
+            points[i] = points[i] if inside is None else inside
+        converged = CONVERGED * float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())
+        for _ in range(PASSES):
+            largest = 0.0
+            for i in range(1, len(points) - 1):
+                moved = manifold.project((points[i - 1] + 2 * points[i] + points[i + 1]) / 4, INSIDE)
+                if moved is None:
+                    continue
+                change = float(np.abs(moved - points[i]).max())
+                if change > converged and is_free(points[i - 1], moved) and is_free(moved, points[i + 1]):
+                    points[i], largest = moved, max(largest, change)
+            if largest <= converged:
+                break
+        yield BlendedPath.join(CubicPath.through(points, joint_names))
+
+
+def _lengths(q: Array) -> Array:
+    """(m,) the length of a path up to each waypoint."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+
+
+def _point(q: Array, at: Array, length: float) -> Array:
+    """(n,) the point of a path (m, n) at a length; exactly the ends at 0 and at the total length."""
+    if length <= 0.0 or length >= at[-1]:
+        return np.array(q[0] if length <= 0.0 else q[-1])
+    i = int(np.searchsorted(at, length, side="right")) - 1
+    return np.asarray(q[i] + (q[i + 1] - q[i]) * (length - at[i]) / (at[i + 1] - at[i]))

@@ -11,7 +11,8 @@ from pinproof.motion.curve import (
     refuse_broken,
     split,
 )
-from pinproof.motion.dialects import (
+from pinproof.motion.dialects import dialect_of_file, find_dialect, is_program_file
+from pinproof.motion.dialects.dialect import (
     Blend,
     JointMove,
     LinearMove,
@@ -20,9 +21,6 @@ from pinproof.motion.dialects import (
     StreamedPoint,
     StreamedTrajectory,
     Wait,
-    dialect_of_file,
-    find_dialect,
-    is_program_file,
 )
 from pinproof.motion.group_motion import TimedColumns, merged, separate, synchronise
 from pinproof.motion.limits import (

@@ -28,9 +28,9 @@ from pinproof.spatial import Array, finite
 MEET_TOLERANCE = 1e-12
 """Maximum difference (rad or m, rad/s or m/s) of two ends that are joined: rounding errors only."""
 
+# Maximum error of an extremum, relative to the largest coefficient, for degrees without a closed form: far above the
+# rounding of de Casteljau's averages, far below the tolerance of every limit.
 EXTREME_TOLERANCE = 1e-12
-"""Maximum error of an extremum, relative to the largest coefficient, for degrees without a closed form: far above the
-rounding of de Casteljau's averages, far below the tolerance of every limit."""
 
 
 # -- the protocol -----------------------------------------------------------------------------------------------------
@@ -215,21 +215,17 @@ def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
 
 
 def extremes(control: Array) -> tuple[Array, Array]:
-    """The minimum and maximum (k, n) of pieces (k, degree+1, n), per piece and joint.
-
-    Up to degree 3, the roots of the derivative are computed in closed form and the curve is evaluated there. Both
-    values are attained; an error e of a root changes the value by order e^2 only. For higher degrees, pieces are
-    subdivided until their hull is within :data:`EXTREME_TOLERANCE` of a value of the curve (Farouki 2012, sections 3
-    and 5: the error of a hull decreases to a quarter with each subdivision). The result then bounds the curve to this
-    tolerance.
-    """
+    """The minimum and maximum (k, n) of pieces (k, degree+1, n), per piece and joint; bounds for degrees above 3."""
     pieces, points, n = control.shape
     if points > 4:
+        # Pieces are subdivided until their hull is within EXTREME_TOLERANCE of a value of the curve (Farouki 2012,
+        # sections 3 and 5: the error of a hull decreases to a quarter with each subdivision).
         rows = np.swapaxes(control, 1, 2).reshape(pieces * n, points)
         return -_upper(-rows).reshape(pieces, n), _upper(rows).reshape(pieces, n)
     low = np.minimum(control[:, 0], control[:, -1])
     high = np.maximum(control[:, 0], control[:, -1])
-    # The roots in [0, 1] of the derivative, or any other points of [0, 1] where it has none; a line has none.
+    # The curve at the roots in [0, 1] of the derivative, in closed form, or at any points of [0, 1] where it has none.
+    # An error e of a root changes the value by order e^2 only.
     slope = np.diff(control, axis=1)
     roots: list[Array] = []
     if points == 3:
@@ -385,13 +381,7 @@ def increasing(knots: Array) -> Array:
 
 
 def checked_joint_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Validate joint names and return them as a tuple.
-
-    Raises
-    ------
-    InputError
-        If there is no name, a name is empty or not a string, or a name occurs twice.
-    """
+    """The joint names as a tuple; InputError if there is none, one is empty or no text, or one occurs twice."""
     if isinstance(names, str):
         raise InputError(f"joint_names must be a sequence of names, not the single string {names!r}")
     try:
@@ -439,13 +429,7 @@ def refuse_broken(curve: Curve) -> None:
 
 
 def ends_meet(first: Curve, second: Curve, where: str) -> None:
-    """Check that ``second`` begins at the end of ``first``.
-
-    Raises
-    ------
-    InputError
-        If their joints differ, or their ends differ by more than :data:`MEET_TOLERANCE`; ``where`` names the two.
-    """
+    """Raise InputError unless ``second`` begins at the end of ``first``, with the same joints; ``where`` names them."""
     if first.joint_names != second.joint_names:
         raise InputError(f"{where} have different joints: {first.joint_names} and {second.joint_names}")
     gap = np.abs(second.start - first.end)

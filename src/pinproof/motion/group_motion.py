@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,13 @@ from pinproof.model import JointGroup
 from pinproof.motion.rate_limits import require_joints
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds, whole_nanoseconds
+from pinproof.spatial import Array
+
+# Largest difference (rad or m) of the combined trajectory from its parts; rounding is smaller.
+SAME_CURVE = 1e-9
+# Where in each piece the curves are compared. The difference is a polynomial of degree 5 at most, which is bounded by
+# 2.2 times the largest value at these Chebyshev nodes.
+PLACES = np.cos(np.pi * (np.arange(7) + 0.5) / 7) / 2 + 0.5
 
 
 def separate(trajectory: Trajectory, group: JointGroup) -> dict[str, Trajectory]:
@@ -71,8 +78,15 @@ def synchronise(trajectories: Mapping[str, Trajectory], group: JointGroup, *, wa
         raise InputError(f"there is no trajectory of the arms {', '.join(missing)}; an arm at rest has a single point")
     parts = []
     for name in group.ends:
-        each = trajectories[name]
-        parts.append(TimedColumns(f"arm {name!r}", each, _order(each, group, name), group.indices(name)))
+        given, columns = trajectories[name], group.indices(name)
+        own, full = own_names(group, name), tuple(group.joint_names[i] for i in columns)
+        names = next((names for names in (own, full) if set(given.joint_names) == set(names)), None)
+        if names is None:
+            raise InputError(
+                f"the trajectory of arm {name!r} has the joints {given.joint_names}; the joints of the arm are {own}"
+            )
+        order = [given.joint_names.index(joint) for joint in names]
+        parts.append(TimedColumns(f"arm {name!r}", given, order, columns))
     return merged(parts, group.joint_names, wait=wait)
 
 
@@ -108,61 +122,32 @@ def merged(
             raise InputError(f"{part.name} moves at the end of its trajectory, so that it cannot wait there")
     quintic = any(part.trajectory.accelerations is not None and len(part.trajectory.times) > 1 for part in parts)
     times = np.unique(np.concatenate([*(clock[clock <= last] for clock in clocks), [0, last]]))
-    q, velocities, accelerations = (np.zeros((len(times), len(joint_names))) for _ in range(3))
+    states = np.zeros((3, len(times), len(joint_names)))  # positions, velocities, accelerations
     for part, clock in zip(parts, clocks, strict=True):
         each, order, columns = part.trajectory, part.order, part.columns
-        # The acceleration of a cubic may jump, which a quintic between the same points cannot: checked below.
         own = each.acceleration(each.times) if each.accelerations is None else each.accelerations
         at, known = np.searchsorted(clock, times), np.isin(times, clock)
         inside = times <= clock[-1]
         then = seconds(times[inside])
-        q[np.ix_(inside, columns)] = each(then)[:, order]
-        q[np.ix_(~inside, columns)] = each.q[-1, order]
-        velocities[np.ix_(inside, columns)] = each.velocity(then)[:, order]
-        accelerations[np.ix_(inside, columns)] = each.acceleration(then)[:, order]
-        # At its own points a trajectory keeps its own numbers, so that nothing is rounded.
-        q[np.ix_(known, columns)] = each.q[at[known]][:, order]
-        velocities[np.ix_(known, columns)] = each.velocities[at[known]][:, order]
-        accelerations[np.ix_(known, columns)] = own[at[known]][:, order]
+        states[0][np.ix_(~inside, columns)] = each.q[-1, order]
+        functions: tuple[Callable[[Array], Array], ...] = (each, each.velocity, each.acceleration)
+        for rows, evaluate, points in zip(states, functions, (each.q, each.velocities, own), strict=True):
+            rows[np.ix_(inside, columns)] = evaluate(then)[:, order]
+            # At its own points a trajectory keeps its own numbers, so that nothing is rounded.
+            rows[np.ix_(known, columns)] = points[at[known]][:, order]
     note = "; ".join(dict.fromkeys(part.trajectory.limits_note for part in parts if part.trajectory.limits_note))
-    whole = Trajectory(
-        seconds(times), q, velocities, joint_names, note, accelerations=accelerations if quintic else None
-    )
-    if quintic:
-        for part in parts:
-            _check_same(part, whole)
+    q, velocities, accelerations = states if quintic else (*states[:2], None)
+    whole = Trajectory(seconds(times), q, velocities, joint_names, note, accelerations=accelerations)
+    # Each part moves its joints as before, which a quintic cannot where the acceleration of a part jumps.
+    t = (whole.times[:-1, None] + np.diff(whole.times)[:, None] * PLACES).ravel()
+    for part in parts if quintic else ():
+        expected = part.trajectory(np.minimum(t, part.trajectory.duration))[:, part.order]
+        if np.abs(whole(t)[:, part.columns] - expected).max(initial=0.0) > SAME_CURVE:
+            raise InputError(
+                f"{part.name} has accelerations that jump, and another trajectory is quintic; time all of them with or "
+                "all without a jerk limit"
+            )
     return whole
-
-
-SAME_CURVE = 1e-9
-"""Largest difference (rad or m) of the combined trajectory from its parts; rounding is smaller."""
-
-PLACES = np.cos(np.pi * (np.arange(7) + 0.5) / 7) / 2 + 0.5
-"""Where in each piece the curves are compared. The difference is a polynomial of degree 5 at most, which is bounded by
-2.2 times the largest value at these Chebyshev nodes."""
-
-
-def _check_same(part: TimedColumns, whole: Trajectory) -> None:
-    """Raise InputError unless the combined trajectory moves the joints of a part as the part does."""
-    steps = np.diff(whole.times)
-    t = (whole.times[:-1, None] + steps[:, None] * PLACES).ravel()
-    expected = part.trajectory(np.minimum(t, part.trajectory.duration))[:, part.order]
-    if np.abs(whole(t)[:, part.columns] - expected).max(initial=0.0) > SAME_CURVE:
-        raise InputError(
-            f"{part.name} has accelerations that jump, and another trajectory is quintic; time all of them with or all "
-            "without a jerk limit"
-        )
-
-
-def _order(trajectory: Trajectory, group: JointGroup, arm: str) -> list[int]:
-    """The columns of a trajectory in the order of the joints of an arm."""
-    own, full = own_names(group, arm), tuple(group.joint_names[i] for i in group.indices(arm))
-    for names in (own, full):
-        if set(trajectory.joint_names) == set(names):
-            return [trajectory.joint_names.index(name) for name in names]
-    raise InputError(
-        f"the trajectory of arm {arm!r} has the joints {trajectory.joint_names}; the joints of the arm are {own}"
-    )
 
 
 def _refuse_shared(group: JointGroup) -> None:

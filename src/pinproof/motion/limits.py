@@ -21,19 +21,18 @@ from pinproof.spatial import Array
 RATE_TOLERANCE = 1e-9
 """Relative excess over a velocity, acceleration or jerk limit that is attributed to rounding."""
 
+# Excess over a position limit (rad or m) that is attributed to rounding, such as the rounding of an IK solution.
 POSITION_TOLERANCE = 1e-9
-"""Excess over a position limit (rad or m) that is attributed to rounding, such as the rounding of an IK solution."""
 
 LIMIT_TOLERANCE = 1e-6
 """Rad or m for positions, relative for velocities and accelerations: motion files of other programs are often rounded
 to six digits."""
 
+# Rounding errors of a position, in units in the last place. In a piece of nanoseconds, such as between the points of
+# two motions that are combined, they are accelerations of thousands of rad/s^2.
 ROUNDINGS = 4
-"""Rounding errors of a position, in units in the last place. In a piece of nanoseconds, such as between the points of
-two motions that are combined, they are accelerations of thousands of rad/s^2."""
-
+# rad or m, or per s: the sum of what these errors may change positions, or speeds, in all pieces that they decide.
 IMPULSE = 0.01
-"""rad or m, or per s: the sum of what these errors may change positions, or speeds, in all pieces that they decide."""
 
 Quantity = Literal["position", "velocity", "acceleration"]
 

@@ -36,17 +36,26 @@ from pinproof.common.structs import (
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import MEET_TOLERANCE, ends_meet
 from pinproof.motion.trajectory import Trajectory
-from pinproof.motion.trajectory_files import INTERPOLANTS, NANO, RATES, TIME, UNITS, MotionRecord, Reader, stamp
+from pinproof.motion.trajectory_files import (
+    CLOCK,
+    INTERPOLANTS,
+    NANO,
+    RATES,
+    STATE_KEYS,
+    UNITS,
+    MotionRecord,
+    Reader,
+    stamp,
+)
 from pinproof.spatial import Array
 
 EventKind = Literal["grip", "release"]
 EVENT_KINDS = get_args(EventKind)
 
+# The units that a program states.
 PROGRAM_UNITS = {**{key: unit for key, unit in UNITS.items() if key != "time_from_start"}, "time": "s and ns"}
-"""The units that a program states."""
-
+# The version of the format of programs, raised by breaking changes.
 PROGRAM_SCHEMA = "pinproof/program/1"
-"""The version of the format of programs, raised by breaking changes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +163,40 @@ class MotionProgram(Shown):
         for name, record in self.certificates.items():
             if certificate_id(record) != name:
                 raise InputError(f"the record of certificate {name!r} was changed: its hash is another")
-        self._check_events()
+        # Each event is at the end of a segment, where the arm rests.
+        ends, last = {_clock(segment.end) for segment in self.segments}, self.segments[-1]
+        dwells: dict[int, int] = {}
+        for event in self.events:
+            if event.kind not in EVENT_KINDS:
+                raise InputError(f"event {event.kind!r} is unknown; valid: {', '.join(EVENT_KINDS)}")
+            if event.dwell < 0:
+                raise InputError(f"event {event.kind!r} has a dwell time of {event.dwell} s; it must be 0 or more")
+            if _clock(event.time) not in ends:
+                raise InputError(f"event {event.kind!r} at {event.time} s is not at the end of a segment")
+            if _clock(event.time) == _clock(last.end) and last.trajectory.velocities[-1].any():
+                raise InputError(f"the arm moves at the event {event.kind!r} at the end of the program")
+            dwells[_clock(event.time)] = _clock(event.dwell)
+        if len(dwells) < len(self.events):
+            raise InputError("two events have the same time")
+        # Each segment begins where and when the previous one ends, after the dwell time of the event between them.
         for before, after in pairwise(self.segments):
-            self._check_joint(before, after)
+            between, end = f"segments {before.name!r} and {after.name!r}", _clock(before.end)
+            rest = dwells.get(end, 0)
+            if end + rest != _clock(after.start):
+                raise InputError(
+                    f"{between}: the first ends at {before.end} s, {rest / NANO:g} s of dwell time follow, but the "
+                    f"second starts at {after.start} s"
+                )
+            one, other = before.trajectory, after.trajectory
+            if one.interpolant != other.interpolant:
+                raise InputError(f"{between} are a {one.interpolant} and a {other.interpolant} curve")
+            ends_meet(one, other, between)
+            if end in dwells and (one.velocities[-1].any() or other.velocities[0].any()):
+                raise InputError(f"{between}: the arm does not rest at the event between them")
+            for kind in RATES:
+                final, first = getattr(one, kind), getattr(other, kind)
+                if final is not None and np.abs(final[-1] - first[0]).max() > MEET_TOLERANCE:
+                    raise InputError(f"{between}: the {kind} differ where they meet")
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -232,23 +272,18 @@ class MotionProgram(Shown):
 
     def to_json(self) -> str:
         """The text of the file, with one point per line."""
-        first = self.segments[0].trajectory
-        head = {
-            "schema": PROGRAM_SCHEMA,
-            "name": self.name,
-            "robot": self.robot,
-            "tcp": self.tcp,
-            "member": self.member,
-            "units": PROGRAM_UNITS,
-            "interpolant": INTERPOLANTS[first.interpolant],
-            "limits_note": first.limits_note,
-            "joint_names": list(self.joint_names),
-            "duration": stamp(_clock(self.duration)),
-            "events": [_event_dict(event) for event in self.events],
-            "certificates": {name: record.to_dict() for name, record in self.certificates.items()},
-        }
-        segments = ",\n".join(_segment_json(segment) for segment in self.segments)
-        return f'{json.dumps(head, indent=1, allow_nan=False)[:-2]},\n "segments": [\n{segments}\n ]\n}}\n'
+        segments = []
+        for segment in self.segments:
+            start, rows = _clock(segment.start), segment.trajectory.record().rows()
+            points = [
+                {"time": stamp(start + clock), "positions": q, **dict(zip(RATES, rates, strict=False))}
+                for clock, q, *rates in rows
+            ]
+            lines = ",\n    ".join(json.dumps(point, allow_nan=False) for point in points)
+            head = json.dumps(SEGMENT_HEAD.write(segment))
+            segments.append(f'  {head[:-1]}, "points": [\n    {lines}\n  ]}}')
+        head, lines = json.dumps(PROGRAM_HEAD.write(self), indent=1, allow_nan=False), ",\n".join(segments)
+        return f'{head[:-2]},\n "segments": [\n{lines}\n ]\n}}\n'
 
     def _view(self) -> View:
         rows = [(each.start, each.end, f"segment {each.name}") for each in self.segments]
@@ -258,43 +293,6 @@ class MotionProgram(Shown):
         title = f"Program {self.name}: {self.duration:.4g} s"
         table = Rows(("start [s]", "end [s]", "what"), rows)
         return View(f"{self.name!r}, {self.duration:.4g} s", [table], lines, title=title)
-
-    def _check_events(self) -> None:
-        ends = {_clock(segment.end) for segment in self.segments}
-        for event in self.events:
-            if event.kind not in EVENT_KINDS:
-                raise InputError(f"event {event.kind!r} is unknown; valid: {', '.join(EVENT_KINDS)}")
-            if event.dwell < 0:
-                raise InputError(f"event {event.kind!r} has a dwell time of {event.dwell} s; it must be 0 or more")
-            if _clock(event.time) not in ends:
-                raise InputError(f"event {event.kind!r} at {event.time} s is not at the end of a segment")
-            if (
-                _clock(event.time) == _clock(self.segments[-1].end)
-                and self.segments[-1].trajectory.velocities[-1].any()
-            ):
-                raise InputError(f"the arm moves at the event {event.kind!r} at the end of the program")
-        if len({_clock(event.time) for event in self.events}) < len(self.events):
-            raise InputError("two events have the same time")
-
-    def _check_joint(self, before: ProgramSegment, after: ProgramSegment) -> None:
-        between = f"segments {before.name!r} and {after.name!r}"
-        rest = sum(_clock(event.dwell) for event in self.events if _clock(event.time) == _clock(before.end))
-        if _clock(before.end) + rest != _clock(after.start):
-            raise InputError(
-                f"{between}: the first ends at {before.end} s, {rest / NANO:g} s of dwell time follow, but the second "
-                f"starts at {after.start} s"
-            )
-        one, other = before.trajectory, after.trajectory
-        if one.interpolant != other.interpolant:
-            raise InputError(f"{between} are a {one.interpolant} and a {other.interpolant} curve")
-        ends_meet(one, other, between)
-        event = any(_clock(each.time) == _clock(before.end) for each in self.events)
-        for kind in ("velocities", "accelerations"):
-            last, first = getattr(one, kind), getattr(other, kind)
-            if event and kind == "velocities" and (last[-1].any() or first[0].any()):
-                raise InputError(f"{between}: the arm does not rest at the event between them")
-            if last is not None and np.abs(last[-1] - first[0]).max() > MEET_TOLERANCE:
-                raise InputError(f"{between}: the {kind} differ where they meet")
 
 
 def certificate_id(record: MotionRecord) -> str:
@@ -307,94 +305,9 @@ def _clock(seconds: float) -> int:
     return round(seconds * NANO)
 
 
-def _event_dict(event: ProgramEvent) -> dict[str, Any]:
-    times = {"time": stamp(_clock(event.time)), "dwell": stamp(_clock(event.dwell))}
-    return {"kind": event.kind, **times, "object": event.object, "joints": dict(event.joints)}
-
-
-def _segment_json(segment: ProgramSegment) -> str:
-    motion, start = segment.trajectory, _clock(segment.start)
-    head = {
-        "name": segment.name,
-        "certificate": segment.certificate,
-        "start": stamp(start),
-        "end": stamp(_clock(segment.end)),
-    }
-    points = [
-        {"time": stamp(start + clock), "positions": q, **dict(zip(RATES, rates, strict=False))}
-        for clock, q, *rates in motion.record().rows()
-    ]
-    lines = ",\n    ".join(json.dumps(point, allow_nan=False) for point in points)
-    return f'  {json.dumps(head)[:-1]}, "points": [\n    {lines}\n  ]}}'
-
-
-PROGRAM_POINT = Table(
-    "program_point",
-    "The state of all joints at one time.",
-    required("time", TIME, "time from the start of the program; strictly increasing"),
-    required("positions", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad or m"),
-    required("velocities", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s"),
-    Key(
-        "accelerations",
-        list_of(PLAIN_NUMBER, 1),
-        "one for each joint; required in quintic programs, refused in cubic ones",
-        "rad/s² or m/s²",
-    ),
-)
-
-SEGMENT = Table(
-    "segment",
-    "A motion between two events or certificates. The arm rests at events; at other ends it may move, with the "
-    "velocity of the next segment.",
-    required("name", ANY_TEXT, "name, such as `transit`"),
-    required("certificate", ANY_TEXT, "hash that names the certificate under `certificates`"),
-    required("start", TIME, "time of the first point: the end of the previous segment and of the dwell time after it"),
-    required("end", TIME, "time of the last point"),
-    required("points", list_of(PROGRAM_POINT, 1), "the points in the order of time"),
-)
-
-EVENT = Table(
-    "event",
-    "What happens while the arm rests at the end of a segment.",
-    required("kind", choice(*EVENT_KINDS), "what the gripper does"),
-    required("time", TIME, "time of the event from the start of the program"),
-    required("dwell", TIME, "how long the arm then rests"),
-    required("object", ANY_TEXT, "object that is gripped or released; empty if the pick states none"),
-    required(
-        "joints",
-        mapping_to(PLAIN_NUMBER),
-        "values of the gripper joints after the event, by name; empty for a gripper that is not a joint",
-        "rad or m",
-    ),
-    make=lambda time, dwell, **stated: ProgramEvent(time=time / NANO, dwell=dwell / NANO, **stated),
-)
-
-PROGRAM = Table(
-    "program",
-    "A motion program: certified segments with events, on one clock.",
-    schema_version(PROGRAM_SCHEMA),
-    required("name", ANY_TEXT, "name of the program, such as the name of its pick"),
-    required("robot", ANY_TEXT, "the robot; empty if it is not known"),
-    required("tcp", ANY_TEXT, "the tcp frame; empty if it is not known"),
-    required("member", ANY_TEXT, "how the grasp differs from the nominal one; empty if it does not"),
-    required(
-        "units",
-        choice(PROGRAM_UNITS),
-        "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in PROGRAM_UNITS.items()),
-    ),
-    required("interpolant", choice(*INTERPOLANTS.values()), "the curve between points"),
-    required("limits_note", ANY_TEXT, "where the limits of the timing come from"),
-    required("joint_names", list_of(ANY_TEXT, 1), "names of the joints"),
-    required("duration", TIME, "time of the end of the program, with all dwell times"),
-    required("events", list_of(EVENT), "the events in the order of time"),
-    required(
-        "certificates",
-        mapping_to(table_of(MotionRecord)),
-        "the records of the certificates by their hash (SHA-256, hexadecimal)",
-    ),
-    required("segments", list_of(SEGMENT, 1), "the motions in order"),
-    make=lambda **stated: _program(**stated),
-)
+def _time(name: str, text: str) -> Key:
+    """A key with a time in seconds of a program, which files state in nanoseconds from its start."""
+    return required(name, CLOCK, text, get=lambda timed: _clock(getattr(timed, name)))
 
 
 def _program(
@@ -439,3 +352,96 @@ def _program(
     if duration != _clock(program.duration):
         raise Misread("is not the end of the segments and events", (".duration",))
     return program
+
+
+PROGRAM_POINT = Table(
+    "program_point",
+    "The state of all joints at one time.",
+    required("time", CLOCK, "time from the start of the program; strictly increasing"),
+    *STATE_KEYS,
+    Key(
+        "accelerations",
+        list_of(PLAIN_NUMBER, 1),
+        "one for each joint; required in quintic programs, refused in cubic ones",
+        "rad/s² or m/s²",
+    ),
+)
+
+# The keys of a segment before its points, which are written one per line.
+SEGMENT_HEAD = Table(
+    "segment",
+    "A motion between two events or certificates. The arm rests at events; at other ends it may move, with the "
+    "velocity of the next segment.",
+    required("name", ANY_TEXT, "name, such as `transit`"),
+    required("certificate", ANY_TEXT, "hash that names the certificate under `certificates`"),
+    _time("start", "time of the first point: the end of the previous segment and of the dwell time after it"),
+    _time("end", "time of the last point"),
+)
+
+SEGMENT = Table(
+    SEGMENT_HEAD.title,
+    SEGMENT_HEAD.text,
+    *SEGMENT_HEAD.keys,
+    required("points", list_of(PROGRAM_POINT, 1), "the points in the order of time"),
+)
+
+EVENT = Table(
+    "event",
+    "What happens while the arm rests at the end of a segment.",
+    required("kind", choice(*EVENT_KINDS), "what the gripper does"),
+    _time("time", "time of the event from the start of the program"),
+    _time("dwell", "how long the arm then rests"),
+    required("object", ANY_TEXT, "object that is gripped or released; empty if the pick states none"),
+    required(
+        "joints",
+        mapping_to(PLAIN_NUMBER),
+        "values of the gripper joints after the event, by name; empty for a gripper that is not a joint",
+        "rad or m",
+    ),
+    make=lambda time, dwell, **stated: ProgramEvent(time=time / NANO, dwell=dwell / NANO, **stated),
+)
+
+# The keys of a program before its segments.
+PROGRAM_HEAD = Table(
+    "program",
+    "A motion program: certified segments with events, on one clock.",
+    schema_version(PROGRAM_SCHEMA),
+    required("name", ANY_TEXT, "name of the program, such as the name of its pick"),
+    required("robot", ANY_TEXT, "the robot; empty if it is not known"),
+    required("tcp", ANY_TEXT, "the tcp frame; empty if it is not known"),
+    required("member", ANY_TEXT, "how the grasp differs from the nominal one; empty if it does not"),
+    required(
+        "units",
+        choice(PROGRAM_UNITS),
+        "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in PROGRAM_UNITS.items()),
+        get=lambda _: PROGRAM_UNITS,
+    ),
+    required(
+        "interpolant",
+        choice(*INTERPOLANTS.values()),
+        "the curve between points",
+        get=lambda program: INTERPOLANTS[program.segments[0].trajectory.interpolant],
+    ),
+    required(
+        "limits_note",
+        ANY_TEXT,
+        "where the limits of the timing come from",
+        get=lambda program: program.segments[0].trajectory.limits_note,
+    ),
+    required("joint_names", list_of(ANY_TEXT, 1), "names of the joints"),
+    _time("duration", "time of the end of the program, with all dwell times"),
+    required("events", list_of(EVENT), "the events in the order of time"),
+    required(
+        "certificates",
+        mapping_to(table_of(MotionRecord)),
+        "the records of the certificates by their hash (SHA-256, hexadecimal)",
+    ),
+)
+
+PROGRAM = Table(
+    PROGRAM_HEAD.title,
+    PROGRAM_HEAD.text,
+    *PROGRAM_HEAD.keys,
+    required("segments", list_of(SEGMENT, 1), "the motions in order"),
+    make=_program,
+)

@@ -32,25 +32,22 @@ from pinproof.errors import InputError
 from pinproof.motion.curve import Bezier, BezierCurve, checked_joint_names, ends_meet, increasing, read_only
 from pinproof.spatial import Array, finite
 
+# Maximum degree of a piece: a rounding prescribes position, tangent and zero second derivative at both ends.
 MAX_DEGREE = 5
-"""Maximum degree of a piece: a rounding prescribes position, tangent and zero second derivative at both ends."""
-
+# Relative difference of the derivatives of two adjacent pieces below which they are equal. The effect of rounding on
+# short pieces is permitted in addition. A larger difference is a corner.
 SAME_TANGENT = 1e-6
-"""Relative difference of the derivatives of two adjacent pieces below which they are equal. The effect of rounding on
-short pieces is permitted in addition. A larger difference is a corner."""
-
+# Rounding error of control points in units in the last place.
 ROUNDINGS = 16
-"""Rounding error of control points in units in the last place."""
-
+# Points of the quadrature of the length: relative error 1e-9 for corners up to 90 degrees, 1e-6 for sharper ones.
 GAUSS_POINTS = 16
-"""Points of the quadrature of the length: relative error 1e-9 for corners up to 90 degrees, 1e-6 for sharper ones."""
 
 REVERSAL = 0.1
 """Length of the sum of the unit directions into and out of a corner below which it is not rounded: the direction is
 reversed to within 6 degrees, and the arm would almost stop in a rounding."""
 
+# Length (rad or m) below which the segment between two roundings is omitted.
 MIN_SEGMENT = 1e-12
-"""Length (rad or m) below which the segment between two roundings is omitted."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

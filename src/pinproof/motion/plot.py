@@ -15,11 +15,10 @@ from pinproof.motion.curve import BezierCurve
 from pinproof.motion.limits import MotionLimits
 from pinproof.spatial import Array, finite
 
+# Number of samples of each polynomial piece, so that jumps of acceleration and jerk remain vertical.
 SAMPLES = 12
-"""Number of samples of each polynomial piece, so that jumps of acceleration and jerk remain vertical."""
-
+# Width and height of a panel in inches.
 PANEL_SIZE = (9.0, 2.1)
-"""Width and height of a panel in inches."""
 
 QUANTITIES = (
     ("position", "rad or m"),
@@ -28,8 +27,8 @@ QUANTITIES = (
     ("jerk", "rad/s³ or m/s³"),
 )
 
+# Largest number of joints that the legend names.
 LEGEND_ROWS = 14
-"""Largest number of joints that the legend names."""
 
 
 class DrawnConstraint(Protocol):

@@ -33,20 +33,18 @@ from pinproof.motion.limits import LIMIT_TOLERANCE
 from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import Array, finite
 
+# Number of directions in which a bound of the length of a vector is imposed during timing. The regular polygon with
+# twice as many sides inside the circle loses 1 - cos(pi / 32) = 0.5 % of the acceleration.
 DIRECTIONS = 16
-"""Number of directions in which a bound of the length of a vector is imposed during timing. The regular polygon with
-twice as many sides inside the circle loses 1 - cos(pi / 32) = 0.5 % of the acceleration."""
-
+# The limits and their units.
 UNITS = {
     "linear_speed": "m/s",
     "angular_speed": "rad/s",
     "linear_acceleration": "m/s^2",
     "angular_acceleration": "rad/s^2",
 }
-"""The limits and their units."""
-
+# Configurations of a piece at which the torque at standstill is computed for an error message.
 SAMPLES_PER_PIECE = 65
-"""Configurations of a piece at which the torque at standstill is computed for an error message."""
 
 
 @runtime_checkable
@@ -102,12 +100,7 @@ def constraint_rows(
 ) -> tuple[Array, Array, Array, Array]:
     """``alpha``, ``beta``, ``gamma`` and ``bound`` (N, m) of all constraints at points (N, n) of a path.
 
-    Raises
-    ------
-    InputError
-        If a constraint returns arrays with wrong shapes or numbers that are not finite.
-    TimingError
-        If a constraint is violated at standstill; the message names the constraint and the configuration.
+    TimingError names a constraint that is violated at standstill, and the configuration.
     """
     parts: list[list[Array]] = [[np.zeros((len(q), 0))] for _ in range(4)]
     for constraint in constraints:

@@ -14,7 +14,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +24,9 @@ from pinproof.common.files import read_text, write_text_whole
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Curve, TimedCurve, checked_joint_names, read_only
-from pinproof.motion.dialects import (
+from pinproof.motion.dialects import Dialect, dialect_of_file, find_dialect
+from pinproof.motion.dialects.dialect import (
     Blend,
-    Dialect,
     JointMove,
     LinearMove,
     SetOutput,
@@ -34,17 +34,16 @@ from pinproof.motion.dialects import (
     StreamedPoint,
     StreamedTrajectory,
     Wait,
-    dialect_of_file,
-    find_dialect,
 )
 from pinproof.motion.paths import JointPath
 from pinproof.spatial import Array, finite
 
+# The first words of the comments, with the version of the format.
 FORMAT = "pinproof program 1"
-"""The first words of the comments, with the version of the format."""
-
+# Hexadecimal digits of the hash of a line. It detects edits; it does not protect from forgery.
 HASH_DIGITS = 8
-"""Hexadecimal digits of the hash of a line. It detects edits; it does not protect from forgery."""
+# Samples of each polynomial piece of a curve; some of them become points of a program.
+SAMPLES_PER_PIECE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,12 +193,13 @@ class RobotProgram:
         language = find_dialect(dialect)
         header, body = _split(language, source, program_lines(source, text))
         for row, instruction in body:
-            if not instruction.isascii():
-                place = next(k for k, character in enumerate(instruction) if not character.isascii())
-                reason = f"{instruction[place]!r} is not an ASCII character; only comments may contain others"
-                raise TrajectoryError(source, reason, f"line {row}, column {place + 1}")
-        stated = _read_header(source, header, dialect)
-        changed = _changed_line(stated.hashes, body)
+            if foreign := re.search(r"[^\x00-\x7F]", instruction):
+                reason = f"{foreign[0]!r} is not an ASCII character; only comments may contain others"
+                raise TrajectoryError(source, reason, f"line {row}, column {foreign.start() + 1}")
+        stated, hashes, mapping = _read_header(source, header, dialect)
+        # The index of the first line that differs from what was written.
+        present = [_hash(words) for _, words in body]
+        changed = next((k for k, (was, now) in enumerate(zip_longest(hashes, present)) if was != now), None)
         if changed is not None and not allow_changes:
             number = min(changed, len(body) - 1)
             line, words = body[number] if body else (1, "")
@@ -209,15 +209,13 @@ class RobotProgram:
                 "--allow-changes, or allow_changes=True",
                 f"line {line}",
             )
-        steps = [_mapped(s, stated.map.from_controller) for s in language.read(source, body, len(stated.joint_names))]
+        steps = [_mapped(s, mapping.from_controller) for s in language.read(source, body, len(stated.joint_names))]
         if any(isinstance(s, StreamedTrajectory) and s.record.joint_names != stated.joint_names for s in steps):
             raise TrajectoryError(source, f"its joints are not {', '.join(stated.joint_names)}, as its comments state")
         if all(isinstance(each, SetOutput | Wait) for each in steps):
             raise TrajectoryError(source, "the program has no move")
         certificate = "" if changed is not None else stated.certificate
-        return cls(
-            stated.name, dialect, stated.joint_names, tuple(steps), stated.deviation, certificate, text, stated.picks
-        )
+        return replace(stated, steps=tuple(steps), certificate=certificate, text=text)
 
     @classmethod
     def load(cls, path: str | Path, *, allow_changes: bool = False) -> RobotProgram:
@@ -335,47 +333,19 @@ def moves_along(
     require_positive("tolerance (rad)", tolerance)
     if speed is not None:
         require_positive("speed (rad/s)", speed)
-    times, points, rests = _samples(curve)
-    kept = _chords(points, rests, tolerance)
-    moves = [JointMove(read_only(points[0].copy()))]
-    for i, k in pairwise(kept):
-        if isinstance(curve, TimedCurve):
-            duration = float(times[k] - times[i])
-        else:
-            duration = float(np.abs(points[k] - points[i]).max()) / (speed or 0.5)
-        ends = k == kept[-1] or bool(rests[k])
-        moves.append(JointMove(read_only(points[k].copy()), duration, None if ends else blend))
-    return moves
-
-
-def _mapped(step: Step, convert: Callable[[Array], Array]) -> Step:
-    """The step with other joint values."""
-    if isinstance(step, JointMove | LinearMove | StreamedPoint) and step.q is not None:
-        return replace(step, q=read_only(convert(step.q)))
-    return step
-
-
-SAMPLES_PER_PIECE = 16
-"""Samples of each polynomial piece of a curve; some of them become points of a program."""
-
-
-def _samples(curve: Curve) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """Parameters (k,) and points (k, n) along a curve, and whether it must stop there."""
+    # Parameters (k,) and points (k, n) along the curve, and whether it must stop there.
     if isinstance(curve, JointPath):
         distinct = np.concatenate([[True], np.abs(np.diff(curve.q, axis=0)).max(axis=1) > 0])
-        return np.arange(len(curve.q), dtype=float)[distinct], curve.q[distinct], np.zeros(distinct.sum(), dtype=bool)
-    knots, _ = curve.bezier()
-    knots = np.unique(knots)
-    steps = [np.linspace(a, b, SAMPLES_PER_PIECE, endpoint=False) for a, b in pairwise(knots)]
-    times = np.concatenate([*steps, knots[-1:]])
+        times, points = np.arange(len(curve.q), dtype=float)[distinct], curve.q[distinct]
+    else:
+        knots = np.unique(curve.bezier()[0])
+        steps = [np.linspace(a, b, SAMPLES_PER_PIECE, endpoint=False) for a, b in pairwise(knots)]
+        times = np.concatenate([*steps, knots[-1:]])
+        points = np.asarray(curve(times))
     rests = np.zeros(len(times), dtype=bool)
     if isinstance(curve, TimedCurve):
         rests = ~np.abs(curve.velocity(times)).max(axis=1).astype(bool)
-    return times, np.asarray(curve(times)), rests
-
-
-def _chords(points: Array, rests: npt.NDArray[np.bool_], tolerance: float) -> list[int]:
-    """The indices of points whose chords deviate from the points between them by at most the tolerance."""
+    # The points whose chords deviate from the points between them by at most the tolerance.
     kept, last = [0], len(points) - 1
     while kept[-1] < last:
         start = kept[-1]
@@ -387,7 +357,22 @@ def _chords(points: Array, rests: npt.NDArray[np.bool_], tolerance: float) -> li
             kept.append(end)
         else:
             kept[-1] = end
-    return kept
+    moves = [JointMove(read_only(points[0].copy()))]
+    for i, k in pairwise(kept):
+        if isinstance(curve, TimedCurve):
+            duration = float(times[k] - times[i])
+        else:
+            duration = float(np.abs(points[k] - points[i]).max()) / (speed or 0.5)
+        stops = k == kept[-1] or bool(rests[k])
+        moves.append(JointMove(read_only(points[k].copy()), duration, None if stops else blend))
+    return moves
+
+
+def _mapped(step: Step, convert: Callable[[Array], Array]) -> Step:
+    """The step with other joint values."""
+    if isinstance(step, JointMove | LinearMove | StreamedPoint) and step.q is not None:
+        return replace(step, q=read_only(convert(step.q)))
+    return step
 
 
 def _deviation(points: Array) -> float:
@@ -396,17 +381,6 @@ def _deviation(points: Array) -> float:
     square = float(chord @ chord)
     along = (points - points[0]) @ chord / square if square > 0 else np.zeros(len(points))
     return float(np.abs(points - points[0] - along.clip(0, 1)[:, None] * chord).max())
-
-
-@dataclass(frozen=True)
-class _Header:
-    name: str
-    joint_names: tuple[str, ...]
-    deviation: float
-    certificate: str
-    hashes: tuple[str, ...]
-    map: JointMap
-    picks: tuple[ProgramPick, ...]
 
 
 def _hash(line: str) -> str:
@@ -434,13 +408,8 @@ def _hash_of_entries(entries: dict[str, str]) -> str:
 
 
 def program_lines(source: str, text: str) -> list[str]:
-    """The lines of a program as a controller reads them: LF or CRLF ends a line, and no other character does.
-
-    Raises
-    ------
-    TrajectoryError
-        For any other control character, of which some programs end a line and others do not, with its line and column.
-    """
+    """The lines of a program as a controller reads them: LF or CRLF ends a line, and no other character does."""
+    # Any other control character ends a line for some programs and not for others, and is refused.
     *lines, last = text.split("\n")
     lines = [*(line.removesuffix("\r") for line in lines), last]
     for number, line in enumerate(lines, 1):
@@ -452,13 +421,7 @@ def program_lines(source: str, text: str) -> list[str]:
 
 
 def _split(language: Dialect, source: str, lines: Sequence[str]) -> tuple[list[str], list[tuple[int, str]]]:
-    """The comments that pinproof wrote, unfolded, and the other lines with their numbers.
-
-    Raises
-    ------
-    TrajectoryError
-        If a comment is elsewhere than directly after the beginning of the program, where not every language has any.
-    """
+    """The comments that pinproof wrote, unfolded, and the other lines with their numbers."""
     header: list[str] = []
     body = list[tuple[int, str]]()
     for number, line in enumerate(lines, 1):
@@ -475,7 +438,8 @@ def _split(language: Dialect, source: str, lines: Sequence[str]) -> tuple[list[s
     return header, body
 
 
-def _read_header(source: str, header: Sequence[str], dialect: str) -> _Header:
+def _read_header(source: str, header: Sequence[str], dialect: str) -> tuple[RobotProgram, list[str], JointMap]:
+    """The program without steps and text, the hashes of its lines and the joint map, as its comments state them."""
     entries = [entry.partition(": ")[::2] for entry in header]
     stated = dict(entries)
     if len(stated) < len(entries):
@@ -510,13 +474,4 @@ def _read_header(source: str, header: Sequence[str], dialect: str) -> _Header:
     if _hash_of_entries(known) != check:
         raise TrajectoryError(source, "the comments at the top were edited after the program was written")
     certificate = "" if stated["certificate"] == "none" else stated["certificate"]
-    return _Header(stated["name"], names, deviation, certificate, tuple(hashes), mapping, picks)
-
-
-def _changed_line(hashes: Sequence[str], body: Sequence[tuple[int, str]]) -> int | None:
-    """The index of the first line that differs from what was written; None without one."""
-    found = [_hash(words) for _, words in body]
-    for i, (stated, present) in enumerate(zip(hashes, found, strict=False)):
-        if stated != present:
-            return i
-    return None if len(hashes) == len(found) else min(len(hashes), len(found))
+    return RobotProgram(stated["name"], dialect, names, (), deviation, certificate, "", picks), hashes, mapping

@@ -24,18 +24,15 @@ from pinproof.spatial import Array
 State = tuple[list[float], list[float], list[float]]
 """Positions, velocities and accelerations of all joints. Lists, because ruckig converts them faster than arrays."""
 
+# Share of the rates of a state that is used: the rates at the limits differ from them by rounding.
 STATE_SHARE = 1.0 - 1e-11
-"""Share of the rates of a state that is used: the rates at the limits differ from them by rounding."""
-
+# Share of the jerk limits that is left for the rounding of times to nanoseconds and of positions, which a quintic
+# between two points amplifies by 60 / h^3.
 JERK_SLACK = 1e-4
-"""Share of the jerk limits that is left for the rounding of times to nanoseconds and of positions, which a quintic
-between two points amplifies by 60 / h^3."""
-
+# Share of the velocity and acceleration limits that is left for rounding. A state that exceeds the rest is clipped.
 RATE_SLACK = 1e-6
-"""Share of the velocity and acceleration limits that is left for rounding. A state that exceeds the rest is clipped."""
-
+# Shortest time (s) between two points of a trajectory. Phases that end closer to each other share a point.
 SHORTEST_STEP = 5e-5
-"""Shortest time (s) between two points of a trajectory. Phases that end closer to each other share a point."""
 
 
 def rest(q: Iterable[float]) -> State:
@@ -115,15 +112,11 @@ class Move:
         elif isinstance(self.source, StaggeredMove):
             ends = self.source.phase_ends()
         else:
-            ends = np.concatenate([_phase_ends(profile) for profile in self.source.profiles[0]])  # type: ignore[attr-defined]
+            # Each joint may begin with phases that bring it into its limits.
+            profiles = self.source.profiles[0]  # type: ignore[attr-defined]
+            ends = np.concatenate([np.cumsum([*p.brake.t, *p.t, *p.accel.t]) for p in profiles])
         ends = ends[(ends > self.start) & (ends < self.end)]
         return np.asarray(ends - self.start)
-
-
-def _phase_ends(profile: Any) -> Array:
-    """The ends of the phases of a joint, which may begin with phases that bring it into its limits."""
-    phases = [*profile.brake.t, *profile.t, *profile.accel.t]
-    return np.cumsum(phases)
 
 
 class Steering:
@@ -285,16 +278,14 @@ class MoveSequence:
         states = np.array([self.state(min(time, self.duration)) for time in times.tolist()])
         states[0], states[-1] = start, end  # without the rounding of the moves
         middles = 0.5 * (times[1:] + times[:-1])
-        exact = np.array([self._is_timed(time) for time in middles.tolist()])
+        sources = [self.moves[bisect_right(self._begins, time) - 1].source for time in middles.tolist()]
+        exact = np.array([isinstance(source, _TimedMove) for source in sources])
         q, velocity, acceleration = states.swapaxes(0, 1)
         if smooth:
             _smooth_steps(times, q, velocity, acceleration, exact)
         else:
             _parabolic_steps(times, q, velocity, exact)
         return Trajectory(times, q, velocity, joint_names, note, accelerations=acceleration if smooth else None)
-
-    def _is_timed(self, time: float) -> bool:
-        return isinstance(self.moves[bisect_right(self._begins, time) - 1].source, _TimedMove)
 
 
 def _smooth_steps(times: Array, q: Array, velocity: Array, acceleration: Array, exact: Any) -> None:

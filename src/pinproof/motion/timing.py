@@ -22,12 +22,11 @@ from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import LONGEST
 from pinproof.spatial import Array, finite
 
+# Maximum deviation (rad or m, in any joint) of the timed curve from the path: 0.01 mm at a reach of 1 m, which is less
+# than the repeatability of arms and 1 % of usual clearances. The certificate is for the timed curve.
 IMAGE_TOLERANCE = 1e-5
-"""Maximum deviation (rad or m, in any joint) of the timed curve from the path: 0.01 mm at a reach of 1 m, which is less
-than the repeatability of arms and 1 % of usual clearances. The certificate is for the timed curve."""
-
+# Maximum deviation of an end velocity from the tangent of the path, relative to its size: rounding errors.
 TANGENT_TOLERANCE = 1e-9
-"""Maximum deviation of an end velocity from the tangent of the path, relative to its size: rounding errors."""
 
 
 def time_parametrise(
@@ -150,6 +149,7 @@ def _timed(
     return trajectory_of(*points)
 
 
+# The messages for the results of the core that are not a motion.
 _FAILURES = {
     "end too fast": "end_velocity exceeds the limits at the end of the path; reduce it",
     "ends unreachable": (
@@ -168,7 +168,6 @@ _FAILURES = {
         "whether waypoints are almost equal or velocities at the ends are too high"
     ),
 }
-"""The messages for the results of the core that are not a motion."""
 
 
 def _check_velocity(place: str, velocity: Array, tangent: Array, bounds: Bounds, names: tuple[str, ...]) -> None:

@@ -19,7 +19,8 @@ from pinproof.errors import InputError, TrajectoryError
 from pinproof.model import guess_mark
 from pinproof.motion import trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, Bezier, BezierCurve, checked_joint_names, ends_meet, read_only
-from pinproof.motion.dialects import Blend, StreamedTrajectory, find_dialect
+from pinproof.motion.dialects import find_dialect
+from pinproof.motion.dialects.dialect import Blend, StreamedTrajectory
 from pinproof.motion.limits import MotionLimits
 from pinproof.motion.plot import DrawnConstraint, plot_trajectory
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along

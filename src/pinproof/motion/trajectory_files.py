@@ -39,6 +39,7 @@ from pinproof.common.structs import (
     OPTIONAL_NUMBER,
     PLAIN_NUMBER,
     Key,
+    Kind,
     Misread,
     Table,
     any_of,
@@ -58,26 +59,22 @@ from pinproof.spatial import Array
 NANO = 1_000_000_000
 """Nanoseconds in a second."""
 
+# Longest duration (s, 13 days), up to which `whole_nanoseconds(seconds(k)) == k`: the rounding errors of k / NANO and
+# of its product with NANO are each half a unit of a 53-bit mantissa at most, together less than half a nanosecond.
 LONGEST = 2.0**50 / NANO
-"""Longest duration (s, 13 days), up to which ``whole_nanoseconds(seconds(k)) == k``: the rounding errors of k / NANO
-and of its product with NANO are each half a unit of a 53-bit mantissa at most, together less than half a nanosecond."""
-
+# The names of the interpolants in the metadata of a file.
 INTERPOLANTS = {"cubic": "cubic Hermite between points", "quintic": "quintic Hermite between points"}
-"""The names of the interpolants in the metadata of a file."""
-
+# The units in the metadata of a file.
 UNITS = {
     "positions": "rad or m",
     "velocities": "rad/s or m/s",
     "time_from_start": "s and ns",
     "accelerations": "rad/s^2 or m/s^2",
 }
-"""The units in the metadata of a file."""
-
+# The units of a cubic, which has no accelerations.
 CUBIC_UNITS = {key: unit for key, unit in UNITS.items() if key != "accelerations"}
-"""The units of a cubic, which has no accelerations."""
-
+# The suffixes of motion files that are written and read.
 WRITTEN, READ = (".json", ".csv"), (".json", ".csv", *YAML_SUFFIXES)
-"""The suffixes of motion files that are written and read."""
 
 RATES = ("velocities", "accelerations")
 _TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
@@ -153,6 +150,11 @@ def checked_nanoseconds(sec: int, nanosec: int) -> int:
     return sec * NANO + nanosec
 
 
+def stamp(nanoseconds: int) -> dict[str, int]:
+    """A time as in ROS 2."""
+    return {"sec": nanoseconds // NANO, "nanosec": nanoseconds % NANO}
+
+
 def _time_of(seconds: str, nanoseconds: str, of: str) -> Table:
     return Table(
         f"time_of_{of}",
@@ -165,11 +167,18 @@ def _time_of(seconds: str, nanoseconds: str, of: str) -> Table:
 
 TIME = _time_of(*_TIME_KEYS[0], "ros2")
 
+# A time in nanoseconds, which files state as in ROS 2.
+CLOCK = Kind(TIME, lambda _, clock: clock, TIME.parse, stamp)
+# The keys of points that motions and programs share.
+STATE_KEYS = (
+    required("positions", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad or m"),
+    required("velocities", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s"),
+)
+
 POINT = Table(
     "point",
     "The state of all joints at one time. Either all points have accelerations, or none has.",
-    required("positions", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad or m"),
-    required("velocities", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s"),
+    *STATE_KEYS,
     Key(
         "accelerations",
         list_of(PLAIN_NUMBER),
@@ -241,11 +250,6 @@ def seconds(nanoseconds: npt.NDArray[np.int64] | Array) -> Array:
     """The integers of nanoseconds as times in seconds."""
     result: Array = nanoseconds / NANO
     return result
-
-
-def stamp(nanoseconds: int) -> dict[str, int]:
-    """A time as in ROS 2."""
-    return {"sec": nanoseconds // NANO, "nanosec": nanoseconds % NANO}
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,32 +39,24 @@ from pinproof.spatial import Array, finite
 
 Flags = npt.NDArray[np.bool_]
 
+# Seconds between the departures that are tried.
 STEP = 0.05
-"""Seconds between the departures that are tried."""
-
+# Seconds. By default, a goal that is not reached within this time is not searched.
 LONGEST = 120.0
-"""Seconds. By default, a goal that is not reached within this time is not searched."""
-
+# Largest motion of a joint (rad or m) between two samples of an edge. Samples only steer the search.
 MOTION = 0.03
-"""Largest motion of a joint (rad or m) between two samples of an edge. Samples only steer the search."""
-
+# Number of random configurations after which the search runs again.
 BATCH = 40
-"""Number of random configurations after which the search runs again."""
-
+# Number of nearest configurations to which a new one is connected.
 NEIGHBOURS = 8
-"""Number of nearest configurations to which a new one is connected."""
-
+# Standard deviation (rad or m) of random configurations around configurations of the roadmap.
 NEARBY = 0.5
-"""Standard deviation (rad or m) of random configurations around configurations of the roadmap."""
-
+# Number of equal parts of an edge of a planned path, between which the arm may wait.
 STOPS = 4
-"""Number of equal parts of an edge of a planned path, between which the arm may wait."""
-
+# Number of paths without movers, with different samples, that begin the roadmap.
 STATIC_PATHS = 3
-"""Number of paths without movers, with different samples, that begin the roadmap."""
-
+# Number of motions that may fail the proof before the search ends.
 MOST_PROOFS = 30
-"""Number of motions that may fail the proof before the search ends."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

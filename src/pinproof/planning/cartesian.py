@@ -26,11 +26,10 @@ from pinproof.planning.follow import (
 from pinproof.planning.planners import LinearPlanResult, LinearStatus, PosesPlanResult
 from pinproof.spatial import SE3, Array, rigid, rigid_many
 
+# Maximum number of configurations that are tried at the first pose; those nearest to the home configuration.
 MAX_STARTS = 64
-"""Maximum number of configurations that are tried at the first pose; those nearest to the home configuration."""
-
+# Number of different configurations that are searched for at the first pose if the arm has no closed form.
 SAMPLED_STARTS = 16
-"""Number of different configurations that are searched for at the first pose if the arm has no closed form."""
 
 
 def plan_linear(
@@ -237,20 +236,8 @@ def _point_path(arm: Arm, q: Array) -> CubicPath:
 class _FollowedPoses:
     """The joint curves along several routes, up to the end or to the point at which the move stops.
 
-    Attributes
-    ----------
-    arm, first
-        The arm and its first configuration.
-    parts
-        The curve along each route that was followed; the parameter is the length from the start.
-    last
-        The last route that was followed; None if there was nothing to follow.
-    passed
-        The parameters at which poses are reached.
-    length
-        The total length of all routes.
-    deviation, rotation_deviation
-        Upper bounds (m, rad) over all parts.
+    The parameter is the length from the start; ``passed`` are those at which poses are reached, ``length`` is that of
+    all routes, and ``last`` the last route that was followed, if any.
     """
 
     arm: Arm

@@ -29,14 +29,12 @@ from pinproof.motion import JointPath, Trajectory, synchronise, time_parametrise
 from pinproof.planning.planners import Planner, planner_of
 from pinproof.planning.simplification import shortcut
 
+# Seconds between the delays that are tried: a small part of a usual motion.
 STEP = 0.05
-"""Seconds between the delays that are tried: a small part of a usual motion."""
-
+# Factors of the duration of a motion that are tried: an arm that follows another must move as slowly as it does.
 SLOWDOWNS = (1.0, 1.25, 1.5, 2.0, 3.0)
-"""Factors of the duration of a motion that are tried: an arm that follows another must move as slowly as it does."""
-
+# Largest number of arms of which every order is tried.
 MOST_ORDERED = 3
-"""Largest number of arms of which every order is tried."""
 
 
 @dataclass(frozen=True, eq=False)

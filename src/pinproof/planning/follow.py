@@ -39,31 +39,24 @@ from pinproof.spatial import SE3, Array, log6, matrix
 Flags = npt.NDArray[np.bool_]
 _Stop = tuple[LinearStatus, str, tuple[str, ...]]
 
+# Weight of rotations (m/rad) in the length of a segment, about the size of a gripper. It affects the spacing of poses
+# only.
 LEVER = 0.25
-"""Weight of rotations (m/rad) in the length of a segment, about the size of a gripper. It affects the spacing of poses
-only."""
-
+# Length (m) below which a segment or a rounding is omitted: a tenth of the tolerance with which poses are reached.
 MIN_LENGTH = 1e-7
-"""Length (m) below which a segment or a rounding is omitted: a tenth of the tolerance with which poses are reached."""
-
+# Two unit vectors are opposite if the norm of their sum is below this. The smallest rotation is then not unique, and
+# the orientation of the target is used.
 OPPOSITE = 1e-9
-"""Two unit vectors are opposite if the norm of their sum is below this. The smallest rotation is then not unique, and
-the orientation of the target is used."""
-
+# Position (m) and orientation (rad) error at which a pose of the route counts as reached.
 POSE_TOLERANCE = 1e-6
-"""Position (m) and orientation (rad) error at which a pose of the route counts as reached."""
-
+# Minimum number of pieces of a route: a spline through fewer poses is only a parabola.
 MIN_PIECES = 3
-"""Minimum number of pieces of a route: a spline through fewer poses is only a parabola."""
-
+# Excess over a joint limit (rad or m) that is attributed to floating-point errors.
 ROUNDING = 1e-9
-"""Excess over a joint limit (rad or m) that is attributed to floating-point errors."""
-
+# Reduction of the joint limits (rad or m) in a second attempt; it exceeds the overshoot of a spline.
 LIMIT_GUARD = 2e-3
-"""Reduction of the joint limits (rad or m) in a second attempt; it exceeds the overshoot of a spline."""
-
+# Joint step (rad or m) that is allowed in the test whether a pose can be reached by a jump.
 ANY_STEP = 2 * np.pi
-"""Joint step (rad or m) that is allowed in the test whether a pose can be reached by a jump."""
 
 
 # -- routes ------------------------------------------------------------------------------------------------------------
@@ -241,15 +234,7 @@ def _rounding(into: PoseSegment, out: PoseSegment, reach: float) -> _RoutePiece:
 
 
 def line_task(task: TaskName | IkTask | Sequence[bool]) -> IkTask:
-    """The task of a linear move, from its name or its coordinates.
-
-    Raises
-    ------
-    UnknownNameError
-        If the name is unknown.
-    InputError
-        If the task constrains only part of the position, or exactly one rotation: the line is then not defined.
-    """
+    """The task of a linear move, from its name or its coordinates; InputError if it does not define the line."""
     constrained = make_task(task, 1.0, 1.0).mask > 0.0
     if constrained[:3].sum() not in (0, 3) or constrained[3:].sum() == 1:
         raise InputError(
@@ -280,19 +265,7 @@ def nearest_target(here: SE3, target: SE3, task: IkTask) -> SE3:
 
 @dataclass(frozen=True, eq=False)
 class FollowedRoute:
-    """The joint curve along a route, up to its end or to the point at which it stops.
-
-    Parameters
-    ----------
-    path
-        The curve over [0, fraction] of the parameter of the route.
-    fraction
-        The parameter of the route at the end of the curve, 0 to 1.
-    deviation, rotation_deviation
-        Upper bounds (m, rad) of the deviation of the tcp from the route.
-    status, reason, joints
-        COMPLETE, or why the curve stops; the joints that are at their limits or would have to jump.
-    """
+    """The joint curve over [0, fraction] of the parameter of a route; see :class:`LinearPlanResult` for the fields."""
 
     path: CubicPath
     fraction: float
@@ -394,12 +367,9 @@ class RouteFollower:
         return FollowedRoute(path, float(path.knots[-1]), curve.deviation, curve.rotation_deviation, *stop)
 
     def _reason(self, route: Route, s: float, spacing: float, here: Array, at_limit: Flags) -> _Stop:
-        """Why the route cannot be followed beyond ``here`` (n,), at the parameter s.
-
-        ``at_limit`` (n,) are the joints at their limits. The reasons are distinguished by solving a later pose with
-        arbitrary joint steps.
-        """
+        """Why the route cannot be followed beyond ``here`` (n,), at the parameter s, with these joints at limits."""
         arm = self.arm
+        # The reasons are distinguished by solving a later pose with arbitrary joint steps.
         ahead = track(
             arm,
             route.poses(np.array([min(s + spacing, 1.0)])),

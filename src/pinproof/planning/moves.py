@@ -36,39 +36,29 @@ from pinproof.motion import (
 from pinproof.planning.problem import Edges, manifold_of
 from pinproof.spatial import Array
 
+# Metres that bodies move between two samples of an edge; samples of motions are taken in time.
 RESOLUTION = 0.06
-"""Metres that bodies move between two samples of an edge; samples of motions are taken in time."""
-
+# Seconds between two samples of a motion with moving ends, in which acceleration bends it by few millimetres.
 SAMPLE_TIME = 0.04
-"""Seconds between two samples of a motion with moving ends, in which acceleration bends it by few millimetres."""
-
+# Share of the acceleration limits that moves use, because motions with moving ends cannot be slowed down.
 MOVING_SHARE = 0.999
-"""Share of the acceleration limits that moves use, because motions with moving ends cannot be slowed down."""
-
+# Fractions of a motion that are replaced at one of its ends.
 FRACTIONS = (0.15, 0.3, 0.5, 0.7, 0.9)
-"""Fractions of a motion that are replaced at one of its ends."""
-
+# Share of the bound of a constraint that samples may use, because the constraint holds between samples too.
 SHARE = 0.998
-"""Share of the bound of a constraint that samples may use, because the constraint holds between samples too."""
-
+# Share of the permitted acceleration to which it is reduced, so that few attempts suffice.
 AIM = 0.95
-"""Share of the permitted acceleration to which it is reduced, so that few attempts suffice."""
-
+# Seconds between samples: first coarse ones, which reject most moves, then finer ones. The ends of the phases of
+# constant jerk follow, between which accelerations are linear.
 STEPS = (0.045, 0.015)
-"""Seconds between samples: first coarse ones, which reject most moves, then finer ones. The ends of the phases of
-constant jerk follow, between which accelerations are linear."""
-
+# Seconds between samples of a complete motion.
 TRAJECTORY_STEP = 0.005
-"""Seconds between samples of a complete motion."""
-
+# Number of times that a move is computed with smaller rates.
 ATTEMPTS = 6
-"""Number of times that a move is computed with smaller rates."""
-
+# Smallest factor of the rates in one attempt, and smallest share of the limits of the rates of a joint.
 LARGEST_STEP, SMALLEST = 0.3, 0.03
-"""Smallest factor of the rates in one attempt, and smallest share of the limits of the rates of a joint."""
-
+# Relative difference up to which a constraint is a sum of the parts of single joints, such as torques are.
 LINEAR = 1e-6
-"""Relative difference up to which a constraint is a sum of the parts of single joints, such as torques are."""
 
 
 # -- limits of torques and of the tool ---------------------------------------------------------------------------------
@@ -93,32 +83,14 @@ class _Excess:
 
 
 class GentleMoves:
-    """Moves that satisfy rate constraints at samples.
-
-    Parameters
-    ----------
-    steering
-        Computes the moves.
-    bounds
-        The limits of the joints.
-    constraints
-        The rate constraints; without any, all moves are allowed.
-
-    Attributes
-    ----------
-    computed
-        Number of moves that were computed here.
-    """
+    """Moves that satisfy rate constraints at samples; ``computed`` counts those that were computed here."""
 
     def __init__(self, steering: Steering, bounds: Bounds, constraints: Sequence[RateConstraint]) -> None:
         self._steering, self._bounds, self._constraints = steering, bounds, tuple(constraints)
         self.computed = 0
 
     def connect(self, states: Sequence[State], moves: list[Move], duration: float) -> list[Move] | None:
-        """Allowed moves between the states, which are as short as the given fastest ones or somewhat longer.
-
-        The given list if it is allowed, and None if no allowed moves of less than ``duration`` (s) were found.
-        """
+        """The given fastest moves if they are allowed, or somewhat longer ones of less than ``duration`` (s)."""
         if not self._constraints:
             return moves
         spare = duration - sum(move.duration for move in moves)
@@ -252,29 +224,9 @@ class GentleMoves:
 class FreeMoves:
     """Moves between states that are inside all limits, free, and satisfy constraints of the tcp, at samples.
 
-    Parameters
-    ----------
-    checker
-        Defines the bodies and margins.
-    bounds
-        The limits of the joints.
-    ends
-        (e, n) free configurations at which motions begin and end.
-    rate_limits, constraints
-        As for :func:`pinproof.optimise`.
-    share
-        The share of the acceleration limits that moves use.
-    step
-        Seconds between two samples.
-    tolerance
-        The share of the tolerance of a constraint that samples may use.
-    middle_first
-        Whether the middle of the longest move is checked first: most moves that are not free are not free there.
-
-    Attributes
-    ----------
-    computed
-        Number of moves that were computed.
+    They use a ``share`` of the acceleration limits. Samples are ``step`` seconds apart, and may use the share
+    ``tolerance`` of the tolerance of a constraint. With ``middle_first``, the middle of the longest move is checked
+    first: most moves that are not free are not free there. ``computed`` is the number of moves that were computed.
     """
 
     def __init__(

@@ -57,69 +57,49 @@ from pinproof.planning.moves import FreeMoves
 from pinproof.planning.problem import manifold_of, sampling_box
 from pinproof.spatial import Array, finite
 
+# Default number of evaluations: about 25 ms for an arm of seven joints between shelves.
 BUDGET = 500
-"""Default number of evaluations: about 25 ms for an arm of seven joints between shelves."""
-
+# Seconds between two samples of a motion, in which acceleration bends it by few millimetres.
 SAMPLE_TIME = 0.06
-"""Seconds between two samples of a motion, in which acceleration bends it by few millimetres."""
-
+# A replacement is accepted if it saves this share of the duration, or this time (s) for motions of less than 1 s.
 MIN_GAIN = 2e-3
-"""A replacement is accepted if it saves this share of the duration, or this time (s) for motions of less than 1 s."""
-
+# The search ends when the motion is longer than the lower bound by this share at most.
 CLOSE_ENOUGH = 1e-3
-"""The search ends when the motion is longer than the lower bound by this share at most."""
-
+# Number of goals that are considered, those with the lowest bounds of the duration.
 GOALS = 6
-"""Number of goals that are considered, those with the lowest bounds of the duration."""
-
+# Goals that differ by at most this (rad or m) in each joint count as one: their motions are similar.
 DISTINCT = 0.15
-"""Goals that differ by at most this (rad or m) in each joint count as one: their motions are similar."""
-
+# Number of staggered moves that are tried in addition for each evaluation of the budget, in a tenth of its time.
 STAGGERED = 4
-"""Number of staggered moves that are tried in addition for each evaluation of the budget, in a tenth of its time."""
-
+# As above for staggered moves, few of which are free: number of goals, and their smallest difference (rad or m).
 STAGGERED_GOALS, STAGGERED_DISTINCT = 80, 0.05
-"""As above for staggered moves, few of which are free: number of goals, and their smallest difference (rad or m)."""
-
+# Number of further paths that are compared with the given one, at most one for so many evaluations.
 PLANS, PER_PLAN = 10, 33
-"""Number of further paths that are compared with the given one, at most one for so many evaluations."""
-
+# Length of an edge (rad or m), numbers of random samples and of collision checks of the search for each further path,
+# after which it ends, and number of random samples that are drawn at a time.
 PLAN_STEP, PLAN_SAMPLES, PLAN_CHECKS, PLAN_DRAWS = 0.7, 2000, 5000, 64
-"""Length of an edge (rad or m), numbers of random samples and of collision checks of the search for each further path,
-after which it ends, and number of random samples that are drawn at a time."""
-
+# Share of the replaced parts that are between two random times; the others are around a slow state.
 ANY_WINDOW = 0.3
-"""Share of the replaced parts that are between two random times; the others are around a slow state."""
-
+# Shares of the duration that a replaced part extends before and after a slow state.
 LEAST_WINDOW, MOST_WINDOW = 0.05, 0.4
-"""Shares of the duration that a replaced part extends before and after a slow state."""
-
+# Share of the replacements of a motion that are shortcuts; the others pass a modified state.
 SHORTCUTS = 0.85
-"""Share of the replacements of a motion that are shortcuts; the others pass a modified state."""
-
+# Share of the limits of velocity and acceleration within which a modified state remains.
 INSIDE = 0.9999
-"""Share of the limits of velocity and acceleration within which a modified state remains."""
-
+# With rate constraints such as torques, share of the budget for a motion without them, which is then slowed down.
 FREE_SEARCH = 0.3
-"""With rate constraints such as torques, share of the budget for a motion without them, which is then slowed down."""
-
+# Share of the acceleration and jerk limits that this motion uses, so that it needs little slowing down.
 GENTLE_SHARE = 0.75
-"""Share of the acceleration and jerk limits that this motion uses, so that it needs little slowing down."""
-
+# Largest factor by which the given motion is slowed down for the search.
 MAX_SLOWDOWN = 1.1
-"""Largest factor by which the given motion is slowed down for the search."""
-
+# Share of the tolerance of a constraint of the tcp that samples may use, because it holds between samples too.
 TOLERANCE_SHARE = 0.99
-"""Share of the tolerance of a constraint of the tcp that samples may use, because it holds between samples too."""
-
+# Number of earlier motions of a phase that are tried if its result is not proven.
 BACKTRACKS = 4
-"""Number of earlier motions of a phase that are tried if its result is not proven."""
-
+# Share of the budget for shortening the first motions; the rest is for the best motion.
 CONNECT = 0.75
-"""Share of the budget for shortening the first motions; the rest is for the best motion."""
-
+# Number of attempts to satisfy all limits by slowing down the complete motion, usually by less than 0.1 %.
 SLOW_ROUNDS = 8
-"""Number of attempts to satisfy all limits by slowing down the complete motion, usually by less than 0.1 %."""
 
 
 @dataclass(frozen=True, eq=False)

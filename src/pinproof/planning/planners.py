@@ -66,8 +66,8 @@ class PlanProgress:
     gap: float
 
 
+# A callback that is called many times a second during a search. If it returns False, the search ends as CANCELLED.
 Progress = Callable[[PlanProgress], bool | None]
-"""A callback that is called many times a second during a search. If it returns False, the search ends as CANCELLED."""
 
 
 class PlanAnswer(Answer):

@@ -25,31 +25,25 @@ from pinproof.motion import TorqueLimits
 from pinproof.planning.planners import PlanResult, PlanStatus
 from pinproof.spatial import Array, finite
 
+# Default distance (m) in addition to the margin that samples must keep.
 PAD = 5e-4
-"""Default distance (m) in addition to the margin that samples must keep."""
-
+# Largest factor by which the resolution is refined. Denser samples would cost more than the proofs that they save.
 MAX_REFINEMENT = 16
-"""Largest factor by which the resolution is refined. Denser samples would cost more than the proofs that they save."""
-
+# Share of the torque limits that holding the arm at rest may need; the rest is for the motion and between samples.
 STANDSTILL_SHARE = 0.95
-"""Share of the torque limits that holding the arm at rest may need; the rest is for the motion and between samples."""
-
+# Relative rounding error of the torques at the ends.
 AT_ENDS = 1e-9
-"""Relative rounding error of the torques at the ends."""
 
 TURN = 2 * np.pi
 
+# Maximum number of goals including the shifted ones; those nearest to the start are kept. A UR5 has 32 per branch.
 MAX_GOALS = 512
-"""Maximum number of goals including the shifted ones; those nearest to the start are kept. A UR5 has 32 per branch."""
-
+# Maximum number of invalid goals that a message describes.
 MAX_REPORTED = 5
-"""Maximum number of invalid goals that a message describes."""
-
+# Number of values of a joint that are checked between the start and the nearest goal.
 VALUES = 128
-"""Number of values of a joint that are checked between the start and the nearest goal."""
-
+# Number of values in contact that are checked with finer bodies: a contact of hulls alone proves nothing.
 CONFIRMED = 8
-"""Number of values in contact that are checked with finer bodies: a contact of hulls alone proves nothing."""
 
 
 # -- edges -------------------------------------------------------------------------------------------------------------
@@ -321,17 +315,7 @@ def _failed(status: PlanStatus, message: str, checker: CollisionChecker, contact
 
 @dataclass(frozen=True, eq=False)
 class Barrier:
-    """A value that a joint cannot pass.
-
-    Parameters
-    ----------
-    joint
-        The name of the joint.
-    value
-        The value (rad or m).
-    contact
-        The contact of bodies that only this joint moves relative to each other.
-    """
+    """A value (rad or m) that a joint cannot pass, and the contact of bodies that only this joint moves."""
 
     joint: str
     value: float

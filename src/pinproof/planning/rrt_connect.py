@@ -41,32 +41,27 @@ from pinproof.planning.problem import (
 )
 from pinproof.spatial import Array
 
+# Distance (m) in addition to the margin that the edges of the trees initially keep. With a quarter of it, the proofs
+# take 1.5 times as long and three times as many edges fail them. With 5 mm, narrow passages take a third more samples.
 SEARCH_PAD = 2e-3
-"""Distance (m) in addition to the margin that the edges of the trees initially keep. With a quarter of it, the proofs
-take 1.5 times as long and three times as many edges fail them. With 5 mm, narrow passages take a third more samples."""
-
+# Number of edge samples after which the pad is reduced to a quarter, so that narrower passages are found. It is reduced
+# again after four times as many samples, and so on.
 REDUCE_PAD_AFTER = 20_000
-"""Number of edge samples after which the pad is reduced to a quarter, so that narrower passages are found. It is
-reduced again after four times as many samples, and so on."""
-
+# Number of random samples that are drawn at a time.
 DRAWS = 256
-"""Number of random samples that are drawn at a time."""
-
+# Goals (rad or m) that differ by less in every joint are equal.
 SAME_GOAL = 1e-6
-"""Goals (rad or m) that differ by less in every joint are equal."""
-
+# Number of edge samples in one call of the compiled loop, about 3 ms. The clock and the callback are checked between
+# the calls.
 SAMPLES_PER_CALL = 2000
-"""Number of edge samples in one call of the compiled loop, about 3 ms. The clock and the callback are checked between
-the calls."""
-
+# A joint is named in the message if the values (rad or m) in one tree differ by at least this from all values in the
+# other tree.
 SEPARATION = 0.05
-"""A joint is named in the message if the values (rad or m) in one tree differ by at least this from all values in the
-other tree."""
 
 OTHER_TURNS = "a goal shifted by 2 pi may be reachable: plan with turns=True"
 
+# Seconds between two calls of the progress callback while the searches run in an executor.
 PROGRESS_INTERVAL = 0.1
-"""Seconds between two calls of the progress callback while the searches run in an executor."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,45 +38,33 @@ from pinproof.motion import REVERSAL, BlendedPath, CubicPath, JointPath, TorqueL
 from pinproof.planning.problem import Edges, manifold_of
 from pinproof.spatial import Array
 
+# Metres by which bodies move between two samples that are checked before the proof of an edge.
 RESOLUTION = 0.05
-"""Metres by which bodies move between two samples that are checked before the proof of an edge."""
-
+# Metres that the points of a smooth curve keep in addition to the margin, because the curve leaves its chords.
 SMOOTH_PAD = 5e-3
-"""Metres that the points of a smooth curve keep in addition to the margin, because the curve leaves its chords."""
-
+# Maximum number of times that a rounding that is not free is halved. A smaller one saves less time than its proof
+# takes.
 MAX_HALVINGS = 5
-"""Maximum number of times that a rounding that is not free is halved. A smaller one saves less time than its proof
-takes."""
-
+# Smallest reach (rad or m) of a rounding.
 MIN_REACH = 1e-6
-"""Smallest reach (rad or m) of a rounding."""
-
+# There is no corner between two unit directions that differ by less.
 STRAIGHT = 1e-9
-"""There is no corner between two unit directions that differ by less."""
-
+# rad or m: maximum length of a step along the constraints, before it is halved until its edge is proven.
 STEP = 0.3
-"""rad or m: maximum length of a step along the constraints, before it is halved until its edge is proven."""
-
+# Fraction of the path length that a shortcut must save.
 MIN_GAIN = 1e-3
-"""Fraction of the path length that a shortcut must save."""
-
+# Number of consecutive random shortcuts without gain after which no more are tried.
 PATIENCE = 15
-"""Number of consecutive random shortcuts without gain after which no more are tried."""
-
+# Share of the tolerance to which points are projected, so that the curve through them has the rest.
 INSIDE = 0.5
-"""Share of the tolerance to which points are projected, so that the curve through them has the rest."""
-
+# rad or m: distances between the points of the smooth curve, tried in this order.
 SPACINGS = (0.3, 0.15, 0.075)
-"""rad or m: distances between the points of the smooth curve, tried in this order."""
-
+# Limits of the number of points of the smooth curve.
 FEWEST, MOST = 6, 300
-"""Limits of the number of points of the smooth curve."""
-
+# Maximum number of passes in which each point is moved towards the middle of its neighbours.
 PASSES = 40
-"""Maximum number of passes in which each point is moved towards the middle of its neighbours."""
-
+# The passes end when no point moves by this fraction of the spacing.
 CONVERGED = 0.01
-"""The passes end when no point moves by this fraction of the spacing."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,41 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.motion.dialects.dialect import (
-    Blend,
-    Dialect,
-    JointMove,
-    LinearMove,
-    SetOutput,
-    Step,
-    StreamedPoint,
-    StreamedTrajectory,
-    Wait,
-)
+from pinproof.motion.dialects.dialect import Dialect
 from pinproof.motion.dialects.fanuc import Fanuc
 from pinproof.motion.dialects.krl import Krl
 from pinproof.motion.dialects.rapid import Rapid
 from pinproof.motion.dialects.ros2 import Ros2
 from pinproof.motion.dialects.urscript import UrScript
 
-__all__ = [
-    "DIALECTS",
-    "Blend",
-    "Dialect",
-    "JointMove",
-    "LinearMove",
-    "SetOutput",
-    "Step",
-    "StreamedPoint",
-    "StreamedTrajectory",
-    "Wait",
-    "dialect_of_file",
-    "find_dialect",
-    "is_program_file",
-]
+__all__ = ["DIALECTS", "Dialect", "dialect_of_file", "find_dialect", "is_program_file"]
 
+# The languages by name.
 DIALECTS: dict[str, Dialect] = {each.name: each for each in (UrScript(), Rapid(), Krl(), Fanuc(), Ros2())}
-"""The languages by name."""
 
 
 def find_dialect(name: str) -> Dialect:

@@ -121,17 +121,14 @@ Step = JointMove | LinearMove | StreamedPoint | StreamedTrajectory | SetOutput |
 
 # -- languages ---------------------------------------------------------------------------------------------------------
 
+# The lines of a program without the comments of pinproof, each with its number.
 Body = Sequence[tuple[int, str]]
-"""The lines of a program without the comments of pinproof, each with its number."""
-
+# A regular expression for a decimal number in the form that all languages share, without sign + and exponent.
 NUMBER = r"-?\d+(?:\.\d+)?"
-"""A regular expression for a decimal number in the form that all languages share, without sign + and exponent."""
-
+# A regular expression for the name that a program gives itself.
 NAME = r"([A-Za-z]\w*)"
-"""A regular expression for the name that a program gives itself."""
-
+# A regular expression of a complete line, and the function that makes its step of the match and the line number.
 Rule = tuple[str, Callable[[re.Match[str], int], Step | None]]
-"""A regular expression of a complete line, and the function that makes its step of the match and the line number."""
 
 
 class Dialect:
@@ -197,24 +194,12 @@ class Dialect:
         return line
 
     def write(self, name: str, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
-        """The lines before the comments, of the steps, and after them; joint values are the values of the controller.
-
-        Raises
-        ------
-        InputError
-            If the language cannot express a step.
-        """
+        """The lines before the comments, of the steps, and after them, in the joint values of the controller."""
         before, after = ([line.format(name) for line in lines] for lines in self.frame)
         return before, [f"{self.indent}{self.line_of(step)}" for step in steps], after
 
     def read(self, source: str, body: Body, joints: int) -> list[Step]:
-        """The steps of a program.
-
-        Raises
-        ------
-        TrajectoryError
-            If an instruction is not supported, with its line and text.
-        """
+        """The steps of a program; TrajectoryError names the line and text of an instruction that is not supported."""
         return self.read_lines(source, body, self.move_rules(joints))
 
     def read_lines(self, source: str, body: Body, moves: Sequence[Rule]) -> list[Step]:
@@ -244,16 +229,9 @@ class Dialect:
         return [step for step in steps if step is not None]
 
     def instructions(self, source: str, body: Body) -> Body:
-        """The lines between those that open and close the program: what the controller executes, from top to bottom.
-
-        A second declaration, and anything before the first or after the end, is refused: a controller would not execute
-        it, or not in this order. So is a program with the name of one of its instructions, which would call itself.
-
-        Raises
-        ------
-        TrajectoryError
-            If a line of the frame is missing or another, with its line.
-        """
+        """The lines between those that open and close the program: what the controller executes, from top to bottom."""
+        # A second declaration, and anything before the first or after the end, is refused: a controller would not
+        # execute it, or not in this order.
         begin = (*self.opening, *(self.prefix + setting for setting in self.settings))
         first, last = len(begin), len(body) - len(self.closing)
         if last < first:
@@ -264,6 +242,7 @@ class Dialect:
                 expected = re.sub(r"\\(.)", r"\1", pattern.removeprefix(self.prefix).replace(NAME, "NAME"))
                 reason = f"{line.strip()!r} is where {expected!r} must be: a program has one beginning and one end"
                 raise TrajectoryError(source, reason, f"line {number}")
+        # A program with the name of one of its instructions would call itself.
         if name := self.ambiguous_name([line for _, line in body]):
             reason = f"the name {name!r} occurs in the program again; rename the program"
             raise TrajectoryError(source, reason, f"line {body[0][0]}")
@@ -313,13 +292,7 @@ def rounded_up(seconds: float, unit: float, least: float) -> float:
 
 
 def numbers_of(text: str, count: int) -> Array:
-    """The numbers of a list separated by commas.
-
-    Raises
-    ------
-    ValueError
-        If there are not ``count`` finite numbers.
-    """
+    """The numbers of a list separated by commas; ValueError if there are not ``count`` finite ones."""
     words = [word.strip() for word in text.split(",")]
     if not all(re.fullmatch(NUMBER, word) for word in words):
         raise ValueError(f"{text.strip()!r} is not a list of numbers")

@@ -23,14 +23,12 @@ from pinproof.motion.dialects.dialect import (
 )
 from pinproof.spatial import Array
 
+# The CNT value of a blended point; its blend may use at most half of each of the two moves.
 CONTINUOUS = 50
-"""The CNT value of a blended point; its blend may use at most half of each of the two moves."""
-
+# A regular expression for the number of a position; with leading zeros one position would have several names.
 INDEX = r"([1-9]\d*)"
-"""A regular expression for the number of a position; with leading zeros one position would have several names."""
-
+# Stands for the number of the position of a move, until it is known.
 NEXT = "NEXT"
-"""Stands for the number of the position of a move, until it is known."""
 
 
 class Fanuc(Dialect):

@@ -22,14 +22,12 @@ from pinproof.motion.dialects.dialect import (
 )
 from pinproof.spatial import pose, xyz_rpy
 
+# Per cent of half a move that the blend may use (`$APO.CPTP`).
 APPROXIMATION = 50
-"""Per cent of half a move that the blend may use (``$APO.CPTP``)."""
-
+# m/s of linear moves, and the largest value of `BAS(#VEL_CP,..)`.
 LINE_SPEED, FASTEST_LINE = 0.1, 3.0
-"""m/s of linear moves, and the largest value of ``BAS(#VEL_CP,..)``."""
-
+# Per cent of the axis velocities; KRL states no durations of moves.
 SPEED = 30
-"""Per cent of the axis velocities; KRL states no durations of moves."""
 
 
 class Krl(Dialect):

@@ -21,12 +21,12 @@ from pinproof.motion.dialects.dialect import (
     rounded_up,
 )
 
+# The values of external axes that do not exist.
 NO_AXIS = ",".join(["9E9"] * 6)
-"""The values of external axes that do not exist."""
 
 SPEEDS = "v(?:5|[1-68]0|[1-68]00|1500|[1-7]000|2500|150)"
+# Regular expressions of the speeds and zones that RAPID predefines; others may be defined elsewhere, as anything.
 ZONES = "z(?:[015]|[1-6]0|15|80|1[05]0|200)"
-"""Regular expressions of the speeds and zones that RAPID predefines; others may be defined elsewhere, as anything."""
 
 
 class Rapid(Dialect):

@@ -22,12 +22,11 @@ from pinproof.motion.dialects.dialect import (
 )
 from pinproof.spatial import Array
 
+# rad/s^2 and rad/s of the move to the first point.
 START_ACCELERATION, START_SPEED = 0.5, 0.3
-"""rad/s^2 and rad/s of the move to the first point."""
-
+# Seconds and gain of `servoj`: the shortest filter and the highest gain, which follow the set points most closely. With
+# others the arm may leave the assumed deviation.
 LOOKAHEAD, GAIN = "0.03", "2000"
-"""Seconds and gain of ``servoj``: the shortest filter and the highest gain, which follow the set points most closely.
-With others the arm may leave the assumed deviation."""
 
 
 class UrScript(Dialect):

@@ -18,7 +18,7 @@ import heapq
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -152,8 +152,8 @@ def plan_among_movers(
 
     if isinstance(ends, PlanResult):
         return failed(ends.status, ends.message)
-    if (found := times.checker.check(times.clock.start)).contacts:
-        return failed(PlanStatus.START_INVALID, f"the start is invalid at {start_time:.4g} s: {found}")
+    if (report := times.checker.check(times.clock.start)).contacts:
+        return failed(PlanStatus.START_INVALID, f"the start is invalid at {start_time:.4g} s: {report}")
     search = _Roadmap(times, ends, jerk)
     if (least := search.least_time) > times.last:
         window_end = f"the window ends {times.last:.3g} s after the start"
@@ -174,12 +174,12 @@ def plan_among_movers(
             tried += search.grow(min(BATCH, samples - tried), generator)
         rounds += 1
         # The motion that ends first is certified; a part that fails the proof is removed, and the search continues.
-        while (route := search.earliest()) is not None and search.failures <= MOST_PROOFS:
-            trajectory, steps = search.motion(route)
+        while (found := search.earliest()) is not None and search.failures <= MOST_PROOFS:
+            row, trajectory, steps = found
             certificate = certify(trajectory, checker, movers=times.movers)
             if certificate.free:
                 waiting = sum(step.end - step.start for step in steps if step.edge is None)
-                goal = ends.indices[route.goal]
+                goal = ends.indices[row]
                 message = f"reached goal {goal} at {start_time + trajectory.duration:.4g} s"
                 message += f"{guess_mark(trajectory.limits_note)}, after waiting {waiting:.3g} s; {certificate.message}"
                 return TimedPlanResult(
@@ -279,16 +279,6 @@ class _MotionStep(NamedTuple):
     at: int
 
 
-class _TimedRoute(NamedTuple):
-    """The configurations of a motion, with the times of arrival and of departure, and the index of the goal."""
-
-    goal: int
-    places: list[int]
-    arrivals: list[float]
-    departures: list[float]
-    end: float
-
-
 class _Roadmap:
     """The configurations, edges and safe intervals, and the search for the earliest arrival."""
 
@@ -359,13 +349,14 @@ class _Roadmap:
         edges = np.flatnonzero(np.diff(self._free[place].astype(np.int8), prepend=0, append=0))
         return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
 
-    def earliest(self) -> _TimedRoute | None:
-        """The motion that ends first at a goal within the window; None if the roadmap has none."""
+    def earliest(self) -> tuple[int, Trajectory, list[_MotionStep]] | None:
+        """The goal, motion and parts of the motion that ends first at a goal within the window; None without one."""
         times, grid = self._times, self._times.grid
         goals = np.array([self.q[goal] for goal in self._goals])
         bound = [float(least_times(goals - q, self._limits, full_speed=True).min()) for q in self.q]
         if not self._free[self._start][0]:
             return None
+        # A* over configurations with one of their safe intervals; only the earliest arrival in each matters.
         self._reached = set()
         best = {(self._start, 0): 0.0}
         came: dict[tuple[int, int], tuple[tuple[int, int], float]] = {}
@@ -395,15 +386,25 @@ class _Roadmap:
                         heapq.heappush(heap, (max(arrival, times.first) + bound[other], arrival, other, k))
         if ending is None:
             return None
-        # Back from the goal to the start.
-        end, key = ending
-        goal, places, arrivals, departures = self._goals.index(key[0]), [key[0]], [best[key]], list[float]()
+        # Back from the goal to the start: each configuration with its arrival and departure.
+        departure, key = ending
+        goal, visits = self._goals.index(key[0]), [(key[0], best[key], departure)]
         while key in came:
             key, departure = came[key]
-            places.append(key[0])
-            arrivals.append(best[key])
-            departures.append(departure)
-        return _TimedRoute(goal, places[::-1], arrivals[::-1], departures[::-1], end)
+            visits.append((key[0], best[key], departure))
+        # Forward as waits and edges.
+        names, steps, parts = self._group.joint_names, list[_MotionStep](), list[Trajectory]()
+        for (place, arrival, departure), following in zip_longest(visits[::-1], visits[-2::-1]):
+            if departure - arrival > STEP * 1e-6:
+                quintic = self._jerk is not None
+                parts.append(Trajectory.at_rest(self.q[place], names, departure - arrival, quintic=quintic))
+                steps.append(_MotionStep(arrival, departure, None, place))
+            if following is not None and (edge := self._edges[place, following[0]]) is not None:
+                parts.append(edge.motion)
+                steps.append(_MotionStep(departure, departure + edge.duration, (place, following[0]), place))
+        if not parts:
+            return goal, Trajectory.at_rest(self.q[self._start], names), []
+        return goal, Trajectory.join(*parts), steps
 
     def _arrivals(self, a: int, b: int, now: float, until: int) -> list[tuple[int, float, float]]:
         """The intervals of b that can be reached from a after ``now``: with the earliest arrival and its departure."""
@@ -431,32 +432,6 @@ class _Roadmap:
                     break
                 begin, size = begin + size, 4 * size
         return found
-
-    # -- the motion ---------------------------------------------------------------------------------------------------
-
-    def motion(self, route: _TimedRoute) -> tuple[Trajectory, list[_MotionStep]]:
-        """The trajectory of a route, and its parts."""
-        parts: list[Trajectory] = []
-        steps: list[_MotionStep] = []
-
-        def wait(place: int, arrival: float, until: float) -> None:
-            if until - arrival > STEP * 1e-6:
-                names, quintic = self._group.joint_names, self._jerk is not None
-                parts.append(Trajectory.at_rest(self.q[place], names, until - arrival, quintic=quintic))
-                steps.append(_MotionStep(arrival, until, None, place))
-
-        for k, departure in enumerate(route.departures):
-            a, b = route.places[k], route.places[k + 1]
-            wait(a, route.arrivals[k], departure)
-            edge = self._edges[a, b]
-            if edge is None:
-                raise InputError("a route has an edge in contact")
-            parts.append(edge.motion)
-            steps.append(_MotionStep(departure, departure + edge.duration, (a, b), a))
-        wait(route.places[-1], route.arrivals[-1], route.end)
-        if not parts:
-            return Trajectory.at_rest(self.q[self._start], self._group.joint_names), []
-        return Trajectory.join(*parts), steps
 
     def refuse(self, certificate: Certificate, steps: Sequence[_MotionStep]) -> None:
         """Remove the part of a motion that is not proven."""

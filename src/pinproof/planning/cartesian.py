@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -84,14 +84,9 @@ def plan_linear(
     require_type("checker", checker, CollisionChecker)
     arm = checker.arm
     follower = RouteFollower(
-        arm=arm,
-        task=line_task(task),
-        deviation=deviation,
-        rotation_deviation=rotation_deviation,
-        translation_step=translation_step,
-        rotation_step=rotation_step,
-        max_joint_step=max_joint_step,
-    )
+        arm=arm, task=line_task(task), deviation=deviation, rotation_deviation=rotation_deviation,
+        translation_step=translation_step, rotation_step=rotation_step, max_joint_step=max_joint_step,
+    )  # fmt: skip
     first, last = arm.limits.snap(arm.configuration(start, "start")), rigid("target", target)
     if message := _outside_limits(arm, first):
         names = tuple(np.array(arm.joint_names)[first != arm.limits.clip(first)].tolist())
@@ -163,14 +158,9 @@ def plan_poses(
     require_type("checker", checker, CollisionChecker)
     arm = checker.arm
     follower = RouteFollower(
-        arm=arm,
-        task=line_task(task),
-        deviation=deviation,
-        rotation_deviation=rotation_deviation,
-        translation_step=translation_step,
-        rotation_step=rotation_step,
-        max_joint_step=max_joint_step,
-    )
+        arm=arm, task=line_task(task), deviation=deviation, rotation_deviation=rotation_deviation,
+        translation_step=translation_step, rotation_step=rotation_step, max_joint_step=max_joint_step,
+    )  # fmt: skip
     if not rounding >= 0 or not rotation_rounding > 0:
         raise InputError(
             f"rounding = {rounding} must be 0 m or more, and rotation_rounding = {rotation_rounding} above 0 rad"
@@ -198,9 +188,9 @@ def plan_poses(
         message = f"all {len(starts)} configurations at the first pose are in contact: {checker.check(starts[0])}"
         certificate = certify(_point_path(arm, starts[0]), checker)
         return PosesPlanResult(LinearStatus.CONTACT, None, certificate, 0.0, -1, message)
-    # The result that gets farthest; if several reach the end, the one of least cost.
+    # The result that gets farthest; if several reach the end, the fastest one.
     candidates = [_follow_poses(follower, first, targets[1:], rounding, rotation_rounding) for first in free]
-    candidates.sort(key=lambda candidate: candidate.cost)
+    candidates.sort(key=lambda candidate: (1.0 - candidate.fraction, candidate.seconds))
     best = _poses_result(candidates[0], checker, 0)
     for candidate in candidates[1:]:
         if best.fraction >= candidate.fraction:
@@ -232,49 +222,31 @@ def _point_path(arm: Arm, q: Array) -> CubicPath:
     return CubicPath([q], np.zeros((1, len(q))), [0.0], arm.joint_names)
 
 
-@dataclass(frozen=True, eq=False)
-class _FollowedPoses:
+class _FollowedPoses(NamedTuple):
     """The joint curves along several routes, up to the end or to the point at which the move stops.
 
     The parameter is the length from the start; ``passed`` are those at which poses are reached, ``length`` is that of
-    all routes, and ``last`` the last route that was followed, if any.
+    all routes, and ``last`` the last route that was followed, if any. The joints need ``seconds`` at full speed.
     """
 
-    arm: Arm
-    first: Array
     parts: list[CubicPath]
     last: FollowedRoute | None
     passed: list[float]
     length: float
     deviation: float
     rotation_deviation: float
-
-    @property
-    def path(self) -> BlendedPath:
-        """The parts as one path."""
-        return BlendedPath.join(*(self.parts or [_point_path(self.arm, self.first)]))
+    seconds: float
 
     @property
     def end(self) -> float:
         """The parameter at the end of the last part."""
-        return self.parts[-1].domain[1] if self.parts else 0.0
-
-    @property
-    def complete(self) -> bool:
-        """Whether all routes were followed to their ends."""
-        return self.last is None or self.last.status is LinearStatus.COMPLETE
+        return self.parts[-1].domain[1]
 
     @property
     def fraction(self) -> float:
         """The fraction of the total length that was followed."""
-        return 1.0 if self.complete else self.end / self.length
-
-    @property
-    def cost(self) -> tuple[float, float]:
-        """The fraction that is missing, then the time that the joints need at their maximum velocity."""
-        velocity = np.where(np.isfinite(self.arm.limits.velocity), self.arm.limits.velocity, 1.0)
-        times = [np.abs(np.diff(part.q, axis=0)) / velocity for part in self.parts]
-        return 1.0 - self.fraction, float(sum(time.max(axis=1).sum() for time in times))
+        complete = self.last is None or self.last.status is LinearStatus.COMPLETE
+        return 1.0 if complete else self.end / self.length
 
 
 def _follow_poses(
@@ -304,44 +276,30 @@ def _follow_poses(
         begin += route.length
         if last.status is not LinearStatus.COMPLETE:
             break
-    total = sum(route.length for route in routes)
-    return _FollowedPoses(follower.arm, first, parts, last, passed, total, deviation, rotation_deviation)
+    total, velocity = sum(route.length for route in routes), follower.arm.limits.velocity
+    speeds = np.where(np.isfinite(velocity), velocity, 1.0)
+    seconds = float(sum((np.abs(np.diff(part.q, axis=0)) / speeds).max(axis=1).sum() for part in parts))
+    parts = parts or [_point_path(follower.arm, first)]
+    return _FollowedPoses(parts, last, passed, total, deviation, rotation_deviation, seconds)
 
 
 def _poses_result(followed: _FollowedPoses, checker: CollisionChecker, offset: int) -> PosesPlanResult:
     """Certify the curve and report where the move stops; ``offset`` is the index of the pose at the start, or -1."""
-    path = followed.path
+    path, last = BlendedPath.join(*followed.parts), followed.last
     certificate = certify(path, checker)
-    if not certificate.free:
-        status, end = _stop(certificate)
-        return _stopped(followed, status, end, certificate.message, certificate, offset)
-    if followed.last is not None and not followed.complete:
-        return _stopped(followed, followed.last.status, followed.end, followed.last.reason, None, offset)
-    reached = len(followed.passed) + offset
-    stops = f" with {len(path.corners)} stops" if path.corners else ""
-    return PosesPlanResult(
-        LinearStatus.COMPLETE,
-        path,
-        certificate,
-        1.0,
-        reached,
-        f"passed all {reached + 1} poses{stops}; {certificate.message}",
-        followed.deviation,
-        followed.rotation_deviation,
-    )
-
-
-def _stopped(
-    followed: _FollowedPoses,
-    status: LinearStatus,
-    end: float,
-    reason: str,
-    certificate: Certificate | None,
-    offset: int,
-) -> PosesPlanResult:
+    if certificate.free and (last is None or last.status is LinearStatus.COMPLETE):
+        reached = len(followed.passed) + offset
+        stops = f" with {len(path.corners)} stops" if path.corners else ""
+        message = f"passed all {reached + 1} poses{stops}; {certificate.message}"
+        deviations = followed.deviation, followed.rotation_deviation
+        return PosesPlanResult(LinearStatus.COMPLETE, path, certificate, 1.0, reached, message, *deviations)
+    # A contact on the curve comes before the point at which the route cannot be followed farther.
+    if certificate.free and last is not None:
+        status, end, reason, joints, stopped_by = last.status, followed.end, last.reason, last.joints, None
+    else:
+        (status, end), reason, joints, stopped_by = _stop(certificate), certificate.message, (), certificate
     reached = sum(at <= end for at in followed.passed) + offset
     fraction = end / followed.length if followed.length > 0.0 else 0.0
     location = f"after pose {reached}" if reached >= 0 else "before the first pose"
     message = f"stops at {_percent(fraction)} of the path, {location}: {reason}"
-    joints = followed.last.joints if followed.last is not None and certificate is None else ()
-    return PosesPlanResult(status, None, certificate, fraction, reached, message, joints=joints)
+    return PosesPlanResult(status, None, stopped_by, fraction, reached, message, joints=joints)

@@ -64,13 +64,9 @@ ANY_STEP = 2 * np.pi
 
 @dataclass(frozen=True, eq=False)
 class PoseSegment:
-    """The straight segment from one pose to another.
-
-    ``length`` (m) is its length including the weighted rotation; ``translation`` and ``rotation`` (3,) are per metre.
-    """
+    """The straight segment between poses, with its length (m), rotation included, and its directions (3,) per metre."""
 
     start: Array
-    end: Array
     translation: Array
     rotation: Array
     length: float
@@ -82,18 +78,13 @@ class PoseSegment:
         length = float(np.hypot(np.linalg.norm(translation), LEVER * np.linalg.norm(rotation)))
         length = length if length > MIN_LENGTH else 0.0
         per = 1.0 / length if length > 0.0 else 0.0
-        return cls(matrix(first), matrix(last), translation * per, rotation * per, length)
+        return cls(matrix(first), translation * per, rotation * per, length)
 
     def piece_count(self, translation_step: float, rotation_step: float) -> int:
         """The number of equal pieces that do not exceed the steps (m, rad)."""
         distance = self.length * float(np.linalg.norm(self.translation))
         angle = self.length * float(np.linalg.norm(self.rotation))
         return int(np.ceil(max(distance / translation_step, angle / rotation_step)))
-
-    @property
-    def vectors(self) -> Array:
-        """(2, 3) the translation and the rotation per metre."""
-        return np.stack([self.translation, self.rotation])
 
     @property
     def direction(self) -> Array:
@@ -152,7 +143,7 @@ class Route:
         pieces = self._pieces
         return CompiledRoute(
             np.array([piece.pose for piece in pieces]),
-            np.array([[each.into.vectors, each.out.vectors] for each in pieces]).reshape(-1, 4, 3),
+            np.array([[[s.translation, s.rotation] for s in (p.into, p.out)] for p in pieces]).reshape(-1, 4, 3),
             np.array([[piece.a, piece.b] for piece in pieces]),
             self.borders,
             self._derivatives,
@@ -213,7 +204,10 @@ def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) 
         if high - low > MIN_LENGTH or segment.length == 0.0:
             pieces.append(_straight_piece(segment, low, high))
         if reach[i + 1] > 0.0:
-            pieces.append(_rounding(segment, segments[i + 1], reach[i + 1]))
+            out = segments[i + 1]
+            h = reach[i + 1] * float(corner_spacing(segment.direction, out.direction))
+            increasing = np.array([0.0, 0.0, 0.0, reach[i + 1] - 2 * h, reach[i + 1] - h, reach[i + 1]])
+            pieces.append(_RoutePiece(out.start, segment, out, increasing[::-1], increasing, 5.0 * h))
         else:
             routes.append(Route(pieces))
             pieces = []
@@ -222,12 +216,6 @@ def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) 
 
 def _straight_piece(segment: PoseSegment, low: float, high: float) -> _RoutePiece:
     return _RoutePiece(segment.start, segment, segment, np.zeros(6), np.linspace(low, high, 6), high - low)
-
-
-def _rounding(into: PoseSegment, out: PoseSegment, reach: float) -> _RoutePiece:
-    h = reach * float(corner_spacing(into.direction, out.direction))
-    increasing = np.array([0.0, 0.0, 0.0, reach - 2 * h, reach - h, reach])
-    return _RoutePiece(out.start, into, out, increasing[::-1], increasing, 5.0 * h)
 
 
 # -- following a route -------------------------------------------------------------------------------------------------

@@ -252,7 +252,7 @@ class FreeMoves:
 
     def connect(self, states: Sequence[State], duration: float) -> list[Move] | None:
         """The fastest allowed moves from state to state, if they are shorter than a duration (s); otherwise None."""
-        # The fastest moves within the limits of the joints are the shortest; if they are not free, slower ones are not.
+        # States whose fastest moves are too long or not free are given up, which rejects most at little cost.
         connected: list[Move] = []
         left = duration
         for first, last in pairwise(states):

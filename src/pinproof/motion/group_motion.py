@@ -112,26 +112,30 @@ def merged(
     clocks = [whole_nanoseconds(part.trajectory.times) for part in parts]
     last = max(int(clock[-1]) for clock in clocks) if duration is None else round(duration * NANO)
     for part, clock in zip(parts, clocks, strict=True):
-        each = part.trajectory
+        trajectory = part.trajectory
         if int(clock[-1]) >= last or len(clock) == 1:  # a trajectory with a single point rests
             continue
         if not wait:
             durations = ", ".join(f"{one.name} {one.trajectory.duration:.6g} s" for one in parts)
             raise InputError(f"the trajectories have different durations: {durations}; wait=True lets the others rest")
-        if each.velocities[-1].any() or (each.accelerations is not None and each.accelerations[-1].any()):
+        if trajectory.velocities[-1].any() or (
+            trajectory.accelerations is not None and trajectory.accelerations[-1].any()
+        ):
             raise InputError(f"{part.name} moves at the end of its trajectory, so that it cannot wait there")
     quintic = any(part.trajectory.accelerations is not None and len(part.trajectory.times) > 1 for part in parts)
     times = np.unique(np.concatenate([*(clock[clock <= last] for clock in clocks), [0, last]]))
     states = np.zeros((3, len(times), len(joint_names)))  # positions, velocities, accelerations
     for part, clock in zip(parts, clocks, strict=True):
-        each, order, columns = part.trajectory, part.order, part.columns
-        own = each.acceleration(each.times) if each.accelerations is None else each.accelerations
+        trajectory, order, columns = part.trajectory, part.order, part.columns
+        own = (
+            trajectory.acceleration(trajectory.times) if trajectory.accelerations is None else trajectory.accelerations
+        )
         at, known = np.searchsorted(clock, times), np.isin(times, clock)
         inside = times <= clock[-1]
         then = seconds(times[inside])
-        states[0][np.ix_(~inside, columns)] = each.q[-1, order]
-        functions: tuple[Callable[[Array], Array], ...] = (each, each.velocity, each.acceleration)
-        for rows, evaluate, points in zip(states, functions, (each.q, each.velocities, own), strict=True):
+        states[0][np.ix_(~inside, columns)] = trajectory.q[-1, order]
+        functions: tuple[Callable[[Array], Array], ...] = (trajectory, trajectory.velocity, trajectory.acceleration)
+        for rows, evaluate, points in zip(states, functions, (trajectory.q, trajectory.velocities, own), strict=True):
             rows[np.ix_(inside, columns)] = evaluate(then)[:, order]
             # At its own points a trajectory keeps its own numbers, so that nothing is rounded.
             rows[np.ix_(known, columns)] = points[at[known]][:, order]

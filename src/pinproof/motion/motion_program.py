@@ -214,7 +214,7 @@ class MotionProgram(Shown):
         parts: dict[str, list[Trajectory]] = {}
         for segment in self.segments:
             parts.setdefault(segment.certificate, []).append(segment.trajectory)
-        return {name: Trajectory.join(*each) for name, each in parts.items()}
+        return {name: Trajectory.join(*segments) for name, segments in parts.items()}
 
     @property
     def changed(self) -> tuple[str, ...]:
@@ -226,7 +226,7 @@ class MotionProgram(Shown):
         """The configuration (n,) at time ``t`` in [0, duration]; InputError outside."""
         if not 0.0 <= t <= self.duration:
             raise InputError(f"t = {t} s is outside the program, which lasts {self.duration:.9g} s")
-        segment = next(each for each in reversed(self.segments) if each.start <= t)
+        segment = next(segment for segment in reversed(self.segments) if segment.start <= t)
         return segment.trajectory(min(t - segment.start, segment.trajectory.duration))
 
     @classmethod
@@ -286,7 +286,7 @@ class MotionProgram(Shown):
         return f'{head[:-2]},\n "segments": [\n{lines}\n ]\n}}\n'
 
     def _view(self) -> View:
-        rows = [(each.start, each.end, f"segment {each.name}") for each in self.segments]
+        rows = [(segment.start, segment.end, f"segment {segment.name}") for segment in self.segments]
         rows += [(e.time, e.end, f"event {e.kind}{e.object and f' {e.object}'}") for e in self.events]
         rows.sort(key=lambda row: row[:2])
         lines = (f"{start:.4f} to {end:.4f} s: {what}" for start, end, what in rows)

@@ -371,9 +371,9 @@ class BlendedPath(BezierCurve):
         for i, (first, second) in enumerate(pairwise(parts)):
             ends_meet(first, second, f"parts {i} and {i + 1}")
         pieces = [part.bezier() for part in parts]
-        degree = max(each.degree for each in pieces)
-        control = np.concatenate([each.elevated(degree).control for each in pieces])
-        width = np.concatenate([np.diff(each.knots) for each in pieces])
+        degree = max(part.degree for part in pieces)
+        control = np.concatenate([part.elevated(degree).control for part in pieces])
+        width = np.concatenate([np.diff(part.knots) for part in pieces])
         moving = (control != control[:, :1]).any(axis=(1, 2))
         if not moving.any():
             return cls(np.zeros(2), control[:1], parts[0].joint_names)

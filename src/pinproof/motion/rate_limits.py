@@ -198,7 +198,7 @@ class ToolLimits:
 
     def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
         """The limits at points of a path: of s'^2 for a speed, in several directions for an acceleration."""
-        q, slope, curvature = (np.ascontiguousarray(each) for each in (q, slope, curvature))
+        q, slope, curvature = (np.ascontiguousarray(array) for array in (q, slope, curvature))
         motion = self._tree.tool_motion(q, slope, curvature)
         alpha: list[Array] = []
         beta: list[Array] = []
@@ -378,12 +378,12 @@ class TorqueLimits(Shown):
         TimingError
             If gravity alone exceeds a limit; the message names the joint, the torque and the configuration.
         """
-        q, slope, curvature = (np.ascontiguousarray(each) for each in (q, slope, curvature))
+        q, slope, curvature = (np.ascontiguousarray(array) for array in (q, slope, curvature))
         alpha, gamma = self._tree.torques(q, np.zeros_like(q), slope)
         beta, _ = self._tree.torques(q, slope, curvature)
         self._require_standstill(q, gamma)
         bound = np.broadcast_to(self.limits, q.shape)
-        return tuple(each[:, self._limited] for each in (alpha, beta, gamma, bound))  # type: ignore[return-value]
+        return tuple(array[:, self._limited] for array in (alpha, beta, gamma, bound))  # type: ignore[return-value]
 
     def excess(self, trajectory: Trajectory) -> Array:
         """(k,) for each piece, a proven upper bound of the factor by which its duration must be multiplied.

@@ -104,7 +104,7 @@ class JointMap:
         return self.signs * (q - self.offsets)
 
     def __str__(self) -> str:
-        signs, offsets = (" ".join(f"{value:.17g}" for value in each) for each in (self.signs, self.offsets))
+        signs, offsets = (" ".join(f"{value:.17g}" for value in values) for values in (self.signs, self.offsets))
         return f"signs {signs}, offsets {offsets}, coupling {self.coupling:.17g}"
 
     @classmethod
@@ -165,7 +165,7 @@ class RobotProgram:
     @property
     def moves(self) -> tuple[JointMove | LinearMove | StreamedPoint | StreamedTrajectory, ...]:
         """The steps that move the arm."""
-        return tuple(each for each in self.steps if not isinstance(each, SetOutput | Wait))
+        return tuple(step for step in self.steps if not isinstance(step, SetOutput | Wait))
 
     @classmethod
     def parse(cls, text: str, *, source: str = "program", dialect: str, allow_changes: bool = False) -> RobotProgram:
@@ -212,7 +212,7 @@ class RobotProgram:
         steps = [_mapped(s, mapping.from_controller) for s in language.read(source, body, len(stated.joint_names))]
         if any(isinstance(s, StreamedTrajectory) and s.record.joint_names != stated.joint_names for s in steps):
             raise TrajectoryError(source, f"its joints are not {', '.join(stated.joint_names)}, as its comments state")
-        if all(isinstance(each, SetOutput | Wait) for each in steps):
+        if all(isinstance(step, SetOutput | Wait) for step in steps):
             raise TrajectoryError(source, "the program has no move")
         certificate = "" if changed is not None else stated.certificate
         return replace(stated, steps=tuple(steps), certificate=certificate, text=text)
@@ -268,13 +268,13 @@ def make_program(
     names = checked_joint_names(joint_names)
     if language.joints is not None and len(names) != language.joints:
         raise InputError(f"a program in {dialect} needs {language.joints} joints; the arm has {len(names)}")
-    if spaced := [each for each in names if len(each.split()) != 1]:
+    if spaced := [joint for joint in names if len(joint.split()) != 1]:
         raise InputError(f"the name of joint {spaced[0]!r} has spaces, which the comments of a program cannot state")
     require_positive("deviation (rad)", deviation, zero=True)
     mapping = joint_map or JointMap.identity(len(names))
     if len(mapping.signs) != len(names):
         raise InputError(f"the joint map has {len(mapping.signs)} joints; the arm has {len(names)}")
-    if not mapping.is_identity and any(isinstance(each, StreamedTrajectory) for each in steps):
+    if not mapping.is_identity and any(isinstance(step, StreamedTrajectory) for step in steps):
         raise InputError(f"a program in {dialect} uses the joint values of the model; remove the joint map")
     name = re.sub(r"\W", "_", name, flags=re.ASCII) or "motion"
     name = name if name[0].isalpha() else f"p{name}"
@@ -303,7 +303,7 @@ def make_program(
         rows = [[pick.name, pick.member, [list(motion) for motion in pick.motions]] for pick in picks]
         entries["picks"] = json.dumps(rows).replace(";", "\\u003b")
     entries["lines"] = " ".join([_hash_of_entries(entries), *hashes])
-    comments = [language.comment(each) for each in _fold(entries, language.comment_width)]
+    comments = [language.comment(line) for line in _fold(entries, language.comment_width)]
     text = "\n".join([*before, *comments, *body, *after]) + "\n"
     return RobotProgram.parse(language.numbered(text), source=name, dialect=dialect)
 

@@ -37,7 +37,7 @@ SHORTEST_STEP = 5e-5
 
 def rest(q: Iterable[float]) -> State:
     """The state at a configuration, at rest."""
-    positions = [float(each) for each in q]
+    positions = [float(value) for value in q]
     zeros = [0.0] * len(positions)
     return positions, zeros, zeros
 
@@ -212,8 +212,8 @@ class Steering:
         """Whether a complete move stays within the position limits."""
         extremes = move.source.position_extrema  # type: ignore[attr-defined]
         return all(
-            each.min >= low - POSITION_TOLERANCE and each.max <= high + POSITION_TOLERANCE
-            for each, low, high in zip(extremes, self._lower, self._upper, strict=True)
+            extreme.min >= low - POSITION_TOLERANCE and extreme.max <= high + POSITION_TOLERANCE
+            for extreme, low, high in zip(extremes, self._lower, self._upper, strict=True)
         )
 
 

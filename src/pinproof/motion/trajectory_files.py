@@ -284,7 +284,7 @@ class Record:
         """The metadata: the key ``pinproof`` of JSON files, the first line of CSV files."""
         kind, units = ("cubic", CUBIC_UNITS) if self.accelerations is None else ("quintic", UNITS)
         meta = {"version": 1, "interpolant": INTERPOLANTS[kind], "units": units, "limits_note": self.limits_note}
-        return {**meta, "certified": [each.to_dict() for each in self.certified]} if self.certified else meta
+        return {**meta, "certified": [record.to_dict() for record in self.certified]} if self.certified else meta
 
 
 class _Point(NamedTuple):

@@ -94,22 +94,22 @@ def coordinate(
         If an arm is missing, a motion does not rest at its ends, or ``step`` is not positive.
     """
     require_positive("step (s)", step)
-    for name, each in trajectories.items():
-        require_type(f"the motion of {name!r}", each, Trajectory)
-        ends = [each.velocities[[0, -1]], *([] if each.accelerations is None else [each.accelerations[[0, -1]]])]
+    for name, given in trajectories.items():
+        require_type(f"the motion of {name!r}", given, Trajectory)
+        ends = [given.velocities[[0, -1]], *([] if given.accelerations is None else [given.accelerations[[0, -1]]])]
         if any(values.any() for values in ends):
             raise InputError(f"the motion of arm {name!r} does not rest at its ends, so that the arm cannot wait there")
     group, placed = checker.group, dict[str, Trajectory]()
     delays, slowdowns = dict.fromkeys(trajectories, 0.0), dict.fromkeys(trajectories, 1.0)
     whole = certificate = None
-    for name, each in trajectories.items():
+    for name, given in trajectories.items():
         waiting = {
             other: Trajectory.at_rest(later.start, later.joint_names)
             for other, later in trajectories.items()
             if other not in (*placed, name)
         }
         if waiting and not placed:
-            placed[name] = each  # it starts at once in any case; the certificates with the other arms cover it
+            placed[name] = given  # it starts at once in any case; the certificates with the other arms cover it
             continue
         # Delays and slowdowns, the earliest end first. At a delay of `busy`, all other arms have arrived.
         busy = max((motion.duration for motion in placed.values()), default=0.0)
@@ -117,11 +117,11 @@ def coordinate(
             (delay, factor)
             for delay in (*np.arange(0.0, busy, step).tolist(), busy)
             for factor in SLOWDOWNS
-            if delay + (factor - 1.0) * each.duration <= busy
+            if delay + (factor - 1.0) * given.duration <= busy
         ]
-        for delay, factor in sorted(retimings, key=lambda timing: (timing[0] + timing[1] * each.duration, timing[1])):
-            slower = each if factor == 1.0 else each.slowed(factor)
-            rest = Trajectory.at_rest(each.start, each.joint_names, delay, quintic=each.accelerations is not None)
+        for delay, factor in sorted(retimings, key=lambda timing: (timing[0] + timing[1] * given.duration, timing[1])):
+            slower = given if factor == 1.0 else given.slowed(factor)
+            rest = Trajectory.at_rest(given.start, given.joint_names, delay, quintic=given.accelerations is not None)
             motion = Trajectory.join(rest, slower) if delay and slower.duration else slower
             whole = synchronise({**placed, name: motion, **waiting}, group, wait=True)
             certificate = certify(whole, checker)
@@ -212,7 +212,7 @@ def plan_arms(
             reasons.append(f"{', '.join(order)}: {reason or (result.message if result else '')}")
     if not found:
         raise NoAnswer(f"no motion of all arms was found: {'; '.join(reasons)}")
-    return min(found, key=lambda each: each.trajectory.duration)
+    return min(found, key=lambda result: result.trajectory.duration)
 
 
 def _one_after_the_other(

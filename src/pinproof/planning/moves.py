@@ -115,7 +115,7 @@ class GentleMoves:
                 return None
             if not excesses:
                 return move
-            share *= AIM * max(min(each.factor for each in excesses), LARGEST_STEP)
+            share *= AIM * max(min(excess.factor for excess in excesses), LARGEST_STEP)
         return None
 
     def slowdown(self, trajectory: Trajectory) -> float:

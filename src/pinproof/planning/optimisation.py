@@ -195,7 +195,10 @@ def optimise(
     further = checked_constraints(rate_limits)
     bounds = Bounds.of(arm.limits if limits is None else limits, arm.joint_names, jerk)
     kept = check_constraints(constraints)
-    manifold, tolerances = manifold_of(checker.arm, kept) if kept else None, np.array([each.tolerance for each in kept])
+    manifold, tolerances = (
+        manifold_of(checker.arm, kept) if kept else None,
+        np.array([constraint.tolerance for constraint in kept]),
+    )
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(least_times(ends - path.start, bounds).min())
@@ -386,8 +389,8 @@ class _MotionSearch:
         for _ in range(rounds):
             share = budget // (rounds * len(found))
             found = [(self._improve(motion, goal, share), goal) for motion, goal in found]
-            found = sorted(found, key=lambda each: each[0].duration)[: (len(found) + 1) // 2]
-        self._best, self._goal = min([*found, (self._best, self._goal)], key=lambda each: each[0].duration)
+            found = sorted(found, key=lambda known: known[0].duration)[: (len(found) + 1) // 2]
+        self._best, self._goal = min([*found, (self._best, self._goal)], key=lambda known: known[0].duration)
 
     def _plan(self, goals: list[int]) -> tuple[Array, int] | None:
         """A path (m, n) to one of the goals, with edges that are free at their samples."""
@@ -519,7 +522,7 @@ class _MotionSearch:
             count = max(math.ceil(motion.duration / self._moves.step), 2)
             return self._moves.free([motion.state(float(t))[0] for t in np.linspace(0.0, motion.duration, count)])
 
-        found = sorted(self._found, key=lambda each: each[0].duration)
+        found = sorted(self._found, key=lambda known: known[0].duration)
         self._found = []
         tried = (self._best, self._goal)
         for _ in range(BACKTRACKS):
@@ -531,7 +534,7 @@ class _MotionSearch:
             self._moves.step /= 2.0
             self._edges.refine()
             longest = tried[0].duration
-            following = (each for each in found if each[0].duration > longest and free_at_samples(each[0]))
+            following = (known for known in found if known[0].duration > longest and free_at_samples(known[0]))
             if (next_tried := next(following, None)) is None:
                 break
             tried = next_tried

@@ -131,17 +131,17 @@ def manifold_of(arm: Arm, constraints: Sequence[PathConstraint]) -> Manifold:
     """The configurations of an arm, within its limits, that satisfy the constraints."""
     limits = arm.limits
     lower, upper = np.ascontiguousarray(limits.lower), np.ascontiguousarray(limits.upper)
-    return Manifold(arm.chain, [each.compiled() for each in constraints], lower, upper)
+    return Manifold(arm.chain, [constraint.compiled() for constraint in constraints], lower, upper)
 
 
 def violations_at(checker: CollisionChecker, q: Array, constraints: Sequence[PathConstraint]) -> list[str]:
     """The constraints that q (n,) violates, each as a sentence that states by how much."""
     found = []
-    for each in constraints:
-        error = each.error(checker.arm, q)
-        if not error <= each.tolerance:
-            excess = amount(each, error - each.tolerance)
-            found.append(f"{each} is violated: the error is {amount(each, error)}, {excess} too much")
+    for constraint in constraints:
+        error = constraint.error(checker.arm, q)
+        if not error <= constraint.tolerance:
+            excess = amount(constraint, error - constraint.tolerance)
+            found.append(f"{constraint} is violated: the error is {amount(constraint, error)}, {excess} too much")
     return found
 
 
@@ -256,7 +256,10 @@ def read_ends(
     outside = np.maximum(group.limits.lower - many, many - group.limits.upper).max(axis=1)
     inside = [excess <= 0.0 for excess in outside.tolist()]
     if constraints:
-        tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(checker.arm, constraints)
+        tolerances, manifold = (
+            np.array([constraint.tolerance for constraint in constraints]),
+            manifold_of(checker.arm, constraints),
+        )
         inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
     if torque_limits is not None:
         require_arm(torque_limits, group)

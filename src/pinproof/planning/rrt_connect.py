@@ -307,7 +307,7 @@ class ConnectSearch:
         gap = self._core.distance_of_trees()
         periodic = {self._checker.group.joint_names[k] for k in np.flatnonzero(self._checker.group.periodic)}
         shifted = not self._given.turns and self._has_other_turns()
-        hint = f"; {OTHER_TURNS}" if shifted and periodic.intersection(each.joint for each in barriers) else ""
+        hint = f"; {OTHER_TURNS}" if shifted and periodic.intersection(barrier.joint for barrier in barriers) else ""
         return self._result(PlanStatus.IMPOSSIBLE, no_path_message(barriers) + hint, gap=gap)
 
     def _out_of_budget(self, budget: str) -> PlanResult:
@@ -382,7 +382,9 @@ def _run_portfolio(
             if results[-1].status in (PlanStatus.CANCELLED, PlanStatus.IMPOSSIBLE):
                 break
     else:
-        results = _gather([executor.submit(_search, settings, ends, constraints, each) for each in streams], progress)
+        results = _gather(
+            [executor.submit(_search, settings, ends, constraints, stream) for stream in streams], progress
+        )
     # A path, else the reason for which the search ended, else the failure with the smallest gap.
     if found := [result for result in results if result.ok]:
         best = min(found, key=lambda result: result.path.length)

@@ -15,7 +15,7 @@ from pinproof.motion.dialects.urscript import UrScript
 __all__ = ["DIALECTS", "Dialect", "dialect_of_file", "find_dialect", "is_program_file"]
 
 # The languages by name.
-DIALECTS: dict[str, Dialect] = {each.name: each for each in (UrScript(), Rapid(), Krl(), Fanuc(), Ros2())}
+DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (UrScript(), Rapid(), Krl(), Fanuc(), Ros2())}
 
 
 def find_dialect(name: str) -> Dialect:
@@ -36,10 +36,10 @@ def dialect_of_file(path: Path) -> str:
     for dialect in DIALECTS.values():
         if path.name.lower().endswith(dialect.endings):
             return dialect.name
-    valid = ", ".join(f"{ending} ({each.name})" for each in DIALECTS.values() for ending in each.endings)
+    valid = ", ".join(f"{ending} ({dialect.name})" for dialect in DIALECTS.values() for ending in dialect.endings)
     raise InputError(f"{path}: no language of robot programs has this ending; valid: {valid}")
 
 
 def is_program_file(path: Path) -> bool:
     """Whether a file has the ending of a robot program."""
-    return any(path.name.lower().endswith(each.endings) for each in DIALECTS.values())
+    return any(path.name.lower().endswith(dialect.endings) for dialect in DIALECTS.values())

@@ -139,40 +139,28 @@ class Dialect:
     joints: int | None = 6
     comment_mark = ""
     comment_width = 110
-    exact = False
-    """Whether the controller interpolates a trajectory exactly as pinproof does."""
-    streams = False
-    """Whether the language can send set points at a fixed period."""
-    outputs = ""
-    """The digital output that closes a gripper by default; empty if the language has no outputs."""
-    blend: Blend | None = None
-    """The blend of an inner point by default; None if the language has none."""
-    deviation = 0.0
-    """rad: the assumed deviation of each joint from the straight lines of the moves, by default."""
-
+    exact = False  # whether the controller interpolates a trajectory exactly as pinproof does
+    streams = False  # whether the language can send set points at a fixed period
+    outputs = ""  # the digital output that closes a gripper by default; empty if the language has no outputs
+    blend: Blend | None = None  # the blend of an inner point by default; None if the language has none
+    deviation = 0.0  # rad: the assumed deviation of each joint from the straight lines of the moves, by default
+    # The line that switches an output, with its name and its state, and the words for off and on.
     output_line, output_states = "", ("", "")
-    """The line that switches an output, with its name and its state, and the words for off and on."""
+    # A regular expression of the names of outputs, and a description for messages.
     output_names, output_kind = "0*[1-9][0-9]*", "numbers from 1"
-    """A regular expression of the names of outputs, and a description for messages."""
-    wait_line = ""
-    """The line of a waiting time in seconds."""
+    wait_line = ""  # the line of a waiting time in seconds
+    # The lines before and after the steps, with the name of the program in place of `{}`, and the indent of steps.
+    frame: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    indent = "  "
+    # Regular expressions of the lines before the comments of pinproof, directly after them, and at the end, in this
+    # order. Each occurs once, there; the settings hold for all instructions.
     opening: tuple[str, ...] = ()
     settings: tuple[str, ...] = ()
     closing: tuple[str, ...] = ()
-    """Regular expressions of the lines before the comments of pinproof, directly after them, and at the end, in this
-    order. Each occurs once, there; the settings hold for all instructions."""
-    ignored = "(?!)"
-    """A regular expression of instructions that are not a step, such as one that sets the speed."""
-    prefix = ""
-    """A regular expression of the text before the instruction of a line, such as its number."""
-    supported = ""
-    """The supported instructions, for messages."""
-    contents = "moves, outputs and waiting times"
-    """The steps that a program can contain, for messages."""
-    frame: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
-    """The lines before and after the steps, with the name of the program in place of ``{}``."""
-    indent = "  "
-    """The beginning of the line of a step."""
+    ignored = "(?!)"  # a regular expression of instructions that are not a step, such as one that sets the speed
+    prefix = ""  # a regular expression of the text before the instruction of a line, such as its number
+    supported = ""  # the supported instructions, for messages
+    contents = "moves, outputs and waiting times"  # the steps that a program can contain, for messages
 
     def move(self, step: Step) -> str | None:
         """The line of a move; None if the language cannot express the step."""

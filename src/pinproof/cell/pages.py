@@ -98,10 +98,7 @@ class CellPage:
     ) -> None:
         """Write the page of a film, whose carried parts are obstacles of the stage.
 
-        Raises
-        ------
-        ViewerError
-            If the robot has nothing to draw, or the page cannot be written.
+        ViewerError if the robot has nothing to draw, or the page cannot be written.
         """
         if not any(link.surfaces for link in stage.links):
             raise ViewerError(f"robot {stage.arm.robot.name!r} has nothing to draw: no link has geometry")

@@ -195,12 +195,8 @@ def check_output_files(
 ) -> None:
     """Refuse output files that cannot be written or would overwrite a file of the same command.
 
-    Raises
-    ------
-    InputError
-        If an output is also an input, is named twice, or has none of the suffixes.
-    FileError
-        If an output is a folder, or its folder does not exist.
+    InputError if an output is also an input, is named twice, or has none of the suffixes; FileError if an output is a
+    folder, or its folder does not exist.
     """
     used = {os.path.realpath(path): "an input" for path in inputs if path is not None}
     for path in outputs:
@@ -229,12 +225,8 @@ def check_report_output(path: Path, suffixes: Sequence[str]) -> bool:
 
     A folder and its parents are created.
 
-    Raises
-    ------
-    InputError
-        If the suffix is unknown, or the folder of a file does not exist.
-    FileError
-        If the folder cannot be created.
+    InputError if the suffix is unknown, or the folder of a file does not exist; FileError if the folder cannot be
+    created.
     """
     if path.suffix.lower() in suffixes and not path.is_dir():
         if not path.parent.is_dir():

@@ -160,10 +160,7 @@ class RobotFileOptions:
     def xacro_args(self) -> dict[str, str]:
         """The arguments of ``--xacro-arg``.
 
-        Raises
-        ------
-        InputError
-            If an argument is not of the form NAME=VALUE, or a name is repeated.
+        InputError if an argument is not of the form NAME=VALUE, or a name is repeated.
         """
         found: dict[str, str] = {}
         for text in self.xacro_arg or ():
@@ -255,10 +252,7 @@ class SetupOptions(ChainOptions):
     def attachments(self) -> pp.collision.Attachments:
         """The attached bodies, allowed contacts, held joints and tip of both files.
 
-        Raises
-        ------
-        InputError
-            If both files name the same body, hold a joint at different values, or state a tip.
+        InputError if both files name the same body, hold a joint at different values, or state a tip.
         """
         picks = self.picks
         tool = pp.collision.Attachments(picks.open_tool, held=picks.held, tip=picks.tip)
@@ -269,10 +263,7 @@ class SetupOptions(ChainOptions):
     def arm(self, robot: str) -> pp.Arm:
         """Load the arm of a robot, with the tcp of ``--tool-of`` if none is selected, and the joints of the tool held.
 
-        Raises
-        ------
-        InputError
-            If the picks file of ``--tool-of`` states another tcp than the command.
+        InputError if the picks file of ``--tool-of`` states another tcp than the command.
         """
         if not self.has_tool:  # the packages that read these files are not imported then
             return super().arm(robot)
@@ -317,10 +308,7 @@ class ConstraintOptions:
     def constraints(self, arm: pp.Arm, start: npt.NDArray[np.float64]) -> tuple[pp.Upright, ...]:
         """The constraints for a motion that begins at ``start`` (n,).
 
-        Raises
-        ------
-        InputError
-            If an option is not an angle or a direction, or ``--upright-axis`` is given without ``--upright``.
+        InputError if an option is not an angle or a direction, or ``--upright-axis`` is given without ``--upright``.
         """
         if self.upright is None:
             if self.upright_axis is not None:
@@ -364,10 +352,7 @@ class RateOptions:
     def limits(self, arm: pp.Arm) -> list[pp.motion.RateConstraint]:
         """The limits for the timing of an arm beside those of its joints.
 
-        Raises
-        ------
-        InputError
-            If the payload is not a mass, a centre and an inertia, or the arm has no torque limits or masses.
+        InputError if the payload is not a mass, a centre and an inertia, or the arm has no torque limits or masses.
         """
         limits: list[pp.motion.RateConstraint] = []
         if self.payload is not None:
@@ -456,11 +441,8 @@ def _with_value(name: str, hint: Any, default: Any, panel: str | None = None) ->
 def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -> pp.Trajectory:
     """Load a motion file for the arm of a checker.
 
-    Raises
-    ------
-    InputError
-        If the file records that the motion was certified with attached bodies, held joints or obstacles that the
-        checker does not have, because FREE would then state less than the file suggests; ``ignore_record`` allows it.
+    InputError if the file records that the motion was certified with attached bodies, held joints or obstacles that the
+    checker does not have, because FREE would then state less than the file suggests; ``ignore_record`` allows it.
     """
     trajectory = pp.Trajectory.load(path, checker.arm.joint_names)
     missing = pp.collision.missing_since(trajectory.certified, checker)

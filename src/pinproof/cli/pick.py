@@ -199,12 +199,7 @@ class WorkerOptions:
     def settings(self) -> Iterator[dict[str, Any]]:
         """The options as settings of :class:`pinproof.Campaign` and :func:`pinproof.validate_picks`.
 
-        Raises
-        ------
-        InputError
-            If both options are given, or Dask is not installed.
-        CampaignError
-            If the scheduler does not answer.
+        InputError if both options are given, or Dask is not installed; CampaignError if the scheduler does not answer.
         """
         if self.dask is None:
             yield {} if self.workers is None else {"workers": self.workers}
@@ -356,10 +351,7 @@ def _run_campaign(
 ) -> None:
     """Run a campaign with a progress bar, print its summary, and write its page; exit code 1 unless all are good.
 
-    Raises
-    ------
-    Interrupted
-        After Ctrl-C.
+    Interrupted after Ctrl-C.
     """
     if page is not None and page.suffix.lower() != ".html":
         raise InputError(f"{page}: with --campaign, -o writes a page and must end in .html")

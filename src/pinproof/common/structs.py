@@ -356,10 +356,6 @@ def any_of(*kinds: Kind | Table, check: Check = lambda _, value: value) -> Kind:
     return Kind({"anyOf": list(kinds)}, check, parse)
 
 
-def _not_finite(value: Any) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)
-
-
 def optional(kind: Kind | Table) -> Kind:
     """A value of a kind, or null, as which numbers that are not finite are written."""
     inner: Any = kind.schema if isinstance(kind, Kind) else kind
@@ -369,7 +365,9 @@ def optional(kind: Kind | Table) -> Kind:
         schema,
         lambda name, value: None if value is None else kind.check(name, value),
         lambda name, stated, path: None if stated is None else kind.parse(name, stated, path),
-        lambda value: None if value is None or _not_finite(value) else kind.write(value),
+        lambda value: (
+            None if value is None or (isinstance(value, float) and not math.isfinite(value)) else kind.write(value)
+        ),
     )
 
 
@@ -805,69 +803,66 @@ def struct(
     return decorated
 
 
+@dataclass(frozen=True, eq=False)
 class _Struct:
     """What follows from the declaration of a class; made when needed, because annotations may name later classes."""
 
-    def __init__(
-        self,
-        cls: Any,
-        title: str,
-        about: str,
-        rules: Sequence[Rule | Schema],
-        first: Sequence[str],
-        version: str,
-        *how: bool,
-    ) -> None:
-        self._cls, self._title, self._about, self._rules, self._first = cls, title, about, rules, first
-        self._version = version
-        self._more, self._written = how
-        self._declared = {each.name: own for each in fields(cls) if (own := each.metadata.get("declared"))}
+    cls: Any
+    title: str
+    about: str
+    rules: Sequence[Rule | Schema]
+    first: Sequence[str]
+    version: str
+    more: bool
+    written: bool
 
     @cached_property
     def kinds(self) -> dict[str, Any]:
         """The kind of each field."""
-        hints = get_type_hints(self._cls, include_extras=True)
-        kinds = {
-            name: _kind_of(hints[name], own, written=self._written)
-            for name, own in self._declared.items()
-            if own.kind or not own.hidden
-        }
-        for each in fields(self._cls):  # files omit a text that a class has as empty
-            if each.default == "" and kinds.get(each.name) is TEXT:
-                kinds[each.name] = Kind(TEXT.schema, ANY_TEXT.check, TEXT.parse)
+        hints, kinds = get_type_hints(self.cls, include_extras=True), {}
+        for each in fields(self.cls):
+            own = each.metadata.get("declared")
+            if own is None or (own.hidden and not own.kind):
+                continue
+            kind = _kind_of(hints[each.name], own, written=self.written)
+            if each.default == "" and kind is TEXT:  # files omit a text that a class has as empty
+                kind = Kind(TEXT.schema, ANY_TEXT.check, TEXT.parse)
+            kinds[each.name] = kind
         return kinds
 
     @cached_property
     def table(self) -> Table:
         """The keys of the mappings that state it."""
         keys = []
-        for each in fields(self._cls):
-            own = self._declared.get(each.name)
+        # The fields that are keys
+        for each in fields(self.cls):
+            own = each.metadata.get("declared")
             if own is None or own.hidden:
                 continue
             made = each.default_factory() if each.default_factory is not MISSING else each.default
-            needed = made is MISSING or own.required or (self._written and not own.added)
-            shown = None if needed or self._written or (isinstance(made, str) and not made) else _shown(made)
+            needed = made is MISSING or own.required or (self.written and not own.added)
+            shown = None if needed or self.written or (isinstance(made, str) and not made) else _shown(made)
             key = Key(
                 own.name or each.name, own.inline or self.kinds[each.name], own.text, own.unit,
                 shown if own.shown is MISSING else own.shown, needed, each.name, own.inline is not None,
             )  # fmt: skip
             keys.append(key)
         for name, value in {
-            name: value for base in self._cls.__mro__[::-1] for name, value in vars(base).items()
+            name: value for base in self.cls.__mro__[::-1] for name, value in vars(base).items()
         }.items():
             function = getattr(value, "fget", None) or getattr(value, "func", None)  # property or cached_property
             if own := getattr(function, "declared", None):
                 hint = get_type_hints(function, include_extras=True)["return"]
                 kind = _kind_of(hint, own, written=True)
                 keys.append(required(own.name or name, kind, own.text, own.unit, attrgetter(name)))
-        keys.sort(key=lambda key: self._first.index(key.name) if key.name in self._first else len(self._first))
-        schemas = [rule.schema if isinstance(rule, Rule) else rule for rule in self._rules]
+        # The order of the manual, and rules of which a later one replaces an earlier one
+        keys.sort(key=lambda key: self.first.index(key.name) if key.name in self.first else len(self.first))
+        schemas = [rule.schema if isinstance(rule, Rule) else rule for rule in self.rules]
         rules = {name: rule for schema in schemas for name, rule in schema.items()}
-        text = " ".join(self._about.replace("``", "`").split())
-        if self._version:
-            keys.insert(0, schema_version(self._version))
-        return Table(self._title, text, *keys, rules=rules, more=self._more, make=self._cls)
+        text = " ".join(self.about.replace("``", "`").split())
+        if self.version:
+            keys.insert(0, schema_version(self.version))
+        return Table(self.title, text, *keys, rules=rules, more=self.more, make=self.cls)
 
 
 def table_of(struct: Any) -> Table:

@@ -48,10 +48,7 @@ wall points along the x axis of the placement, away from the wall."""
 def mounting_pose(mounting: str | SE3 | npt.ArrayLike) -> SE3:
     """``placement_from_root`` of a mounting: a name of :data:`MOUNTINGS`, or any pose.
 
-    Raises
-    ------
-    UnknownNameError
-        If there is no mounting of this name.
+    UnknownNameError if there is no mounting of this name.
     """
     if not isinstance(mounting, str):
         return rigid("mounting", mounting)
@@ -257,12 +254,8 @@ class PlacedRobot:
     def make(cls, arm: Arm, scene: Scene, mounting: Array, moves_with_base: Sequence[str] = ()) -> PlacedRobot:
         """Build the robot; the named obstacles of the scene move with the base.
 
-        Raises
-        ------
-        UnknownNameError
-            If there is no obstacle of a name.
-        InputError
-            If the shape of such an obstacle cannot be a link.
+        UnknownNameError if there is no obstacle of a name; InputError if the shape of such an obstacle cannot be a
+        link.
         """
         if scene.frame and scene.frame not in arm.robot.urdf.links:
             raise UnknownNameError("frame", scene.frame, arm.robot.urdf.links, scene.where)
@@ -353,10 +346,7 @@ class PlacedRobot:
     def refuse_picks_on_base(self, picks: Sequence[Pick], shared: Picks) -> None:
         """Raise if a pick is stated in the frame of the robot or of a body that moves with the base.
 
-        Raises
-        ------
-        InputError
-            The message names the pick and the frame.
+        InputError the message names the pick and the frame.
         """
         for pick in picks:
             for frame in (pick.frame, "" if pick.place is None else pick.place.frame):

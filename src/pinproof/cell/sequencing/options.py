@@ -173,10 +173,7 @@ class Job:
 def part_names(picks: tuple[Pick, ...], scene: Scene) -> dict[str, str]:
     """For each obstacle of the scene that a pick carries, the name of that pick.
 
-    Raises
-    ------
-    InputError
-        If two picks carry the same obstacle, or a pick with an object states no place.
+    InputError if two picks carry the same obstacle, or a pick with an object states no place.
     """
     owner: dict[str, str] = {}
     for pick in picks:
@@ -199,10 +196,7 @@ def part_names(picks: tuple[Pick, ...], scene: Scene) -> dict[str, str]:
 def resolved(pick: Pick, setup: PickSetup) -> Pick:
     """The pick with the poses of its grasp and of its place in the root frame.
 
-    Raises
-    ------
-    InputError
-        If a frame, an object or a support does not exist; the message names the pick.
+    InputError if a frame, an object or a support does not exist; the message names the pick.
     """
     try:
         task = PickTask(pick, setup.cell)

@@ -469,10 +469,7 @@ class SequenceRun:
     def _certified(self, problem: TourProblem, tour: Tour, fixed: bool) -> tuple[TourProblem, _CertifiedTour]:
         """Certify a tour; motions that fail are excluded, and the tour is changed, with a fixed order its options only.
 
-        Raises
-        ------
-        NoAnswer
-            If no tour was certified.
+        NoAnswer if no tour was certified.
         """
         failed = ""
         for _ in range(REPAIRS):

@@ -265,7 +265,12 @@ def pick(
     if program is not None:
         if screen or campaign is not None or path is not None or pool.stated:
             raise InputError("--program checks no pick; remove --screen, --campaign, -o, --workers and --dask")
-        _recertify(program, file, cell, as_json=as_json)
+        arm, world, source = cell.open(file)
+        picks = source.load()
+        setup = pp.picks.PickSetup.make(arm, world, picks, home=None, rng=0)
+        with progress_status(f"certifying {program}"):
+            found = pp.picks.recertify_program(setup, picks.picks, program)
+        print_result(found.to_dict(), [found.to_text()], as_json=as_json, ok=found.ok)
         return
     if screen:
         if campaign is not None or pool.stated:
@@ -299,16 +304,6 @@ def pick(
         raise Interrupted(f"interrupted after {count:,} of {total:,} picks{kept}; {remedy}", result_printed=True)
     if not report.ok or not complete:
         raise typer.Exit(1)
-
-
-def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -> None:
-    """Certify a program again in the cell of a picks file; exit code 1 unless it is FREE and unchanged."""
-    arm, world, source = cell.open(file)
-    picks = source.load()
-    setup = pp.picks.PickSetup.make(arm, world, picks, home=None, rng=0)
-    with progress_status(f"certifying {program}"):
-        found = pp.picks.recertify_program(setup, picks.picks, program)
-    print_result(found.to_dict(), [found.to_text()], as_json=as_json, ok=found.ok)
 
 
 def judge_file(file: Path, cell: CellOptions | None = None, seed: int = 0, **settings: Any) -> pp.picks.PickReport:

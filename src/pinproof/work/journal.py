@@ -97,7 +97,8 @@ class Journal:
         try:
             with self._errors():
                 (application,) = self._file.execute("PRAGMA application_id").fetchone()
-                if application not in (0, APPLICATION) or (application == 0 and self._tables()):
+                has_tables = self._file.execute("SELECT 1 FROM sqlite_master").fetchone() is not None
+                if application not in (0, APPLICATION) or (application == 0 and has_tables):
                     raise CampaignError(f"{self.path}: does not belong to a campaign; choose another folder")
                 # The lock of this process lasts until the file is closed, and needs no shared memory, which network
                 # file systems do not offer.
@@ -120,9 +121,6 @@ class Journal:
         except BaseException:
             self._file.close()
             raise
-
-    def _tables(self) -> bool:
-        return self._file.execute("SELECT 1 FROM sqlite_master").fetchone() is not None
 
     @contextmanager
     def _errors(self) -> Iterator[None]:

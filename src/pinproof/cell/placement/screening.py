@@ -161,7 +161,7 @@ class PlacementScreening:
         objects = [name for name in dict.fromkeys(carried) if name in placed.scene.names]
         self.checker = placed.checker(picks, hand_may_touch=objects)
         self.zones: CollisionChecker | None = placed.zone_checker(zones, picks)
-        self.branches = IkBranches(placed.original, home)
+        self.branches = BranchSolver(placed.original, home)
 
     def base_free(self, placements: Array) -> Mask:
         """(m,) whether the base is free of the scene and of forbidden zones, with the arm at home."""
@@ -310,7 +310,7 @@ class PlacementScreening:
         return np.where(same[:, :, None], nearest, np.nan)
 
 
-class IkBranches:
+class BranchSolver:
     """The IK solutions of many targets: all branches with a closed form, otherwise some."""
 
     def __init__(self, arm: Arm, home: Array) -> None:

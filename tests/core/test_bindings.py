@@ -31,19 +31,17 @@ def before() -> np.ndarray:
     return matrices
 
 
-CHAIN: dict[str, Any] = {
-    "before": before(),
-    "prismatic": [False] * DOF,
-    "index": list(range(DOF)),
-    "multiplier": [1.0] * DOF,
-    "offset": [0.0] * DOF,
-    "tool": EYE,
-    "dof": DOF,
-}
+JOINT: dict[str, Any] = {"before": EYE, "prismatic": False, "index": 0, "multiplier": 1.0, "offset": 0.0}
 
 
-def chain() -> Any:
-    return _core.Chain(**CHAIN)
+def joint(**changes: Any) -> Any:
+    return _core.Joint(**{**JOINT, **changes})
+
+
+def chain(last: int = DOF - 1, tool: np.ndarray = EYE, multiplier: float = 1.0) -> Any:
+    """A chain whose last joint has this index and multiplier."""
+    joints = [joint(before=place, index=k) for k, place in enumerate(before()[:-1])]
+    return _core.Chain([*joints, joint(before=before()[-1], index=last, multiplier=multiplier)], tool, DOF)
 
 
 def carve(**changes: Any) -> None:
@@ -86,14 +84,16 @@ def tour(**changes: Any) -> Any:
     return _core.search_tour(**{**task, **changes})
 
 
+def rates(**changes: Any) -> Any:
+    return _core.RateLimits(**{"velocity": np.ones(2), "acceleration": np.ones(2), "jerk": np.zeros(0), **changes})
+
+
 def timed(**changes: Any) -> Any:
     task: dict[str, Any] = {
         "knots": np.arange(2.0),
         "control": np.array([[[0.0, 0.0], [1.0, 1.0]]]),
         "stops": None,
-        "velocity": np.ones(2),
-        "acceleration": np.ones(2),
-        "jerk": None,
+        "limits": rates(),
         "start_velocity": np.zeros(2),
         "end_velocity": np.zeros(2),
         "image_tolerance": 1e-5,
@@ -107,10 +107,7 @@ def timed(**changes: Any) -> Any:
 
 def solver(**changes: Any) -> Any:
     settings: dict[str, Any] = {
-        "lower": [-3.0] * DOF,
-        "upper": [3.0] * DOF,
-        "periodic": [True] * DOF,
-        "wraps": [False] * DOF,
+        "ranges": [_core.JointRange(-3.0, 3.0, True, False)] * DOF,
         "task": task(),
         "rule": _core.ClikStep(1e-6),
         "max_iterations": 50,
@@ -130,7 +127,7 @@ def seeds() -> Any:
 
 
 def goal(size: int = DOF) -> Any:
-    return _core.Goal("posture", 0.5, [0.0] * size, [1.0] * size)
+    return _core.Goal("posture", 0.5, np.zeros(size), np.ones(size))
 
 
 BOX = np.array([[-0.1, -0.1, -0.1], [0.1, 0.1, 0.1]])
@@ -141,39 +138,27 @@ def cube() -> Any:
     return _core.Shape.convex(CORNERS, np.zeros(8), 0.0, np.zeros(3), BOX)
 
 
-TREE: dict[str, Any] = {
-    "placements": np.array([EYE, moved(0.5)]),
-    "prismatic": [False, True],
-    "index": [0, 1],
-    "multiplier": np.ones(2),
-    "offset": np.zeros(2),
-    "parent": [-1, 0],
-    "dof": 2,
-}
+def tree(parents: tuple[int, int] = (-1, 0), dof: int = 2, **changes: Any) -> Any:
+    """A revolute joint, and a prismatic one with these changes."""
+    last = {"before": moved(0.5), "prismatic": True, "index": 1, **changes}
+    return _core.JointTree([joint(parent=parents[0]), joint(parent=parents[1], **last)], dof)
 
 
-def tree() -> Any:
-    return _core.JointTree(**TREE)
+def body(shape: Any, on: int, place: np.ndarray = EYE) -> Any:
+    return _core.Body(shape, on, place)
 
 
-GEOMETRY: dict[str, Any] = {
-    "joints": [0, 1, -1],
-    "placements": np.array([EYE, EYE, moved(3.0)]),
-    "robot_bodies": 2,
-    "rounding": 1e-9,
-}
-
-
-def geometry(**changes: Any) -> Any:
-    values = {"tree": tree(), "shapes": [cube(), cube(), cube()], **GEOMETRY, **changes}
-    return _core.Geometry(**values)
+def geometry(robot_bodies: int = 2, joints: tuple[int, int, int] = (0, 1, -1), obstacle: Any = None) -> Any:
+    """Cubes on both joints, and one as an obstacle, unless it is another body."""
+    cubes = [body(cube(), joints[0]), body(cube(), joints[1]), obstacle or body(cube(), joints[2], moved(3.0))]
+    return _core.Geometry(tree(), cubes, robot_bodies, 1e-9)
 
 
 PAIRS = np.array([[0, 2], [1, 2]])
 
 
-def world(**changes: Any) -> Any:
-    return _core.World(geometry(**changes), PAIRS, np.zeros(2))
+def world() -> Any:
+    return _core.World(geometry(), PAIRS, np.zeros(2))
 
 
 class Judge:
@@ -196,9 +181,8 @@ def search(**changes: Any) -> Any:
 
 
 def staggered(**changes: Any) -> Any:
-    limits = {"velocity": np.ones(2), "acceleration": np.ones(2), "jerk": None, "sample_time": 0.1}
-    values = {"start": np.zeros(2), "goals": np.ones((1, 2)), "box": np.array([[-3.0, -3.0], [3.0, 3.0]]), **limits}
-    return _core.StaggeredSearch(edges(), **{**values, **changes})
+    values = {"start": np.zeros(2), "goals": np.ones((1, 2)), "box": np.array([[-3.0, -3.0], [3.0, 3.0]])}
+    return _core.StaggeredSearch(edges(), **{**values, "limits": rates(), "sample_time": 0.1, **changes})
 
 
 def settings(**changes: Any) -> Any:
@@ -210,15 +194,20 @@ def departure(**changes: Any) -> Any:
     return _core.Departure(world(), **values)
 
 
-def route(**changes: Any) -> Any:
-    """Of one piece, which stays at one pose."""
-    values = {"poses": EYE[None], "directions": np.zeros((1, 4, 3)), "coefficients": np.zeros((1, 2, 6)), **changes}
-    return _core.Route(**{"borders": UNIT, "derivatives": np.zeros((1, 3)), **values})
+def piece(**changes: Any) -> Any:
+    """A piece of a route that stays at one pose."""
+    still = _core.RouteDirection(np.zeros(3), np.zeros(3))
+    values = {"pose": EYE, "into": still, "out": still, "a": np.zeros(6), "b": np.zeros(6), "start": 0.0, "end": 1.0}
+    return _core.RoutePiece(**{**values, "acceleration": 0.0, "turn": 0.0, "turn_change": 0.0, **changes})
+
+
+def route(*pieces: Any) -> Any:
+    return _core.Route(list(pieces) or [piece()])
 
 
 def follower(**changes: Any) -> Any:
-    ends: dict[str, Any] = {"lower": [-3.0] * DOF, "upper": [3.0] * DOF}
-    ends |= {"tracked_lower": [-3.0] * DOF, "tracked_upper": [3.0] * DOF}
+    ends: dict[str, Any] = dict.fromkeys(("lower", "tracked_lower"), np.full(DOF, -3.0))
+    ends |= dict.fromkeys(("upper", "tracked_upper"), np.full(DOF, 3.0))
     values = {"deviation": 1e-3, "rotation_deviation": 1e-2, "max_joint_step": 0.3, **changes}
     return _core.RouteFollower(chain=chain(), task=_core.Task([True] * 6, 1e-6, 1e-6), **{**ends, **values})
 
@@ -227,26 +216,27 @@ def bounds() -> Any:
     return _core.MotionBounds(world(), np.zeros(2), np.full(2, 0.1), np.zeros(2))
 
 
+Z = np.array([0.0, 0.0, 1.0])
+
+
+def planned(**changes: Any) -> Any:
+    line = {"direction": Z, "point": np.zeros(3), "prismatic": False, "index": 0, "lower": -3.0, "upper": 3.0}
+    return _core.PlannedJoint(**{**line, **changes})
+
+
 CLOSED: dict[str, Any] = {
     "size": 1.0,
-    "directions": np.tile([0.0, 0.0, 1.0], (DOF, 1)),
-    "points": np.zeros((DOF, 3)),
-    "prismatic": [False] * DOF,
-    "indices": list(range(DOF)),
-    "lower": np.full(DOF, -3.0),
-    "upper": np.full(DOF, 3.0),
+    "joints": [planned(index=k) for k in range(DOF)],
     "tool": EYE,
     "first_of_triple": 3,
     "planar": False,
     "reversed": False,
     "normal": 0,
-    "locked": None,
+    "locked": -1,
     "border": 1e-9,
     "spread": 1e-6,
     "rounding": 1e-12,
-    "eliminated": True,
-    "true_directions": np.eye(3)[[2, 1, 2, 1, 2, 1]],
-    "true_points": np.zeros((DOF, 3)),
+    "true_joints": [planned(index=k, direction=np.eye(3)[2 - k % 2]) for k in range(DOF)],
 }
 
 
@@ -254,13 +244,14 @@ def reach(**changes: Any) -> Any:
     return _core.Reach(**{"chain": chain(), "lower": np.zeros(DOF), "upper": np.ones(DOF), **changes})
 
 
-def overlaps(**changes: Any) -> Any:
-    one = {"links": np.array([[0, 1]]), "balls": np.zeros((1, 4)), "poses": EYE[None], "sizes": np.zeros((1, 4))}
-    return _core.Overlaps(**{**one, **changes})
+def overlap(**changes: Any) -> Any:
+    ball = {"ball_link": 0, "centre": np.zeros(3), "ball_radius": 0.0}
+    box = {"box_link": 1, "link_from_box": EYE, "half": np.zeros(3), "box_radius": 0.0}
+    return _core.Overlap(**{**ball, **box, **changes})
 
 
 def closed_form(**changes: Any) -> Any:
-    return _core.ClosedForm(chain=chain(), **{**CLOSED, **changes})
+    return _core.ClosedForm(_core.ArmPlan(chain(), **{**CLOSED, **changes}))
 
 
 def prove(knots: np.ndarray, control: np.ndarray, tolerance: np.ndarray) -> Any:
@@ -274,18 +265,13 @@ def prove_by(distances: list[tuple[float, float]]) -> Any:
         def measure(self, q: np.ndarray, pairs: list[int]) -> list[tuple[float, float]]:
             return distances
 
-    placements = np.array([EYE, EYE, moved(0.65)])
-    near = _core.World(
-        geometry(shapes=[cube(), cube(), _core.Shape.exact(BOX)], placements=placements),
-        np.array([[1, 2]]),
-        np.zeros(1),
-    )
+    obstacle = body(_core.Shape.exact(BOX), -1, moved(0.65))
+    near = _core.World(geometry(obstacle=obstacle), np.array([[1, 2]]), np.zeros(1))
     return _core.prove(near, UNIT, STRAIGHT, settings(), np.zeros(2), Measured(), _core.ProofState())
 
 
 def upright(**changes: Any) -> Any:
-    z = np.array([0.0, 0.0, 1.0])
-    return _core.PathConstraint.direction(**{"axis": z, "direction": z, "tolerance": 0.1, **changes})
+    return _core.PathConstraint.direction(**{"axis": Z, "direction": Z, "tolerance": 0.1, **changes})
 
 
 def region(**changes: Any) -> Any:
@@ -305,26 +291,13 @@ def prove_upright(control: np.ndarray, tolerance: np.ndarray) -> Any:
     )
 
 
-BODIES: dict[str, Any] = {
-    "before": np.array([EYE, moved(0.5)]),
-    "prismatic": [False, True],
-    "index": [0, 1],
-    "multiplier": [1.0, 1.0],
-    "offset": [0.0, 0.0],
-    "parent": [-1, 0],
-    "mass": np.ones(2),
-    "first_moment": np.zeros((2, 3)),
-    "inertia": np.array([np.eye(3)] * 2),
-    "gravity": np.array([0.0, 0.0, -9.81]),
-    "tool_joint": 1,
-    "tool": np.zeros(3),
-    "dof": 2,
-}
-"""Of a tree of two bodies."""
+def rigid(**changes: Any) -> Any:
+    return _core.RigidBody(**{"mass": 1.0, "first_moment": np.zeros(3), "inertia": np.eye(3), **changes})
 
 
-def bodies(**changes: Any) -> Any:
-    return _core.DynamicTree(**{**BODIES, **changes})
+def bodies(count: int = 2, tool_joint: int = 1, **changes: Any) -> Any:
+    """A tree of two joints with so many bodies."""
+    return _core.DynamicTree(tree(**changes), [rigid()] * count, np.array([0.0, 0.0, -9.81]), tool_joint, np.zeros(3))
 
 
 def pieces(points: int = 4, dof: int = 2, count: int = 3) -> list[np.ndarray]:
@@ -335,13 +308,14 @@ UNIT = np.array([0.0, 1.0])
 STRAIGHT = np.zeros((1, 2, 2))
 
 REFUSED: dict[str, Callable[[], Any]] = {
-    "bodies with an index beyond dof": lambda: bodies(index=[0, 2]),
-    "bodies whose parent follows": lambda: bodies(parent=[1, 0]),
     "bodies with a tool on a joint that does not exist": lambda: bodies(tool_joint=2),
-    "bodies with fewer masses than joints": lambda: bodies(mass=np.ones(1)),
-    "bodies with moments in the plane": lambda: bodies(first_moment=np.zeros((2, 2))),
-    "bodies with an inertia that is not finite": lambda: bodies(inertia=np.full((2, 3, 3), NAN)),
-    "bodies with matrices of shape (3, 4)": lambda: bodies(before=np.zeros((2, 3, 4))),
+    "fewer bodies than joints": lambda: bodies(1),
+    "a body with a mass that is not finite": lambda: rigid(mass=NAN),
+    "a body with a moment in the plane": lambda: rigid(first_moment=np.zeros(2)),
+    "a body with an inertia that is not finite": lambda: rigid(inertia=np.full((3, 3), NAN)),
+    "a joint with a matrix of shape (3, 4)": lambda: joint(before=np.zeros((3, 4))),
+    "a joint with a multiplier that is infinite": lambda: joint(multiplier=np.inf),
+    "a range with a limit that is NaN": lambda: _core.JointRange(NAN, 1.0, True, False),
     "torques of rows that are too short": lambda: bodies().torques(*[np.zeros((3, 1))] * 3),
     "torques of fewer velocities than rows": lambda: bodies().torques(
         np.zeros((3, 2)), np.zeros((2, 2)), np.zeros((3, 2))
@@ -354,34 +328,34 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a curve of other joints": lambda: bodies().torque_peaks(*pieces(dof=3)),
     "a curve of degree 8": lambda: bodies().tool_peaks(*pieces(points=9)),
     "a curve that is not finite": lambda: bodies().tool_peaks(*[np.full((1, 4, 2), NAN)] * 3),
-    "a chain with fewer multipliers than joints": lambda: _core.Chain(**{**CHAIN, "multiplier": [1.0]}),
-    "a chain with an index beyond dof": lambda: _core.Chain(**{**CHAIN, "index": [0, 1, 2, 3, 4, DOF]}),
-    "a chain with a negative index": lambda: _core.Chain(**{**CHAIN, "index": [0, 1, 2, 3, 4, -1]}),
-    "a chain with a tool of shape (1, 16)": lambda: _core.Chain(**{**CHAIN, "tool": EYE.reshape(1, 16)}),
+    "a chain with an index beyond dof": lambda: chain(DOF),
+    "a chain with a negative index": lambda: chain(-1),
+    "a chain with a tool of shape (1, 16)": lambda: chain(tool=EYE.reshape(1, 16)),
     "forward kinematics of rows that are too short": lambda: chain().forward_batch(np.zeros((3, DOF - 1))),
     "forward kinematics from a start of shape (3, 4)": lambda: chain().evaluate(np.zeros(DOF), EYE[:3]),
-    "limits of fewer joints": lambda: solver(lower=[-3.0]),
+    "limits of fewer joints": lambda: solver(ranges=[_core.JointRange(-3.0, 3.0, True, False)]),
     "a negative number of iterations": lambda: solver(max_iterations=-1),
     "a negative patience": lambda: solver(patience=-1),
     "no seeds": lambda: _core.Seeds(chain(), np.zeros((0, DOF))),
     "a goal of fewer joints": lambda: goal(2).step(chain(), np.zeros(DOF)),
-    "an unknown goal": lambda: _core.Goal("far", 0.5, [0.0], [1.0]),
+    "an unknown goal": lambda: _core.Goal("far", 0.5, np.zeros(1), np.ones(1)),
     "targets and starts of different numbers": lambda: solver().solve_batch(
         np.tile(EYE, (3, 1, 1)), np.zeros((2, DOF)), seeds(), None, 4, 1
     ),
     "a target with NaN": lambda: _core.Search(solver(), seeds(), None, np.full((4, 4), NAN), np.zeros(DOF)),
     "a start of a search that is too short": lambda: _core.Search(solver(), seeds(), None, EYE, np.zeros(1)),
     "a start of a tracker that is too short": lambda: _core.Tracker(
-        chain(), [-3.0] * DOF, [3.0] * DOF, [1.0] * DOF, task(), None, [0.0]
+        chain(), np.full(DOF, -3.0), np.full(DOF, 3.0), np.ones(DOF), task(), None, np.zeros(1)
     ),
-    "a Jacobian of five rows": lambda: _core.box_step(np.zeros((5, 2)), np.zeros(6), 1e-6, [-1.0] * 2, [1.0] * 2),
-    "bounds of fewer joints": lambda: _core.box_step(np.zeros((6, 2)), np.zeros(6), 1e-6, [-1.0], [1.0] * 2),
-    "a plan with directions in one row": lambda: closed_form(directions=np.zeros((1, 3 * DOF))),
-    "a plan with points in one row": lambda: closed_form(points=np.zeros((1, 3 * DOF))),
-    "a plan with true directions in one row": lambda: closed_form(true_directions=np.zeros((1, 3 * DOF))),
+    "a Jacobian of five rows": lambda: _core.box_step(np.zeros((5, 2)), np.zeros(6), 1e-6, -np.ones(2), np.ones(2)),
+    "bounds of fewer joints": lambda: _core.box_step(np.zeros((6, 2)), np.zeros(6), 1e-6, -np.ones(1), np.ones(2)),
+    "a planned joint with a direction in the plane": lambda: planned(direction=np.zeros(2)),
+    "a planned joint at NaN": lambda: planned(point=np.full(3, NAN)),
+    "a plan of five joints": lambda: closed_form(joints=CLOSED["joints"][:5]),
+    "a plan of five true joints": lambda: closed_form(true_joints=CLOSED["joints"][:5]),
     "eigenvalues of a matrix of other size": lambda: _core.eigenvalues(np.eye(15)),
-    "a plan with true points in one row": lambda: closed_form(true_points=np.zeros((1, 3 * DOF))),
-    "a plan with an index beyond the joints": lambda: closed_form(indices=[0, 1, 2, 3, 4, DOF]),
+    "a plan with an index beyond the joints": lambda: closed_form(joints=[planned(index=DOF)] * DOF),
+    "a plan with a true index beyond the joints": lambda: closed_form(true_joints=[planned(index=DOF)] * DOF),
     "a plan with a triple beyond the joints": lambda: closed_form(first_of_triple=4),
     "a plan with a locked joint but six joints": lambda: closed_form(locked=2),
     "branches with errors in one row": lambda: _core.Branches(np.zeros((2, DOF)), np.zeros((1, 4))),
@@ -391,20 +365,16 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a proof with an infinite limit": lambda: reach(upper=np.full(DOF, np.inf)),
     "a proof with limits in the wrong order": lambda: reach(lower=np.full(DOF, 2.0), upper=np.zeros(DOF)),
     "a proof with more than a full rotation": lambda: reach(lower=np.full(DOF, -4.0), upper=np.full(DOF, 4.0)),
-    "a proof for a mimic joint": lambda: _core.Reach(
-        _core.Chain(**{**CHAIN, "multiplier": [1.0] * (DOF - 1) + [0.5]}), np.zeros(DOF), np.ones(DOF)
-    ),
+    "a proof for a mimic joint": lambda: reach(chain=chain(multiplier=0.5)),
     "a proof for a target in one row": lambda: reach().prove(np.eye(3), 1e-6, 1e-6, 10, False),
     "a proof for a target that is not rigid": lambda: reach().prove(2 * EYE, 1e-6, 1e-6, 10, False),
     "a proof with a tolerance that is no number": lambda: reach().prove(EYE, NAN, 1e-6, 10, False),
-    "overlaps of another number": lambda: overlaps(balls=np.zeros((2, 4))),
-    "an overlap on a link that does not exist": lambda: overlaps(links=np.array([[0, -1]])),
-    "an overlap with a negative radius": lambda: overlaps(balls=np.full((1, 4), -1.0)),
-    "an overlap that is not finite": lambda: overlaps(sizes=np.full((1, 4), NAN)),
-    "an overlap at a pose that is not rigid": lambda: overlaps(poses=2 * EYE[None]),
-    "an overlap behind the last joint": lambda: reach().prove(
-        EYE, 1e-6, 1e-6, 10, False, overlaps(links=np.array([[0, DOF + 1]]))
-    ),
+    "an overlap on a link that does not exist": lambda: overlap(box_link=-1),
+    "an overlap with a negative radius": lambda: overlap(ball_radius=-1.0),
+    "an overlap with a negative half side": lambda: overlap(half=np.array([0.0, -1.0, 0.0])),
+    "an overlap that is not finite": lambda: overlap(box_radius=NAN),
+    "an overlap at a pose that is not rigid": lambda: overlap(link_from_box=2 * EYE),
+    "an overlap behind the last joint": lambda: reach().prove(EYE, 1e-6, 1e-6, 10, False, [overlap(box_link=DOF + 1)]),
     "a proof with a negative budget": lambda: reach().prove(EYE, 1e-6, 1e-6, -1, False),
     "a batch whose size overflows": lambda: closed_form().solve_batch(
         np.tile(EYE, (2, 1, 1)), np.zeros((1, DOF)), np.zeros((1, 1)), 2**62
@@ -418,14 +388,15 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "the distance from a shape without support function": lambda: _core.bound_distance(
         cube(), _core.Shape.exact(BOX), EYE, np.zeros(3), 1.0, 0.0, 1e-9
     ),
-    "a tree with a joint before its parent": lambda: _core.JointTree(**{**TREE, "parent": [1, -1]}),
-    "a tree with a negative index": lambda: _core.JointTree(**{**TREE, "index": [0, -1]}),
-    "a tree with an offset that is NaN": lambda: _core.JointTree(**{**TREE, "offset": np.array([0.0, NAN])}),
-    "a body without a shape": lambda: geometry(shapes=[cube(), None, cube()]),
-    "a body on a joint that does not exist": lambda: geometry(joints=[0, 2, -1]),
-    "an obstacle on a joint": lambda: geometry(joints=[0, 1, 1]),
+    "a tree with a joint before its parent": lambda: tree((1, -1)),
+    "a tree with a negative index": lambda: tree(index=-1),
+    "a tree with an index beyond dof": lambda: tree(index=2),
+    "a tree with an offset that is NaN": lambda: tree(offset=NAN),
+    "a body without a shape": lambda: body(None, 0),
+    "a body on a joint that does not exist": lambda: geometry(joints=(0, 2, -1)),
+    "an obstacle on a joint": lambda: geometry(joints=(0, 1, 1)),
     "more robot bodies than bodies": lambda: geometry(robot_bodies=4),
-    "a body placed at NaN": lambda: geometry(placements=np.full((3, 4, 4), NAN)),
+    "a body placed at NaN": lambda: body(cube(), 0, np.full((4, 4), NAN)),
     "pairs in one row": lambda: _core.World(geometry(), PAIRS.reshape(1, 4), np.zeros(2)),
     "a pair with a body that does not exist": lambda: _core.World(geometry(), np.array([[0, 3]]), np.zeros(1)),
     "a pair of an obstacle and another": lambda: _core.World(geometry(), np.array([[2, 0]]), np.zeros(1)),
@@ -437,8 +408,7 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "configurations that are too short": lambda: _core.Workspace(world()).judge_many(np.zeros((3, 1))),
     "a pair that does not exist": lambda: _core.Workspace(world()).measure(2),
     "the placement of a body that does not exist": lambda: _core.Workspace(world()).root_from_body(3),
-    "a joint that does not exist": lambda: _core.Workspace(world()).joint(2),
-    "the joints of a body that does not exist": lambda: _core.Workspace(world()).joints_of_body(3),
+    "the joints between a pair that does not exist": lambda: world().joints_between(2),
     "a negative number of intervals": lambda: settings(max_intervals=-1),
     "a curve with too many knots": lambda: prove(np.array([0.0, 0.5, 1.0]), STRAIGHT, np.zeros(2)),
     "a curve without pieces": lambda: prove(np.array([0.0]), np.zeros((0, 2, 2)), np.zeros(2)),
@@ -453,19 +423,19 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a resolution of zero": lambda: _core.EdgeChecker(world(), Judge(), 0.0),
     "a negative resolution": lambda: edges().set_resolution(-1.0),
     "samples in a world with fewer bodies": lambda: edges().set_steering(
-        _core.World(geometry(robot_bodies=1, joints=[0, -1, -1]), np.array([[0, 2]]), np.zeros(1)), Judge(), False
+        _core.World(geometry(robot_bodies=1, joints=(0, -1, -1)), np.array([[0, 2]]), np.zeros(1)), Judge(), False
     ),
     "torque limits of one joint": lambda: edges().set_torque_limits(bodies(), np.ones(1)),
-    "torque limits of a tree of one joint": lambda: edges().set_torque_limits(bodies(dof=1, index=[0, 0]), np.ones(2)),
+    "torque limits of a tree of one joint": lambda: edges().set_torque_limits(bodies(dof=1, index=0), np.ones(2)),
     "a torque limit of zero": lambda: edges().set_torque_limits(bodies(), np.array([1.0, 0.0])),
     "an edge of one joint": lambda: edges().samples_free(np.zeros(1), np.zeros(2)),
     "points of one joint": lambda: edges().points_free(np.zeros((3, 1))),
     "no points of a motion": lambda: edges().points_free(np.zeros((0, 2))),
     "staggered moves without goals": lambda: staggered(goals=np.zeros((0, 2))),
     "staggered moves with goals that are NaN": lambda: staggered(goals=np.full((1, 2), NAN)),
-    "staggered moves with a limit of zero": lambda: staggered(velocity=np.zeros(2)),
-    "staggered moves with an infinite jerk": lambda: staggered(jerk=np.full(2, np.inf)),
-    "staggered moves of joints with one jerk": lambda: staggered(jerk=np.ones(1)),
+    "staggered moves with a limit of zero": lambda: staggered(limits=rates(velocity=np.zeros(2))),
+    "staggered moves with an infinite jerk": lambda: staggered(limits=rates(jerk=np.full(2, np.inf))),
+    "staggered moves of joints with one jerk": lambda: staggered(limits=rates(jerk=np.ones(1))),
     "staggered moves with a sample time of zero": lambda: staggered(sample_time=0.0),
     "draws of staggered moves in short rows": lambda: staggered().run(1.0, np.zeros((1, 3))),
     "draws of staggered moves of 1": lambda: staggered().run(1.0, np.ones((1, staggered().draws_per_motion))),
@@ -500,23 +470,24 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a departure on a piece without points": lambda: departure().decrease(np.zeros((0, 2))),
     "a departure on a curve of NaN": lambda: departure().follow(UNIT, np.full((1, 2, 2), NAN), 0.1, 1e-4, 10),
     "a departure with a tolerance of zero": lambda: departure().follow(UNIT, STRAIGHT, 0.1, 0.0, 10),
-    "a route without pieces": lambda: route(poses=np.zeros((0, 4, 4))),
-    "a route with NaN": lambda: route(directions=np.full((1, 4, 3), NAN)),
-    "a route with too few borders": lambda: route(borders=np.zeros(1)),
-    "a route with borders that decrease": lambda: route(borders=np.array([1.0, 0.0])),
+    "a route without pieces": lambda: _core.Route([]),
+    "a direction of a route with NaN": lambda: _core.RouteDirection(np.full(3, NAN), np.zeros(3)),
+    "a piece of a route with too few coefficients": lambda: piece(a=np.zeros(5)),
+    "a route with borders that decrease": lambda: route(piece(start=1.0, end=0.0)),
+    "a route with a gap": lambda: route(piece(end=0.4), piece(start=0.5)),
     "a route that is followed without knots": lambda: follower().follow(route(), np.zeros(0), np.zeros(DOF)),
     "a route that is followed to knots that do not increase": lambda: follower().follow(
         route(), np.zeros(2), np.zeros(DOF)
     ),
     "a route that is followed from one joint": lambda: follower().follow(route(), UNIT, np.zeros(1)),
     "a route that is followed from above a limit": lambda: follower().follow(route(), UNIT, np.full(DOF, 3.01)),
-    "a route that is followed from below a limit of the poses": lambda: follower(tracked_lower=[-2.0] * DOF).follow(
-        route(), UNIT, np.full(DOF, -2.01)
-    ),
-    "a route that is followed within limits that are not numbers": lambda: follower(upper=[NAN] * DOF).follow(
+    "a route that is followed from below a limit of the poses": lambda: follower(
+        tracked_lower=np.full(DOF, -2.0)
+    ).follow(route(), UNIT, np.full(DOF, -2.01)),
+    "a route that is followed within limits that are not numbers": lambda: follower(upper=np.full(DOF, NAN)).follow(
         route(), UNIT, np.zeros(DOF)
     ),
-    "a follower with limits of one joint": lambda: follower(lower=[0.0]),
+    "a follower with limits of one joint": lambda: follower(lower=np.zeros(1)),
     "a follower with a deviation of zero": lambda: follower(deviation=0.0),
     "deviations of a curve that is not cubic": lambda: follower().deviations(route(), UNIT, np.zeros((1, 3, DOF))),
     "a spline through too few points": lambda: _core.spline_slopes(UNIT, np.zeros((3, 2))),
@@ -539,9 +510,9 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a timed path with NaN": lambda: timed(control=np.full((1, 2, 2), NAN)),
     "a timed path of length 0": lambda: timed(control=np.ones((1, 2, 2))),
     "a timed path with too few stops": lambda: timed(stops=np.ones(1)),
-    "a timed path with too few limits": lambda: timed(acceleration=np.ones(1)),
-    "a timed path with a limit of 0": lambda: timed(velocity=np.zeros(2)),
-    "a timed path with a jerk limit that is NaN": lambda: timed(jerk=np.full(2, NAN)),
+    "a timed path with too few limits": lambda: timed(limits=rates(acceleration=np.ones(1))),
+    "a timed path with a limit of 0": lambda: timed(limits=rates(velocity=np.zeros(2))),
+    "a timed path with a jerk limit that is NaN": lambda: timed(limits=rates(jerk=np.full(2, NAN))),
     "a timed path with constraints that are not verified": lambda: timed(rows=lambda *_: None),
     "a timed path with constraints of wrong shapes": lambda: timed(
         rows=lambda q, *_: (np.ones((len(q), 1)), *[np.ones((1, 1))] * 3), excess=lambda *_: np.ones(1)

@@ -271,13 +271,13 @@ def test_closed_form_without_a_branch_returns_a_proof_for_redundant_arms(arms) -
 def links_of(arm: pp.Arm, q: np.ndarray) -> list[np.ndarray]:
     """The poses (4, 4) of the links of the chain in the base."""
     poses = [np.eye(4)]
-    for before, prismatic, value in zip(arm.chain.before, arm.chain.prismatic, q, strict=True):
+    for joint, value in zip(arm.chain.joints, q, strict=True):
         motion = (
             pin.SE3(np.eye(3), np.array([0, 0, value]))
-            if prismatic
+            if joint.prismatic
             else pin.SE3(pin.exp3(np.array([0, 0, value])), np.zeros(3))
         )
-        poses.append(poses[-1] @ before @ motion.homogeneous)
+        poses.append(poses[-1] @ joint.before @ motion.homogeneous)
     return poses
 
 

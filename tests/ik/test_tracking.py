@@ -297,7 +297,7 @@ def test_the_bounded_step_equals_scipy(seed, n, rank):
     low[rng.random(n) < 0.1] = 0.0
     away = rng.normal(size=n) * (rng.random() < 0.3)  # 0 need not be in the box
     low, high = low + away, high + away
-    step, held, gain = _core.box_step(A, pull, shift, low.tolist(), high.tolist())
+    step, held, gain = _core.box_step(A, pull, shift, low, high)
     stacked, right = np.vstack([A, np.sqrt(shift) * np.eye(n)]), np.concatenate([-pull, np.zeros(n)])
     oracle = lsq_linear(stacked, right, (low, high), method="bvls", tol=1e-14).x
 

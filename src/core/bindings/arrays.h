@@ -1,120 +1,215 @@
-// NumPy arrays at the boundary between Python and the core: types of the arguments, and arrays for results.
+// NumPy arrays at the boundary between Python and the core: arguments that check themselves, and arrays for results.
 #pragma once
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <initializer_list>
 #include <limits>
 #include <memory>
 #include <new>
-#include <numeric>
+#include <span>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <vector>
+
+#include "geometry/vectors.h"
 
 namespace pinproof {
 
 namespace nb = nanobind;
+using namespace nb::literals;
 
-// Arguments: C-contiguous arrays of doubles on the CPU, read only. Python converts before it calls.
-using Numbers = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;  // of any shape
-using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Stack = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
-using Indices = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using IndexMatrix = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+// Arguments: C-contiguous arrays on the CPU, read only. Their sizes are checked with `shaped` or `finite`, which name
+// the argument in the error.
+template <class Number, int dimensions>
+using Array = nb::ndarray<const Number, nb::ndim<dimensions>, nb::c_contig, nb::device::cpu>;
+using Vector = Array<double, 1>;
+using Matrix = Array<double, 2>;
+using Stack = Array<double, 3>;
+using Indices = Array<std::int64_t, 1>;
+using IndexMatrix = Array<std::int64_t, 2>;
+using Doubles = std::vector<double>;
 
-// A NumPy array that owns its memory.
+using Sizes = std::initializer_list<std::size_t>;
+inline constexpr std::size_t kAny = std::numeric_limits<std::size_t>::max(), kSome = kAny - 1;  // kSome: at least one
+
+inline void refuse(const std::string& message) { throw std::invalid_argument(message); }
+
+// The text of a shape, such as (N, 4, 4).
+template <class Range>
+std::string shape_text(const Range& sizes) {
+    std::string text;
+    for (std::size_t size : sizes)
+        text += (text.empty() ? "" : ", ") + (size == kAny ? "N" : size == kSome ? "at least 1" : std::to_string(size));
+    return '(' + text + (sizes.size() == 1 ? ",)" : ")");
+}
+
+// Refuse another number of something than the core is about to read or write.
+inline void require_size(const char* name, std::size_t size, std::size_t expected) {
+    if (size != expected)
+        refuse(std::string(name) + " has size " + std::to_string(size) + ", expected " + std::to_string(expected));
+}
+
+// The numbers of an array, row by row; other shapes are refused.
+template <class Array>
+std::span<typename Array::Scalar> shaped(const char* name, const Array& array, Sizes sizes) {
+    const std::span found(array.shape_ptr(), array.ndim());
+    const auto fits = [](std::int64_t size, std::size_t expected) {
+        return expected == kAny || (expected == kSome ? size > 0 : static_cast<std::size_t>(size) == expected);
+    };
+    if (!std::equal(found.begin(), found.end(), sizes.begin(), sizes.end(), fits))
+        refuse(std::string(name) + " has shape " + shape_text(found) + ", expected " + shape_text(sizes));
+    return {array.data(), array.size()};
+}
+
+inline double finite(const char* name, double number) {
+    if (!std::isfinite(number)) refuse(std::string(name) + " holds a number that is not finite");
+    return number;
+}
+
+// The same; numbers that are not finite are refused too.
+template <class Array>
+std::span<const double> finite(const char* name, const Array& array, Sizes sizes) {
+    const std::span<const double> numbers = shaped(name, array, sizes);
+    for (double number : numbers) finite(name, number);
+    return numbers;
+}
+
+// Random numbers, from which indices are derived.
+inline std::span<const double> draws_of(const Matrix& draws, std::size_t columns) {
+    const auto numbers = shaped("draws", draws, {kAny, columns});
+    if (!std::ranges::all_of(numbers, [](double x) { return x >= 0.0 && x < 1.0; })) refuse("draws must be in [0, 1)");
+    return numbers;
+}
+
+// Numbers that increase, at least one.
+inline std::span<const double> knots_of(const Vector& knots, std::size_t size = kSome) {
+    const auto numbers = finite("knots", knots, {size});
+    if (std::ranges::adjacent_find(numbers, std::greater_equal{}) != numbers.end()) refuse("knots must increase");
+    return numbers;
+}
+
+inline double positive(const char* name, double value) {
+    if (!(value > 0.0)) refuse(std::string(name) + " must be positive");
+    return value;
+}
+
+inline std::int64_t counted(const char* name, std::int64_t value) {
+    if (value < 0) refuse(std::string(name) + " must not be negative");
+    return value;
+}
+
+inline Doubles list_of(std::span<const double> numbers) { return {numbers.begin(), numbers.end()}; }
+
+inline Vec3 vec3(const char* name, const Vector& array) {
+    const auto v = finite(name, array, {3});
+    return {v[0], v[1], v[2]};
+}
+
+// A direction whose length may differ from 1 by `tolerance`.
+inline Vec3 unit_vector(const char* name, const Vector& array, double tolerance) {
+    const Vec3 direction = vec3(name, array);
+    if (!(std::abs(norm(direction) - 1.0) < tolerance)) refuse(std::string(name) + " is not a unit vector");
+    return direction;
+}
+
+inline Transform transform(const char* name, const Matrix& matrix) {
+    return read_transform(finite(name, matrix, {4, 4}).data());
+}
+
+// An array of a result; Python cannot change it if its numbers are constant.
 template <class Number>
-struct OwnedArray {
-    Number* data;
-    nb::ndarray<nb::numpy, Number> array;
+struct NewArrayOf : nb::ndarray<nb::numpy, Number> {
+    using nb::ndarray<nb::numpy, Number>::ndarray;
 };
+using NewArray = NewArrayOf<double>;
+using ReadOnlyArray = NewArrayOf<const double>;
 
-// The number of entries of an array, at least 1. Arrays that memory cannot hold are refused: their size in bytes overflows.
-template <class Number>
-std::size_t entries(std::initializer_list<std::size_t> shape) {
+// An array that owns its memory, filled by `fill(numbers)`. Arrays that memory cannot hold are refused: their size in bytes
+// overflows.
+template <class Number, class Fill>
+NewArrayOf<Number> filled(Sizes shape, Fill fill) {
+    using Stored = std::remove_const_t<Number>;
     constexpr std::size_t most = std::numeric_limits<std::ptrdiff_t>::max() / sizeof(Number);
-    if (std::find(shape.begin(), shape.end(), std::size_t{0}) != shape.end()) return 1;
     std::size_t count = 1;
     for (std::size_t side : shape) {
-        if (side > most / count) throw std::bad_alloc();
+        if (side > 0 && count > most / side) throw std::bad_alloc();
         count *= side;
     }
-    return count;
+    auto memory = std::make_unique<Stored[]>(std::max<std::size_t>(count, 1));
+    fill(memory.get());
+    nb::capsule owner(memory.get(), [](void* p) noexcept { delete[] static_cast<Stored*>(p); });
+    return {memory.release(), shape.size(), shape.begin(), owner};
+}
+// The same with zeros, whose memory becomes `numbers`.
+template <class Number>
+NewArrayOf<Number> filled(Sizes shape, Number*& numbers) {
+    return filled<Number>(shape, [&](Number* memory) { numbers = memory; });
 }
 
-// An array of a result, with zeros.
-template <class Number = double>
-OwnedArray<Number> new_array(std::initializer_list<std::size_t> shape) {
-    auto memory = std::make_unique<Number[]>(entries<Number>(shape));
-    Number* data = memory.release();
-    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<Number*>(p); });
-    return {data, nb::ndarray<nb::numpy, Number>(data, shape.size(), shape.begin(), owner)};
+// Numbers as an array (N,), or as rows of `columns` numbers.
+template <class Number = double, class Range>
+NewArrayOf<Number> array_of(const Range& values) {
+    return filled<Number>({values.size()}, [&](auto* out) { std::copy(values.begin(), values.end(), out); });
+}
+inline NewArray rows_of(std::span<const double> values, std::size_t columns) {
+    return filled<double>({values.size() / columns, columns}, [&](double* out) { std::ranges::copy(values, out); });
 }
 
-// The same for an array that Python may not change.
-struct ReadOnlyArray {
-    double* data;
-    nb::ndarray<nb::numpy, const double> array;
-};
-
-inline ReadOnlyArray new_read_only_array(std::initializer_list<std::size_t> shape) {
-    auto memory = std::make_unique<double[]>(entries<double>(shape));
-    double* data = memory.release();
-    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
-    return {data, nb::ndarray<nb::numpy, const double>(data, shape.size(), shape.begin(), owner)};
-}
-
-// A vector as an array.
-inline nb::object array_of(const std::vector<double>& values) {
-    auto array = new_array({values.size()});
-    std::copy(values.begin(), values.end(), array.data);
-    return nb::cast(array.array);
-}
-
-// A vector as an array that Python cannot change.
-inline nb::object read_only_array_of(const std::vector<double>& values) {
-    auto memory = std::make_unique<double[]>(values.size() + 1);
-    std::copy(values.begin(), values.end(), memory.get());
-    const std::size_t size = values.size();
-    const double* data = memory.release();
-    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
-    return nb::cast(nb::ndarray<nb::numpy, const double>(data, 1, &size, owner));
-}
-
-// Refuse an argument whose size differs from what the core is about to read or write.
-inline void require_size(const char* name, std::size_t found, std::size_t expected) {
-    if (found != expected)
-        throw std::invalid_argument(std::string(name) + " has size " + std::to_string(found) + ", expected " +
-                                    std::to_string(expected));
-}
-
-// Refuse an array whose numbers are not finite, where the core relies on them.
-inline void require_finite(const char* name, const double* numbers, std::size_t count) {
-    if (!std::all_of(numbers, numbers + count, [](double x) { return std::isfinite(x); }))
-        throw std::invalid_argument(std::string(name) + " holds a number that is not finite");
-}
-
-// Refuse a random number outside [0, 1): indices are derived from them.
-inline void require_draws(const Matrix& draws) {
-    if (!std::all_of(draws.data(), draws.data() + draws.size(), [](double x) { return x >= 0.0 && x < 1.0; }))
-        throw std::invalid_argument("draws must be in [0, 1)");
-}
-
-// Refuse a size that is zero, negative or NaN.
-inline void require_positive(const char* name, double value) {
-    if (!(value > 0.0)) throw std::invalid_argument(std::string(name) + " must be positive");
-}
-
-// Refuse a negative number of something.
-inline void require_count(const char* name, std::int64_t value) {
-    if (value < 0) throw std::invalid_argument(std::string(name) + " must not be negative");
+// An array with one number of each element, a member or what a function returns.
+template <class Number, class Range, class Read>
+NewArrayOf<Number> column(const Range& elements, Read read) {
+    return filled<Number>({elements.size()}, [&](auto* out) {
+        for (const auto& element : elements) *out++ = static_cast<Number>(std::invoke(read, element));
+    });
 }
 
 }  // namespace pinproof
+
+// Arrays of results, from members and properties too: they refer to no memory of the object.
+namespace nanobind::detail {
+
+template <class Number>
+struct type_caster<pinproof::NewArrayOf<Number>> {
+    using Base = make_caster<ndarray<numpy, Number>>;
+    NB_TYPE_CASTER(pinproof::NewArrayOf<Number>, Base::Name)
+
+    bool from_python(handle, uint32_t, cleanup_list*) noexcept { return false; }
+    static handle from_cpp(const pinproof::NewArrayOf<Number>& array, rv_policy, cleanup_list* cleanup) noexcept {
+        return Base::from_cpp(array, rv_policy::automatic, cleanup);
+    }
+};
+
+// Vectors (3,), matrices (3, 3) and transforms (4, 4) as new arrays.
+template <class Value_, class Shape>
+struct array_result {
+    using Array = ndarray<numpy, double, Shape>;
+    NB_TYPE_CASTER(Value_, make_caster<Array>::Name)
+
+    bool from_python(handle, uint32_t, cleanup_list*) noexcept { return false; }  // see vec3 and transform
+    static handle from_cpp(const Value_& value, rv_policy policy, cleanup_list* cleanup) noexcept {
+        using namespace pinproof;
+        NewArray array;
+        if constexpr (std::is_same_v<Value_, Vec3>) array = array_of(std::array{value.x, value.y, value.z});
+        else if constexpr (std::is_same_v<Value_, Mat3>) array = rows_of({&value.m[0][0], 9}, 3);
+        else array = filled<double>({4, 4}, [&](double* out) { write_homogeneous(value, out); });
+        return make_caster<NewArray>::from_cpp(array, policy, cleanup);
+    }
+};
+
+template <>
+struct type_caster<pinproof::Vec3> : array_result<pinproof::Vec3, shape<3>> {};
+template <>
+struct type_caster<pinproof::Mat3> : array_result<pinproof::Mat3, shape<3, 3>> {};
+template <>
+struct type_caster<pinproof::Transform> : array_result<pinproof::Transform, shape<4, 4>> {};
+
+}  // namespace nanobind::detail

@@ -1,148 +1,21 @@
-// Shapes, the world of a collision checker, and queries at single configurations.
-#include <nanobind/stl/optional.h>
-#include <nanobind/stl/shared_ptr.h>
-#include <nanobind/stl/tuple.h>
-#include <nanobind/stl/vector.h>
+// Shapes, the world of a collision checker, queries at single configurations, and grids of free cells.
+#include <bit>
 
-#include <algorithm>
-#include <cmath>
-#include <stdexcept>
-#include <tuple>
-
-#include "bindings/arrays.h"
-#include "bindings/bindings.h"
+#include "bindings/structs.h"
 #include "collision/gjk.h"
 #include "collision/near.h"
+#include "collision/occupancy.h"
 #include "collision/world.h"
 
 namespace pinproof {
 namespace {
 
-Vec3 vec3(const char* name, const Vector& v) {
-    require_size(name, v.shape(0), 3);
-    return {v(0), v(1), v(2)};
-}
-
-// An array argument that must be an array of doubles already: conversions would hide copies in inner loops.
-const double* configuration(const Vector& q, std::size_t dof) {
-    require_size("q", q.shape(0), dof);
-    return q.data();
-}
-
-const double* box_of(const Matrix& box) {
-    require_size("box", box.size(), 6);
-    return box.data();
-}
-
-std::shared_ptr<Shape> make(ShapeKind kind, const Matrix& points, const Vector& discs, double radius,
-                            const Vector& semi_axes, const Matrix& box) {
-    require_size("points", points.size(), 3 * discs.shape(0));
-    if (kind == ShapeKind::kConvex && discs.shape(0) == 0) throw std::invalid_argument("a convex shape has no points");
-    const double* b = box_of(box);
-    return std::make_shared<Shape>(make_shape(kind, {points.data(), points.size()}, {discs.data(), discs.shape(0)},
-                                              radius, vec3("semi_axes", semi_axes), {b[0], b[1], b[2]},
-                                              {b[3], b[4], b[5]}));
-}
-
-std::shared_ptr<Shape> make_without_support(ShapeKind kind, const Matrix& box) {
-    const double* b = box_of(box);
-    return std::make_shared<Shape>(make_shape(kind, {}, {}, 0.0, {}, {b[0], b[1], b[2]}, {b[3], b[4], b[5]}));
-}
-
-JointTree make_tree(const Stack& placements, const std::vector<bool>& prismatic, const std::vector<int>& index,
-                    const Vector& multiplier, const Vector& offset, const std::vector<int>& parent, std::size_t dof) {
-    const std::size_t count = prismatic.size();
-    require_size("placements", placements.size(), 16 * count);
-    require_size("index", index.size(), count);
-    require_size("multiplier", multiplier.shape(0), count);
-    require_size("offset", offset.shape(0), count);
-    require_size("parent", parent.size(), count);
-    require_finite("placements", placements.data(), placements.size());
-    require_finite("multiplier", multiplier.data(), count);
-    require_finite("offset", offset.data(), count);
-    JointTree tree;
-    tree.dof = dof;
-    for (std::size_t k = 0; k < count; ++k) {
-        if (index[k] < 0 || static_cast<std::size_t>(index[k]) >= dof)
-            throw std::invalid_argument("the index of a joint must be within 0 and dof - 1");
-        if (parent[k] < kRoot || parent[k] >= static_cast<int>(k))
-            throw std::invalid_argument("the parent of a joint must come before it");
-        tree.joints.push_back(
-            {read_transform(placements.data() + 16 * k), prismatic[k], index[k], multiplier(k), offset(k), parent[k]});
-    }
-    return tree;
-}
-
-std::shared_ptr<Geometry> make_geometry(const JointTree& tree, const std::vector<std::shared_ptr<Shape>>& shapes,
-                                        const std::vector<int>& joints, const Stack& placements,
-                                        std::size_t robot_bodies, double rounding) {
-    const std::size_t count = shapes.size();
-    require_size("joints", joints.size(), count);
-    require_size("placements", placements.size(), 16 * count);
-    require_finite("placements", placements.data(), placements.size());
-    if (robot_bodies > count) throw std::invalid_argument("robot_bodies exceeds the number of bodies");
-    std::vector<Body> bodies;
-    bodies.reserve(count);
-    for (std::size_t i = 0; i < count; ++i) {
-        const bool on_joint = joints[i] >= 0 && static_cast<std::size_t>(joints[i]) < tree.joints.size();
-        if (shapes[i] == nullptr || (joints[i] != kRoot && (!on_joint || i >= robot_bodies)))
-            throw std::invalid_argument("a body has no shape, or is on a joint that it cannot be on");
-        bodies.push_back({shapes[i], joints[i], read_transform(placements.data() + 16 * i)});
-    }
-    return std::make_shared<Geometry>(tree, std::move(bodies), robot_bodies, rounding);
-}
-
-void require_margins(const Vector& margins, std::size_t pairs) {
-    require_size("margins", margins.shape(0), pairs);
-    // No comparison with NaN is true, so that the largest margin would not include it.
-    if (std::any_of(margins.data(), margins.data() + pairs, [](double margin) { return std::isnan(margin); }))
-        throw std::invalid_argument("a margin is NaN");
-}
-
-std::shared_ptr<World> make_world(std::shared_ptr<Geometry> geometry, const IndexMatrix& pairs, const Vector& margins) {
-    const std::size_t count = pairs.shape(0);
-    require_margins(margins, count);
-    require_size("a pair", pairs.shape(1), 2);
-    const auto robot = static_cast<std::int64_t>(geometry->robot_bodies);
-    const auto every = static_cast<std::int64_t>(geometry->bodies.size());
-    for (std::size_t k = 0; k < count; ++k) {
-        const std::int64_t a = pairs(k, 0), b = pairs(k, 1);
-        if (a < 0 || a >= robot || b < 0 || b >= every || a == b)
-            throw std::invalid_argument("a pair must be a body of the robot and another body");
-        if (geometry->shape(static_cast<int>(a)).kind == ShapeKind::kHalfSpace)
-            throw std::invalid_argument("a half-space must be the second body of a pair");
-    }
-    return std::make_shared<World>(std::move(geometry), std::span(pairs.data(), pairs.size()),
-                                   std::span(margins.data(), count));
-}
-
-nb::object indices(const std::vector<int>& values) {
-    auto out = new_array<std::int64_t>({values.size()});
-    std::copy(values.begin(), values.end(), out.data);
-    return nb::cast(out.array);
-}
-
-nb::object homogeneous(const Transform& transform) {
-    auto out = new_array({4, 4});
-    write_homogeneous(transform, out.data);
-    return nb::cast(out.array);
-}
-
-nb::object vector3(const Vec3& v) {
-    auto out = new_array({3});
-    out.data[0] = v.x;
-    out.data[1] = v.y;
-    out.data[2] = v.z;
-    return nb::cast(out.array);
-}
-
-nb::object points2(const Witnesses& points) {
-    auto out = new_array({2, 3});
-    for (int i = 0; i < 3; ++i) {
-        out.data[i] = points.of_a[i];
-        out.data[3 + i] = points.of_b[i];
-    }
-    return nb::cast(out.array);
+// The corners of the box (2, 3) around a shape; those of a half-space are infinite.
+std::shared_ptr<Shape> make(ShapeKind kind, const Matrix& box, std::span<const double> points = {},
+                            std::span<const double> discs = {}, double radius = 0.0, const Vec3& semi_axes = {}) {
+    const auto b = shaped("box", box, {2, 3});
+    return std::make_shared<Shape>(
+        make_shape(kind, points, discs, radius, semi_axes, {b[0], b[1], b[2]}, {b[3], b[4], b[5]}));
 }
 
 void bind_shapes(nb::module_& module) {
@@ -150,93 +23,109 @@ void bind_shapes(nb::module_& module) {
         .def_static(
             "convex",
             [](const Matrix& points, const Vector& discs, double radius, const Vector& semi_axes, const Matrix& box) {
-                return make(ShapeKind::kConvex, points, discs, radius, semi_axes, box);
+                return make(ShapeKind::kConvex, box, shaped("points", points, {kSome, 3}),
+                            shaped("discs", discs, {points.shape(0)}), radius, vec3("semi_axes", semi_axes));
             },
-            nb::arg("points"), nb::arg("discs"), nb::arg("radius"), nb::arg("semi_axes"), nb::arg("box"),
+            "points"_a, "discs"_a, "radius"_a, "semi_axes"_a, "box"_a,
             "The hull of points (V, 3) with discs (V,) about z, to which a ball and an ellipsoid are added.")
-        .def_static(
-            "half_space", [](const Matrix& box) { return make_without_support(ShapeKind::kHalfSpace, box); },
-            nb::arg("box"), "Everything below z = 0.")
-        .def_static(
-            "exact", [](const Matrix& box) { return make_without_support(ShapeKind::kExact, box); }, nb::arg("box"),
-            "A shape without a support function, whose distances the caller measures.")
-        .def_prop_ro(
-            "centre", [](const Shape& shape) { return vector3(shape.centre); }, "(3,) the centre of its box.")
+        .def_static("half_space", [](const Matrix& box) { return make(ShapeKind::kHalfSpace, box); }, "box"_a,
+                    "Everything below z = 0.")
+        .def_static("exact", [](const Matrix& box) { return make(ShapeKind::kExact, box); }, "box"_a,
+                    "A shape without a support function, whose distances the caller measures.")
+        .def_ro("centre", &Shape::centre, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
     // For tests of the bounds of a distance.
     module.def(
         "bound_distance",
         [](const Shape& a, const Shape& b, const Matrix& a_from_b, const Vector& direction, double above, double below,
            double precision) {
-            require_size("a_from_b", a_from_b.size(), 16);
             if (a.kind != ShapeKind::kConvex || b.kind == ShapeKind::kExact)
-                throw std::invalid_argument("the distance of these shapes cannot be bounded by support functions");
+                refuse("the distance of these shapes cannot be bounded by support functions");
             Separation separation;
             separation.direction = vec3("direction", direction);
-            const Transform placement = read_transform(a_from_b.data());
+            const Transform placement = read_transform(shaped("a_from_b", a_from_b, {4, 4}).data());
             const DistanceBounds bounds =
                 bound_distance(a, b, placement, {.above = above, .below = below, .precision = precision}, separation);
-            std::vector<double> weights;
+            Doubles weights;
             Vec3 nearest;
             for (int i = 0; i < separation.simplex.size; ++i) {
                 const Simplex::Vertex& vertex = separation.simplex.vertices[i];
                 weights.push_back(vertex.weight);
                 nearest += vertex.weight * vertex.difference;
             }
-            return std::tuple(bounds.lower, bounds.upper, vector3(separation.direction), weights, vector3(nearest));
+            return std::tuple(bounds.lower, bounds.upper, separation.direction, weights, nearest);
         },
-        nb::arg("a"), nb::arg("b"), nb::arg("a_from_b"), nb::arg("direction"), nb::arg("above"), nb::arg("below"),
-        nb::arg("precision"),
+        "a"_a, "b"_a, "a_from_b"_a, "direction"_a, "above"_a, "below"_a, "precision"_a,
         "(lower, upper, direction, weights of the simplex, its point closest to the origin) of two convex shapes.");
 }
 
+std::shared_ptr<Geometry> make_geometry(const JointTree& tree, const std::vector<Body>& bodies,
+                                        std::size_t robot_bodies, double rounding) {
+    if (robot_bodies > bodies.size()) refuse("robot_bodies exceeds the number of bodies");
+    for (std::size_t i = 0; i < bodies.size(); ++i) {
+        const int joint = bodies[i].joint;
+        const bool on_joint = joint >= 0 && static_cast<std::size_t>(joint) < tree.joints.size() && i < robot_bodies;
+        if (bodies[i].shape == nullptr || (joint != kRoot && !on_joint))
+            refuse("a body has no shape, or is on a joint that it cannot be on");
+    }
+    return std::make_shared<Geometry>(tree, bodies, robot_bodies, rounding);
+}
+
+std::span<const double> margins_of(const Vector& margins, std::size_t pairs) {
+    const auto numbers = shaped("margins", margins, {pairs});
+    // No comparison with NaN is true, so that the largest margin would not include it.
+    if (std::ranges::any_of(numbers, [](double margin) { return std::isnan(margin); })) refuse("a margin is NaN");
+    return numbers;
+}
+
+std::shared_ptr<World> make_world(std::shared_ptr<Geometry> geometry, const IndexMatrix& pairs, const Vector& margins) {
+    const auto bodies = shaped("pairs", pairs, {kAny, 2});
+    const auto robot = static_cast<std::int64_t>(geometry->robot_bodies);
+    const auto every = static_cast<std::int64_t>(geometry->bodies.size());
+    for (std::size_t k = 0; k < bodies.size(); k += 2) {
+        const std::int64_t a = bodies[k], b = bodies[k + 1];
+        if (a < 0 || a >= robot || b < 0 || b >= every || a == b)
+            refuse("a pair must be a body of the robot and another body");
+        if (geometry->shape(static_cast<int>(a)).kind == ShapeKind::kHalfSpace)
+            refuse("a half-space must be the second body of a pair");
+    }
+    return std::make_shared<World>(std::move(geometry), bodies, margins_of(margins, pairs.shape(0)));
+}
+
 void bind_world(nb::module_& module) {
-    nb::class_<TreeJoint>(module, "TreeJoint", "A joint whose value is multiplier * q[index] + offset.")
-        .def_ro("prismatic", &TreeJoint::prismatic)
-        .def_ro("index", &TreeJoint::index)
-        .def_ro("multiplier", &TreeJoint::multiplier)
-        .def_ro("offset", &TreeJoint::offset);
-    nb::class_<JointTree>(module, "JointTree", "The joints of a robot, each after its parent.")
-        .def(
-            "__init__",
-            [](JointTree* self, const Stack& placements, const std::vector<bool>& prismatic,
-               const std::vector<int>& index, const Vector& multiplier, const Vector& offset,
-               const std::vector<int>& parent, std::size_t dof) {
-                new (self) JointTree(make_tree(placements, prismatic, index, multiplier, offset, parent, dof));
-            },
-            nb::arg("placements"), nb::arg("prismatic"), nb::arg("index"), nb::arg("multiplier"), nb::arg("offset"),
-            nb::arg("parent"), nb::arg("dof"));
+    bind_struct<Body>(module, "Body", "A body of the robot on a joint or the root (-1), or an obstacle on the root.",
+                      unchecked, member("shape", &Body::shape), member("joint", &Body::joint),
+                      member("joint_from_body", &Body::joint_from_body));
     nb::class_<Geometry>(module, "Geometry", "The bodies of a checker: those of the robot, then the obstacles.")
-        .def(nb::new_(&make_geometry), nb::arg("tree"), nb::arg("shapes"), nb::arg("joints"), nb::arg("placements"),
-             nb::arg("robot_bodies"), nb::arg("rounding"));
+        .def(nb::new_(&make_geometry), "tree"_a, "bodies"_a, "robot_bodies"_a, "rounding"_a);
     nb::class_<World>(module, "World", "The pairs of bodies of a checker, and their margins.")
-        .def(nb::new_(&make_world), nb::arg("geometry"), nb::arg("pairs"), nb::arg("margins"))
+        .def(nb::new_(&make_world), "geometry"_a, "pairs"_a, "margins"_a)
         .def(
             "with_margins",
             [](const World& world, const Vector& margins) {
-                require_margins(margins, world.pairs.size());
-                return std::make_shared<World>(world.with_margins({margins.data(), margins.shape(0)}));
+                return std::make_shared<World>(world.with_margins(margins_of(margins, world.pairs.size())));
             },
-            nb::arg("margins"))
+            "margins"_a)
         .def("of_still_pairs", [](const World& world) { return std::make_shared<World>(world.of_still_pairs()); })
-        .def_prop_ro(
-            "still", [](const World& world) { return indices(world.still); },
-            "The pairs that no joint moves relative to each other.")
-        .def_prop_ro(
-            "convex",
-            [](const World& world) {
-                auto out = new_array<bool>({world.pairs.size()});
-                for (std::size_t k = 0; k < world.pairs.size(); ++k) out.data[k] = world.pairs[k].convex;
-                return nb::cast(out.array);
+        .def(
+            "joints_between",
+            [](const World& world, std::size_t pair) {
+                std::vector<Joint> joints;
+                for (int k : world.joints_between(world.pairs.at(pair))) joints.push_back(world.space().tree.joints[k]);
+                return joints;
             },
-            "(P,) whether both bodies of a pair have a support function, so that the core measures it.")
+            "pair"_a, "The joints between the bodies of a pair.")
+        .def_prop_ro("still", [](const World& world) { return array_of<std::int64_t>(world.still); },
+                     "The pairs that no joint moves relative to each other.")
+        .def_prop_ro("convex", [](const World& world) { return column<bool>(world.pairs, &Pair::convex); },
+                     "(P,) whether both bodies of a pair have a support function, so that the core measures it.")
         .def_prop_ro(
             "first_directions",
             [](const World& world) {
-                auto out = new_array({world.pairs.size(), 3});
-                for (std::size_t k = 0; k < world.pairs.size(); ++k)
-                    for (int i = 0; i < 3; ++i) out.data[3 * k + i] = world.pairs[k].first_direction[i];
-                return nb::cast(out.array);
+                return filled<double>({world.pairs.size(), 3}, [&](double* out) {
+                    for (const Pair& pair : world.pairs)
+                        for (int i = 0; i < 3; ++i) *out++ = pair.first_direction[i];
+                });
             },
             "(P, 3) the direction at which the search for the distance of a pair begins; zeros: any.");
 }
@@ -250,40 +139,40 @@ int judge(Workspace& self, const double* q) {
     return static_cast<int>(self.left().size());
 }
 
+const double* configuration(const Workspace& self, const Vector& q) {
+    return shaped("q", q, {self.world().space().tree.dof}).data();
+}
+
 // Place the bodies at q for a question whose result cannot express that q is not finite.
 void place_finite(Workspace& self, const Vector& q) {
-    if (!self.place_at(configuration(q, self.world().space().tree.dof)))
-        throw std::invalid_argument("q holds a number that is not finite");
+    if (!self.place_at(configuration(self, q))) refuse("q holds a number that is not finite");
+}
+
+// Ask `question(q, row)` about each of the configurations (N, n), without the GIL.
+template <class Question>
+void ask_all(const Workspace& self, const Matrix& configurations, Question question) {
+    const std::size_t dof = self.world().space().tree.dof;
+    const double* q = shaped("configurations", configurations, {kAny, dof}).data();
+    nb::gil_scoped_release release;
+    for (std::size_t row = 0; row < configurations.shape(0); ++row) question(q + row * dof, row);
 }
 
 void bind_workspace(nb::module_& module) {
     nb::class_<Workspace>(module, "Workspace", "The bodies of a world at one configuration; one for each thread.")
-        .def(
-            "__init__", [](Workspace* self, std::shared_ptr<World> world) { new (self) Workspace(std::move(world)); },
-            nb::arg("world"))
-        .def(
-            "place",
-            [](Workspace& self, const Vector& q) { self.place_at(configuration(q, self.world().space().tree.dof)); },
-            nb::arg("q"))
-        .def(
-            "judge",
-            [](Workspace& self, const Vector& q) {
-                return judge(self, configuration(q, self.world().space().tree.dof));
-            },
-            nb::arg("q").noconvert(), "CONTACT, NOT_FINITE, or the number of pairs that are left to the caller.")
+        .def(nb::init<std::shared_ptr<World>>(), "world"_a)
+        .def("place", [](Workspace& self, const Vector& q) { self.place_at(configuration(self, q)); }, "q"_a)
+        // No conversion of q, which would hide copies in inner loops.
+        .def("judge", [](Workspace& self, const Vector& q) { return judge(self, configuration(self, q)); },
+             "q"_a.noconvert(), "CONTACT, NOT_FINITE, or the number of pairs that are left to the caller.")
         .def(
             "judge_many",
             [](Workspace& self, const Matrix& configurations) {
-                require_size("a configuration", configurations.shape(1), self.world().space().tree.dof);
-                const std::size_t count = configurations.shape(0), dof = configurations.shape(1);
-                auto out = new_array<std::int64_t>({count});
-                {
-                    nb::gil_scoped_release release;
-                    for (std::size_t i = 0; i < count; ++i) out.data[i] = judge(self, configurations.data() + i * dof);
-                }
-                return out.array;
+                std::int64_t* numbers = nullptr;
+                auto array = filled({configurations.shape(0)}, numbers);
+                ask_all(self, configurations, [&](const double* q, std::size_t row) { numbers[row] = judge(self, q); });
+                return array;
             },
-            nb::arg("configurations"))
+            "configurations"_a)
         .def(
             "find_contacts",
             [](Workspace& self, const Vector& q) {
@@ -291,7 +180,7 @@ void bind_workspace(nb::module_& module) {
                 self.find_contacts();
                 return std::tuple(self.contacts(), self.left());
             },
-            nb::arg("q"), "(pairs in contact, pairs left to the caller) at q, which must be finite.")
+            "q"_a, "(pairs in contact, pairs left to the caller) at q, which must be finite.")
         .def(
             "find_nearest",
             [](Workspace& self, const Vector& q) {
@@ -299,73 +188,109 @@ void bind_workspace(nb::module_& module) {
                 const Nearest nearest = self.find_nearest();
                 return std::tuple(self.contacts(), self.left(), nearest.lower, nearest.upper, nearest.pair);
             },
-            nb::arg("q"),
+            "q"_a,
             "(overlapping pairs, pairs left to the caller, lower and upper bound of the smallest distance of the "
             "others, its pair) at q, which must be finite.")
         .def(
             "find_nearest_many",
             [](Workspace& self, const Matrix& configurations) {
-                require_size("a configuration", configurations.shape(1), self.world().space().tree.dof);
-                const std::size_t count = configurations.shape(0), dof = configurations.shape(1);
-                auto lower = new_array({count});
-                auto open = new_array<bool>({count});
-                {
-                    nb::gil_scoped_release release;
-                    for (std::size_t i = 0; i < count; ++i) {
-                        const bool finite = self.place_at(configurations.data() + i * dof);
-                        lower.data[i] = finite ? self.find_nearest().lower : std::nan("");
-                        open.data[i] = finite && !(self.contacts().empty() && self.left().empty());
-                    }
-                }
-                return std::tuple(nb::cast(lower.array), nb::cast(open.array));
+                double* lower = nullptr;
+                bool* open = nullptr;
+                const std::size_t count = configurations.shape(0);
+                std::tuple arrays(filled({count}, lower), filled({count}, open));
+                ask_all(self, configurations, [&](const double* q, std::size_t row) {
+                    const bool finite = self.place_at(q);
+                    lower[row] = finite ? self.find_nearest().lower : std::nan("");
+                    open[row] = finite && !(self.contacts().empty() && self.left().empty());
+                });
+                return arrays;
             },
-            nb::arg("configurations"),
+            "configurations"_a,
             "(N,) lower bounds of the smallest distance, and whether pairs overlap or are left to the caller.")
         .def(
             "measure",
             [](const Workspace& self, std::size_t pair) {
                 if (pair >= self.world().pairs.size() || !self.world().pairs[pair].convex)
-                    throw std::invalid_argument("not a pair of convex bodies");
-                const Measured measured = self.measure(static_cast<int>(pair));
-                return std::tuple(measured.bounds.lower, measured.bounds.upper, points2(measured.points),
-                                  vector3(measured.normal));
+                    refuse("not a pair of convex bodies");
+                const auto [bounds, points, normal] = self.measure(static_cast<int>(pair));
+                const Vec3 &a = points.of_a, &b = points.of_b;
+                return std::tuple(bounds.lower, bounds.upper, rows_of(std::array{a.x, a.y, a.z, b.x, b.y, b.z}, 3), normal);
             },
-            nb::arg("pair"),
-            "(lower, upper, points (2, 3), normal (3,)) of the distance of a convex pair, in the root frame.")
+            "pair"_a, "(lower, upper, points (2, 3), normal (3,)) of the distance of a convex pair, in the root frame.")
         .def_prop_ro("left", &Workspace::left, "The pairs that the last query left to the caller.")
-        .def(
-            "root_from_body",
-            [](const Workspace& self, std::size_t body) {
-                if (body >= self.bodies().size()) throw std::invalid_argument("no such body");
-                return homogeneous(self.bodies()[body].root_from_body);
-            },
-            nb::arg("body"))
-        .def_prop_ro(
-            "root_from_joints",
-            [](const Workspace& self) {
-                auto out = new_array({self.joints().size(), 4, 4});
-                for (std::size_t k = 0; k < self.joints().size(); ++k)
-                    write_homogeneous(self.joints()[k], out.data + 16 * k);
-                return nb::cast(out.array);
-            },
-            "(m, 4, 4) the placements of the joints, whose axis is z.")
-        .def(
-            "joint",
-            [](const Workspace& self, std::size_t joint) { return self.world().space().tree.joints.at(joint); },
-            nb::arg("joint"))
-        .def(
-            "joints_of_body",
-            [](const Workspace& self, std::size_t body) {
-                const Geometry& space = self.world().space();
-                std::vector<int> chain;
-                for (int k = space.bodies.at(body).joint; k != kRoot; k = space.tree.joints[k].parent)
-                    chain.insert(chain.begin(), k);
-                return chain;
-            },
-            nb::arg("body"), "The joints that carry a body, from the root outwards.");
+        .def("root_from_body", [](const Workspace& self, std::size_t body) { return self.bodies().at(body).root_from_body; },
+             "body"_a);
     module.attr("CONTACT") = kContact;
     module.attr("NOT_FINITE") = kNotFinite;
     static_assert(kFree == 0);
+}
+
+using Cells = nb::ndarray<std::uint8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+
+// Cells on either side of the origin along each axis: their corners are exact doubles, and no index overflows.
+constexpr std::int64_t kMostCells = std::int64_t{1} << 40;
+
+// An image is addressed by int, and its windows by a shift of it.
+constexpr std::size_t kMostPixels = 1 << 16;
+
+CellGrid grid_of(const Cells& cells, const Indices& low, double side) {
+    const auto l = shaped("low", low, {3});
+    for (std::int64_t index : l)
+        if (index < -kMostCells || index > kMostCells) refuse("low is out of range");
+    return {{l[0], l[1], l[2]}, {cells.shape(0), cells.shape(1), cells.shape(2)}, finite("side", positive("side", side))};
+}
+
+// The depths in single precision, rounded down or up, so that bounds remain bounds. The next number of a positive one is
+// that whose bits, read as an integer, are one more.
+template <bool up>
+std::vector<float> rounded(std::span<const double> depth) {
+    std::vector<float> values(depth.size());
+    bool valid = true;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        const auto nearest = static_cast<float>(depth[i]);
+        const auto bits = std::bit_cast<std::uint32_t>(nearest);
+        const auto wrong = static_cast<std::uint32_t>(up ? nearest < depth[i] : nearest > depth[i]);
+        values[i] = std::bit_cast<float>(up ? bits + wrong : bits - wrong);
+        valid &= depth[i] >= 0.0;
+    }
+    if (!valid) refuse("a depth is negative or NaN");
+    return values;
+}
+
+void bind_occupancy(nb::module_& module) {
+    module.def(
+        "carve",
+        [](Cells cells, const Indices& low, double side, const Matrix& camera_from_grid, const Vector& intrinsics,
+           const Matrix& nearest, const Matrix& farthest, int pixel_margin) {
+            const CellGrid grid = grid_of(cells, low, side);
+            const auto f = finite("intrinsics", intrinsics, {4});
+            const std::size_t height = nearest.shape(0), width = nearest.shape(1);
+            if (height > kMostPixels || width > kMostPixels) refuse("an image has at most 65536 rows and columns");
+            if (pixel_margin < 0 || pixel_margin > static_cast<int>(kMostPixels)) refuse("pixel_margin is out of range");
+            const auto near_bounds = rounded<false>(shaped("nearest", nearest, {kSome, kSome}));
+            const auto far_bounds = rounded<true>(shaped("farthest", farthest, {height, width}));
+            const PinholeCamera camera{positive("fx", f[0]), positive("fy", f[1]), f[2], f[3], static_cast<int>(width),
+                                       static_cast<int>(height), transform("camera_from_grid", camera_from_grid)};
+            nb::gil_scoped_release release;
+            carve(grid, camera, {near_bounds, far_bounds}, pixel_margin, {cells.data(), grid.size()});
+        },
+        "cells"_a.noconvert(), "low"_a, "side"_a, "camera_from_grid"_a, "intrinsics"_a, "nearest"_a, "farthest"_a,
+        "pixel_margin"_a,
+        "Set the state of each cell (nx, ny, nz) from one depth image, given as bounds of depth (m); see "
+        "collision/occupancy.h. The intrinsics are fx, fy, cx, cy.");
+    module.def(
+        "clear_within",
+        [](Cells cells, const Indices& low, double side, const Shape& shape, const Matrix& shape_from_grid,
+           double padding) {
+            const CellGrid grid = grid_of(cells, low, side);
+            if (shape.kind != ShapeKind::kConvex) refuse("the shape is not convex and bounded");
+            if (!(finite("padding", padding) >= 0.0)) refuse("padding must be 0 or more");
+            const Transform placement = transform("shape_from_grid", shape_from_grid);
+            nb::gil_scoped_release release;
+            return clear_within(grid, shape, placement, padding, {cells.data(), grid.size()});
+        },
+        "cells"_a.noconvert(), "low"_a, "side"_a, "shape"_a, "shape_from_grid"_a, "padding"_a,
+        "Set the cells that are entirely within the padding (m) of a convex shape to free; returns how many were not.");
 }
 
 }  // namespace
@@ -374,6 +299,7 @@ void bind_collision(nb::module_& module) {
     bind_shapes(module);
     bind_world(module);
     bind_workspace(module);
+    bind_occupancy(module);
 }
 
 }  // namespace pinproof

@@ -3,8 +3,7 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/pair.h>
-
-#include <algorithm>
+#include <nanobind/stl/vector.h>
 
 #include "bindings/arrays.h"
 #include "certificate/curve_proof.h"
@@ -18,12 +17,9 @@ public:
 
     void measure(const double* q, std::span<const int> pairs, std::span<ExactDistance> found) override {
         nb::gil_scoped_acquire acquire;
-        const nb::list answers = nb::cast<nb::list>(object_.attr("measure")(array(q), list(pairs)));
-        require_size("the list of distances", answers.size(), found.size());  // Reading a list checks no index.
-        for (std::size_t i = 0; i < found.size(); ++i) {
-            const auto [attained, proven] = nb::cast<std::pair<double, double>>(answers[i]);
-            found[i] = {attained, proven};
-        }
+        const auto answers = nb::cast<std::vector<std::pair<double, double>>>(object_.attr("measure")(array(q), list(pairs)));
+        require_size("the list of distances", answers.size(), found.size());
+        for (std::size_t i = 0; i < found.size(); ++i) found[i] = {answers[i].first, answers[i].second};
     }
 
     bool any_contact(const double* q, std::span<const int> pairs) override {
@@ -32,16 +28,8 @@ public:
     }
 
 private:
-    nb::object array(const double* q) const {
-        auto copy = new_array({dof_});
-        std::copy_n(q, dof_, copy.data);
-        return nb::cast(copy.array);
-    }
-    static nb::list list(std::span<const int> pairs) {
-        nb::list indices;
-        for (int pair : pairs) indices.append(pair);
-        return indices;
-    }
+    NewArray array(const double* q) const { return array_of(std::span(q, dof_)); }
+    static std::vector<int> list(std::span<const int> pairs) { return {pairs.begin(), pairs.end()}; }
 
     nb::object object_;
     std::size_t dof_;

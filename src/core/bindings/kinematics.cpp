@@ -1,16 +1,8 @@
-// Chains of joints.
-#include <nanobind/stl/tuple.h>
-#include <nanobind/stl/vector.h>
-
-#include <algorithm>
+// Joints, chains and trees of them.
 #include <cmath>
-#include <stdexcept>
-#include <tuple>
 
-#include "bindings/arrays.h"
-#include "bindings/bindings.h"
-#include "bindings/jacobians.h"
-#include "common/threads.h"
+#include "bindings/arms.h"
+#include "bindings/structs.h"
 #include "geometry/rigid.h"
 #include "geometry/sincos.h"
 #include "kinematics/chain.h"
@@ -19,119 +11,76 @@
 namespace pinproof {
 namespace {
 
-void require_homogeneous(const char* name, const Matrix& matrix) {
-    require_size(name, matrix.shape(0) == 4 ? matrix.shape(1) : 0, 4);
+void require_indices(const std::vector<Joint>& joints, std::size_t dof) {
+    for (const Joint& joint : joints)
+        if (joint.index >= dof) refuse("the index of a joint is not smaller than dof");
 }
 
-Chain make_chain(const Stack& before, const std::vector<bool>& prismatic, const std::vector<std::size_t>& index,
-                 const std::vector<double>& multiplier, const std::vector<double>& offset, const Matrix& tool,
-                 std::size_t dof) {
-    const std::size_t count = prismatic.size();
-    require_size("before", before.shape(0), count);
-    require_size("index", index.size(), count);
-    require_size("multiplier", multiplier.size(), count);
-    require_size("offset", offset.size(), count);
-    require_size("a matrix of before", before.shape(1) == 4 ? before.shape(2) : 0, 4);
-    require_homogeneous("tool", tool);
-    Chain chain;
-    chain.dof = dof;
-    chain.tool = read_transform(tool.data());
-    for (std::size_t k = 0; k < count; ++k) {
-        if (index[k] >= dof) throw std::invalid_argument("the index of a joint is not smaller than dof");
-        chain.joints.push_back(
-            {read_transform(before.data() + 16 * k), prismatic[k], index[k], multiplier[k], offset[k]});
+void check_tree(const JointTree& tree) {
+    require_indices(tree.joints, tree.dof);
+    for (std::size_t k = 0; k < tree.joints.size(); ++k)
+        if (tree.joints[k].parent < kRoot || tree.joints[k].parent >= static_cast<int>(k))
+            refuse("the parent of a joint must come before it");
+}
+
+// Place the chain at each row of the configurations (N, n), and call `record(row, posture)`.
+template <class Record>
+void place_rows(const Chain& chain, const Matrix& configurations, Record record) {
+    const double* q = shaped("configurations", configurations, {kAny, chain.dof}).data();
+    nb::gil_scoped_release release;
+    Posture posture(chain);
+    for (std::size_t row = 0; row < configurations.shape(0); ++row, q += chain.dof) {
+        posture.evaluate(chain, Frame{}, q);
+        record(row, posture);
     }
-    return chain;
 }
 
-nb::object before_of(const Chain& chain) {
-    auto matrices = new_array({chain.joints.size(), 4, 4});
-    for (std::size_t k = 0; k < chain.joints.size(); ++k)
-        write_homogeneous(chain.joints[k].before, matrices.data + 16 * k);
-    return nb::cast(matrices.array);
+NewArray forward_batch(const Chain& chain, const Matrix& configurations) {
+    return filled<double>({configurations.shape(0), 4, 4}, [&](double* out) {
+        place_rows(chain, configurations, [&](std::size_t row, const Posture& posture) {
+            write_homogeneous(transform_of(posture.tcp()), out + 16 * row);
+        });
+    });
 }
 
-nb::object tool_of(const Chain& chain) {
-    auto matrix = new_array({4, 4});
-    write_homogeneous(chain.tool, matrix.data);
-    return nb::cast(matrix.array);
-}
-
-// An array with one number of each joint.
-template <class Number, class Get>
-nb::object each_joint(const Chain& chain, Get get) {
-    auto numbers = new_array<Number>({chain.joints.size()});
-    for (std::size_t k = 0; k < chain.joints.size(); ++k) numbers.data[k] = static_cast<Number>(get(chain.joints[k]));
-    return nb::cast(numbers.array);
-}
-
-nb::object forward_batch(const Chain& chain, const Matrix& configurations) {
-    require_size("a configuration", configurations.shape(1), chain.dof);
-    const std::size_t count = configurations.shape(0);
-    auto poses = new_array({count, 4, 4});
-    {
-        nb::gil_scoped_release release;
-        Posture posture(chain);
-        for (std::size_t i = 0; i < count; ++i) {
-            posture.evaluate(chain, Frame{}, configurations.data() + i * chain.dof);
-            write_homogeneous(transform_of(posture.tcp()), poses.data + 16 * i);
-        }
-    }
-    return nb::cast(poses.array);
-}
-
-nb::object manipulability_batch(const Chain& chain, const Matrix& configurations) {
-    require_size("a configuration", configurations.shape(1), chain.dof);
-    const std::size_t count = configurations.shape(0);
-    auto measures = new_array({count});
-    {
-        nb::gil_scoped_release release;
-        Posture posture(chain);
+NewArray manipulability_batch(const Chain& chain, const Matrix& configurations) {
+    return filled<double>({configurations.shape(0)}, [&](double* out) {
         Jacobian jacobian(chain.dof);
-        for (std::size_t i = 0; i < count; ++i) {
-            posture.evaluate(chain, Frame{}, configurations.data() + i * chain.dof);
+        place_rows(chain, configurations, [&](std::size_t row, const Posture& posture) {
             posture.jacobian(chain, jacobian);
-            measures.data[i] = std::exp(log_manipulability(jacobian));
-        }
-    }
-    return nb::cast(measures.array);
+            out[row] = std::exp(log_manipulability(jacobian));
+        });
+    });
 }
 
-// Both transforms of the tcp, and its Jacobian, at q from a start frame.
-nb::tuple evaluate(const Chain& chain, const Vector& q, const Matrix& start) {
-    require_size("q", q.shape(0), chain.dof);
-    require_homogeneous("start", start);
+std::tuple<Transform, NewArray> evaluate(const Chain& chain, const Vector& q, const Matrix& start) {
+    const double *values = shaped("q", q, {chain.dof}).data(), *from = shaped("start", start, {4, 4}).data();
     Posture posture(chain);
     Jacobian columns(chain.dof);
-    posture.evaluate(chain, frame_of(read_transform(start.data())), q.data());
+    posture.evaluate(chain, frame_of(read_transform(from)), values);
     posture.jacobian(chain, columns);
-    auto pose = new_array({4, 4});
-    write_homogeneous(transform_of(posture.tcp()), pose.data);
-    return nb::make_tuple(nb::cast(pose.array), jacobian_array(columns));
+    return {transform_of(posture.tcp()), jacobian_array(columns)};
 }
 
-nb::list not_rigid(const Stack& matrices) {
-    require_size("a transform", matrices.shape(1) == 4 ? matrices.shape(2) : 0, 4);
-    nb::list found;
+std::vector<std::size_t> not_rigid(const Stack& matrices) {
+    const auto numbers = shaped("matrices", matrices, {kAny, 4, 4});
+    std::vector<std::size_t> indices;
     for (std::size_t i = 0; i < matrices.shape(0); ++i)
-        if (!is_rigid(matrices.data() + 16 * i)) found.append(i);
-    return found;
+        if (!is_rigid(numbers.data() + 16 * i)) indices.push_back(i);
+    return indices;
 }
 
 }  // namespace
 
-nb::object jacobian_array(const Jacobian& columns) {
-    auto matrix = new_array({6, columns.size()});
-    for (std::size_t j = 0; j < columns.size(); ++j)
-        for (int i = 0; i < 3; ++i) {
-            matrix.data[i * columns.size() + j] = columns[j].linear[i];
-            matrix.data[(i + 3) * columns.size() + j] = columns[j].angular[i];
-        }
-    return nb::cast(matrix.array);
+NewArray jacobian_array(const Jacobian& columns) {
+    return filled<double>({6, columns.size()}, [&](double* out) {
+        for (int i = 0; i < 6; ++i)
+            for (const Twist& column : columns) *out++ = i < 3 ? column.linear[i] : column.angular[i - 3];
+    });
 }
 
-Jacobian read_jacobian(const Matrix& matrix) {
-    require_size("the rows of a Jacobian", matrix.shape(0), 6);
+Jacobian read_jacobian(const char* name, const Matrix& matrix) {
+    shaped(name, matrix, {6, kAny});
     Jacobian columns(matrix.shape(1));
     for (std::size_t j = 0; j < columns.size(); ++j)
         for (std::size_t i = 0; i < 3; ++i) {
@@ -142,69 +91,38 @@ Jacobian read_jacobian(const Matrix& matrix) {
 }
 
 void bind_kinematics(nb::module_& module) {
-    nb::class_<Chain>(module, "Chain", "The joints of an arm from base to tcp.")
-        .def(
-            "__init__",
-            [](Chain* self, const Stack& before, const std::vector<bool>& prismatic,
-               const std::vector<std::size_t>& index, const std::vector<double>& multiplier,
-               const std::vector<double>& offset, const Matrix& tool, std::size_t dof) {
-                new (self) Chain(make_chain(before, prismatic, index, multiplier, offset, tool, dof));
-            },
-            nb::arg("before"), nb::arg("prismatic"), nb::arg("index"), nb::arg("multiplier"), nb::arg("offset"),
-            nb::arg("tool"), nb::arg("dof"),
-            "base_from_tcp(q) = before[0] X_0(q) before[1] X_1(q) ... tool, where X_k is a rotation about z or a "
-            "translation along z by multiplier[k] * q[index[k]] + offset[k].")
-        .def("__reduce__",
-             [](nb::handle self) {
-                 nb::list arguments;
-                 for (const char* name : {"before", "prismatic", "index", "multiplier", "offset"}) {
-                     nb::object value = self.attr(name);
-                     arguments.append(nb::str(name).equal(nb::str("before")) ? value : value.attr("tolist")());
-                 }
-                 arguments.append(self.attr("tool"));
-                 arguments.append(self.attr("dof"));
-                 return nb::make_tuple(self.type(), nb::tuple(arguments));
-             })
-        .def_prop_ro("before", &before_of, "(m, 4, 4) the constant transform before each joint.")
-        .def_prop_ro("tool", &tool_of, "(4, 4) the constant transform behind the last joint.")
-        .def_prop_ro("prismatic",
-                     [](const Chain& c) { return each_joint<bool>(c, [](const Joint& j) { return j.prismatic; }); })
-        .def_prop_ro(
-            "index", [](const Chain& c) { return each_joint<std::int64_t>(c, [](const Joint& j) { return j.index; }); },
-            "(m,) the index in q of the value of each joint.")
-        .def_prop_ro("multiplier",
-                     [](const Chain& c) { return each_joint<double>(c, [](const Joint& j) { return j.multiplier; }); })
-        .def_prop_ro("offset",
-                     [](const Chain& c) { return each_joint<double>(c, [](const Joint& j) { return j.offset; }); })
-        .def_prop_ro("dof", [](const Chain& c) { return c.dof; })
+    bind_struct<Joint>(module, "Joint",
+                       "A joint about or along the z axis of its frame, with the value multiplier * q[index] + offset, "
+                       "behind a constant transform from its parent (in a tree; -1: the root) or the previous joint.",
+                       unchecked, member("before", &Joint::before), member("prismatic", &Joint::prismatic),
+                       member("index", &Joint::index), member("multiplier", &Joint::multiplier),
+                       member("offset", &Joint::offset), optional("parent", &Joint::parent));
+    bind_struct<JointTree>(module, "JointTree", "The joints of a robot, each after its parent.", check_tree,
+                           member("joints", &JointTree::joints), member("dof", &JointTree::dof));
+    bind_struct<Chain>(module, "Chain",
+                       "The joints of an arm from base to tcp: base_from_tcp(q) = before_1 X_1(q) before_2 X_2(q) ... "
+                       "tool, where X_k is a rotation about z or a translation along z by the value of the joint.",
+                       [](const Chain& chain) { require_indices(chain.joints, chain.dof); },
+                       member("joints", &Chain::joints), member("tool", &Chain::tool), member("dof", &Chain::dof))
         .def_prop_ro("has_mimic_joints", &Chain::has_mimic_joints)
-        .def("forward_batch", &forward_batch, nb::arg("configurations"),
+        .def("forward_batch", &forward_batch, "configurations"_a,
              "base_from_tcp (N, 4, 4) at each row of the configurations (N, n).")
-        .def("manipulability_batch", &manipulability_batch, nb::arg("configurations"),
+        .def("manipulability_batch", &manipulability_batch, "configurations"_a,
              "sqrt(det(J J^T)) of the Jacobian of the tcp at each row (N, n); of J^T J with fewer than 6 joints.")
-        .def("evaluate", &evaluate, nb::arg("q"), nb::arg("start"),
+        .def("evaluate", &evaluate, "q"_a, "start"_a,
              "start times base_from_tcp (4, 4) at q (n,), and the Jacobian of the tcp (6, n) in the axes of start.");
 
     module.def(
-        "is_rigid",
-        [](const Matrix& matrix) {
-            require_homogeneous("matrix", matrix);
-            return is_rigid(matrix.data());
-        },
-        nb::arg("matrix"), "Whether a (4, 4) matrix is a rigid transform up to rounding.");
+        "is_rigid", [](const Matrix& matrix) { return is_rigid(shaped("matrix", matrix, {4, 4}).data()); }, "matrix"_a,
+        "Whether a (4, 4) matrix is a rigid transform up to rounding.");
     module.def(
         "all_finite",
-        [](const Numbers& numbers) {
-            return std::all_of(numbers.data(), numbers.data() + numbers.size(),
-                               [](double x) { return std::isfinite(x); });
+        [](const nb::ndarray<const double, nb::c_contig, nb::device::cpu>& numbers) {
+            return std::all_of(numbers.data(), numbers.data() + numbers.size(), [](double x) { return std::isfinite(x); });
         },
-        nb::arg("numbers"), "Whether all numbers of an array are finite.");
-    module.def("not_rigid", &not_rigid, nb::arg("matrices"),
+        "numbers"_a, "Whether all numbers of an array are finite.");
+    module.def("not_rigid", &not_rigid, "matrices"_a,
                "The indices of the matrices (N, 4, 4) that are not rigid transforms up to rounding.");
-    module.def("sincos", [](double angle) {
-        const auto [sine, cosine] = sincos(angle);
-        return std::make_tuple(sine, cosine);
-    });
 }
 
 }  // namespace pinproof

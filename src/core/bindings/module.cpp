@@ -7,8 +7,22 @@
 
 #include <stdexcept>
 
-#include "bindings/bindings.h"
 #include "source_hash.h"
+
+namespace pinproof {
+
+// Each adds the classes and functions of a subject to the module.
+void bind_kinematics(nanobind::module_& module);
+void bind_closed_form(nanobind::module_& module);
+void bind_ik(nanobind::module_& module);
+void bind_tracking(nanobind::module_& module);
+void bind_collision(nanobind::module_& module);
+void bind_certificate(nanobind::module_& module);
+void bind_timing(nanobind::module_& module);
+void bind_planning(nanobind::module_& module);
+void bind_reach(nanobind::module_& module);
+
+}  // namespace pinproof
 
 namespace {
 
@@ -44,16 +58,8 @@ NB_MODULE(_core, module) {
     // Python does not destroy cached arms and checkers when it ends; nanobind would report each of them.
     nanobind::set_leak_warnings(false);
     module.attr("SOURCE_HASH") = PINPROOF_SOURCE_HASH;
-    pinproof::bind_kinematics(module);
-    pinproof::bind_closed_form(module);
-    pinproof::bind_ik(module);
-    pinproof::bind_tracking(module);
-    pinproof::bind_collision(module);
-    pinproof::bind_certificate(module);
-    pinproof::bind_planning(module);
-    pinproof::bind_tours(module);
-    pinproof::bind_timing(module);
-    pinproof::bind_dynamics(module);
-    pinproof::bind_reach(module);
-    pinproof::bind_occupancy(module);
+    using namespace pinproof;
+    for (auto* bind : {bind_kinematics, bind_closed_form, bind_ik, bind_tracking, bind_collision, bind_certificate,
+                       bind_timing, bind_planning, bind_reach})
+        bind(module);
 }

@@ -1,36 +1,14 @@
-// Time parametrisation of paths.
-#include <nanobind/stl/optional.h>
+// Time parametrisation of paths, inverse dynamics, and bounds of torques and of the motion of the tool.
 #include <nanobind/stl/string.h>
-#include <nanobind/stl/tuple.h>
 
-#include <optional>
-#include <stdexcept>
-#include <tuple>
-
-#include "bindings/arrays.h"
-#include "bindings/bindings.h"
+#include "bindings/structs.h"
+#include "dynamics/curve_bounds.h"
+#include "dynamics/inverse_dynamics.h"
 #include "timing/path_speed.h"
 #include "timing/time_path.h"
 
 namespace pinproof {
 namespace {
-
-template <class Array>
-std::span<const double> span_of(const Array& array) {
-    return {array.data(), array.size()};
-}
-
-template <class Array>
-std::vector<double> vector_of(const Array& array) {
-    return {array.data(), array.data() + array.size()};
-}
-
-// Rows of n numbers as an array (N, n).
-nb::object rows_of(std::span<const double> values, std::size_t columns) {
-    auto array = new_array({values.size() / columns, columns});
-    std::copy(values.begin(), values.end(), array.data);
-    return nb::cast(array.array);
-}
 
 const char* name_of(TimingStatus status) {
     switch (status) {
@@ -45,72 +23,53 @@ const char* name_of(TimingStatus status) {
     return "";
 }
 
-RateLimits limits_of(const Vector& velocity, const Vector& acceleration, const std::optional<Vector>& jerk) {
-    const std::size_t n = velocity.shape(0);
-    require_size("acceleration", acceleration.shape(0), n);
-    if (jerk) require_size("jerk", jerk->shape(0), n);
-    RateLimits limits{vector_of(velocity), vector_of(acceleration), {}};
-    if (jerk) limits.jerk = vector_of(*jerk);
-    for (const auto* rates : {&limits.velocity, &limits.acceleration, &limits.jerk})
-        for (double rate : *rates) require_positive("a limit", rate);
-    return limits;
+void check_rates(const RateLimits& limits) {
+    require_size("acceleration", limits.acceleration.size(), limits.velocity.size());
+    if (limits.smooth()) require_size("jerk", limits.jerk.size(), limits.velocity.size());
+    for (const Doubles* rates : {&limits.velocity, &limits.acceleration, &limits.jerk})
+        for (double rate : *rates) positive("a limit", rate);
 }
 
 // The limits of Python's `rows(q, slope, curvature)`.
 ConstraintRows called(const nb::callable& rows, std::size_t joints, std::span<const double> q,
                       std::span<const double> slope, std::span<const double> curvature) {
-    const auto result = nb::cast<std::tuple<Matrix, Matrix, Matrix, Matrix>>(
+    const auto [alpha, beta, gamma, bound] = nb::cast<std::tuple<Matrix, Matrix, Matrix, Matrix>>(
         rows(rows_of(q, joints), rows_of(slope, joints), rows_of(curvature, joints)));
-    const auto& [alpha, beta, gamma, bound] = result;
-    const std::size_t columns = alpha.shape(1), size = q.size() / joints * columns;
-    require_size("alpha", alpha.size(), size);
-    require_size("beta", beta.size(), size);
-    require_size("gamma", gamma.size(), size);
-    require_size("bound", bound.size(), size);
-    return {columns, vector_of(alpha), vector_of(beta), vector_of(gamma), vector_of(bound)};
+    const std::size_t points = q.size() / joints, columns = alpha.shape(1);
+    const auto list = [&](const char* name, const Matrix& matrix) {
+        return list_of(shaped(name, matrix, {points, columns}));
+    };
+    return {columns, list("alpha", alpha), list("beta", beta), list("gamma", gamma), list("bound", bound)};
 }
 
-nb::tuple timed(const Vector& knots, const Stack& control, const std::optional<Vector>& stops, const Vector& velocity,
-                const Vector& acceleration, const std::optional<Vector>& jerk, const Vector& start_velocity,
-                const Vector& end_velocity, double image_tolerance, double rate_tolerance, double longest,
-                const std::optional<nb::callable>& rows, const std::optional<nb::callable>& excess) {
-    const std::size_t n = control.shape(2), pieces = control.shape(0), points = control.shape(1);
-    if (n == 0 || pieces == 0 || points < 1 || points > TimedPath::kMaxDegree + 1)
-        throw std::invalid_argument("a path needs joints, pieces, and pieces of a degree up to " +
-                                    std::to_string(TimedPath::kMaxDegree));
-    require_size("knots", knots.shape(0), pieces + 1);
-    require_size("velocity", velocity.shape(0), n);
-    require_size("start_velocity", start_velocity.shape(0), n);
-    require_size("end_velocity", end_velocity.shape(0), n);
-    require_finite("knots", knots.data(), knots.size());
-    require_finite("control", control.data(), control.size());
-    require_finite("start_velocity", start_velocity.data(), n);
-    require_finite("end_velocity", end_velocity.data(), n);
-    require_positive("image_tolerance", image_tolerance);
-    for (std::size_t k = 0; k < pieces; ++k)
-        if (!(knots(k) < knots(k + 1))) throw std::invalid_argument("knots must increase");
-    if (!moves(n, span_of(control))) throw std::invalid_argument("the path has length 0");
-    if (excess.has_value() != rows.has_value()) throw std::invalid_argument("rows and excess belong together");
-    const RateLimits limits = limits_of(velocity, acceleration, jerk);
+nb::tuple timed(const Vector& knots, const Stack& control, const std::optional<Vector>& stops, const RateLimits& limits,
+                const Vector& start_velocity, const Vector& end_velocity, double image_tolerance, double rate_tolerance,
+                double longest, const std::optional<nb::callable>& rows, const std::optional<nb::callable>& excess) {
+    const std::size_t n = control.shape(2), pieces = control.shape(0);
+    const auto points = finite("control", control, {kSome, kSome, kSome});
+    if (control.shape(1) > TimedPath::kMaxDegree + 1)
+        refuse("a path needs pieces of a degree up to " + std::to_string(TimedPath::kMaxDegree));
+    const auto parameters = knots_of(knots, pieces + 1);
+    require_size("limits", limits.velocity.size(), n);
+    if (!moves(n, points)) refuse("the path has length 0");
+    if (excess.has_value() != rows.has_value()) refuse("rows and excess belong together");
     std::vector<char> flags;
-    if (stops) {
-        require_size("stops", stops->shape(0), pieces + 1);
-        for (std::size_t k = 0; k <= pieces; ++k) flags.push_back((*stops)(k) != 0.0);
-    } else {
-        flags = tangent_jumps(n, span_of(knots), span_of(control));
-    }
-    const TimedPath path(n, span_of(knots), span_of(control), flags, limits);
-    TimingTask task{path, limits, vector_of(start_velocity), vector_of(end_velocity), image_tolerance, rate_tolerance,
-                    longest, {}, {}};
+    if (stops) for (double stop : shaped("stops", *stops, {pieces + 1})) flags.push_back(stop != 0.0);
+    else flags = tangent_jumps(n, parameters, points);
+    const TimedPath path(n, parameters, points, flags, limits);
+    TimingTask task{path, limits, list_of(finite("start_velocity", start_velocity, {n})),
+                    list_of(finite("end_velocity", end_velocity, {n})), positive("image_tolerance", image_tolerance),
+                    rate_tolerance, longest, {}, {}};
+    const auto accelerations = [n](const HermiteCurve& curve) {
+        return curve.quintic() ? nb::cast(rows_of(curve.acceleration, n)) : nb::none();
+    };
     TimedMotion motion;
     if (rows) {
         task.rows = [&](auto q, auto slope, auto curvature) { return called(*rows, n, q, slope, curvature); };
         task.excess = [&](const HermiteCurve& curve) {
-            const auto factors = nb::cast<Vector>((*excess)(
-                array_of(curve.times), rows_of(curve.q, n), rows_of(curve.velocity, n),
-                curve.quintic() ? rows_of(curve.acceleration, n) : nb::none()));
-            require_size("excess", factors.shape(0), curve.pieces());
-            return vector_of(factors);
+            const auto factors = nb::cast<Vector>((*excess)(array_of(curve.times), rows_of(curve.q, n),
+                                                            rows_of(curve.velocity, n), accelerations(curve)));
+            return list_of(shaped("excess", factors, {curve.pieces()}));
         };
         motion = time_path(task);
     } else {
@@ -118,58 +77,165 @@ nb::tuple timed(const Vector& knots, const Stack& control, const std::optional<V
         motion = time_path(task);
     }
     const HermiteCurve& curve = motion.curve;
-    nb::object none = nb::none();
     return nb::make_tuple(name_of(motion.status), array_of(curve.times), rows_of(curve.q, n), rows_of(curve.velocity, n),
-                          curve.quintic() ? rows_of(curve.acceleration, n) : none, motion.deviation, motion.excess);
+                          accelerations(curve), motion.deviation, motion.excess);
 }
 
-}  // namespace
+std::tuple<NewArray, std::optional<std::size_t>> speeds(const Stack& alpha, const Stack& beta, const Stack& gamma,
+                                                        const Stack& bound, const Vector& step, const Vector& ceiling,
+                                                        double start, double end) {
+    const std::size_t steps = step.shape(0), rows = alpha.shape(2);
+    const SpeedProblem problem{rows, shaped("alpha", alpha, {steps, 2, rows}), shaped("beta", beta, {steps, 2, rows}),
+                               shaped("gamma", gamma, {steps, 2, rows}), shaped("bound", bound, {steps, 2, rows}),
+                               shaped("step", step, {kAny}), shaped("ceiling", ceiling, {steps + 1}), start, end};
+    Doubles x(steps + 1);
+    const auto stuck = fastest_speeds(problem, x);
+    return {array_of(x), stuck};
+}
 
-void bind_timing(nb::module_& module) {
-    module.def(
-        "fastest_speeds",
-        [](const Stack& alpha, const Stack& beta, const Stack& gamma, const Stack& bound, const Vector& step,
-           const Vector& ceiling, double start, double end) {
-            const std::size_t steps = step.shape(0), rows = alpha.shape(2), count = 2 * steps * rows;
-            require_size("alpha", alpha.size(), count);
-            require_size("beta", beta.size(), count);
-            require_size("gamma", gamma.size(), count);
-            require_size("bound", bound.size(), count);
-            require_size("ceiling", ceiling.shape(0), steps + 1);
-            const SpeedProblem problem{rows,
-                                       {alpha.data(), count},
-                                       {beta.data(), count},
-                                       {gamma.data(), count},
-                                       {bound.data(), count},
-                                       {step.data(), steps},
-                                       {ceiling.data(), steps + 1},
-                                       start,
-                                       end};
-            auto x = new_array({steps + 1});
-            const auto stuck = fastest_speeds(problem, {x.data, steps + 1});
-            return std::tuple(nb::cast(x.array), stuck);
-        },
-        nb::arg("alpha"), nb::arg("beta"), nb::arg("gamma"), nb::arg("bound"), nb::arg("step"), nb::arg("ceiling"),
-        nb::arg("start"), nb::arg("end"),
-        "(x, node): x = s'^2 (N + 1,) at the nodes of a grid, and the node from which the path cannot be driven or "
-        "None.");
-    module.def("time_path", &timed, nb::arg("knots"), nb::arg("control"), nb::arg("stops").none(), nb::arg("velocity"),
-               nb::arg("acceleration"), nb::arg("jerk").none(), nb::arg("start_velocity"), nb::arg("end_velocity"),
-               nb::arg("image_tolerance"), nb::arg("rate_tolerance"), nb::arg("longest"), nb::arg("rows").none(),
-               nb::arg("excess").none(),
+void bind_timing_of_paths(nb::module_& module) {
+    bind_struct<RateLimits>(module, "RateLimits", "Limits of the joints (n); without a jerk limit, jerk is empty.",
+                            check_rates, member("velocity", &RateLimits::velocity),
+                            member("acceleration", &RateLimits::acceleration), member("jerk", &RateLimits::jerk));
+    module.def("fastest_speeds", &speeds, "alpha"_a, "beta"_a, "gamma"_a, "bound"_a, "step"_a, "ceiling"_a, "start"_a,
+               "end"_a,
+               "(x, node): x = s'^2 (N + 1,) at the nodes of a grid, and the node from which the path cannot be driven or "
+               "None.");
+    module.def("time_path", &timed, "knots"_a, "control"_a, "stops"_a.none(), "limits"_a, "start_velocity"_a,
+               "end_velocity"_a, "image_tolerance"_a, "rate_tolerance"_a, "longest"_a, "rows"_a.none(),
+               "excess"_a.none(),
                "(status, times, q, velocities, accelerations or None, deviation, excess) of the fastest motion along "
                "pieces with control points (k, degree + 1, n). Without stops (k + 1,) it stops where the "
                "tangent jumps.");
     module.def(
         "corners",
         [](const Matrix& q) {
-            if (q.shape(0) == 0 || q.shape(1) == 0) throw std::invalid_argument("q has no waypoint or no joint");
-            require_finite("q", q.data(), q.size());
             const std::size_t n = q.shape(1);
-            std::vector<double> result = corners(n, span_of(q));
-            return rows_of(result, n);
+            return rows_of(corners(n, finite("q", q, {kSome, kSome})), n);
         },
-        nb::arg("q"), "The waypoints at which a motion along a polyline must stop.");
+        "q"_a, "The waypoints at which a motion along a polyline must stop.");
+}
+
+void check_model(const DynamicTree& model) {
+    require_size("bodies", model.bodies.size(), model.tree.joints.size());
+    if (model.tool_joint < kRoot || model.tool_joint >= static_cast<int>(model.bodies.size()))
+        refuse("tool_joint is not a joint of the tree");
+}
+
+// Drive the model along the rows of q, v and a (N, n), and call `record(row, dynamics)` after each.
+template <class Record>
+void drive_rows(const DynamicTree& model, const Matrix& q, const Matrix& v, const Matrix& a, Record record) {
+    const std::size_t dof = model.tree.dof, rows = q.shape(0);
+    const double *position = finite("q", q, {kAny, dof}).data(), *velocity = finite("v", v, {rows, dof}).data();
+    const double* acceleration = finite("a", a, {rows, dof}).data();
+    nb::gil_scoped_release release;
+    InverseDynamics<double> dynamics(model);
+    std::vector<JointMotion<double>> motion(dof);
+    for (std::size_t row = 0; row < rows; ++row) {
+        for (JointMotion<double>& joint : motion) joint = {*position++, *velocity++, *acceleration++};
+        dynamics.move(motion);
+        record(row, dynamics);
+    }
+}
+
+nb::tuple torques(const DynamicTree& model, const Matrix& q, const Matrix& v, const Matrix& a) {
+    const std::size_t dof = model.tree.dof;
+    double *of_motion = nullptr, *of_gravity = nullptr;
+    const auto arrays = nb::make_tuple(filled({q.shape(0), dof}, of_motion), filled({q.shape(0), dof}, of_gravity));
+    drive_rows(model, q, v, a, [&](std::size_t row, InverseDynamics<double>& dynamics) {
+        dynamics.torques({of_motion + row * dof, dof}, {of_gravity + row * dof, dof});
+    });
+    return arrays;
+}
+
+NewArray tool_motion(const DynamicTree& model, const Matrix& q, const Matrix& v, const Matrix& a) {
+    return filled<double>({q.shape(0), 4, 3}, [&](double* out) {
+        drive_rows(model, q, v, a, [&](std::size_t, InverseDynamics<double>& dynamics) {
+            const ToolMotion<double> tool = dynamics.tool();
+            for (const Vector3<double>* each : {&tool.linear_velocity, &tool.angular_velocity,
+                                                &tool.linear_acceleration, &tool.angular_acceleration})
+                out = std::ranges::copy(std::array{each->x, each->y, each->z}, out).out;
+        });
+    });
+}
+
+TimedCurve read_curve(const DynamicTree& model, const Stack& position, const Stack& velocity,
+                      const Stack& acceleration) {
+    TimedCurve curve{position.shape(0), model.tree.dof, {}, {}};
+    std::size_t order = 0;
+    for (const Stack* control : {&position, &velocity, &acceleration}) {
+        if (control->shape(1) > kMaxCurveDegree + 1) refuse("a piece must have at most 8 control points");
+        curve.points[order] = control->shape(1);
+        curve.control[order++] = finite("a control point", *control, {curve.pieces, kSome, curve.dof});
+    }
+    return curve;
+}
+
+// How much the pieces of a curve must be slowed down, by `stretch(model, curve, limits, out)`.
+template <class Stretch>
+NewArray stretch_of(const DynamicTree& model, const TimedCurve& curve, const Vector& limits, std::size_t count,
+                    Stretch stretch) {
+    const auto most = shaped("limits", limits, {count});
+    for (double limit : most) positive("a limit", limit);
+    return filled<double>({curve.pieces}, [&](double* out) {
+        nb::gil_scoped_release release;
+        stretch(model, curve, most, std::span(out, curve.pieces));
+    });
+}
+
+NewArray torque_stretch_of(const DynamicTree& model, const Stack& position, const Stack& velocity,
+                           const Stack& acceleration, const Vector& limits) {
+    return stretch_of(model, read_curve(model, position, velocity, acceleration), limits, model.tree.dof, torque_stretch);
+}
+
+NewArray tool_stretch_of(const DynamicTree& model, const Stack& position, const Stack& velocity,
+                         const Stack& acceleration, const Vector& limits) {
+    return stretch_of(model, read_curve(model, position, velocity, acceleration), limits, 4,
+                      [](auto& tree, auto& curve, auto most, auto out) {
+                          tool_stretch(tree, curve, {most[0], most[1], most[2], most[3]}, out);
+                      });
+}
+
+template <std::vector<Peak> (*peaks_of)(const DynamicTree&, const TimedCurve&)>
+nb::tuple peaks(const DynamicTree& model, const Stack& position, const Stack& velocity, const Stack& acceleration) {
+    const TimedCurve curve = read_curve(model, position, velocity, acceleration);
+    std::vector<Peak> found;
+    {
+        nb::gil_scoped_release release;
+        found = peaks_of(model, curve);
+    }
+    return nb::make_tuple(column<double>(found, &Peak::bound), column<std::int64_t>(found, &Peak::piece),
+                          column<double>(found, &Peak::fraction));
+}
+
+}  // namespace
+
+void bind_timing(nb::module_& module) {
+    bind_timing_of_paths(module);
+    bind_struct<RigidBody>(module, "RigidBody",
+                           "Mass, mass times centre (3,) and inertia about the origin (3, 3) in the frame of a joint.",
+                           unchecked, member("mass", &RigidBody::mass), member("first_moment", &RigidBody::first_moment),
+                           member("inertia", &RigidBody::inertia));
+    bind_struct<DynamicTree>(module, "DynamicTree",
+                             "The moving bodies of an arm, one for each joint of a tree; gravity (3,) is in the root "
+                             "frame, and the tool (3,) in that of tool_joint.",
+                             check_model, member("tree", &DynamicTree::tree), member("bodies", &DynamicTree::bodies),
+                             member("gravity", &DynamicTree::gravity), member("tool_joint", &DynamicTree::tool_joint),
+                             member("tool", &DynamicTree::tool))
+        .def("torques", &torques, "q"_a, "v"_a, "a"_a,
+             "Torques (N, n) of the motion, and of gravity (N, n), at the rows of q, v and a (N, n).")
+        .def("tool_motion", &tool_motion, "q"_a, "v"_a, "a"_a,
+             "(N, 4, 3) linear and angular velocity, linear and angular acceleration of the tool, in the axes of its "
+             "joint.")
+        .def("torque_stretch", &torque_stretch_of, "position"_a, "velocity"_a, "acceleration"_a, "limits"_a,
+             "(k,) the factors by which the pieces of a curve, given by the control points (k, p, n) of its "
+             "derivatives, must be slowed down to keep the limits (n,); inf where gravity alone exceeds them.")
+        .def("tool_stretch", &tool_stretch_of, "position"_a, "velocity"_a, "acceleration"_a, "limits"_a,
+             "The same for limits (4,) of the tool: speeds and accelerations, linear and angular.")
+        .def("torque_peaks", &peaks<&torque_peaks>, "position"_a, "velocity"_a, "acceleration"_a,
+             "Bounds (n,) of the torques over a curve, and the piece and the fraction of it where each occurs.")
+        .def("tool_peaks", &peaks<&tool_peaks>, "position"_a, "velocity"_a, "acceleration"_a,
+             "Bounds (4,) of the speeds and accelerations of the tool, and the piece and fraction where each occurs.");
 }
 
 }  // namespace pinproof

@@ -33,7 +33,7 @@ Departure::Departure(std::shared_ptr<const Geometry> space, int body, std::share
 void Departure::place_at(const double* q) {
     if (chain_.empty()) return;
     for (std::size_t i = 0; i < chain_.size(); ++i) {
-        const TreeJoint& joint = space_->tree.joints[chain_[i]];
+        const Joint& joint = space_->tree.joints[chain_[i]];
         axes_[i] = placed_joint(joint, i == 0 ? nullptr : &axes_[i - 1], q);
     }
     const Body& body = space_->bodies[static_cast<std::size_t>(body_)];
@@ -61,7 +61,7 @@ GapDecrease Departure::decrease(const double* piece, std::size_t points) {
     place_at(middle);
     double turned = 0.0, shifted = 0.0;  // the sums of chords at radius 1, and of chords, up to this joint
     for (std::size_t i = 0; i < chain_.size(); ++i) {
-        const TreeJoint& joint = space_->tree.joints[chain_[i]];
+        const Joint& joint = space_->tree.joints[chain_[i]];
         double delta = 0.0;
         for (std::size_t r = 0; r < points; ++r)
             delta = std::max(delta, std::abs(piece[r * dof + joint.index] - middle[joint.index]));
@@ -89,7 +89,7 @@ GapDecrease Departure::decrease(const double* piece, std::size_t points) {
         double most = 0.0, constant = 0.0;
         Vec3 slope;
         for (std::size_t i = 0; i < chain_.size(); ++i) {
-            const TreeJoint& joint = space_->tree.joints[chain_[i]];
+            const Joint& joint = space_->tree.joints[chain_[i]];
             const double rate =
                 joint.multiplier * (piece[(r + 1) * dof + joint.index] - piece[r * dof + joint.index]);
             most += std::abs(rate) * deviation_[i];

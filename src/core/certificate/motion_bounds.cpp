@@ -17,7 +17,7 @@ double extent(const PlacedBody& body, const Shape& shape, const Vec3& g) {
 }
 
 // The largest speed along u of a point of a body per rate of a joint.
-double speed_along(const TreeJoint& joint, const Transform& axis, const PlacedBody& body, const Shape& shape,
+double speed_along(const Joint& joint, const Transform& axis, const PlacedBody& body, const Shape& shape,
                    const Vec3& u) {
     const Vec3 w = axis.rotation.column(2);
     if (joint.prismatic) return std::abs(dot(u, w));
@@ -46,7 +46,7 @@ JointSwing swing_of(bool prismatic, double multiplier, double delta, double extr
     return swing;
 }
 
-double radius_about(const TreeJoint& joint, const Transform& axis, const PlacedBody& body, const Shape& shape) {
+double radius_about(const Joint& joint, const Transform& axis, const PlacedBody& body, const Shape& shape) {
     if (joint.prismatic) return 1.0;
     return norm(cross(axis.rotation.column(2), body.centre - axis.translation)) + shape.ball;
 }
@@ -80,7 +80,7 @@ void MotionBounds::set(std::span<const Transform> joints, std::span<const Placed
     bodies_ = bodies;
     extra_ = extra;
     for (std::size_t k = 0; k < swings_.size(); ++k) {
-        const TreeJoint& joint = space.tree.joints[k];
+        const Joint& joint = space.tree.joints[k];
         swings_[k] = swing_of(joint, delta[joint.index], extra[joint.index]);
     }
     for (std::size_t body = 0; body < of_body_.size(); ++body) {
@@ -131,7 +131,7 @@ template <bool wants_growth>
 Approach MotionBounds::tight(const Pair& pair, int split, const Vec3& u, const double* control, int points,
                              const double* middle) const {
     const Geometry& space = world_.space();
-    const std::vector<TreeJoint>& joints = space.tree.joints;
+    const std::vector<Joint>& joints = space.tree.joints;
     const std::size_t dof = space.tree.dof;
     const std::span<const int> path = world_.joints_between(pair);
     const int count = static_cast<int>(path.size()), up = static_cast<int>(pair.up);
@@ -144,7 +144,7 @@ Approach MotionBounds::tight(const Pair& pair, int split, const Vec3& u, const d
         double along = 0.0;
         Vec3 of_a, of_b;
         for (int i = 0; i < count; ++i) {
-            const TreeJoint& joint = joints[path[i]];
+            const Joint& joint = joints[path[i]];
             const Transform& axis = axes_[path[i]];
             double angle = joint.multiplier * (control[r * dof + joint.index] - middle[joint.index]);
             if (i < up) angle = -angle;
@@ -173,7 +173,7 @@ Approach MotionBounds::tight(const Pair& pair, int split, const Vec3& u, const d
         double turned = 0.0, shares = 0.0;  // sums over the joints between the separating link and this one
         for (int i = begin; i != end; i += step) {
             const int k = path[i];
-            const TreeJoint& joint = joints[k];
+            const Joint& joint = joints[k];
             const JointSwing& swing = swings_[k];
             const double rate = radius_of_any(body, k), extra = extra_[joint.index];
             sum.distance += rate * (swing.bend + turned * swing.chord);

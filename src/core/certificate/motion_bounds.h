@@ -51,7 +51,7 @@ struct JointSwing {
 
 // The motion of a joint while its entry of q stays within delta + extra of its value.
 JointSwing swing_of(bool prismatic, double multiplier, double delta, double extra);
-inline JointSwing swing_of(const TreeJoint& joint, double delta, double extra) {
+inline JointSwing swing_of(const Joint& joint, double delta, double extra) {
     return swing_of(joint.prismatic, joint.multiplier, delta, extra);
 }
 
@@ -64,7 +64,7 @@ struct Approach {
 };
 
 // The largest distance of a point of a placed body from the axis of a joint, by its bounding ball; 1 if prismatic.
-double radius_about(const TreeJoint& joint, const Transform& axis, const PlacedBody& body, const Shape& shape);
+double radius_about(const Joint& joint, const Transform& axis, const PlacedBody& body, const Shape& shape);
 
 // The bounds for all pairs of a world about one configuration.
 class MotionBounds {

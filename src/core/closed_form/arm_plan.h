@@ -34,15 +34,14 @@ struct ArmPlan {
     int normal;  // the revolute joint of the triple whose direction is the normal: 0 to 2
     int locked;  // an index into joints, or -1
 
-    double border, spread;                           // see LoopTolerances
-    double position_tolerance, orientation_tolerance;  // m, rad: of an answer
-    double virtual_tolerance;                        // rad or m: largest value of a virtual joint
-    ErrorBound equation_error;                       // see LoopTolerances
-
-    // For the general elimination, if it is used: the joints with their true lines, in the same order, and the cuts of the
-    // loop, best first.
+    double border, spread, rounding;  // see LoopTolerances
+    // For the general elimination, if it is used: the joints with their true lines, in the same order.
     std::vector<PlannedJoint> true_joints;
-    std::vector<Cut> cuts;
+
+    double position_tolerance = 0.0, orientation_tolerance = 0.0;  // m, rad: of an answer
+    double virtual_tolerance = 0.0;                                // rad or m: largest value of a virtual joint
+    double equation_tolerance = 0.0;                               // see LoopTolerances
+    std::vector<Cut> cuts;                                         // of the loop, best first
 
     std::size_t dof() const { return chain.dof; }
     int locked_index() const { return locked < 0 ? -1 : joints[locked].index; }

@@ -187,7 +187,7 @@ bool ClosedFormSolver::solve(const double* target, const double* reference, doub
     target_ = *rigid;
     reference_ = reference;
     locked_value_ = locked_value;
-    tolerances_ = {plan_.border, plan_.spread, plan_.equation_error};
+    tolerances_ = {plan_.border, plan_.spread, {plan_.rounding, plan_.equation_tolerance}};
     freed_ = with_free_ = with_branch_ = 0;
     outer_undecided_ = false;
     solutions_.undecided = solutions_.doubtful = false;

@@ -18,12 +18,8 @@ struct Branch {
     SolutionNumber number;
 };
 
-struct Branches {
-    // Most poses have up to 8; if rounding does not decide whether a joint is free, both cases are included.
-    static constexpr int kMost = 24;
-
-    int count = 0;
-    Branch branch[kMost];
+// What is known of all solutions for a target.
+struct BranchSummary {
     unsigned free_joints = 0;  // all joints that are free in some solution, also one without a branch
     int failed = 0;            // solutions that forward kinematics did not confirm
     int outside = 0;           // solutions outside the limits
@@ -31,8 +27,16 @@ struct Branches {
     bool doubtful = false;    // a case was omitted, or is not supported
     unsigned unresolved = 0;  // solutions (SolutionNumber::bit) with a free joint that have no branch for its given value
 
-    // Whether these are proven to be all solutions of an exact arm, and no joint is free.
+    // Whether the branches are proven to be all solutions of an exact arm, and no joint is free.
     bool all_known() const { return free_joints == 0 && failed == 0 && !doubtful && unresolved == 0; }
+};
+
+struct Branches : BranchSummary {
+    // Most poses have up to 8; if rounding does not decide whether a joint is free, both cases are included.
+    static constexpr int kMost = 24;
+
+    int count = 0;
+    Branch branch[kMost];
 };
 
 // The solver with its working memory; one for each thread.

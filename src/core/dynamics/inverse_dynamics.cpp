@@ -34,13 +34,6 @@ Vector3<S> times(const S (&w)[3][3], const Vec3& v) {
             v.x * w[2][0] + v.y * w[2][1] + v.z * w[2][2]};
 }
 
-// i v of a constant matrix of inertia.
-template <class S>
-Vector3<S> inertia_times(const double (&i)[3][3], const Vector3<S>& v) {
-    return {i[0][0] * v.x + i[0][1] * v.y + i[0][2] * v.z, i[1][0] * v.x + i[1][1] * v.y + i[1][2] * v.z,
-            i[2][0] * v.x + i[2][1] * v.y + i[2][2] * v.z};
-}
-
 // Vectors through the rotation of a joint about its z axis: into its frame and out of it.
 template <class S>
 Vector3<S> into(const S& sine, const S& cosine, const Vector3<S>& v) {
@@ -59,13 +52,13 @@ InverseDynamics<S>::InverseDynamics(const DynamicTree& model) : model_(model), j
 template <class S>
 void InverseDynamics<S>::move(std::span<const JointMotion<S>> q) {
     for (std::size_t k = 0; k < joints_.size(); ++k) {
-        const TreeJoint& joint = model_.tree.joints[k];
+        const Joint& joint = model_.tree.joints[k];
         const JointMotion<S>& entry = q[static_cast<std::size_t>(joint.index)];
         State& at = joints_[k];
         at.value = joint.multiplier * entry.position + S(joint.offset);
         const S rate = joint.multiplier * entry.velocity, growth = joint.multiplier * entry.acceleration;
-        const Mat3& rotation = joint.parent_from_joint.rotation;
-        const Vec3& origin = joint.parent_from_joint.translation;
+        const Mat3& rotation = joint.before.rotation;
+        const Vec3& origin = joint.before.translation;
         // In the axes of the joint before it moves, at its origin.
         Vector3<S> omega, alpha, velocity, acceleration, fall;
         if (joint.parent == kRoot) {
@@ -142,8 +135,8 @@ void InverseDynamics<S>::torques(std::span<S> of_motion, std::span<S> of_gravity
         at.force = times(at.spin.w, body.first_moment);
         at.force += Vector3<S>{body.mass * a.x, body.mass * a.y, body.mass * a.z};
         const Spin& s = at.spin;
-        const auto& i = body.inertia;
-        at.moment = inertia_times(i, at.angular_acceleration) + cross(body.first_moment, a);
+        const auto& i = body.inertia.m;
+        at.moment = times(body.inertia, at.angular_acceleration) + cross(body.first_moment, a);
         at.moment += Vector3<S>{
             i[2][0] * s.xy + i[2][1] * s.yy + i[2][2] * s.yz - (i[1][0] * s.xz + i[1][1] * s.yz + i[1][2] * s.zz),
             i[0][0] * s.xz + i[0][1] * s.yz + i[0][2] * s.zz - (i[2][0] * s.xx + i[2][1] * s.xy + i[2][2] * s.xz),
@@ -154,7 +147,7 @@ void InverseDynamics<S>::torques(std::span<S> of_motion, std::span<S> of_gravity
         at.weight_moment = {-1.0 * m.x, -1.0 * m.y, -1.0 * m.z};
     }
     for (std::size_t k = joints_.size(); k-- > 0;) {
-        const TreeJoint& joint = model_.tree.joints[k];
+        const Joint& joint = model_.tree.joints[k];
         State& at = joints_[k];
         const auto entry = static_cast<std::size_t>(joint.index);
         of_motion[entry] += joint.multiplier * (joint.prismatic ? at.force.z : at.moment.z);
@@ -169,10 +162,10 @@ void InverseDynamics<S>::torques(std::span<S> of_motion, std::span<S> of_gravity
                 force = out_of(at.sine, at.cosine, force);
                 moment = out_of(at.sine, at.cosine, moment);
             }
-            force = times(joint.parent_from_joint.rotation, force);
+            force = times(joint.before.rotation, force);
             parent_force += force;
             parent_moment +=
-                times(joint.parent_from_joint.rotation, moment) + cross(joint.parent_from_joint.translation, force);
+                times(joint.before.rotation, moment) + cross(joint.before.translation, force);
         };
         pass_on(at.force, at.moment, to.force, to.moment);
         pass_on(at.weight, at.weight_moment, to.weight, to.weight_moment);

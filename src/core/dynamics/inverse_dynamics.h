@@ -20,7 +20,7 @@ namespace pinproof {
 struct RigidBody {
     double mass = 0.0;            // kg
     Vec3 first_moment;            // mass times centre of mass, kg m
-    double inertia[3][3] = {};    // about the origin of the joint frame, kg m^2
+    Mat3 inertia{};               // about the origin of the joint frame, kg m^2
 };
 
 struct DynamicTree {

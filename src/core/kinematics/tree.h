@@ -1,4 +1,4 @@
-// The joints of a robot as a tree, for the placements of all links and not only of those between base and tcp.
+// Joints, and the joints of a robot as a tree, for the placements of all links and not only of those between base and tcp.
 #pragma once
 
 #include <cstddef>
@@ -13,25 +13,25 @@ namespace pinproof {
 inline constexpr int kRoot = -1;
 
 // A joint that rotates about, or moves along, the z axis of its own frame. A mimic joint follows the value of another.
-struct TreeJoint {
-    Transform parent_from_joint;  // at value 0
+struct Joint {
+    Transform before;  // constant transform from the frame behind the parent
     bool prismatic;
-    int index;                  // of its value in q
-    double multiplier, offset;  // value = multiplier * q[index] + offset
-    int parent;                 // a joint with a smaller number, or kRoot
+    std::size_t index;          // of its value in q
+    double multiplier, offset;  // value = multiplier * q[index] + offset; 1 and 0 except for mimic joints
+    int parent = kRoot;         // in a tree: a joint with a smaller number, or kRoot; in a chain the previous joint
 
     double value(const double* q) const { return multiplier * q[index] + offset; }
 };
 
 struct JointTree {
-    std::vector<TreeJoint> joints;
+    std::vector<Joint> joints;
     std::size_t dof = 0;  // the length of q
 };
 
 // root_from_joint at q, which must be finite; `root_from_parent` is null for a joint on the root.
-inline Transform placed_joint(const TreeJoint& joint, const Transform* root_from_parent, const double* q) {
+inline Transform placed_joint(const Joint& joint, const Transform* root_from_parent, const double* q) {
     Transform place =
-        root_from_parent == nullptr ? joint.parent_from_joint : *root_from_parent * joint.parent_from_joint;
+        root_from_parent == nullptr ? joint.before : *root_from_parent * joint.before;
     const double value = joint.value(q);
     if (joint.prismatic) {
         place.translation += value * place.rotation.column(2);
@@ -45,7 +45,7 @@ inline Transform placed_joint(const TreeJoint& joint, const Transform* root_from
 // root_from_joint of every joint at q (dof), which must be finite.
 inline void place_joints(const JointTree& tree, const double* q, std::span<Transform> root_from_joint) {
     for (std::size_t k = 0; k < tree.joints.size(); ++k) {
-        const TreeJoint& joint = tree.joints[k];
+        const Joint& joint = tree.joints[k];
         root_from_joint[k] = placed_joint(joint, joint.parent == kRoot ? nullptr : &root_from_joint[joint.parent], q);
     }
 }

@@ -128,7 +128,7 @@ double EdgeChecker::motion(const double* a, const double* b) const {
     for (std::size_t body = 0; body < space.robot_bodies; ++body) {
         double length = 0.0;
         for (int k = space.bodies[body].joint; k != kRoot; k = space.tree.joints[k].parent) {
-            const TreeJoint& joint = space.tree.joints[k];
+            const Joint& joint = space.tree.joints[k];
             length += std::abs(joint.multiplier * (b[joint.index] - a[joint.index])) *
                       radius_about(joint, sampler_->joints()[k], sampler_->bodies()[body], *space.bodies[body].shape);
         }

@@ -20,12 +20,6 @@ struct RouteDirection {
     Vec3 translation, rotation;
 };
 
-// The sizes of the derivatives of a piece by the parameter of the route are at most these.
-struct RouteDerivatives {
-    double acceleration;          // of the position
-    double turn, turn_change;     // of the angular velocity, and of its derivative
-};
-
 struct RoutePiece {
     static constexpr std::size_t kCoefficients = 6;
 
@@ -33,7 +27,9 @@ struct RoutePiece {
     RouteDirection into, out;
     std::array<double, kCoefficients> a, b;  // in the Bernstein basis
     double start, end;                       // parameters of the route
-    RouteDerivatives derivatives;
+    // The sizes of the derivatives by the parameter of the route are at most these:
+    double acceleration;       // of the position
+    double turn, turn_change;  // of the angular velocity, and of its derivative
 
     Transform at(double u) const;
 };

@@ -282,7 +282,7 @@ std::vector<RouteDeviation> RouteFollower::deviations(const Route& route, std::s
             change += (joint.prismatic ? 0.0 : bend) + turn * turning;
             turning += turn;
         }
-        const RouteDerivatives& wanted = route.piece_at(0.5 * (knots[i] + knots[i + 1])).derivatives;
+        const RoutePiece& wanted = route.piece_at(0.5 * (knots[i] + knots[i + 1]));
         linear += wanted.acceleration;
         const double angular =
             scale_ * (change + turning * turning + wanted.turn_change + wanted.turn * wanted.turn);

@@ -63,7 +63,7 @@ std::vector<double> StaggeredMove::phase_ends() const {
 }
 
 StaggeredSearch::StaggeredSearch(EdgeChecker& edges, std::span<const double> start, std::span<const double> goals,
-                                 std::span<const double> lower, std::span<const double> upper, JointRates rates,
+                                 std::span<const double> lower, std::span<const double> upper, RateLimits rates,
                                  double sample_time)
     : edges_(edges),
       start_(start.begin(), start.end()),

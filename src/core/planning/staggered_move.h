@@ -12,13 +12,9 @@
 
 #include "planning/edge_checker.h"
 #include "timing/profile.h"
+#include "timing/timed_path.h"
 
 namespace pinproof {
-
-// Limits of each joint; `jerk` is empty without such limits.
-struct JointRates {
-    std::vector<double> velocity, acceleration, jerk;
-};
 
 // The move of one joint from rest to rest, slowed down by `stretch`.
 struct RestMove {
@@ -45,7 +41,7 @@ class StaggeredSearch {
 public:
     // From `start` (dof) to `goals` (count, dof). Motions are sampled at most `sample_time` (s) apart.
     StaggeredSearch(EdgeChecker& edges, std::span<const double> start, std::span<const double> goals,
-                    std::span<const double> lower, std::span<const double> upper, JointRates rates,
+                    std::span<const double> lower, std::span<const double> upper, RateLimits rates,
                     double sample_time);
 
     // The fastest of the motions that the draws describe, shorter than `below` (s) and free at samples. `draws` are
@@ -77,7 +73,7 @@ private:
 
     EdgeChecker& edges_;
     std::vector<double> start_, goals_, lower_, upper_;
-    JointRates rates_;
+    RateLimits rates_;
     double sample_time_;
     std::vector<std::vector<std::shared_ptr<const Profile>>> profiles_;  // by goal and joint
     std::vector<double> points_;

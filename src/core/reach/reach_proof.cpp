@@ -358,7 +358,7 @@ bool ReachProver::overlaps_everywhere() {
         last = &overlap;
         for (const bool through : {false, true}) {
             const Ball& ball = carried_balls[through];
-            const Vec3 p = overlap.box_from_link * ball.centre;
+            const Vec3 p = box_from_link_[number] * ball.centre;
             double inside = -std::numeric_limits<double>::infinity(), outside = 0.0;
             for (int axis = 0; axis < 3; ++axis) {
                 const double beyond = std::abs(p[axis]) - overlap.half[axis];
@@ -418,6 +418,8 @@ void ReachProver::start(const Transform& base_from_tcp, const ReachSettings& set
     base_from_last_ = base_from_tcp * inverse(chain_.tool);
     last_from_base_ = inverse(base_from_last_);
     overlap_order_.resize(settings.overlaps.size());
+    box_from_link_.clear();
+    for (const Overlap& overlap : settings.overlaps) box_from_link_.push_back(inverse(overlap.link_from_box));
     std::iota(overlap_order_.begin(), overlap_order_.end(), 0);
     overlap_share_ = 0.0;
 }

@@ -23,7 +23,7 @@ struct Overlap {
     Vec3 centre;  // of the ball, on its link
     double ball_radius;
     int box_link;
-    Transform box_from_link;
+    Transform link_from_box;
     Vec3 half;          // half sides of the box; zeros: a ball
     double box_radius;  // of the ball that is added to the box
 };
@@ -127,7 +127,8 @@ class ReachProver {
     };
     Gap gap_[kMostProofJoints];
 
-    std::vector<int> overlap_order_;  // the overlap that excluded a box last comes first
+    std::vector<Transform> box_from_link_;  // of each overlap
+    std::vector<int> overlap_order_;        // the overlap that excluded a box last comes first
     double overlap_share_ = 0.0;      // the best quotient of a depth at the middle of the box and the depth required
     double overlap_effect_[kMostProofJoints];  // the part of each joint in the motion of its ball
 };

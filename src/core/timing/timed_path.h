@@ -11,7 +11,6 @@ namespace pinproof {
 struct RateLimits {
     std::vector<double> velocity, acceleration, jerk;
 
-    std::size_t joints() const { return velocity.size(); }
     bool smooth() const { return !jerk.empty(); }
 };
 

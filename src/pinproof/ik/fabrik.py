@@ -115,7 +115,8 @@ class _Passes:
         chain, limits = here.arm.chain, here.arm.limits
         self._lower, self._upper = limits.lower, limits.upper
         self._low, self._high = stops(here.arm)
-        self._links, self._prismatic = [*chain.before, chain.tool], chain.prismatic
+        joints = chain.joints
+        self._links, self._prismatic = [*(joint.before for joint in joints), chain.tool], [j.prismatic for j in joints]
         self._start = matrix(here.target.inverse())
         self._position_weight, self._rotation_mask = here.task.mask[0], here.task.mask[3:]
         self._step = self._pass(here.q, here.iteration)

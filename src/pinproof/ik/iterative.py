@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import IkSolver
+from pinproof._core import IkSolver, JointRange
 from pinproof._core import Search as CompiledSearch
 from pinproof.common.validation import Rng, require_integer, require_positive, require_type
 from pinproof.errors import InputError, UnknownNameError
@@ -313,12 +313,10 @@ class IterativeIk(ABC):
                 why = "this method has no compiled rule" if usable else "on_step requires the loop on Pinocchio"
                 raise InputError(f"engine='compiled' is not available: {why}; use engine='auto'")
             return None
+        ranges = zip(arm.limits.lower, arm.limits.upper, arm.periodic.tolist(), wraps(arm).tolist(), strict=True)
         solver = IkSolver(
             arm.chain,
-            lower=arm.limits.lower.tolist(),
-            upper=arm.limits.upper.tolist(),
-            periodic=arm.periodic.tolist(),
-            wraps=wraps(arm).tolist(),
+            [JointRange(*each) for each in ranges],
             task=task.compiled,
             rule=rule,
             max_iterations=self.max_iterations,

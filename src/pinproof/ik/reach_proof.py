@@ -141,8 +141,10 @@ class ReachProof(IkAnswer):
     @property
     def _loop(self) -> Loop:
         prover, chain = _prover(self.arm), self.arm.chain
-        first, at = prover.points["first"], [np.array(each) for each in prover.points["at"]]
-        return Loop(chain.before, chain.tool, list(chain.prismatic), first, at, list(prover.constraints))
+        joints, points = chain.joints, prover.points
+        before, prismatic = np.array([joint.before for joint in joints]), [joint.prismatic for joint in joints]
+        first, at = [point.first for point in points], [np.array(point.at) for point in points]
+        return Loop(before, chain.tool, prismatic, first, at, prover.constraints)
 
     @cached_property
     def message(self) -> str:
@@ -243,15 +245,19 @@ def prove_unreachable(
     return ReachProof(ReachStatus.UNDECIDED, arm, matrix, *tolerances, proof.boxes, left, tuple(overlaps))
 
 
-def _packed(overlaps: Sequence[BodyOverlap]) -> _core.Overlaps | None:
-    if not overlaps:
-        return None
-    return _core.Overlaps(
-        np.array([(each.ball_link, each.box_link) for each in overlaps], dtype=np.int64),
-        np.array([[*each.centre, each.radius] for each in overlaps], dtype=float),
-        np.array([each.link_from_box for each in overlaps], dtype=float),
-        np.array([[*each.half, each.box_radius] for each in overlaps], dtype=float),
-    )
+def _packed(overlaps: Sequence[BodyOverlap]) -> list[_core.Overlap]:
+    return [
+        _core.Overlap(
+            each.ball_link,
+            np.asarray(each.centre, dtype=float),
+            each.radius,
+            each.box_link,
+            np.asarray(each.link_from_box, dtype=float),
+            np.asarray(each.half, dtype=float),
+            each.box_radius,
+        )
+        for each in overlaps
+    ]
 
 
 _PROVERS: weakref.WeakKeyDictionary[Arm, _core.Reach] = weakref.WeakKeyDictionary()

@@ -260,7 +260,7 @@ class Goal:
     @cached_property
     def compiled(self) -> CompiledGoal:
         """The goal for the compiled core."""
-        return CompiledGoal(self.kind, self.gain, self.posture.tolist(), self.weight.tolist())
+        return CompiledGoal(self.kind, self.gain, self.posture, self.weight)
 
     def step(self, arm: Arm, q: Array) -> Array:
         """The step (n,) at q before its projection into the null space; equal to that of :attr:`compiled`."""

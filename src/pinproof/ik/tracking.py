@@ -352,8 +352,8 @@ class _CompiledTracking:
             raise InputError(f"q0 must be inside the limits: {'; '.join(outside)}")
         null_space = make_goal(goal, arm, self.start)
         self.core = CompiledTracker(
-            arm.chain, arm.limits.lower.tolist(), arm.limits.upper.tolist(), self.velocity.tolist(),
-            self.task.compiled, None if null_space is None else null_space.compiled, self.start.tolist(),
+            arm.chain, arm.limits.lower, arm.limits.upper, self.velocity, self.task.compiled,
+            None if null_space is None else null_space.compiled, self.start,
         )  # fmt: skip
 
 

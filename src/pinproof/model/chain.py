@@ -19,6 +19,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import Chain as CompiledChain
+from pinproof._core import Joint
 from pinproof.common.validation import require_type
 from pinproof.description import Srdf, Urdf, UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
@@ -241,17 +242,15 @@ def compiled_chain(
     """
     tcp = model.frames[tcp_frame]
     rows = [joint - 1 for joint in model.supports[tcp.parentJoint] if joint != 0]
-    leader = [int(np.abs(scale[row]).argmax()) for row in rows]
-    before, prismatic = np.empty((len(rows), 4, 4)), []
+    joints = []
     behind = root_from_base.inverse()  # the constant transform before the next joint
-    for row, out in zip(rows, before, strict=True):
-        aligned, is_prismatic = aligned_axes(model, row + 1)
-        out[:] = (behind * model.jointPlacements[row + 1] * aligned).homogeneous
-        prismatic.append(is_prismatic)
+    for row in rows:
+        leader = int(np.abs(scale[row]).argmax())
+        aligned, prismatic = aligned_axes(model, row + 1)
+        before = (behind * model.jointPlacements[row + 1] * aligned).homogeneous
+        joints.append(Joint(before, prismatic, leader, scale[row, leader], offset[row]))
         behind = aligned.inverse()
-    tool = (behind * tcp.placement).homogeneous.copy()
-    multiplier = scale[rows, leader].tolist()
-    return CompiledChain(before, prismatic, leader, multiplier, offset[rows].tolist(), tool, scale.shape[1])
+    return CompiledChain(joints, (behind * tcp.placement).homogeneous, scale.shape[1])
 
 
 def aligned_axes(model: pin.Model, joint: int) -> tuple[pin.SE3, bool]:

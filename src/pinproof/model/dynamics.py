@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof._core import DynamicTree
+from pinproof._core import DynamicTree, Joint, JointTree, RigidBody
 from pinproof.common.structs import Accepting, any_of, array_of, key, list_of, parsed, simple, struct, vector
 from pinproof.common.validation import named_arguments
 from pinproof.errors import InputError, UnknownNameError
@@ -144,34 +144,25 @@ def kinematic_tree(arm: ArmBodies) -> DynamicTree:
 
 
 def _tree_of(arm: ArmBodies, model: pin.Model) -> DynamicTree:
-    joints = range(1, model.njoints)
-    aligned = [pin.SE3.Identity(), *(aligned_axes(model, joint)[0] for joint in joints)]
-    before = np.empty((len(joints), 4, 4))
-    mass, first_moment, inertia = np.empty(len(joints)), np.empty((len(joints), 3)), np.empty((len(joints), 3, 3))
-    for row, joint in enumerate(joints):
-        from_parent = aligned[model.parents[joint]].actInv(model.jointPlacements[joint])
-        before[row] = (from_parent * aligned[joint]).homogeneous
-        body = aligned[joint].actInv(model.inertias[joint])
-        mass[row], first_moment[row] = body.mass, body.mass * body.lever
-        inertia[row] = body.matrix()[3:, 3:]  # about the origin of the joint frame
-    leader = np.abs(arm.scale).argmax(axis=1)
+    axes = [(pin.SE3.Identity(), False), *(aligned_axes(model, joint) for joint in range(1, model.njoints))]
+    joints, bodies = [], []
+    for joint, (row, parent) in enumerate(zip(arm.scale, list(model.parents)[1:], strict=True), 1):
+        aligned, prismatic = axes[joint]
+        before = axes[parent][0].actInv(model.jointPlacements[joint]) * aligned
+        leader = int(np.abs(row).argmax())
+        joints.append(Joint(before.homogeneous, prismatic, leader, row[leader], arm.offset[joint - 1], parent - 1))
+        body = aligned.actInv(model.inertias[joint])
+        # The inertia is about the origin of the joint frame.
+        bodies.append(RigidBody(body.mass, body.mass * body.lever, body.matrix()[3:, 3:].copy()))
     # The tool of a group with several arms is that of the first; limits of the tool are for one arm only.
     _, tool = next(iter(arm.ends.values()))
     tcp = model.frames[model.getFrameId(tool, pin.FrameType.BODY)]
     return DynamicTree(
-        before=before,
-        prismatic=[aligned_axes(model, joint)[1] for joint in joints],
-        index=leader.tolist(),
-        multiplier=arm.scale[np.arange(len(leader)), leader].tolist(),
-        offset=arm.offset.tolist(),
-        parent=[model.parents[joint] - 1 for joint in joints],
-        mass=mass,
-        first_moment=first_moment,
-        inertia=inertia,
-        gravity=np.array(model.gravity.linear),
-        tool_joint=tcp.parentJoint - 1,
-        tool=np.array(aligned[tcp.parentJoint].actInv(tcp.placement).translation),
-        dof=arm.dof,
+        JointTree(joints, arm.dof),
+        bodies,
+        np.array(model.gravity.linear),
+        tcp.parentJoint - 1,
+        np.array(axes[tcp.parentJoint][0].actInv(tcp.placement).translation),
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pinproof._core import EdgeChecker, StaggeredMove, StaggeredSearch
+from pinproof._core import EdgeChecker, RateLimits, StaggeredMove, StaggeredSearch
 from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds
@@ -169,11 +169,9 @@ class Steering:
     def staggered(self, edges: EdgeChecker, start: Array, goals: Array, sample_time: float) -> StaggeredSearch:
         """A search for moves from rest to rest at one of the goals (g, n) whose joints choose when they move."""
         ends, box = (np.ascontiguousarray(start), np.ascontiguousarray(goals)), np.array([self._lower, self._upper])
-        limits = {key.removeprefix("max_"): limit for key, limit in self._limits.items()}
-        jerk = limits.pop("jerk")
-        return StaggeredSearch(
-            edges, *ends, box, **limits, jerk=jerk if self._smooth else None, sample_time=sample_time
-        )
+        velocity, acceleration, jerk = self._limits.values()
+        limits = RateLimits(velocity, acceleration, jerk if self._smooth else np.empty(0))
+        return StaggeredSearch(edges, *ends, box, limits, sample_time)
 
     def gentler(self, first: State, last: State, velocity: Array, above: Array, below: Array) -> Move | None:
         """The fastest move with at most these velocities, and these accelerations (n,) in either direction.

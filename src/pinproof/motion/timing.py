@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import corners, time_path
+from pinproof._core import RateLimits, corners, time_path
 from pinproof.errors import InputError, TimingError
 from pinproof.motion.curve import Curve
 from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds, MotionLimits, inside_position_limits
@@ -136,12 +136,12 @@ def _timed(
         return np.max([np.asarray(limit.excess(trajectory), dtype=float) for limit in further], axis=0)
 
     knots, control, stops = pieces
-    rates = bounds.velocity, bounds.acceleration, bounds.jerk, *ends
-    tolerances = IMAGE_TOLERANCE, RATE_TOLERANCE, LONGEST
-    status, *points, deviation, over = time_path(knots, control, stops, *rates, *tolerances, None, None)
+    limits = RateLimits(bounds.velocity, bounds.acceleration, np.empty(0) if bounds.jerk is None else bounds.jerk)
+    task = knots, control, stops, limits, *ends, IMAGE_TOLERANCE, RATE_TOLERANCE, LONGEST
+    status, *points, deviation, over = time_path(*task, None, None)
     # Without the constraints, straight segments have a closed form; often its motion satisfies the constraints too.
     if further and (status != "timed" or float(excess(*points).max()) > 1.0 + RATE_TOLERANCE):
-        status, *points, deviation, over = time_path(knots, control, stops, *rates, *tolerances, rows, excess)
+        status, *points, deviation, over = time_path(*task, rows, excess)
     if status != "timed":
         raise TimingError(
             _FAILURES[status].format(longest=LONGEST, deviation=deviation, points=len(points[0]), over=over)

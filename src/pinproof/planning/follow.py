@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Route as CompiledRoute
+from pinproof._core import RouteDirection, RoutePiece
 from pinproof._core import RouteFollower as CompiledFollower
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
@@ -140,14 +141,12 @@ class Route:
     @cached_property
     def compiled(self) -> CompiledRoute:
         """The route as the compiled core uses it."""
-        pieces = self._pieces
-        return CompiledRoute(
-            np.array([piece.pose for piece in pieces]),
-            np.array([[[s.translation, s.rotation] for s in (p.into, p.out)] for p in pieces]).reshape(-1, 4, 3),
-            np.array([[piece.a, piece.b] for piece in pieces]),
-            self.borders,
-            self._derivatives,
-        )
+        pieces = []
+        ends = zip(self._pieces, self.borders[:-1], self.borders[1:], self._derivatives, strict=True)
+        for piece, start, end, sizes in ends:
+            into, out = (RouteDirection(each.translation, each.rotation) for each in (piece.into, piece.out))
+            pieces.append(RoutePiece(piece.pose, into, out, piece.a, piece.b, start, end, *sizes))
+        return CompiledRoute(pieces)
 
     def poses(self, s: Array) -> Array:
         """(N, 4, 4) ``base_from_tcp`` at parameters (N,)."""
@@ -324,10 +323,10 @@ class RouteFollower:
         limits, tracked = self.arm.limits, arm.limits
         return CompiledFollower(
             chain=arm.chain,
-            lower=limits.lower.tolist(),
-            upper=limits.upper.tolist(),
-            tracked_lower=tracked.lower.tolist(),
-            tracked_upper=tracked.upper.tolist(),
+            lower=limits.lower,
+            upper=limits.upper,
+            tracked_lower=tracked.lower,
+            tracked_upper=tracked.upper,
             task=make_task(self.task, POSE_TOLERANCE, POSE_TOLERANCE).compiled,
             max_joint_step=self.max_joint_step,
             deviation=self.deviation,

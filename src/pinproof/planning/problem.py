@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import EdgeChecker, Manifold, Workspace
+from pinproof._core import EdgeChecker, Manifold
 from pinproof.collision import CoalJudge, CollisionChecker, Contact, PathConstraint, amount, overlap_hint
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
@@ -331,11 +331,9 @@ class Barrier:
 def find_barriers(checker: CollisionChecker, start: Array, goals: Array) -> tuple[Barrier, ...]:
     """Return barriers between the start (n,) and the goals (g, n) if every goal is behind a barrier, otherwise ()."""
     # The pairs of bodies that a single joint moves relative to each other, by the index of the joint.
-    space = Workspace(checker.world)
-    joints_of = [frozenset(space.joints_of_body(i)) for i in range(len(checker.bodies))]
     pairs_of: dict[int, set[int]] = {}
-    for pair, (i, j) in enumerate(checker.pairs):
-        between = {space.joint(k).index for k in joints_of[i] ^ joints_of[j]}
+    for pair in range(len(checker.pairs)):
+        between = {joint.index for joint in checker.world.joints_between(pair)}
         if len(between) == 1:
             pairs_of.setdefault(between.pop(), set()).add(pair)
 

@@ -134,7 +134,7 @@ def test_branches_are_distinct():
 
 def test_parallel_and_spherical_triples_give_the_same_branches(generic):
     plans = [plan.with_tolerances(1e-9, 1e-9) for plan in plans_of(generic)]
-    kinds = {(plan.core.first_of_triple, plan.core.planar) for plan in plans}
+    kinds = {(plan.core.plan.first_of_triple, plan.core.plan.planar) for plan in plans}
     assert {(1, True), (3, False)} <= kinds
     for q in random_configurations(generic, 200, seed=7):
         target = np.array(generic.forward_kinematics(q).homogeneous)

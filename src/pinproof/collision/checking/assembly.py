@@ -20,7 +20,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof._core import Geometry, JointTree, World
+from pinproof._core import Body as PlacedBody
+from pinproof._core import Geometry, Joint, JointTree, World
 from pinproof.collision.checking.links import DECOMPOSED, GEOMETRY_NAMES, Overlaps
 from pinproof.collision.checking.spec import CheckerSpec, Levels
 from pinproof.collision.geometry.bodies import Body, shape_bodies
@@ -307,16 +308,15 @@ LARGEST_SMALL_PART = 3.0
 def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> Geometry:
     """Return the joints of an arm's robot and the bodies on them, obstacles last, with the rounding (m)."""
     tree, links = _joints(arm)
-    joints, placements = [], np.zeros((len(bodies), 4, 4))
-    for i, body in enumerate(bodies):
+    placed = []
+    for body in bodies:
         joint, place = ROOT, body.link_from_body
         if body.link is not None:
             joint, above = links[body.link]
             place = above * place
-        joints.append(joint)
-        placements[i] = place.homogeneous
+        placed.append(PlacedBody(body.core_shape, joint, place.homogeneous))
     robot = sum(body.link is not None for body in bodies)
-    return Geometry(tree, [body.core_shape for body in bodies], joints, placements, robot, rounding)
+    return Geometry(tree, placed, robot, rounding)
 
 
 def pack_world(geometry: Geometry, pairs: Sequence[tuple[int, int]]) -> World:
@@ -335,17 +335,17 @@ def _joints(arm: JointGroup) -> tuple[JointTree, dict[str, tuple[int, pin.SE3]]]
     leaders = np.abs(arm.scale).argmax(axis=1)
     parents = [int(parent) - 1 for parent in model.parents[1:]]
     aligned: list[pin.SE3] = []
-    placements = np.zeros((count, 4, 4))
+    joints = []
     # The core has the axis of every joint along z, so that the frame of a joint is turned.
     for k in range(count):
         axis = data.oMi[k + 1].rotation.T @ (columns[:3, k] if prismatic[k] else columns[3:, k])
         turned = pin.SE3(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis), np.zeros(3))
         aligned.append(turned)
         above = pin.SE3.Identity() if parents[k] < 0 else aligned[parents[k]].inverse()
-        placements[k] = (above * model.jointPlacements[k + 1] * turned).homogeneous
-    multipliers = np.ascontiguousarray(arm.scale[np.arange(count), leaders])
-    offsets = np.ascontiguousarray(arm.offset, dtype=float)
-    tree = JointTree(placements, prismatic, leaders.tolist(), multipliers, offsets, parents, arm.dof)
+        before = (above * model.jointPlacements[k + 1] * turned).homogeneous
+        leader = int(leaders[k])
+        joints.append(Joint(before, prismatic[k], leader, arm.scale[k, leader], arm.offset[k], parents[k]))
+    tree = JointTree(joints, arm.dof)
     # The joint that moves each link, and the link's placement on it.
     links: dict[str, tuple[int, pin.SE3]] = {}
     for frame in model.frames:

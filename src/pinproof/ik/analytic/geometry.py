@@ -97,9 +97,9 @@ def lines_of(arm: Arm) -> tuple[list[JointLine], Array]:
             "equations; use Clik"
         )
     pose, lines = np.eye(4), []
-    for before, prismatic, index in zip(chain.before, chain.prismatic.tolist(), chain.index.tolist(), strict=True):
-        pose = pose @ before
-        lines.append(JointLine(pose[:3, 2].copy(), pose[:3, 3].copy(), prismatic, index))
+    for joint in chain.joints:
+        pose = pose @ joint.before
+        lines.append(JointLine(pose[:3, 2].copy(), pose[:3, 3].copy(), joint.prismatic, joint.index))
     return lines, pose @ chain.tool
 
 

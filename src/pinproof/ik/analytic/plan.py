@@ -184,7 +184,7 @@ def general_plans_of(arm: Arm) -> Iterator[Plan]:
         orders = [(None, in_general_position(list(lines), 6 - len(lines), tool, size))]
     for locked, order in orders:
         plan = _plan(arm, order, None, locked, tool, size)
-        if plan.core.cuts:
+        if plan.core.plan.cuts:
             yield plan
 
 
@@ -234,31 +234,24 @@ def _plan(
             rounding = max(rounding, 4.0 * triple.deviation)
     tool_in_lengths = tool.copy()
     tool_in_lengths[:3, 3] /= size
-    own = [line.joint for line in ideal]
-    core = _core.ClosedForm(
+    eliminated = triple is None or (deviation > 0.0 and locked is None)
+    core_plan = _core.ArmPlan(
         chain=arm.chain,
         size=size,
-        directions=np.array([line.direction for line in ideal]),
-        points=np.array([line.point for line in ideal]) / size,
-        prismatic=[bool(line.prismatic) for line in ideal],
-        indices=own,
-        lower=np.array([arm.limits.lower[joint] if joint >= 0 else 0.0 for joint in own]),
-        upper=np.array([arm.limits.upper[joint] if joint >= 0 else 0.0 for joint in own]),
+        joints=_planned(arm, ideal, size),
         tool=tool_in_lengths,
         first_of_triple=-1 if triple is None else triple.first,
         planar=triple is not None and triple.planar,
         reversed=triple is not None and triple.planar and triple.lines[2].prismatic and not triple.lines[0].prismatic,
         normal=0 if triple is None else next(k for k in range(3) if not triple.lines[k].prismatic),
-        locked=locked,
+        locked=-1 if locked is None else locked,
         border=max(BORDER, 20.0 * deviation),
         spread=20.0 * deviation,
         rounding=rounding,
-        eliminated=triple is None or (deviation > 0.0 and locked is None),
-        true_directions=np.array([line.direction for line in order]),
-        true_points=np.array([line.point for line in order]) / size,
+        true_joints=_planned(arm, order, size) if eliminated else [],
     )
     return Plan(
-        core=core,
+        core=_core.ClosedForm(core_plan),
         dof=arm.dof,
         size=size,
         method=method,
@@ -268,6 +261,15 @@ def _plan(
         angular=arm.angular,
         capacity=MOST_BRANCHES * (1 if triple is not None and deviation == 0.0 else 2),
     )
+
+
+def _planned(arm: Arm, lines: Sequence[JointLine], size: float) -> list[_core.PlannedJoint]:
+    """The joints with these lines, lengths relative to the size; a virtual joint (index -1) has the limits 0."""
+    joints = []
+    for line in lines:
+        limits = (arm.limits.lower[line.joint], arm.limits.upper[line.joint]) if line.joint >= 0 else (0.0, 0.0)
+        joints.append(_core.PlannedJoint(line.direction, line.point / size, bool(line.prismatic), line.joint, *limits))
+    return joints
 
 
 def _choose_points(lines: list[JointLine], outside: Sequence[int]) -> None:

@@ -42,13 +42,13 @@ class Span:
     """
 
     def __init__(self, arm: Arm) -> None:
-        chain, limits = arm.chain, arm.limits
-        reach = np.maximum(np.abs(limits.lower), np.abs(limits.upper))[chain.index]
-        travel = np.where(chain.prismatic, np.abs(chain.multiplier) * reach + np.abs(chain.offset), 0.0)
-        joints = chain.before[:, :3, 3]
-        self._longest = np.linalg.norm(joints[1:], axis=1).sum() + travel.sum()
-        self._first = joints[0]
-        self._last = np.linalg.inv(chain.tool)[:, 3]
+        joints = arm.chain.joints
+        reach = np.maximum(np.abs(arm.limits.lower), np.abs(arm.limits.upper))
+        travel = [abs(each.multiplier) * reach[each.index] + abs(each.offset) for each in joints if each.prismatic]
+        origins = np.array([each.before[:3, 3] for each in joints])
+        self._longest = np.linalg.norm(origins[1:], axis=1).sum() + sum(travel)
+        self._first = origins[0]
+        self._last = np.linalg.inv(arm.chain.tool)[:, 3]
 
     def may_reach(self, targets: Array) -> Mask:
         """(N,) whether targets (N, 4, 4) are within the bound; all others are proven to be out of reach."""

@@ -100,13 +100,13 @@ class _Carriers:
 def _along(arm: Arm, q: Array) -> list[Array]:
     """The poses (4, 4) of the links of the chain in the base, link k behind joint k."""
     poses = [np.eye(4)]
-    for before, prismatic, value in zip(arm.chain.before, arm.chain.prismatic, q, strict=True):
+    for joint, value in zip(arm.chain.joints, q, strict=True):
         motion = np.eye(4)
-        if prismatic:
+        if joint.prismatic:
             motion[2, 3] = value
         else:
             motion[:2, :2] = [[np.cos(value), -np.sin(value)], [np.sin(value), np.cos(value)]]
-        poses.append(poses[-1] @ before @ motion)
+        poses.append(poses[-1] @ joint.before @ motion)
     return poses
 
 

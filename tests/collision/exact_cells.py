@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -9,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 import pinproof as pp
+from pinproof import _core
+from pinproof.collision.certificates.path_constraints import PathConstraint
 from pinproof.model import load_robot
 
 Array = np.ndarray
@@ -281,3 +284,17 @@ def largest_error(constraint, known: Cell, q, control, delta, extra) -> float:
         return np.inf
     angles = np.arctan2(np.linalg.norm(np.cross(images, cone), axis=1), along)
     return angles.max() + np.arcsin(rest / along.min())
+
+
+def constraint_bound(
+    arm: pp.Arm, constraint: PathConstraint, control: np.ndarray, extra: np.ndarray
+) -> tuple[float, float]:
+    """The largest error at the start and in the middle of a piece, and the core's bound of it on the whole piece.
+
+    It is proven in a single interval within a tolerance of 1e9, so that the bound is that of the proof.
+    """
+    anything = copy(constraint)
+    object.__setattr__(anything, "tolerance", 1e9)
+    once = _core.ConstraintSettings(resolution=1e9, max_intervals=1)
+    state = _core.prove_constraint(arm.chain, anything.compiled(), np.array([0.0, 1.0]), control[None], once, extra)
+    return state.observed, state.proven if state.satisfied else np.inf

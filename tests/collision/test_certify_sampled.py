@@ -95,7 +95,7 @@ def test_the_growth_of_a_bound_covers_larger_tolerances_of_followers(arm: pp.Arm
         delta, u, k = np.abs(control - q).max(axis=0), rng.normal(size=3), int(rng.integers(count))
         u /= np.linalg.norm(u)
         bounds, wider = (_core.MotionBounds(world, q, delta, extra + more) for more in (0.0, larger))
-        split = bounds.joints_between(k)
+        split = len(world.joints_between(k))
         tight, rough = bounds.tight(k, u, split, control), bounds.rough(k)
         assert wider.tight(k, u, split, control).distance <= tight.distance + larger * tight.growth + 1e-12
         assert wider.rough(k).distance <= rough.distance + larger * rough.growth + 1e-12

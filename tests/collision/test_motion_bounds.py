@@ -31,7 +31,7 @@ class Bounds:
         extra = np.zeros(len(q)) if extra is None else extra
         self.piece = np.array([q - delta, q + delta]) if piece is None else piece
         self._core = _core.MotionBounds(checker.world, q, np.abs(self.piece - q).max(axis=0), extra)
-        self.roughly, self.joints_between = self._core.rough, self._core.joints_between
+        self.roughly = self._core.rough
 
     def closely(self, k, u, split=None):
         split = self.roughly(k).split if split is None else split
@@ -83,7 +83,7 @@ def test_no_support_gap_shrinks_by_more_than_its_close_bound_allows(request, nam
             measured = checker.placed(q).measure(k)
             if measured.proven <= 0:
                 continue
-            for split in range(bounds.joints_between(k) + 1):
+            for split in range(len(checker.world.joints_between(k)) + 1):
                 near, growth = bounds.closely(k, measured.normal, split)
                 least = min(checker.placed(p).measure(k).proven for p in points)
                 assert least >= measured.proven - near - more * growth - 1e-9

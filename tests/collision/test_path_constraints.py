@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof._core import constraint_bound
 from pinproof.collision.certificates.path_constraints import PathConstraint
 from pinproof.model import load_robot
 from pinproof.motion import CubicPath
+
+from .exact_cells import constraint_bound
 
 FREE, COLLIDING, VIOLATED = pp.CertificateStatus.FREE, pp.CertificateStatus.COLLIDING, pp.CertificateStatus.VIOLATED
 
@@ -70,12 +71,12 @@ def test_no_error_on_a_piece_exceeds_its_bound(name: str, seed: int, size: float
     """Anywhere on a cubic piece, with deviations of the joints within their tolerance."""
     arm, rng = ARMS[name], np.random.default_rng(seed)
     low, high = arm.limits.sampling_range()
-    q = rng.uniform(low, high)
-    piece = q + size * rng.uniform(-1, 1, size=(4, arm.dof)) * rng.uniform(size=arm.dof)
+    piece = rng.uniform(low, high) + size * rng.uniform(-1, 1, size=(4, arm.dof)) * rng.uniform(size=arm.dof)
     extra = rng.uniform(size=arm.dof) * rng.choice([0.0, 0.01, 0.2])
     constraint = random_constraint(arm, rng.uniform(low, high), rng, 0.5)
-    error, bound = constraint_bound(arm.chain, constraint.compiled(), q, piece, np.abs(piece - q).max(axis=0), extra)
-    assert error == pytest.approx(constraint.error(arm, q), abs=1e-9)
+    error, bound = constraint_bound(arm, constraint, piece, extra)
+    middle = np.array([1, 3, 3, 1]) / 8 @ piece
+    assert error == pytest.approx(max(constraint.error(arm, q) for q in (piece[0], middle)), abs=1e-9)
     u = rng.uniform(size=(40, 1))
     basis = np.hstack([(1 - u) ** 3, 3 * u * (1 - u) ** 2, 3 * u**2 * (1 - u), u**3])
     for on_curve in basis @ piece:
@@ -89,7 +90,7 @@ def test_the_rounding_of_a_bound_grows_with_reach_travel_and_full_rotations(name
     region = pp.Within.plane((0, 0, 0.1), (0, 0, 1), tolerance=0.5)
     multiplied = np.abs(arm.scale).sum(axis=0)
     for q in (np.zeros(arm.dof), np.full(arm.dof, 0.5), *(x * row for row in np.eye(arm.dof) for x in (300.0, 3e4))):
-        error, bound = constraint_bound(arm.chain, region.compiled(), q, q[None], 0 * q, 0 * q)
+        error, bound = constraint_bound(arm, region, q[None], 0 * q)
         travel = (np.abs(q) * multiplied)[~arm.angular].sum()
         turns = max((np.abs(q) * multiplied).sum() / 1e3, 1.0)
         reach = np.linalg.norm(arm.forward_kinematics(0 * q).translation)
@@ -105,9 +106,7 @@ def test_the_bound_is_tight_for_small_steps() -> None:
     excess = []
     for size in (1e-2, 1e-3):
         piece = np.array([START - size * step, START + size * step])
-        bound = constraint_bound(
-            arm.chain, constraint.compiled(), START, piece, np.abs(piece - START).max(axis=0), np.zeros(6)
-        )[1]
+        bound = constraint_bound(arm, constraint, piece, np.zeros(6))[1]
         excess.append(bound - max(constraint.error(arm, q) for q in piece))
     assert 0 < excess[1] < 0.02 * excess[0]
 

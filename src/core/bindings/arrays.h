@@ -133,8 +133,8 @@ struct NewArrayOf : nb::ndarray<nb::numpy, Number> {
 using NewArray = NewArrayOf<double>;
 using ReadOnlyArray = NewArrayOf<const double>;
 
-// An array that owns its memory, filled by `fill(numbers)`. Arrays that memory cannot hold are refused: their size in bytes
-// overflows.
+// An array that owns its memory, filled by `fill(numbers)`. Arrays that memory cannot hold are refused: their size in
+// bytes overflows.
 template <class Number, class Fill>
 NewArrayOf<Number> filled(Sizes shape, Fill fill) {
     using Stored = std::remove_const_t<Number>;
@@ -169,6 +169,14 @@ template <class Number, class Range, class Read>
 NewArrayOf<Number> column(const Range& elements, Read read) {
     return filled<Number>({elements.size()}, [&](auto* out) {
         for (const auto& element : elements) *out++ = static_cast<Number>(std::invoke(read, element));
+    });
+}
+
+// An array with a row of numbers of each element: members, or what functions return.
+template <class Number = double, class Range, class... Reads>
+NewArrayOf<Number> table(const Range& elements, Reads... reads) {
+    return filled<Number>({elements.size(), sizeof...(reads)}, [&](auto* out) {
+        for (const auto& element : elements) ((*out++ = static_cast<double>(std::invoke(reads, element))), ...);
     });
 }
 

@@ -61,21 +61,16 @@ PathConstraint region_constraint(const Vector& point, const Matrix& base_from_bo
 
 void bind_constraints(nb::module_& module) {
     nb::class_<PathConstraint>(module, "PathConstraint", "A constraint of the tcp along a curve.")
-        .def_static(
-            "direction",
-            [](const Vector& axis, const Vector& direction, double tolerance) {
-                return cone(ConstraintKind::kDirection, axis, unit_vector("direction", direction, kExactUnit), tolerance);
-            },
-            "axis"_a, "direction"_a, "tolerance"_a,
+        .def_static("direction", [](const Vector& axis, const Vector& direction, double tolerance) {
+                const Vec3 along = unit_vector("direction", direction, kExactUnit);
+                return cone(ConstraintKind::kDirection, axis, along, tolerance);
+            }, "axis"_a, "direction"_a, "tolerance"_a,
             "The angle between an axis of the tcp and a direction of the base (rad).")
         .def_static("region", &region_constraint, "point"_a, "base_from_box"_a, "low"_a, "high"_a, "tolerance"_a,
                     "The distance of a point of the tcp from a box (m).")
-        .def_static(
-            "target",
-            [](const Vector& axis, const Vector& point, double tolerance) {
+        .def_static("target", [](const Vector& axis, const Vector& point, double tolerance) {
                 return cone(ConstraintKind::kTarget, axis, vec3("point", point), tolerance);
-            },
-            "axis"_a, "point"_a, "tolerance"_a,
+            }, "axis"_a, "point"_a, "tolerance"_a,
             "The angle between an axis of the tcp and the direction from it to a point (rad).");
     using Settings = ConstraintSettings;
     bind_struct<Settings>(
@@ -83,47 +78,24 @@ void bind_constraints(nb::module_& module) {
         [](const Settings& settings) {
             positive("resolution", settings.resolution);
             check_counts(settings);
-        },
-        member("resolution", &Settings::resolution), member("max_intervals", &Settings::max_intervals),
+        }, member("resolution", &Settings::resolution), member("max_intervals", &Settings::max_intervals),
         optional("goal_share", &Settings::goal_share), optional("look_ahead", &Settings::look_ahead),
         optional("record", &Settings::record));
     bind_result<FoundViolation>(module, "FoundViolation", "A configuration of a curve that violates a constraint.",
-                                "time", &FoundViolation::time, "error", &FoundViolation::error, "q", &FoundViolation::q);
+                                "time", &FoundViolation::time, "error", &FoundViolation::error, "q",
+                                &FoundViolation::q);
     bind_result<UndecidedConstraint>(module, "UndecidedConstraint", "A span of a curve that is undecided.", "start",
                                      &UndecidedConstraint::start, "end", &UndecidedConstraint::end, "error",
                                      &UndecidedConstraint::error);
     bind_result<ConstraintState>(module, "ConstraintState", "What is known of a constraint on a curve.", "intervals",
                                  &ConstraintState::intervals, "observed", &ConstraintState::observed, "proven",
                                  &ConstraintState::proven, "violation", &ConstraintState::violation, "open",
-                                 &ConstraintState::open)
-        .def_prop_ro("satisfied", &ConstraintState::satisfied)
-        .def_prop_ro(
-            "evidence",
-            [](const ConstraintState& state) {
-                return filled<double>({state.evidence.size(), 2}, [&](double* out) {
-                    for (const ProvenInterval& interval : state.evidence) {
-                        *out++ = interval.start;
-                        *out++ = interval.end;
-                    }
-                });
-            },
-            "(L, 2) start and end of each proven interval.");
+                                 &ConstraintState::open, "satisfied", &ConstraintState::satisfied)
+        .def_prop_ro("evidence", [](const ConstraintState& state) {
+                return table(state.evidence, &ProvenInterval::start, &ProvenInterval::end);
+            }, "(L, 2) start and end of each proven interval.");
     module.def("prove_constraint", &prove_one, "chain"_a, "constraint"_a, "knots"_a, "control"_a, "settings"_a,
                "joint_tolerance"_a, "The ConstraintState of a curve.");
-    module.def(
-        "constraint_bound",
-        [](const Chain& chain, const PathConstraint& constraint, const Vector& q, const Matrix& piece,
-           const Vector& delta, const Vector& extra) {
-            const std::size_t n = chain.dof;
-            ConstrainedTcp tcp(chain, {constraint});
-            const double* middle = shaped("q", q, {n}).data();
-            tcp.place(middle);
-            const auto bound = tcp.bound(0, shaped("piece", piece, {kAny, n}).data(), piece.shape(0), middle,
-                                         shaped("delta", delta, {n}).data(), shaped("extra", extra, {n}).data());
-            return std::tuple(tcp.error(0), bound.error);
-        },
-        "chain"_a, "constraint"_a, "q"_a, "piece"_a, "delta"_a, "extra"_a,
-        "The error at q, and its bound on a piece of a curve about q, for tests.");
 }
 
 Departure make_departure(const World& world, std::size_t body, std::shared_ptr<Shape> hull, const Vector& normal,
@@ -137,43 +109,29 @@ Departure make_departure(const World& world, std::size_t body, std::shared_ptr<S
 void bind_departure(nb::module_& module) {
     bind_result<DepartureProof>(
         module, "DepartureProof",
-        "The span of a curve on which a body is proven not to approach: its end, the parameter after which its gap is also "
-        "larger than required (infinity if this is not reached), the end of the first interval in which the proof failed "
-        "(`end` if it did not fail), and the number of intervals.",
+        "The span of a curve on which a body is proven not to approach: its end, the parameter after which its gap is "
+        "also larger than required (infinity if this is not reached), the end of the first interval in which the proof "
+        "failed (`end` if it did not fail), and the number of intervals.",
         "end", &DepartureProof::end, "until", &DepartureProof::until, "stopped", &DepartureProof::stopped, "intervals",
         &DepartureProof::intervals);
     nb::class_<Departure>(module, "Departure", "The motion of a body of the robot along one direction.")
         .def(nb::new_(&make_departure), "world"_a, "body"_a, "hull"_a, "normal"_a, "level"_a,
-             "`hull`: a convex shape with the points of the body; `level` (m): the extent of the obstacle along normal.")
-        .def_prop_ro("normal", [](const Departure& self) { return self.normal(); }, "(3,) the unit vector in the root.")
+             "`hull`: a convex shape with the points of the body; `level` (m): the extent of an obstacle along normal.")
+        .def_prop_ro("normal", &Departure::normal, "(3,) the unit vector in the root frame.")
         .def_prop_ro("level", &Departure::level)
-        .def("gap", [](Departure& self, const Vector& q) { return self.gap(finite("q", q, {self.dof()}).data()); }, "q"_a,
-             "The gap (m) at q: a lower bound of the distance, negative in overlap.")
-        .def(
-            "decrease",
-            [](Departure& self, const Matrix& piece) {
+        .def("gap", [](Departure& self, const Vector& q) { return self.gap(finite("q", q, {self.dof()}).data()); },
+             "q"_a, "The gap (m) at q: a lower bound of the distance, negative in overlap.")
+        .def("decrease", [](Departure& self, const Matrix& piece) {
                 const auto points = finite("piece", piece, {kSome, self.dof()});
                 const GapDecrease bound = self.decrease(points.data(), piece.shape(0));
                 return std::tuple(bound.decrease, bound.motion);
-            },
-            "piece"_a, "Upper bounds (m) of the decrease of the gap and of the motion over a piece of a curve.")
-        .def(
-            "follow",
-            [](Departure& self, const Vector& knots, const Stack& control, double enough, double tolerance,
+            }, "piece"_a, "Upper bounds (m) of the decrease of the gap and of the motion over a piece of a curve.")
+        .def("follow", [](Departure& self, const Vector& knots, const Stack& control, double enough, double tolerance,
                std::int64_t max_intervals) {
                 return self.follow(curve_of(knots, control, self.dof(), read_finite), enough,
                                    positive("tolerance", tolerance), counted("max_intervals", max_intervals));
-            },
-            "knots"_a, "control"_a, "enough"_a, "tolerance"_a, "max_intervals"_a,
+            }, "knots"_a, "control"_a, "enough"_a, "tolerance"_a, "max_intervals"_a,
             "The DepartureProof of a curve: the body has separated beyond the gap `enough` (m).");
-}
-
-NewArray evidence(const ProofState& state) {
-    return filled<double>({state.evidence.size(), 7}, [&](double* out) {
-        for (const Evidence& e : state.evidence)
-            out = std::ranges::copy(std::array{e.start, e.end, static_cast<double>(e.pair), e.distance, e.direction.x,
-                                               e.direction.y, e.direction.z}, out).out;
-    });
 }
 
 // The motion bounds of the pairs of a world about one configuration, for tests.
@@ -191,12 +149,11 @@ public:
     Approach rough(std::size_t pair) const { return bounds_.rough(world_->pairs.at(pair)); }
     Approach tight(std::size_t pair, const Vector& u, int split, const Matrix& piece) const {
         const double* control = shaped("piece", piece, {kSome, q_.size()}).data();
-        if (split < 0 || static_cast<std::size_t>(split) > joints_between(pair))
+        if (split < 0 || static_cast<std::size_t>(split) > world_->pairs.at(pair).joints)
             refuse("split exceeds the number of joints between the bodies");
         return bounds_.tight<true>(world_->pairs.at(pair), split, vec3("u", u), control,
                                    static_cast<int>(piece.shape(0)), q_.data());
     }
-    std::size_t joints_between(std::size_t pair) const { return world_->pairs.at(pair).joints; }
 
 private:
     std::shared_ptr<World> world_;
@@ -206,20 +163,17 @@ private:
 };
 
 void bind_parts_of_proofs(nb::module_& module) {
-    bind_result<JointSwing>(module, "JointSwing", "The motion of a joint within a box.", "chord", &JointSwing::chord,
-                            "bend", &JointSwing::bend, "angle", &JointSwing::angle);
-    module.def(
-        "joint_swing",
-        [](bool prismatic, double multiplier, double delta) { return swing_of(prismatic, multiplier, delta, 0.0); },
-        "prismatic"_a, "multiplier"_a, "delta"_a, "The motion of a joint, for tests.");
+    module.def("joint_swing", [](bool prismatic, double multiplier, double delta) {
+            const JointSwing swing = swing_of(prismatic, multiplier, delta, 0.0);
+            return std::tuple(swing.chord, swing.bend);
+        }, "prismatic"_a, "multiplier"_a, "delta"_a, "The chord and the bend of a joint.");
     bind_result<Approach>(module, "Approach", "How much closer two bodies can come.", "distance", &Approach::distance,
                           "growth", &Approach::growth, "bare", &Approach::bare, "split", &Approach::split);
     nb::class_<BoundsAt>(module, "MotionBounds", "The motion bounds about a configuration, for tests.")
         .def(nb::init<std::shared_ptr<World>, const Vector&, const Vector&, const Vector&>(), "world"_a, "q"_a,
              "delta"_a, "extra"_a)
         .def("rough", &BoundsAt::rough, "pair"_a)
-        .def("tight", &BoundsAt::tight, "pair"_a, "u"_a, "split"_a, "piece"_a)
-        .def("joints_between", &BoundsAt::joints_between, "pair"_a);
+        .def("tight", &BoundsAt::tight, "pair"_a, "u"_a, "split"_a, "piece"_a);
     module.attr("GROWTH_RANGE") = kGrowthRange;
 }
 
@@ -237,20 +191,22 @@ void bind_certificate(nb::module_& module) {
         optional("record", &Settings::record));
     bind_result<FoundContact>(module, "FoundContact", "A contact at a configuration of a curve.", "time",
                               &FoundContact::time, "pair", &FoundContact::pair, "q", &FoundContact::q);
-    bind_result<OpenSpan>(module, "OpenSpan", "A span of a curve that is undecided, and its least proven pair.", "start",
+    bind_result<OpenSpan>(module, "OpenSpan", "An undecided span of a curve, and its least proven pair.", "start",
                           &OpenSpan::start, "end", &OpenSpan::end, "pair", &OpenSpan::pair, "distance",
                           &OpenSpan::distance);
     bind_result<ProofState>(module, "ProofState", "What is known of a curve.", "intervals", &ProofState::intervals,
-                            "contact", &ProofState::contact, "open", &ProofState::open)
+                            "contact", &ProofState::contact, "open", &ProofState::open, "free", &ProofState::free)
         .def(nb::init<>())
         .def_rw("observed", &ProofState::observed)
         .def_rw("spare", &ProofState::spare)
         .def_rw("proven", &ProofState::proven)
         .def_rw("joint_tube", &ProofState::joint_tube)
         .def_rw("obstacle_tube", &ProofState::obstacle_tube)
-        .def_prop_ro("free", &ProofState::free)
-        .def_prop_ro("evidence", &evidence,
-                     "(L, 7) start, end, pair, proven distance, direction in the root frame (zeros: balls).");
+        .def_prop_ro("evidence", [](const ProofState& state) {
+                const auto along = [](int axis) { return [axis](const Evidence& e) { return e.direction[axis]; }; };
+                return table(state.evidence, &Evidence::start, &Evidence::end, &Evidence::pair, &Evidence::distance,
+                             along(0), along(1), along(2));
+            }, "(L, 7) start, end, pair, proven distance, direction in the root frame (zeros: balls).");
     module.def("prove", &prove, "world"_a, "knots"_a, "control"_a, "settings"_a, "joint_tolerance"_a, "exact"_a,
                "known"_a, "The ProofState of a curve, from what is `known` of it. `exact` measures the pairs that only "
                "coal can.");

@@ -62,12 +62,7 @@ ReadOnlyArray q_of(const BranchList& list) {
 }
 
 ReadOnlyArray errors_of(const BranchList& list) {
-    return filled<const double>({list.branches.size(), 2}, [&](double* out) {
-        for (const Branch& branch : list.branches) {
-            *out++ = branch.distance;
-            *out++ = branch.angle;
-        }
-    });
+    return table<const double>(list.branches, &Branch::distance, &Branch::angle);
 }
 
 template <class Read>
@@ -155,14 +150,15 @@ struct BatchRows {
 nb::tuple ClosedForm::solve_batch(const Stack& targets, const Matrix& references, const Matrix& values,
                                   std::size_t capacity, std::size_t threads) const {
     const std::size_t count = targets.shape(0), v = values.shape(1), n = plan_.dof();
-    const std::size_t reference_rows = references.shape(0) == 1 ? 1 : count, value_rows = values.shape(0) == 1 ? 1 : count;
+    const std::size_t reference_rows = references.shape(0) == 1 ? 1 : count;
+    const std::size_t value_rows = values.shape(0) == 1 ? 1 : count;
     BatchRows batch{.targets = shaped("targets", targets, {kAny, 4, 4}).data(),
                     .references = shaped("references", references, {reference_rows, n}).data(),
                     .values = shaped("values", values, {value_rows, kAny}).data(),
                     .value_count = v, .dof = n, .capacity = capacity, .one_reference = references.shape(0) == 1,
                     .one_set_of_values = values.shape(0) == 1, .locked = plan_.locked >= 0};
-    const auto arrays = nb::make_tuple(filled({count, v, capacity, n}, batch.q), filled({count, v, capacity, 2}, batch.errors),
-                                       filled({count, v}, batch.counts), filled({count, v}, batch.outside),
+    const auto arrays = nb::make_tuple(filled({count, v, capacity, n}, batch.q),
+                                       filled({count, v, capacity, 2}, batch.errors), filled({count, v}, batch.counts), filled({count, v}, batch.outside),
                                        filled({count, v}, batch.known));
     struct Worker {
         const BatchRows& batch;
@@ -229,23 +225,18 @@ void bind_parts_of_closed_forms(nb::module_& module) {
             const Roots roots = solve({a, b, c, prismatic}, {.border = border, .spread = 0.0});
             if (roots.every_value) return std::nullopt;
             nb::list states;
-            for (int i = 0; i < roots.count; ++i) states.append(std::tuple(roots.state[i].first, roots.state[i].second));
+            for (const JointState& state : std::span(roots.state, roots.count))
+                states.append(std::tuple(state.first, state.second));
             return states;
-        },
-        "prismatic"_a, "a"_a, "b"_a, "c"_a, "border"_a,
+        }, "prismatic"_a, "a"_a, "b"_a, "c"_a, "border"_a,
         "The states that solve a s_1 + b s_2 + c = 0; None if every value does.");
-    module.def(
-        "quartic_roots",
-        [](const Vector& coefficients, double nearly) {
+    module.def("quartic_roots", [](const Vector& coefficients, double nearly) {
             double a[5];
             std::ranges::copy(shaped("coefficients", coefficients, {5}), a);
             const QuarticRoots roots = quartic_roots(a, nearly);
             return Doubles(roots.value, roots.value + roots.count);
-        },
-        "coefficients"_a, "nearly"_a = 0.0);
-    module.def(
-        "eigenvalues",
-        [](const Matrix& matrix) -> std::optional<nb::list> {
+        }, "coefficients"_a, "nearly"_a = 0.0);
+    module.def("eigenvalues", [](const Matrix& matrix) -> std::optional<nb::list> {
             shaped("matrix", matrix, {kEigenRows, kEigenRows});
             EigenMatrix m;
             for (int i = 0; i < kEigenRows; ++i)
@@ -255,10 +246,10 @@ void bind_parts_of_closed_forms(nb::module_& module) {
             Eigenvalue values[kEigenRows];
             if (!form.eigenvalues(values)) return std::nullopt;
             nb::list result;
-            for (const Eigenvalue& one : values) result.append(std::tuple(one.real, one.imaginary, form.condition(one)));
+            for (const Eigenvalue& one : values)
+                result.append(std::tuple(one.real, one.imaginary, form.condition(one)));
             return result;
-        },
-        "matrix"_a, "Real part, imaginary part and condition number of each eigenvalue of a (16, 16) matrix.");
+        }, "matrix"_a, "Real part, imaginary part and condition number of each eigenvalue of a (16, 16) matrix.");
 }
 
 }  // namespace
@@ -282,8 +273,8 @@ void bind_closed_form(nb::module_& module) {
     bind_result<Cut>(module, "Cut", "A cut of a loop for the general elimination: see closed_form/elimination.h.",
                      "dropped", &Cut::dropped, "reversed", &Cut::reversed, "shifted", &Cut::shifted);
     bind_struct<PlannedJoint>(module, "PlannedJoint",
-                              "The line of a joint at zero, with lengths relative to the size of the arm, its index in q "
-                              "(-1: a virtual joint, which must be zero) and its limits.",
+                              "The line of a joint at zero, with lengths relative to the size of the arm, its index in "
+                              "q (-1: a virtual joint, which must be zero) and its limits.",
                               unchecked, member("direction", &PlannedJoint::direction),
                               member("point", &PlannedJoint::point), member("prismatic", &PlannedJoint::prismatic),
                               member("index", &PlannedJoint::index), limit("lower", &PlannedJoint::lower),

@@ -25,8 +25,7 @@ void bind_shapes(nb::module_& module) {
             [](const Matrix& points, const Vector& discs, double radius, const Vector& semi_axes, const Matrix& box) {
                 return make(ShapeKind::kConvex, box, shaped("points", points, {kSome, 3}),
                             shaped("discs", discs, {points.shape(0)}), radius, vec3("semi_axes", semi_axes));
-            },
-            "points"_a, "discs"_a, "radius"_a, "semi_axes"_a, "box"_a,
+            }, "points"_a, "discs"_a, "radius"_a, "semi_axes"_a, "box"_a,
             "The hull of points (V, 3) with discs (V,) about z, to which a ball and an ellipsoid are added.")
         .def_static("half_space", [](const Matrix& box) { return make(ShapeKind::kHalfSpace, box); }, "box"_a,
                     "Everything below z = 0.")
@@ -54,8 +53,7 @@ void bind_shapes(nb::module_& module) {
                 nearest += vertex.weight * vertex.difference;
             }
             return std::tuple(bounds.lower, bounds.upper, separation.direction, weights, nearest);
-        },
-        "a"_a, "b"_a, "a_from_b"_a, "direction"_a, "above"_a, "below"_a, "precision"_a,
+        }, "a"_a, "b"_a, "a_from_b"_a, "direction"_a, "above"_a, "below"_a, "precision"_a,
         "(lower, upper, direction, weights of the simplex, its point closest to the origin) of two convex shapes.");
 }
 
@@ -100,34 +98,25 @@ void bind_world(nb::module_& module) {
         .def(nb::new_(&make_geometry), "tree"_a, "bodies"_a, "robot_bodies"_a, "rounding"_a);
     nb::class_<World>(module, "World", "The pairs of bodies of a checker, and their margins.")
         .def(nb::new_(&make_world), "geometry"_a, "pairs"_a, "margins"_a)
-        .def(
-            "with_margins",
-            [](const World& world, const Vector& margins) {
+        .def("with_margins", [](const World& world, const Vector& margins) {
                 return std::make_shared<World>(world.with_margins(margins_of(margins, world.pairs.size())));
-            },
-            "margins"_a)
+            }, "margins"_a)
         .def("of_still_pairs", [](const World& world) { return std::make_shared<World>(world.of_still_pairs()); })
-        .def(
-            "joints_between",
-            [](const World& world, std::size_t pair) {
+        .def("joints_between", [](const World& world, std::size_t pair) {
                 std::vector<Joint> joints;
                 for (int k : world.joints_between(world.pairs.at(pair))) joints.push_back(world.space().tree.joints[k]);
                 return joints;
-            },
-            "pair"_a, "The joints between the bodies of a pair.")
+            }, "pair"_a, "The joints between the bodies of a pair.")
         .def_prop_ro("still", [](const World& world) { return array_of<std::int64_t>(world.still); },
                      "The pairs that no joint moves relative to each other.")
         .def_prop_ro("convex", [](const World& world) { return column<bool>(world.pairs, &Pair::convex); },
                      "(P,) whether both bodies of a pair have a support function, so that the core measures it.")
-        .def_prop_ro(
-            "first_directions",
-            [](const World& world) {
+        .def_prop_ro("first_directions", [](const World& world) {
                 return filled<double>({world.pairs.size(), 3}, [&](double* out) {
                     for (const Pair& pair : world.pairs)
                         for (int i = 0; i < 3; ++i) *out++ = pair.first_direction[i];
                 });
-            },
-            "(P, 3) the direction at which the search for the distance of a pair begins; zeros: any.");
+            }, "(P, 3) the direction at which the search for the distance of a pair begins; zeros: any.");
 }
 
 // The result for one configuration, without the pairs.
@@ -164,36 +153,25 @@ void bind_workspace(nb::module_& module) {
         // No conversion of q, which would hide copies in inner loops.
         .def("judge", [](Workspace& self, const Vector& q) { return judge(self, configuration(self, q)); },
              "q"_a.noconvert(), "CONTACT, NOT_FINITE, or the number of pairs that are left to the caller.")
-        .def(
-            "judge_many",
-            [](Workspace& self, const Matrix& configurations) {
+        .def("judge_many", [](Workspace& self, const Matrix& configurations) {
                 std::int64_t* numbers = nullptr;
                 auto array = filled({configurations.shape(0)}, numbers);
                 ask_all(self, configurations, [&](const double* q, std::size_t row) { numbers[row] = judge(self, q); });
                 return array;
-            },
-            "configurations"_a)
-        .def(
-            "find_contacts",
-            [](Workspace& self, const Vector& q) {
+            }, "configurations"_a)
+        .def("find_contacts", [](Workspace& self, const Vector& q) {
                 place_finite(self, q);
                 self.find_contacts();
                 return std::tuple(self.contacts(), self.left());
-            },
-            "q"_a, "(pairs in contact, pairs left to the caller) at q, which must be finite.")
-        .def(
-            "find_nearest",
-            [](Workspace& self, const Vector& q) {
+            }, "q"_a, "(pairs in contact, pairs left to the caller) at q, which must be finite.")
+        .def("find_nearest", [](Workspace& self, const Vector& q) {
                 place_finite(self, q);
                 const Nearest nearest = self.find_nearest();
                 return std::tuple(self.contacts(), self.left(), nearest.lower, nearest.upper, nearest.pair);
-            },
-            "q"_a,
+            }, "q"_a,
             "(overlapping pairs, pairs left to the caller, lower and upper bound of the smallest distance of the "
             "others, its pair) at q, which must be finite.")
-        .def(
-            "find_nearest_many",
-            [](Workspace& self, const Matrix& configurations) {
+        .def("find_nearest_many", [](Workspace& self, const Matrix& configurations) {
                 double* lower = nullptr;
                 bool* open = nullptr;
                 const std::size_t count = configurations.shape(0);
@@ -204,22 +182,21 @@ void bind_workspace(nb::module_& module) {
                     open[row] = finite && !(self.contacts().empty() && self.left().empty());
                 });
                 return arrays;
-            },
-            "configurations"_a,
+            }, "configurations"_a,
             "(N,) lower bounds of the smallest distance, and whether pairs overlap or are left to the caller.")
-        .def(
-            "measure",
-            [](const Workspace& self, std::size_t pair) {
+        .def("measure", [](const Workspace& self, std::size_t pair) {
                 if (pair >= self.world().pairs.size() || !self.world().pairs[pair].convex)
                     refuse("not a pair of convex bodies");
                 const auto [bounds, points, normal] = self.measure(static_cast<int>(pair));
                 const Vec3 &a = points.of_a, &b = points.of_b;
-                return std::tuple(bounds.lower, bounds.upper, rows_of(std::array{a.x, a.y, a.z, b.x, b.y, b.z}, 3), normal);
-            },
-            "pair"_a, "(lower, upper, points (2, 3), normal (3,)) of the distance of a convex pair, in the root frame.")
+                auto witnesses = rows_of(std::array{a.x, a.y, a.z, b.x, b.y, b.z}, 3);
+                return std::tuple(bounds.lower, bounds.upper, witnesses, normal);
+            }, "pair"_a,
+            "(lower, upper, points (2, 3), normal (3,)) of the distance of a convex pair, in the root frame.")
         .def_prop_ro("left", &Workspace::left, "The pairs that the last query left to the caller.")
-        .def("root_from_body", [](const Workspace& self, std::size_t body) { return self.bodies().at(body).root_from_body; },
-             "body"_a);
+        .def("root_from_body", [](const Workspace& self, std::size_t body) {
+                return self.bodies().at(body).root_from_body;
+            }, "body"_a);
     module.attr("CONTACT") = kContact;
     module.attr("NOT_FINITE") = kNotFinite;
     static_assert(kFree == 0);
@@ -237,11 +214,12 @@ CellGrid grid_of(const Cells& cells, const Indices& low, double side) {
     const auto l = shaped("low", low, {3});
     for (std::int64_t index : l)
         if (index < -kMostCells || index > kMostCells) refuse("low is out of range");
-    return {{l[0], l[1], l[2]}, {cells.shape(0), cells.shape(1), cells.shape(2)}, finite("side", positive("side", side))};
+    finite("side", positive("side", side));
+    return {{l[0], l[1], l[2]}, {cells.shape(0), cells.shape(1), cells.shape(2)}, side};
 }
 
-// The depths in single precision, rounded down or up, so that bounds remain bounds. The next number of a positive one is
-// that whose bits, read as an integer, are one more.
+// The depths in single precision, rounded down or up, so that bounds remain bounds. The next number of a positive one
+// is that whose bits, read as an integer, are one more.
 template <bool up>
 std::vector<float> rounded(std::span<const double> depth) {
     std::vector<float> values(depth.size());
@@ -266,15 +244,15 @@ void bind_occupancy(nb::module_& module) {
             const auto f = finite("intrinsics", intrinsics, {4});
             const std::size_t height = nearest.shape(0), width = nearest.shape(1);
             if (height > kMostPixels || width > kMostPixels) refuse("an image has at most 65536 rows and columns");
-            if (pixel_margin < 0 || pixel_margin > static_cast<int>(kMostPixels)) refuse("pixel_margin is out of range");
+            if (pixel_margin < 0 || pixel_margin > static_cast<int>(kMostPixels))
+                refuse("pixel_margin is out of range");
             const auto near_bounds = rounded<false>(shaped("nearest", nearest, {kSome, kSome}));
             const auto far_bounds = rounded<true>(shaped("farthest", farthest, {height, width}));
             const PinholeCamera camera{positive("fx", f[0]), positive("fy", f[1]), f[2], f[3], static_cast<int>(width),
                                        static_cast<int>(height), transform("camera_from_grid", camera_from_grid)};
             nb::gil_scoped_release release;
             carve(grid, camera, {near_bounds, far_bounds}, pixel_margin, {cells.data(), grid.size()});
-        },
-        "cells"_a.noconvert(), "low"_a, "side"_a, "camera_from_grid"_a, "intrinsics"_a, "nearest"_a, "farthest"_a,
+        }, "cells"_a.noconvert(), "low"_a, "side"_a, "camera_from_grid"_a, "intrinsics"_a, "nearest"_a, "farthest"_a,
         "pixel_margin"_a,
         "Set the state of each cell (nx, ny, nz) from one depth image, given as bounds of depth (m); see "
         "collision/occupancy.h. The intrinsics are fx, fy, cx, cy.");
@@ -288,8 +266,7 @@ void bind_occupancy(nb::module_& module) {
             const Transform placement = transform("shape_from_grid", shape_from_grid);
             nb::gil_scoped_release release;
             return clear_within(grid, shape, placement, padding, {cells.data(), grid.size()});
-        },
-        "cells"_a.noconvert(), "low"_a, "side"_a, "shape"_a, "shape_from_grid"_a, "padding"_a,
+        }, "cells"_a.noconvert(), "low"_a, "side"_a, "shape"_a, "shape_from_grid"_a, "padding"_a,
         "Set the cells that are entirely within the padding (m) of a convex shape to free; returns how many were not.");
 }
 

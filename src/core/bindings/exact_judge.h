@@ -17,7 +17,8 @@ public:
 
     void measure(const double* q, std::span<const int> pairs, std::span<ExactDistance> found) override {
         nb::gil_scoped_acquire acquire;
-        const auto answers = nb::cast<std::vector<std::pair<double, double>>>(object_.attr("measure")(array(q), list(pairs)));
+        using Answers = std::vector<std::pair<double, double>>;
+        const auto answers = nb::cast<Answers>(object_.attr("measure")(array(q), list(pairs)));
         require_size("the list of distances", answers.size(), found.size());
         for (std::size_t i = 0; i < found.size(); ++i) found[i] = {answers[i].first, answers[i].second};
     }

@@ -74,14 +74,13 @@ NewArray measure_batch(const Task& task, const Stack& targets, const Stack& pose
     const std::size_t rows = targets.shape(0);
     const double* from = shaped("targets", targets, {kAny, 4, 4}).data();
     const double* to = shaped("poses", poses, {rows, 4, 4}).data();
-    return filled<double>({rows, 2}, [&](double* out) {
+    std::vector<PoseError> errors;
+    {
         nb::gil_scoped_release release;
-        for (std::size_t i = 0; i < rows; ++i) {
-            const PoseError error = measure(task, read_transform(from + 16 * i), read_transform(to + 16 * i));
-            *out++ = error.position;
-            *out++ = error.orientation;
-        }
-    });
+        for (std::size_t i = 0; i < rows; ++i)
+            errors.push_back(measure(task, read_transform(from + 16 * i), read_transform(to + 16 * i)));
+    }
+    return table(errors, &PoseError::position, &PoseError::orientation);
 }
 
 std::tuple<NewArray, NewArray> residual_and_jacobian(const Task& task, const Matrix& target_from_tcp,
@@ -91,27 +90,6 @@ std::tuple<NewArray, NewArray> residual_and_jacobian(const Task& task, const Mat
     task.apply(frame, jacobian);
     const auto [v, w] = task.residual(frame);
     return {array_of(std::array{v[0], v[1], v[2], w[0], w[1], w[2]}), jacobian_array(jacobian)};
-}
-
-// Parts that only tests call one by one.
-void bind_parts(nb::module_& module) {
-    module.def(
-        "hinge_motion",
-        [](const Vector& origin, const Vector& direction, bool prismatic, double value) {
-            return hinge_motion({vec3("origin", origin), vec3("direction", direction), prismatic}, value);
-        },
-        "origin"_a, "direction"_a, "prismatic"_a, "value"_a, "The motion (4, 4) by a value about, or along, a hinge.");
-    module.def(
-        "hinge_fit",
-        [](const Vector& origin, const Vector& direction, const Matrix& wanted, double point_weight,
-           const Vector& point, double direction_weight, const Vector& along) {
-            HingeFit fit({vec3("origin", origin), vec3("direction", direction)}, transform("wanted", wanted));
-            fit.add_point(point_weight, vec3("point", point));
-            fit.add_direction(direction_weight, vec3("along", along));
-            return std::tuple(fit.angle(), fit.translation(point_weight));
-        },
-        "origin"_a, "direction"_a, "wanted"_a, "point_weight"_a, "point"_a, "direction_weight"_a, "along"_a,
-        "The angle and the translation of a hinge that are closest to a wanted motion (4, 4).");
 }
 
 }  // namespace
@@ -124,11 +102,10 @@ Goal goal_for(const std::optional<Goal>& goal, std::size_t dof) {
 }
 
 void bind_ik(nb::module_& module) {
-    bind_parts(module);
     auto clik = nb::class_<ClikStep>(module, "ClikStep", "The step of Clik.").def(nb::init<double>(), "damping"_a);
     constants(clik, "GROWTH", ClikStep::kGrowth, "RELIEF", ClikStep::kRelief, "MOST_GROWTHS", ClikStep::kMostGrowths,
               "SMALLEST_DAMPING", ClikStep::kSmallestDamping);
-    auto singular = nb::class_<SingularStep>(module, "SingularStep", "The steps of PseudoInverse and DampedLeastSquares.")
+    auto singular = nb::class_<SingularStep>(module, "SingularStep", "That of PseudoInverse and DampedLeastSquares.")
                         .def(nb::init<double, double, double>(), "cutoff"_a, "damping"_a, "region"_a);
     constants(singular, "NOTHING", SingularStep::kNothing);
     auto fabrik = nb::class_<FabrikStep>(module, "FabrikStep", "The step of FABRIK.")
@@ -139,11 +116,10 @@ void bind_ik(nb::module_& module) {
               "BEND", FabrikStep::kBend, "STILL", FabrikStep::kStill, "TINY", FabrikStep::kTiny);
 
     bind_struct<JointRange>(module, "JointRange",
-                            "The limits of a joint; periodic: q and q + 2 pi are the same pose; wraps: with a range of at "
-                            "least 2 pi, so that a descent continues 2 pi away beyond a limit.",
+                            "The limits of a joint; periodic: q and q + 2 pi are the same pose; wraps: with a range of "
+                            "at least 2 pi, so that a descent continues 2 pi away beyond a limit.",
                             unchecked, limit("lower", &JointRange::lower), limit("upper", &JointRange::upper),
-                            member("periodic", &JointRange::periodic), member("wraps", &JointRange::wraps))
-        .def("allowed_change", &allowed_change, "value"_a, "change"_a);
+                            member("periodic", &JointRange::periodic), member("wraps", &JointRange::wraps));
 
     nb::class_<Task>(module, "Task", "The coordinates of a target that count, with tolerances.")
         .def(nb::init<std::array<bool, 6>, double, double>(), "coordinates"_a, "position_tolerance"_a,
@@ -154,12 +130,9 @@ void bind_ik(nb::module_& module) {
 
     nb::class_<Goal>(module, "Goal", "A null-space goal.")
         .def(nb::new_(&make_goal), "kind"_a, "gain"_a, "posture"_a, "weight"_a)
-        .def(
-            "step",
-            [](const Goal& goal, const Chain& chain, const Vector& q) {
+        .def("step", [](const Goal& goal, const Chain& chain, const Vector& q) {
                 return array_of(GoalSteps(chain).at(goal_for(goal, chain.dof), shaped("q", q, {chain.dof}).data()));
-            },
-            "chain"_a, "q"_a);
+            }, "chain"_a, "q"_a);
 
     nb::class_<Seeds>(module, "Seeds", "Starts of a search.")
         .def(nb::new_([](const Chain& chain, const Matrix& configurations) {
@@ -189,10 +162,10 @@ void bind_ik(nb::module_& module) {
               IkSolver::kGoalConverged, "GOAL_STEPS", Progress::kGoalSteps);
 
     bind_result<Candidate>(module, "Candidate", "The result of a series of attempts.", "fulfils", &Candidate::fulfils,
-                           "iterations", &Candidate::iterations, "attempts", &Candidate::attempts)
-        .def_prop_ro("q", [](const Candidate& found) { return array_of<const double>(found.q); })
-        .def_prop_ro("position_error", [](const Candidate& found) { return found.error.position; })
-        .def_prop_ro("orientation_error", [](const Candidate& found) { return found.error.orientation; });
+                           "iterations", &Candidate::iterations, "attempts", &Candidate::attempts,
+                           "q", [](const Candidate& found) { return array_of<const double>(found.q); },
+                           "position_error", [](const Candidate& found) { return found.error.position; },
+                           "orientation_error", [](const Candidate& found) { return found.error.orientation; });
 
     auto search = nb::class_<OwningSearch>(module, "Search", "The attempts for one target.")
         .def(nb::init<const IkSolver&, const Seeds&, const std::optional<Goal>&, const Matrix&, const Vector&>(),

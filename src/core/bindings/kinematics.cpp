@@ -115,12 +115,10 @@ void bind_kinematics(nb::module_& module) {
     module.def(
         "is_rigid", [](const Matrix& matrix) { return is_rigid(shaped("matrix", matrix, {4, 4}).data()); }, "matrix"_a,
         "Whether a (4, 4) matrix is a rigid transform up to rounding.");
-    module.def(
-        "all_finite",
-        [](const nb::ndarray<const double, nb::c_contig, nb::device::cpu>& numbers) {
-            return std::all_of(numbers.data(), numbers.data() + numbers.size(), [](double x) { return std::isfinite(x); });
-        },
-        "numbers"_a, "Whether all numbers of an array are finite.");
+    module.def("all_finite", [](const nb::ndarray<const double, nb::c_contig, nb::device::cpu>& numbers) {
+            return std::all_of(numbers.data(), numbers.data() + numbers.size(),
+                               [](double x) { return std::isfinite(x); });
+        }, "numbers"_a, "Whether all numbers of an array are finite.");
     module.def("not_rigid", &not_rigid, "matrices"_a,
                "The indices of the matrices (N, 4, 4) that are not rigid transforms up to rounding.");
 }

@@ -32,36 +32,27 @@ void bind_edges(nb::module_& module) {
                  auto by_exact = judge(std::move(exact), *world);
                  return new EdgeChecker(std::move(world), std::move(by_exact), positive("resolution", resolution));
              }), "world"_a, "exact"_a, "resolution"_a)
-        .def(
-            "set_steering",
-            [](EdgeChecker& self, std::shared_ptr<World> world, nb::object exact, bool blocked) {
+        .def("set_steering", [](EdgeChecker& self, std::shared_ptr<World> world, nb::object exact, bool blocked) {
                 if (!self.has_bodies_of(*world)) refuse("the worlds have different bodies");
                 auto by_exact = judge(std::move(exact), *world);
                 self.set_steering(std::move(world), std::move(by_exact), blocked);
-            },
-            "world"_a, "exact"_a, "blocked"_a, "Take samples in another world; `blocked`: none is free.")
+            }, "world"_a, "exact"_a, "blocked"_a, "Take samples in another world; `blocked`: none is free.")
         .def(
             "set_resolution",
             [](EdgeChecker& self, double resolution) { self.set_resolution(positive("resolution", resolution)); },
             "resolution"_a)
-        .def(
-            "set_torque_limits",
-            [](EdgeChecker& self, const DynamicTree& model, const Vector& limits) {
+        .def("set_torque_limits", [](EdgeChecker& self, const DynamicTree& model, const Vector& limits) {
                 require_size("a configuration of model", model.tree.dof, self.dof());
                 const auto torques = shaped("limits", limits, {self.dof()});
                 for (double torque : torques) positive("limits", torque);
                 self.set_torque_limits(model, list_of(torques));
-            },
-            "model"_a, "limits"_a)
+            }, "model"_a, "limits"_a)
         .def("samples_free", of_edge(&EdgeChecker::samples_free), "a"_a, "b"_a)
-        .def(
-            "points_free",
-            [](EdgeChecker& self, const Matrix& points) {
+        .def("points_free", [](EdgeChecker& self, const Matrix& points) {
                 const auto rows = shaped("points", points, {kSome, self.dof()});
                 nb::gil_scoped_release release;
                 return self.points_free(rows);
-            },
-            "points"_a, "Whether points (N, n) of a motion and the samples of the edges between them are free.")
+            }, "points"_a, "Whether points (N, n) of a motion and the samples of the edges between them are free.")
         .def("proven_free", of_edge(&EdgeChecker::proven_free), "a"_a, "b"_a)
         .def_prop_ro("samples", &EdgeChecker::samples, "Total number of samples so far.");
 }
@@ -76,32 +67,21 @@ void bind_manifold(nb::module_& module) {
                  if (constraints.empty()) refuse("there is no constraint");
                  return Manifold(ConstrainedTcp(chain, constraints), std::move(low), std::move(high));
              }), "chain"_a, "constraints"_a, "lower"_a, "upper"_a)
-        .def(
-            "errors",
-            [](Manifold& self, const Vector& q) {
+        .def("errors", [](Manifold& self, const Vector& q) {
                 const double* at = shaped("q", q, {self.dof()}).data();
                 return filled<double>({self.size()}, [&](double* out) { self.errors(at, out); });
-            },
-            "q"_a, "(k,) the error of each constraint at q, in rad or m.")
-        .def(
-            "project",
-            [](Manifold& self, const Vector& q, double share) -> std::optional<NewArray> {
+            }, "q"_a, "(k,) the error of each constraint at q, in rad or m.")
+        .def("project", [](Manifold& self, const Vector& q, double share) -> std::optional<NewArray> {
                 Doubles moved = list_of(finite("q", q, {self.dof()}));
                 if (!self.project(moved.data(), share)) return std::nullopt;
                 return array_of(moved);
-            },
-            "q"_a, "share"_a,
+            }, "q"_a, "share"_a,
             "A configuration near q at which every error is at most this share of its tolerance, or None.")
-        .def(
-            "edge_proven",
-            [](Manifold& self, const Vector& a, const Vector& b) {
+        .def("edge_proven", [](Manifold& self, const Vector& a, const Vector& b) {
                 const std::size_t n = self.dof();
                 return self.edge_proven(shaped("a", a, {n}).data(), shaped("b", b, {n}).data());
-            },
-            "a"_a, "b"_a, "Whether all constraints are proven on the straight edge from a to b.")
-        .def(
-            "connect",
-            [](Manifold& self, EdgeChecker& edges, const Vector& a, const Vector& b, double step,
+            }, "a"_a, "b"_a, "Whether all constraints are proven on the straight edge from a to b.")
+        .def("connect", [](Manifold& self, EdgeChecker& edges, const Vector& a, const Vector& b, double step,
                double most) -> std::optional<NewArray> {
                 require_size("edges", edges.dof(), self.dof());
                 const auto from = finite("a", a, {self.dof()}), to = finite("b", b, {self.dof()});
@@ -113,8 +93,7 @@ void bind_manifold(nb::module_& module) {
                 }
                 if (path.empty()) return std::nullopt;
                 return rows_of(path, self.dof());
-            },
-            "edges"_a, "a"_a, "b"_a, "step"_a, "most"_a,
+            }, "edges"_a, "a"_a, "b"_a, "step"_a, "most"_a,
             "Waypoints (k, n) from a to b along the constraints with free edges, not longer than `most`, or None.");
 }
 
@@ -148,7 +127,8 @@ void bind_search(nb::module_& module) {
                  const std::size_t n = edges.dof();
                  if (manifold != nullptr) require_size("a configuration of manifold", manifold->dof(), n);
                  return RrtSearch(edges, shaped("start", start, {n}), shaped("goals", goals, {kSome, n}),
-                                  shaped("box", box, {2, n}), {positive("step", step), max_nodes, max_samples}, manifold);
+                                  shaped("box", box, {2, n}), {positive("step", step), max_nodes, max_samples},
+                                  manifold);
              }), "edges"_a, "start"_a, "goals"_a, "box"_a, nb::kw_only(), "step"_a, "max_nodes"_a, "max_samples"_a,
              "manifold"_a.none() = nb::none(), nb::keep_alive<0, 2>(), nb::keep_alive<0, 9>())
         .def("grow", &RrtSearch::grow, "until"_a, nb::call_guard<nb::gil_scoped_release>(),
@@ -223,14 +203,11 @@ void bind_staggered_moves(nb::module_& module) {
                                         sides.first(n), sides.last(n), limits,
                                         positive("sample_time", sample_time));
              }), "edges"_a, "start"_a, "goals"_a, "box"_a, "limits"_a, "sample_time"_a, nb::keep_alive<0, 2>())
-        .def(
-            "run",
-            [](StaggeredSearch& self, double below, const Matrix& draws) {
+        .def("run", [](StaggeredSearch& self, double below, const Matrix& draws) {
                 const auto numbers = draws_of(draws, self.draws_per_motion());
                 nb::gil_scoped_release release;
                 return self.run(below, numbers);
-            },
-            "below"_a, "draws"_a,
+            }, "below"_a, "draws"_a,
             "The fastest motion of those that the rows of random numbers (N, draws_per_motion) in [0, 1) describe, of "
             "less than `below` (s) and free at samples, or None.")
         .def_prop_ro("draws_per_motion", &StaggeredSearch::draws_per_motion)
@@ -277,9 +254,7 @@ void bind_planning(nb::module_& module) {
     bind_manifold(module);
     bind_search(module);
     bind_staggered_moves(module);
-    module.def(
-        "shortcut",
-        [](EdgeChecker& edges, const Matrix& path, const Matrix& draws) {
+    module.def("shortcut", [](EdgeChecker& edges, const Matrix& path, const Matrix& draws) {
             const auto points = shaped("path", path, {kSome, edges.dof()}), numbers = draws_of(draws, 2);
             Doubles shorter;
             {
@@ -295,12 +270,12 @@ void bind_planning(nb::module_& module) {
                 shorter = shortener.path();
             }
             return rows_of(shorter, edges.dof());
-        },
-        "edges"_a, "path"_a, "draws"_a,
+        }, "edges"_a, "path"_a, "draws"_a,
         "A shorter path (k, n) with the same ends, from random numbers (attempts, 2) in [0, 1).");
     module.def(
         "search_tour",
-        [](const Indices& job, const Matrix& time, const IndexMatrix& pairs, const Indices& first, const Matrix& draws) {
+        [](const Indices& job, const Matrix& time, const IndexMatrix& pairs, const Indices& first,
+           const Matrix& draws) {
             const auto numbers = draws_of(draws, TourSearch::kDraws);
             TourProblem problem = problem_of(job, time, pairs);
             const std::vector<int> start = first_of(problem, first);
@@ -312,8 +287,7 @@ void bind_planning(nb::module_& module) {
                 tour = search.tour();
             }
             return array_of<std::int64_t>(tour);
-        },
-        "job"_a, "time"_a, "pairs"_a, "first"_a, "draws"_a,
+        }, "job"_a, "time"_a, "pairs"_a, "first"_a, "draws"_a,
         "A short tour: the option of each job in order (n,), from the jobs of all options (M,), the times between them "
         "and home (M + 1, M + 1), pairs of jobs in a fixed order (K, 2), a first tour (n,), and random numbers "
         "(disturbances, 8) in [0, 1).");

@@ -39,14 +39,16 @@ class Reach {
 
     NewArrayOf<bool> keeps(const Stack& targets, const Matrix& q, const Vector& tolerances, std::int64_t budget) const {
         const std::size_t count = targets.shape(0);
-        const double *poses = shaped("targets", targets, {kAny, 4, 4}).data(), *at = finite("q", q, {count, chain_.dof}).data();
+        const double* poses = shaped("targets", targets, {kAny, 4, 4}).data();
+        const double* at = finite("q", q, {count, chain_.dof}).data();
         const auto t = finite("tolerances", tolerances, {count});
         counted("budget", budget);
         return filled<bool>({count}, [&](bool* kept) {
             nb::gil_scoped_release release;
             ReachProver prover(chain_, loop_, lower_.data(), upper_.data());
             for (std::size_t i = 0; i < count; ++i)
-                kept[i] = prover.keeps(read_transform(poses + 16 * i), at + chain_.dof * i, {t[i], t[i], budget, false, {}});
+                kept[i] = prover.keeps(read_transform(poses + 16 * i), at + chain_.dof * i,
+                                       {t[i], t[i], budget, false, {}});
         });
     }
 
@@ -74,22 +76,23 @@ class Reach {
 
 void bind_reach(nb::module_& module) {
     module.attr("MOST_PROOF_JOINTS") = kMostProofJoints;
-    bind_result<ReachProof>(module, "ReachProof", "The result of a search for a proof that a pose is out of reach.",
-                            "boxes", &ReachProof::boxes, "width", &ReachProof::width)
-        .def_prop_ro("excluded", [](const ReachProof& p) { return p.outcome == ReachOutcome::kExcluded; })
-        .def_prop_ro("remaining", [](const ReachProof& p) { return array_of(p.remaining); })
-        .def_prop_ro("used", [](const ReachProof& p) { return column<bool>(p.used, std::identity{}); },
-                     "(k,) whether each overlap excluded a box.")
-        .def_prop_ro("kinds", [](const ReachProof& p) { return column<std::int64_t>(p.steps, &ReachStep::kind); })
-        .def_prop_ro("joints", [](const ReachProof& p) { return column<std::int64_t>(p.steps, &ReachStep::joint); })
-        .def_prop_ro("constraints",
-                     [](const ReachProof& p) { return column<std::int64_t>(p.steps, &ReachStep::constraint); })
-        .def_prop_ro("evaluations",
-                     [](const ReachProof& p) { return column<std::int64_t>(p.steps, &ReachStep::evaluation); })
-        .def_prop_ro("values", [](const ReachProof& p) { return column<double>(p.steps, &ReachStep::value); });
+    // A number of each step of a proof.
+    const auto steps = [](auto member) {
+        using Value = std::remove_cvref_t<std::invoke_result_t<decltype(member), ReachStep>>;
+        using Number = std::conditional_t<std::is_same_v<Value, double>, double, std::int64_t>;
+        return [member](const ReachProof& proof) { return column<Number>(proof.steps, member); };
+    };
+    bind_result<ReachProof>(
+        module, "ReachProof",
+        "A search for a proof that a pose is out of reach; `used` (k,): whether each overlap excluded a box.",
+        "boxes", &ReachProof::boxes, "width", &ReachProof::width, "remaining", &ReachProof::remaining,
+        "excluded", [](const ReachProof& proof) { return proof.outcome == ReachOutcome::kExcluded; },
+        "used", [](const ReachProof& proof) { return column<bool>(proof.used, std::identity{}); },
+        "kinds", steps(&ReachStep::kind), "joints", steps(&ReachStep::joint),
+        "constraints", steps(&ReachStep::constraint), "evaluations", steps(&ReachStep::evaluation), "values", steps(&ReachStep::value));
     bind_struct<Overlap>(module, "Overlap",
-                         "A ball on a link of a chain that overlaps a box with rounded edges on another link; link 0 is "
-                         "the base. `half` are half sides, and `box_radius` is that of the rounding.",
+                         "A ball on a link of a chain that overlaps a box with rounded edges on another link; link 0 "
+                         "is the base. `half` are half sides, and `box_radius` is that of the rounding.",
                          check_overlap, member("ball_link", &Overlap::ball_link), member("centre", &Overlap::centre),
                          member("ball_radius", &Overlap::ball_radius), member("box_link", &Overlap::box_link),
                          member("link_from_box", &Overlap::link_from_box), member("half", &Overlap::half),
@@ -98,8 +101,8 @@ void bind_reach(nb::module_& module) {
                            "first", &LoopPoint::first, "at", &LoopPoint::at, "error", &LoopPoint::error);
     nb::class_<Reach>(module, "Reach", "Proofs that a pose is out of reach of a chain within its limits.")
         .def(nb::init<const Chain&, const Vector&, const Vector&>(), "chain"_a, "lower"_a, "upper"_a)
-        .def("prove", &Reach::prove, "target"_a, "position_tolerance"_a, "orientation_tolerance"_a, "budget"_a, "record"_a,
-             "overlaps"_a = std::vector<Overlap>())
+        .def("prove", &Reach::prove, "target"_a, "position_tolerance"_a, "orientation_tolerance"_a, "budget"_a,
+             "record"_a, "overlaps"_a = std::vector<Overlap>())
         .def("keeps", &Reach::keeps, "targets"_a, "q"_a, "tolerances"_a, "budget"_a,
              "For tests: (N,) whether the boxes on the path of the search to each of the solutions q (N, n) keep it.")
         .def_prop_ro("size", [](const Reach& r) { return r.loop().size; })

@@ -1,4 +1,4 @@
-// Structs of the core in Python: a constructor with one argument for each member, which it checks, and read-only members.
+// Structs of the core in Python: a constructor with an argument for each member, which it checks, and read-only members.
 #pragma once
 
 #include <nanobind/stl/optional.h>
@@ -26,7 +26,8 @@ struct Passed<Vec3> {
 template <>
 struct Passed<Doubles> {
     using Type = const Vector&;
-    static Doubles read(const char* name, Type value) { return list_of(shaped(name, value, {kAny})); }  // may be infinite
+    // The numbers may be infinite.
+    static Doubles read(const char* name, Type value) { return list_of(shaped(name, value, {kAny})); }
 };
 template <>
 struct Passed<Transform> {
@@ -101,13 +102,18 @@ nb::class_<T> bind_struct(nb::module_& module, const char* name, const char* tex
 
 inline constexpr auto unchecked = [](const auto&) {};
 
-// The members of a struct of results: names, each followed by its member.
+// The members of a struct of results: names, each followed by its member, or by what returns its value. Lists of
+// numbers are arrays.
 template <class T>
-nb::class_<T>& show(nb::class_<T>& bound) { return bound; }
-template <class T, class Value, class Owner, class... More>
-nb::class_<T>& show(nb::class_<T>& bound, const char* name, Value Owner::* pointer, More... more) {
-    bound.def_ro(name, pointer);
-    return show(bound, more...);
+void show(nb::class_<T>&) {}
+template <class T, class Read, class... More>
+void show(nb::class_<T>& bound, const char* name, Read read, More... more) {
+    using Value = std::remove_cvref_t<std::invoke_result_t<Read, const T&>>;
+    if constexpr (std::is_same_v<Value, Doubles>)
+        bound.def_prop_ro(name, [read](const T& self) { return array_of(std::invoke(read, self)); });
+    else if constexpr (std::is_member_object_pointer_v<Read>) bound.def_ro(name, read);
+    else bound.def_prop_ro(name, read);
+    show(bound, more...);
 }
 template <class T, class... Members>
 nb::class_<T> bind_result(nb::module_& module, const char* name, const char* text, Members... members) {

@@ -77,8 +77,8 @@ nb::tuple timed(const Vector& knots, const Stack& control, const std::optional<V
         motion = time_path(task);
     }
     const HermiteCurve& curve = motion.curve;
-    return nb::make_tuple(name_of(motion.status), array_of(curve.times), rows_of(curve.q, n), rows_of(curve.velocity, n),
-                          accelerations(curve), motion.deviation, motion.excess);
+    return nb::make_tuple(name_of(motion.status), array_of(curve.times), rows_of(curve.q, n),
+                          rows_of(curve.velocity, n), accelerations(curve), motion.deviation, motion.excess);
 }
 
 std::tuple<NewArray, std::optional<std::size_t>> speeds(const Stack& alpha, const Stack& beta, const Stack& gamma,
@@ -99,21 +99,18 @@ void bind_timing_of_paths(nb::module_& module) {
                             member("acceleration", &RateLimits::acceleration), member("jerk", &RateLimits::jerk));
     module.def("fastest_speeds", &speeds, "alpha"_a, "beta"_a, "gamma"_a, "bound"_a, "step"_a, "ceiling"_a, "start"_a,
                "end"_a,
-               "(x, node): x = s'^2 (N + 1,) at the nodes of a grid, and the node from which the path cannot be driven or "
-               "None.");
+               "(x, node): x = s'^2 (N + 1,) at the nodes of a grid, and the node from which the path cannot be driven "
+               "or None.");
     module.def("time_path", &timed, "knots"_a, "control"_a, "stops"_a.none(), "limits"_a, "start_velocity"_a,
                "end_velocity"_a, "image_tolerance"_a, "rate_tolerance"_a, "longest"_a, "rows"_a.none(),
                "excess"_a.none(),
                "(status, times, q, velocities, accelerations or None, deviation, excess) of the fastest motion along "
                "pieces with control points (k, degree + 1, n). Without stops (k + 1,) it stops where the "
                "tangent jumps.");
-    module.def(
-        "corners",
-        [](const Matrix& q) {
+    module.def("corners", [](const Matrix& q) {
             const std::size_t n = q.shape(1);
             return rows_of(corners(n, finite("q", q, {kSome, kSome})), n);
-        },
-        "q"_a, "The waypoints at which a motion along a polyline must stop.");
+        }, "q"_a, "The waypoints at which a motion along a polyline must stop.");
 }
 
 void check_model(const DynamicTree& model) {
@@ -185,7 +182,8 @@ NewArray stretch_of(const DynamicTree& model, const TimedCurve& curve, const Vec
 
 NewArray torque_stretch_of(const DynamicTree& model, const Stack& position, const Stack& velocity,
                            const Stack& acceleration, const Vector& limits) {
-    return stretch_of(model, read_curve(model, position, velocity, acceleration), limits, model.tree.dof, torque_stretch);
+    const TimedCurve curve = read_curve(model, position, velocity, acceleration);
+    return stretch_of(model, curve, limits, model.tree.dof, torque_stretch);
 }
 
 NewArray tool_stretch_of(const DynamicTree& model, const Stack& position, const Stack& velocity,
@@ -214,8 +212,8 @@ void bind_timing(nb::module_& module) {
     bind_timing_of_paths(module);
     bind_struct<RigidBody>(module, "RigidBody",
                            "Mass, mass times centre (3,) and inertia about the origin (3, 3) in the frame of a joint.",
-                           unchecked, member("mass", &RigidBody::mass), member("first_moment", &RigidBody::first_moment),
-                           member("inertia", &RigidBody::inertia));
+                           unchecked, member("mass", &RigidBody::mass),
+                           member("first_moment", &RigidBody::first_moment), member("inertia", &RigidBody::inertia));
     bind_struct<DynamicTree>(module, "DynamicTree",
                              "The moving bodies of an arm, one for each joint of a tree; gravity (3,) is in the root "
                              "frame, and the tool (3,) in that of tool_joint.",

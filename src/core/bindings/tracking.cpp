@@ -52,9 +52,11 @@ nb::tuple box_step(const Matrix& a, const Vector& pull, double shift, const Vect
 
 void check_route(const Route& route) {
     if (route.pieces.empty()) refuse("a route has no pieces");
-    for (std::size_t i = 0; i < route.pieces.size(); ++i)
-        if (!(route.pieces[i].start <= route.pieces[i].end) || (i > 0 && route.pieces[i - 1].end != route.pieces[i].start))
-            refuse("the pieces of a route must follow one another");
+    double end = route.pieces[0].start;
+    for (const RoutePiece& piece : route.pieces) {
+        if (piece.start != end || !(piece.start <= piece.end)) refuse("the pieces of a route must follow one another");
+        end = piece.end;
+    }
 }
 
 void bind_routes(nb::module_& module) {
@@ -62,41 +64,32 @@ void bind_routes(nb::module_& module) {
                                 member("translation", &RouteDirection::translation),
                                 member("rotation", &RouteDirection::rotation));
     bind_struct<RoutePiece>(module, "RoutePiece",
-                            "A piece of a route: a pose, the incoming and the outgoing direction, the coefficients (6,) "
-                            "of both, the parameters of the route at its ends, and the sizes of its derivatives.",
+                            "A piece of a route: a pose, the incoming and the outgoing direction, the coefficients "
+                            "(6,) of both, the parameters of the route at its ends, and the sizes of its derivatives.",
                             unchecked, member("pose", &RoutePiece::pose), member("into", &RoutePiece::into),
                             member("out", &RoutePiece::out), member("a", &RoutePiece::a), member("b", &RoutePiece::b),
                             member("start", &RoutePiece::start), member("end", &RoutePiece::end),
                             limit("acceleration", &RoutePiece::acceleration), limit("turn", &RoutePiece::turn),
                             limit("turn_change", &RoutePiece::turn_change));
     bind_struct<Route>(module, "Route", "A route of the tcp in space.", check_route, member("pieces", &Route::pieces))
-        .def(
-            "poses",
-            [](const Route& self, const Vector& s) {
+        .def("poses", [](const Route& self, const Vector& s) {
                 return filled<double>({s.shape(0), 4, 4}, [&](double* out) {
                     for (std::size_t i = 0; i < s.shape(0); ++i) write_homogeneous(self.pose(s(i)), out + 16 * i);
                 });
-            },
-            "s"_a, "(N, 4, 4) base_from_tcp at parameters (N,).");
-    bind_result<JointCurve>(module, "JointCurve", "A joint curve along a route: a spline, and why it stops.",
-                            "deviation", &JointCurve::deviation, "rotation_deviation", &JointCurve::rotation_deviation,
-                            "at", &JointCurve::at, "deviation_there", &JointCurve::deviation_there,
-                            "rotation_deviation_there", &JointCurve::rotation_deviation_there)
-        .def_prop_ro("knots", [](const JointCurve& self) { return array_of(self.knots); })
-        .def_prop_ro("q", [](const JointCurve& self) { return rows_of(self.q, self.q.size() / self.knots.size()); })
-        .def_prop_ro("slopes",
-                     [](const JointCurve& self) { return rows_of(self.slopes, self.q.size() / self.knots.size()); })
-        .def_prop_ro(
-            "stopped_by_pose", [](const JointCurve& self) { return self.stop == RouteStop::kPose; },
-            "Whether it stops because the pose at `at` cannot be solved from the configuration `before`.")
-        .def_prop_ro(
-            "stopped_by_deviation", [](const JointCurve& self) { return self.stop == RouteStop::kDeviation; },
-            "Whether it stops because of the deviation there, or because it may leave the limits by `outside` (n,).")
-        .def_prop_ro("before", [](const JointCurve& self) { return array_of(self.before); })
-        .def_prop_ro(
-            "reached", [](const JointCurve& self) { return array_of(self.reached); },
-            "(n,) the configuration closest to the pose at `at`.")
-        .def_prop_ro("outside", [](const JointCurve& self) { return array_of(self.outside); });
+            }, "s"_a, "(N, 4, 4) base_from_tcp at parameters (N,).");
+    using Curve = JointCurve;
+    bind_result<Curve>(
+        module, "JointCurve",
+        "A joint curve along a route: a spline with q (k, n) and slopes (k, n), and why it stops. By pose: the pose at "
+        "`at` cannot be solved from the configuration `before`; the closest one is `reached`. By deviation: because of the "
+        "deviation there, or because it may leave the limits by `outside` (n,).",
+        "knots", &Curve::knots, "deviation", &Curve::deviation, "rotation_deviation", &Curve::rotation_deviation, "at",
+        &Curve::at, "before", &Curve::before, "reached", &Curve::reached, "deviation_there", &Curve::deviation_there,
+        "rotation_deviation_there", &Curve::rotation_deviation_there, "outside", &Curve::outside,
+        "q", [](const Curve& self) { return rows_of(self.q, self.q.size() / self.knots.size()); },
+        "slopes", [](const Curve& self) { return rows_of(self.slopes, self.q.size() / self.knots.size()); },
+        "stopped_by_pose", [](const Curve& self) { return self.stop == RouteStop::kPose; },
+        "stopped_by_deviation", [](const Curve& self) { return self.stop == RouteStop::kDeviation; });
     nb::class_<RouteFollower>(module, "RouteFollower", "Follows routes with a joint curve on one IK branch.")
         .def(nb::new_([](const Chain& chain, const Vector& lower, const Vector& upper, const Vector& tracked_lower,
                          const Vector& tracked_upper, const Task& task, double max_joint_step, double deviation,
@@ -104,7 +97,8 @@ void bind_routes(nb::module_& module) {
                  const auto list = [&](const char* name, const Vector& limits) {
                      return list_of(shaped(name, limits, {chain.dof}));
                  };
-                 TrackingTask tracking{chain, list("tracked_lower", tracked_lower), list("tracked_upper", tracked_upper),
+                 TrackingTask tracking{chain, list("tracked_lower", tracked_lower),
+                                       list("tracked_upper", tracked_upper),
                                        Doubles(chain.dof, positive("max_joint_step", max_joint_step)), task, {}};
                  return RouteFollower(std::move(tracking),
                                       {positive("deviation", deviation),
@@ -112,41 +106,29 @@ void bind_routes(nb::module_& module) {
                                       list("lower", lower), list("upper", upper));
              }), nb::kw_only(), "chain"_a, "lower"_a, "upper"_a, "tracked_lower"_a, "tracked_upper"_a, "task"_a,
              "max_joint_step"_a, "deviation"_a, "rotation_deviation"_a)
-        .def(
-            "follow",
-            [](const RouteFollower& self, const Route& route, const Vector& knots, const Vector& first) {
+        .def("follow", [](const RouteFollower& self, const Route& route, const Vector& knots, const Vector& first) {
                 const auto start = finite("first", first, {self.dof()});
                 if (const std::size_t joint = self.outside(start); joint < self.dof())
                     refuse("first is outside the limits of joint " + std::to_string(joint));
                 Doubles parameters = list_of(knots_of(knots));
                 nb::gil_scoped_release release;
                 return self.follow(route, std::move(parameters), list_of(start));
-            },
-            "route"_a, "knots"_a, "first"_a)
+            }, "route"_a, "knots"_a, "first"_a)
         .def(
             "deviations",
             [](const RouteFollower& self, const Route& route, const Vector& knots, const Stack& control) {
                 const auto parameters = knots_of(knots);
                 const auto numbers = shaped("control", control, {knots.shape(0) - 1, 4, self.dof()});
                 const auto deviations = self.deviations(route, parameters, numbers);
-                return filled<double>({deviations.size(), 2}, [&](double* out) {
-                    for (const RouteDeviation& piece : deviations) {
-                        *out++ = piece.position;
-                        *out++ = piece.orientation;
-                    }
-                });
-            },
-            "route"_a, "knots"_a, "control"_a,
+                return table(deviations, &RouteDeviation::position, &RouteDeviation::orientation);
+            }, "route"_a, "knots"_a, "control"_a,
             "(k, 2) upper bounds (m, rad) of the deviation on each piece of a cubic curve.");
-    module.def(
-        "spline_slopes",
-        [](const Vector& knots, const Matrix& points) {
+    module.def("spline_slopes", [](const Vector& knots, const Matrix& points) {
             const std::size_t n = points.shape(1);
             const auto parameters = knots_of(knots);
             const auto numbers = shaped("points", points, {parameters.size(), kSome});
             return rows_of(spline_slopes(parameters, numbers, n), n);
-        },
-        "knots"_a, "points"_a, "(k, n) the slopes of the cubic spline through points (k, n).");
+        }, "knots"_a, "points"_a, "(k, n) the slopes of the cubic spline through points (k, n).");
 }
 
 }  // namespace
@@ -154,12 +136,12 @@ void bind_routes(nb::module_& module) {
 void bind_tracking(nb::module_& module) {
     bind_routes(module);
     nb::class_<OwningTracker>(module, "Tracker", "Tracks poses cycle by cycle within position and speed limits.")
-        .def(nb::init<const Chain&, const Vector&, const Vector&, const Vector&, const Task&, const std::optional<Goal>&,
-                      const Vector&>(),
+        .def(nb::init<const Chain&, const Vector&, const Vector&, const Vector&, const Task&,
+                      const std::optional<Goal>&, const Vector&>(),
              "chain"_a, "lower"_a, "upper"_a, "speed"_a, "task"_a, "goal"_a.none(), "q0"_a)
         .def("track", &OwningTracker::track, "poses"_a, "durations"_a,
              "The next configurations (N, n) for poses (N, 4, 4) in cycles of these durations (N,) in seconds.")
-        .def_prop_ro("q", [](const OwningTracker& self) { return array_of(self.q()); }, "(n,) the current configuration.");
+        .def_prop_ro("q", [](const OwningTracker& self) { return array_of(self.q()); }, "(n,) the present one.");
     module.def("box_step", &box_step, "a"_a, "pull"_a, "shift"_a, "lower"_a, "upper"_a,
                "The bounded step, which joints are at a bound (-1 or 1), and the gain.");
 }

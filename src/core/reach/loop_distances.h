@@ -36,8 +36,6 @@ struct Arc {
     Vec3 start, end;
     std::vector<int> joints;
     int joints_before_target = -1;  // the target is passed after this many of the joints; -1: not passed
-
-    bool passes_target() const { return joints_before_target >= 0; }
 };
 
 // The distance between the ends of both arcs is equal, up to `error`.

@@ -83,7 +83,6 @@ class ReachProver {
     };
     struct Range {
         double lower, upper;
-        bool empty() const { return !(lower <= upper); }
     };
     struct ArcBalls;
 

@@ -176,7 +176,23 @@ class Proof:
         for k, (a, b, reason) in enumerate(rows_of_names(document, "", "excluded")):
             self.excluded.append((a, b, text({"reason": reason}, f"excluded[{k}]", "reason")))
             self._check_owners((a, b), f"excluded[{k}]")
-        self._read_settings(member(document, "", "settings"))
+        # Margins and tolerances; a pair of owners has at most one margin of its own.
+        settings = member(document, "", "settings")
+        check_fields(settings, "settings", ("margin", "margins", "joint_tolerance", "obstacle_tolerance"))
+        self.tolerance = numbers(settings, "settings", "joint_tolerance", (self.curve.dof,))
+        self.obstacle_tolerance = number(settings, "settings", "obstacle_tolerance")
+        self.margin = number(settings, "settings", "margin")
+        self.margins: list[tuple[str, str, float]] = []
+        self._margin_of: dict[frozenset[str], float] = {}
+        for k, row in enumerate(rows_of_names(settings, "settings", "margins")):
+            where, owners = f"settings.margins[{k}]", frozenset(row[:2])
+            self._check_owners(row, where)
+            if owners in self._margin_of:
+                raise Refused(f"{where}: {row[0]} and {row[1]} have a margin already")
+            self._margin_of[owners] = number({"margin": row[2]}, where, "margin")
+            self.margins.append((row[0], row[1], self._margin_of[owners]))
+        if min([*self._margin_of.values(), *self.tolerance, self.obstacle_tolerance, self.margin]) < 0:
+            raise Refused("settings: margins and tolerances must be 0 or more")
         self.pairs = items(document, "", "pairs")
         self.intervals = numbers(document, "", "intervals", (None, 2), LARGEST_PARAMETER)
         self._check_intervals(self.intervals, "intervals")
@@ -197,23 +213,6 @@ class Proof:
             raise Refused("limits: lower must not exceed upper, and velocity and acceleration must be above 0")
         ranges = ((lower, upper), (-velocity, velocity), (-acceleration, acceleration))
         return dict(zip(("position", "velocity", "acceleration"), ranges, strict=True))
-
-    def _read_settings(self, settings: Any) -> None:
-        check_fields(settings, "settings", ("margin", "margins", "joint_tolerance", "obstacle_tolerance"))
-        self.tolerance = numbers(settings, "settings", "joint_tolerance", (self.curve.dof,))
-        self.obstacle_tolerance = number(settings, "settings", "obstacle_tolerance")
-        self.margin = number(settings, "settings", "margin")
-        self.margins: list[tuple[str, str, float]] = []
-        self._margin_of: dict[frozenset[str], float] = {}
-        for k, row in enumerate(rows_of_names(settings, "settings", "margins")):
-            where, owners = f"settings.margins[{k}]", frozenset(row[:2])
-            self._check_owners(row, where)
-            if owners in self._margin_of:
-                raise Refused(f"{where}: {row[0]} and {row[1]} have a margin already")
-            self._margin_of[owners] = number({"margin": row[2]}, where, "margin")
-            self.margins.append((row[0], row[1], self._margin_of[owners]))
-        if min([*self._margin_of.values(), *self.tolerance, self.obstacle_tolerance, self.margin]) < 0:
-            raise Refused("settings: margins and tolerances must be 0 or more")
 
     def _check_owners(self, row: Sequence[str], where: str) -> None:
         unknown = [name for name in row[:2] if name not in self._owners]

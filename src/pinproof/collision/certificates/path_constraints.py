@@ -119,6 +119,7 @@ class Within:
         tolerance = float(finite("Within.tolerance", [self.tolerance], (1,))[0])
         if not tolerance >= SMALLEST:
             raise InputError(f"Within.tolerance = {tolerance} m; it must be at least {SMALLEST:g} m")
+        # Sides may be 0 or infinite, but a lower end must not exceed the upper one.
         low, high = (np.array(side, dtype=float) for side in (self.low, self.high))
         if low.shape != (3,) or high.shape != (3,) or not (low <= high).all():
             raise InputError(f"Within: low {self.low} and high {self.high} must be 3 numbers (m), low at most high")

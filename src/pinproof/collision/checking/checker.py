@@ -205,6 +205,7 @@ class CollisionChecker(CheckedBodies, Shown):
         self._spec = spec
         self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, spec.link_meshes))
         self._rules = PairRules(Overlaps(arm.robot, self._link_bodies), spec.housing, spec.trust_disabled)
+        # Levels of detail: several hulls for unexplained pairs, what overlaps require, and what is stated.
         unexplained = () if spec.trust_disabled else unexplained_pairs(arm.robot)
         self._levels: Levels = {
             **dict.fromkeys(unexplained, DECOMPOSED),
@@ -261,6 +262,7 @@ class CollisionChecker(CheckedBodies, Shown):
         many = finite("Q", Q, (None, self.group.dof))
         if self.still.touching:
             return np.zeros(len(many), dtype=bool)
+        # The core judges all rows; those that it leaves to coal follow one by one.
         left = self._batch(lambda part: self.workspace.judge_many(part), many, threads)
         free = left == 0
         for i in np.flatnonzero(left > 0):

@@ -560,6 +560,7 @@ def sample_overlaps(robot: Robot, *, samples: int = 1000) -> OverlapReport:
     links = list(dict.fromkeys(geometry.link for geometry in robot.urdf.collisions))
     bodies = LinkBodies(robot.urdf.collisions, dict.fromkeys(robot.urdf.links, "hull"))
     overlaps = Overlaps(robot, bodies, samples, samples)
+    # What the SRDF states of each pair, beside how often it touches.
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.urdf.joints.values()}
     disabled = {frozenset(pair.links): pair.reason or "without a reason" for pair in robot.srdf.disabled}
     pairs = []

@@ -154,6 +154,7 @@ class PlacedBodies:
         lower, upper, points, normal = self._core.measure(k)
         if lower > 0:
             return Distance(lower, lower, upper, points, normal)
+        # Bodies that the core does not prove apart are measured by coal, which knows depths.
         i, j = self._checker.pairs[k]
         bodies, place = self._checker.bodies, self.root_from_body
         if self._convex is None:

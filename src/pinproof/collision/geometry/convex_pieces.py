@@ -135,6 +135,7 @@ def _merged_hulls(hulls: list[PointHull], pieces: int) -> list[PointHull]:
             if (i, j) not in both:
                 hull = PointHull(np.concatenate([alive[i].points, alive[j].points]))
                 both[i, j] = hull.volume - alive[i].volume - alive[j].volume, hull
+        # The two hulls that add the least volume when they are joined.
         i, j = min(near or pairs, key=lambda pair: both[pair][0])
         more, hull = both[i, j]
         if more > idle and len(alive) <= pieces:
@@ -258,6 +259,7 @@ def split_triangles(corners: Array, plane: Array, snap: float) -> tuple[Array, A
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         up = normals @ plane[:3] > 0  # outward normal up: the material is below
         below, above = below & ~(inside_plane & ~up), above & ~(inside_plane & up)
+    # Triangles on one side are kept whole, and the others are cut.
     lower, upper = corners[below & (~above | inside_plane)], corners[above & (~below | inside_plane)]
     cut_lower, cut_upper = cut_crossing(corners, h)
     return _different_corners(np.concatenate([lower, cut_lower])), _different_corners(
@@ -397,6 +399,7 @@ def _cells(given: Sequence[_ConvexCell], most: int, tolerance: float) -> list[tu
         if len(queue) + len(done) + 1 >= most:
             done += [cell, *(other for _, _, other in queue)]
             break
+        # A half without surface and without filled corners is empty space.
         for half in cell.best_cut():
             if not half.empty:
                 number += 1
@@ -486,6 +489,7 @@ class _ConvexCell:
     def best_cut(self) -> tuple[_ConvexCell, _ConvexCell]:
         """Return the two halves of the cut with the smallest remaining cost."""
         best: tuple[float, tuple[_ConvexCell, _ConvexCell]] | None = None
+        # Planes through the faces with the longest reflex edges are tried; without one, middles.
         for plane in self.reflex_planes()[:PLANES_TRIED] or self._middles():
             halves = self._cut(plane)
             if any(half.hull.volume >= self.hull.volume * (1 - 1e-9) for half in halves):

@@ -244,6 +244,7 @@ class DepthView:
                 f"the image has {width} x {height} pixels, the intrinsics are for {camera.width} x {camera.height}; "
                 "Intrinsics.scaled() converts them if the whole view was scaled"
             )
+        # Depths in metres, and how far off each may be.
         depth = _metres(raw, depth_scale)
         try:
             error = np.array(depth_uncertainty, dtype=float)

@@ -230,6 +230,7 @@ class Solid:
         points, index = np.unique(self.vertices, axis=0, return_inverse=True)
         faces = index.reshape(-1)[self.triangles]
         faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+        # Parts are connected over edges between two triangles, and closed if all edges are.
         edges = _HullEdges.of(faces, len(points))
         parts = edges.parts(len(faces))
         closed = not self.hollow and edges.closed(parts)

@@ -249,6 +249,7 @@ class OccupancyGrid(ByContent):
                 f"every measured surface is within {float(view.depth.max()):.3g} m of the camera: it is covered or "
                 "inside an obstacle"
             )
+        # The core carves the cells that the image proves free.
         cells = np.empty(count, dtype=np.uint8)
         intrinsics = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         carve(cells, low, side, matrix(camera_from_root), intrinsics, view.nearest, view.farthest, pixel_margin)
@@ -274,6 +275,7 @@ class OccupancyGrid(ByContent):
             f"depth image of {camera.width} x {camera.height} pixels from ({place}): {free} cells free; depths are "
             f"trusted to {trusted}, bodies that the camera does not measure are not covered"
         )
+        # Cells in a removed body hold nothing else where the view looks through it.
         grid = cls(cells, side, tuple(low.tolist()), unknown, (sentence, *view.record))
         for part in view.removed:
             grid = grid.cleared(part.pieces, 0.0, f"in {part.name}")
@@ -451,6 +453,7 @@ def _lattice(
     # A bound at a multiple of the side, up to rounding, adds no cell.
     low = np.floor(box[0] / side + 1e-9).astype(np.int64)
     nx, ny, nz = (np.ceil(box[1] / side - 1e-9).astype(np.int64) - low).clip(min=1).tolist()
+    # A grid that would not fit into memory is refused before it is made.
     if nx * ny * nz > MOST_CELLS:
         least = float((np.prod(box[1] - box[0]) / MOST_CELLS) ** (1 / 3))
         remedy = "state smaller bounds" if source else f"use {least:.2g} m or more, or smaller bounds"

@@ -9,8 +9,21 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
-from pinproof import Box, CollisionChecker, InputError, Obstacle, Scene, Sphere, UnknownNameError, load_robot, pose
+from pinproof import (
+    Box,
+    CollisionChecker,
+    InputError,
+    Mesh,
+    Obstacle,
+    Scene,
+    Sphere,
+    UnknownNameError,
+    certify,
+    load_robot,
+    pose,
+)
 from pinproof.collision.checking.placed_bodies import GJK_SLACK
 
 
@@ -355,3 +368,17 @@ def test_a_pair_is_begun_where_its_bodies_are_apart_and_not_where_they_were_last
     np.testing.assert_allclose(space.root_from_body(i)[:3, :3] @ begin[k], space.measure(k).normal, atol=1e-9)
     begun = [any(row) for row in begin]
     assert 0 < sum(begun) < len(checker.pairs)
+
+
+@pytest.mark.parametrize("hull", [False, True])
+def test_a_certificate_observes_the_distance_of_bodies_that_no_joint_moves(arm_from_links, mesh_file, path, hull):
+    arm = arm_from_links(
+        {"root": '<box size="0.1 0.1 0.1"/>', "ball": '<sphere radius="0.01"/>@0 5 0'},
+        [("slide", "prismatic", "root", "ball", "0 0 0", "1 0 0")],
+    ).arm(tcp="ball")
+    post = Mesh(mesh_file(trimesh.creation.box((0.1, 0.1, 0.1))), hull=hull)
+    checker = CollisionChecker(arm, Scene([Obstacle("post", post, pose((0.15, 0, 0)))]))
+    certificate = certify(path(arm, [0.0], [0.2]), checker)
+    assert certificate.free
+    assert 0.0499 < certificate.clearance <= certificate.observed == pytest.approx(0.05, abs=1e-5)
+    assert checker.clearance([0.0]) == pytest.approx(0.05, abs=1e-5)

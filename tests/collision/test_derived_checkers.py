@@ -52,6 +52,25 @@ def test_a_derived_checker_equals_a_new_one(ur5):
     same(pickle.loads(pickle.dumps(checker)).with_attached(TOOL), checker.with_attached(TOOL), ur5)
 
 
+def test_another_scene_keeps_what_is_stated_of_attached_objects(ur5):
+    """Margins and allowed contacts of both objects are kept, those of a removed obstacle are dropped."""
+    grip = Obstacle("grip", Box(0.02, 0.02, 0.02), pose((0, 0, 0.02)))
+    stated = {
+        "attached": [grip, TOOL],
+        "allowed": [("grip", "table"), ("forearm_link", "tool")],
+        "margins": {("tool", "table"): 0.02, ("grip", "upper_arm_link"): 0.01},
+    }
+    of_ball = {"allowed": [("tool", "ball")], "margins": {("grip", "ball"): 0.03}}
+    checker = CollisionChecker(
+        ur5,
+        Scene([BALL, TABLE]),
+        attached=stated["attached"],
+        allowed=[*stated["allowed"], *of_ball["allowed"]],
+        margins=stated["margins"] | of_ball["margins"],
+    )
+    same(checker.with_scene(Scene([TABLE])), CollisionChecker(ur5, Scene([TABLE]), **stated), ur5)
+
+
 def test_a_checker_with_held_joints_equals_that_of_the_arm_with_these():
     arm = load_robot("panda").arm()
     checker, held = CollisionChecker(arm, Scene([BALL])), {"panda_finger_joint1": 0.03}

@@ -555,6 +555,17 @@ def test_directions_to_facets_are_the_normals_of_floor_and_wall(gantry, finely, 
     assert directions(0, 0.01) == set()
 
 
+@pytest.mark.parametrize("sink", [0.0, 0.0005])
+def test_a_ball_between_two_edges_leaves_each_in_its_own_direction(gantry, sink):
+    """A ball rests on the edges of two bars, farther below their upper sides than a contact may be deep."""
+    bars = [trimesh.creation.box((0.1, 1.0, 0.1)).apply_translation((x, 0, -0.05)) for x in (-0.08, 0.08)]
+    both = trimesh.util.concatenate(bars)
+    support = Obstacle("table", Mesh.from_arrays(np.asarray(both.vertices), np.asarray(both.faces), hull=False))
+    ball = Obstacle("part", Sphere(0.05), pose((0, 0, 0.04)))
+    assert verdict(gantry, [0, 0, 0], [0, 0.1, 0], sink=sink, support=support, part=ball).status is FREE
+    assert verdict(gantry, [0, 0, 0], [0.03, 0.015, 0], sink=sink, support=support, part=ball).status is not FREE
+
+
 def test_a_part_whose_hull_contains_its_support_is_undecided(gantry):
     """A hook on a block: proven of its hull, which overlaps the block, and so not proven."""
     bar = trimesh.creation.box((0.2, 0.1, 0.03)).apply_translation((0, 0, 0.115))

@@ -211,6 +211,13 @@ def test_the_bounds_of_a_body_contain_it(kind):
             assert (held @ u).max() <= body.support.reach(u) + 1e-12
 
 
+def test_numbers_of_a_support_function_cannot_be_changed():
+    for shape, _ in KINDS.values():
+        for body in shape_bodies("thing", None, shape, HERE):
+            if (support := body.support) is not None:
+                assert not any(each.flags.writeable for each in (support.points, support.disc_radii, support.semi_axes))
+
+
 @given(
     st.tuples(*[st.floats(1e-3, 2)] * 3), st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda u: np.linalg.norm(u) > 0.1)
 )

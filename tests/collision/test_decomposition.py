@@ -84,6 +84,28 @@ def test_a_concave_mesh_is_covered_closely(name, most):
     assert mesh.convex_hull.volume > 1.5 * mesh.volume
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_plates_at_an_angle_are_covered_closely(axis):
+    """The plane between them is not in the middle of the mesh."""
+    sizes, places = [(0.5, 0.3, 0.04), (0.03, 0.3, 0.2)], [(0.25, 0, 0.02), (0.015, 0, 0.14)]
+    plates = [
+        trimesh.creation.box(np.roll(s, axis)).apply_translation(np.roll(p, axis))
+        for s, p in zip(sizes, places, strict=True)
+    ]
+    mesh = trimesh.boolean.union(plates, engine="manifold")
+    parts = cover(mesh)
+    assert 1 < len(parts) <= PIECES
+    assert mesh.volume * (1 - 1e-9) <= sum(Hull(part).volume for part in parts) <= 1.15 * mesh.volume
+    assert held(np.asarray(mesh.vertices), parts).all()
+
+
+def test_balls_far_apart_are_covered_by_at_least_one_hull_each():
+    mesh = trimesh.util.concatenate([trimesh.creation.icosphere(1, 0.1).apply_translation((x, 0, 0)) for x in (0, 1)])
+    parts = cover(mesh)
+    assert mesh.volume * (1 - 1e-9) <= sum(Hull(part).volume for part in parts) <= 1.05 * mesh.volume
+    assert held(np.asarray(mesh.vertices), parts).all()
+
+
 def test_a_convex_mesh_remains_one_body():
     for mesh in (SHAPES["box"](), trimesh.creation.icosphere(2, 0.1)):
         assert len(cover(mesh)) == 1

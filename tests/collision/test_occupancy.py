@@ -172,21 +172,40 @@ def test_pixels_without_a_measurement_prove_nothing():
     assert 0 < torn.counts[0] < whole.counts[0]
 
 
-@pytest.mark.parametrize("mark", ["masked", 65535, 65535.0, 2**31 - 1, 1e30])
+@pytest.mark.parametrize("mark", ["masked", 65535, 65535.0, np.int32(65535), 2**31 - 1, 1e30])
 def test_marks_of_pixels_without_a_measurement_prove_nothing(mark):
     image = np.round(depth_image(CAMERA, ABOVE, [TABLE]) * 1000)
     hole = np.zeros(image.shape, dtype=bool)
     hole[50:70, 70:90] = True
     nothing, marked = np.where(hole, 0, image), np.ma.masked_array(image, mask=hole)
     if mark != "masked":
-        marked = np.where(hole, mark, image).astype(
-            float if isinstance(mark, float) else np.uint16 if mark < 2**16 else np.int32
-        )
+        kind = np.uint16 if isinstance(mark, int) and mark < 2**16 else np.int32
+        marked = np.where(hole, mark, image).astype(float if isinstance(mark, float) else kind)
     made = [
         OccupancyGrid.from_depth(each, CAMERA, ABOVE, voxel=0.02, bounds=BOUNDS, depth_scale=0.001)
         for each in (nothing, marked)
     ]
     np.testing.assert_array_equal(made[0].cells, made[1].cells)
+
+
+def test_a_float_image_of_far_surfaces_is_in_metres_unless_all_depths_are_whole_numbers():
+    depths = np.full((CAMERA.height, CAMERA.width), 20.25)
+    depths[:60] = 20.0
+    assert (DepthView.read(depths, CAMERA, ABOVE).depth == depths).all()
+    with pytest.raises(InputError, match=r"depth_scale=0\.001"):
+        DepthView.read(np.round(depths), CAMERA, ABOVE)
+
+
+def test_points_behind_the_camera_are_beside_its_image():
+    rng = np.random.default_rng(0)
+    front = np.column_stack([rng.uniform(-0.3, 0.3, (500, 2)), rng.uniform(0.8, 1.2, 500)])
+    behind = np.array([[0.0, 0.0, -1.0], [1e-3, 0.0, -0.5], [0.0, 0.0, 0.005]])
+    eye = look_at(np.array([0.2, 0.1, 0.9]), np.array([0.5, 0.0, 0.0]))
+    clouds = [cloud @ eye[:3, :3].T + eye[:3, 3] for cloud in (front, np.concatenate([front, behind]))]
+    one, both = (DepthView.from_points(cloud, CAMERA, eye) for cloud in clouds)
+    for name in ("depth", "nearest", "farthest"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(both, name))
+    assert len(both.beside) == len(one.beside) + 3
 
 
 def test_a_grid_without_an_occupied_cell_is_no_obstacle_and_is_noted():

@@ -174,6 +174,10 @@ obstacles:
     path.write_text(text.format(source="points: cloud.ply"), encoding="utf-8")
     (obstacle,) = Scene.load(path).obstacles
     assert (obstacle.shape.cells == SEEN).any()
+    np.save(tmp_path / "image.npy", np.round(IMAGE * 1e3).astype(np.uint16))
+    source = "image: image.npy\n          depth_scale: 0.001"
+    path.write_text(text.format(source=source), encoding="utf-8")
+    assert (Scene.load(path).obstacles[0].shape.cells == SEEN).any()
     for wrong in ("points: none.ply", "{image: cloud.ply, points: cloud.ply}", "depth_scale: 1.0"):
         source = wrong.strip("{}").replace(", ", "\n          ")
         path.write_text(text.format(source=source), encoding="utf-8")
@@ -191,6 +195,13 @@ def test_half_floats_in_millimetres_are_converted_without_rounding():
     settings = {**SETTINGS, "depth_scale": 0.001, "depth_uncertainty": 0.0}
     grid = OccupancyGrid.from_depth(millimetres, CAMERA, ABOVE, **settings)
     np.testing.assert_array_equal(grid.cells, OccupancyGrid.from_depth(exact, CAMERA, ABOVE, **settings).cells)
+
+
+@pytest.mark.parametrize("columns", [2, 4])
+def test_a_file_of_points_has_three_columns(tmp_path, columns):
+    np.save(tmp_path / "cloud.npy", np.zeros((5, columns)))
+    with pytest.raises(FileError, match=r"points \(N, 3\)"):
+        read_points(tmp_path / "cloud.npy")
 
 
 def test_masked_points_are_no_measurements():

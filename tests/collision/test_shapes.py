@@ -73,7 +73,9 @@ def test_an_invalid_size_is_refused(value):
         (lambda: ConvexHull([*TETRAHEDRON, [0, 0, 1e6]]), "10000 m"),
         (lambda: PointCloud(np.empty((0, 3)), 0.1), "empty"),
         (lambda: PointCloud([[0, 0]], 0.1), "shape"),
-        (lambda: PointCloud([[4.0, 0, 0]], 1e-6), "cells of 3.8e-06 m or more"),
+        (lambda: PointCloud([[4.0, 0, 0]], 1e-6), "4 m from the origin need cells of 3.8e-06 m or more"),
+        (lambda: PointCloud([[-4.0, 0, 0]], 1e-6), "4 m from the origin need cells of 3.8e-06 m or more"),
+        (lambda: ConvexHull([*TETRAHEDRON, [0, 0, -1e6]]), "10000 m"),
         (lambda: HeightMap([[0, 0]], 1, 1), "2 rows"),
         (lambda: HeightMap([[0, 0], [0, 1]], 1, 1, 0.0), "below the lowest point"),
         (lambda: HeightMap([[0, 0], [0, np.inf]], 1, 1), "inf"),
@@ -85,6 +87,8 @@ def test_an_invalid_size_is_refused(value):
         (lambda: Mesh("part.stl", hull=True, hollow=True), "not both"),
         (lambda: Mesh("part.stl", vertices=TETRAHEDRON, triangles=OUTWARD), "not both"),
         (lambda: Mesh(None), "needs a path, or vertices"),
+        (lambda: Mesh(None, vertices=TETRAHEDRON), "needs a path, or vertices"),
+        (lambda: Mesh(None, triangles=OUTWARD), "needs a path, or vertices"),
         (lambda: Obstacle("thing", "box"), "HalfSpace"),
     ],
 )
@@ -133,3 +137,14 @@ def test_a_factor_of_a_mesh_is_finite_and_not_zero(scale):
 def test_a_mesh_of_arrays_has_no_scale():
     with pytest.raises(InputError, match="scale"):
         Mesh(None, 2.0, vertices=np.eye(4, 3), triangles=[[0, 1, 2]])
+
+
+def test_any_of_many_numbers_distinguishes_shapes():
+    """NumPy leaves the middle of large arrays out of its texts."""
+    points = np.random.default_rng(0).uniform(-1, 1, (2000, 3))
+    moved = points.copy()
+    moved[1000, 1] += 1e-6
+    one, same, other = (ConvexHull(each) for each in (points, points.copy(), moved))
+    assert (one, hash(one), repr(one)) == (same, hash(same), repr(same))
+    assert one != other
+    assert repr(one) != repr(other)

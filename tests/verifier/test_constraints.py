@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision.certificates.proof_file import proof_document
+from pinproof.collision.certificates.proof_file import constraint_of, proof_document
 from pinproof.motion import CubicPath
-from pinproof.verifier import verify
+from pinproof.verifier import Proof, verify
+
+from .conftest import joint, link
 
 WAYPOINTS = np.array([[-0.6, 0.0, 0.0], [0.3, 0.15, 0.8], [0.5, 0.05, 1.2]])
 
@@ -114,3 +116,56 @@ def test_an_angle_of_a_right_angle_or_more_is_refused(document):
     forged = copy.deepcopy(document)
     forged["constraints"][0].update(tolerance=1.6, largest=1.6)
     assert not verify(forged).ok
+
+
+@pytest.fixture(scope="module", params=["tip", "slide"])
+def offset(request):
+    """Joints of both kinds, the last link of which carries a tcp at a distance, and a path with long travel.
+
+    In the second case only a prismatic joint moves, so that no error of others adds to the bounds.
+    """
+    parts = [
+        *(link(name) for name in ("base", "bar", "slide", "hand", "finger", "tip")),
+        joint("turn", "revolute", "base", "bar", "0 0 0.3", "0 0 1"),
+        joint("out", "prismatic", "bar", "slide", "0.4 0 0", "1 0 0"),
+        joint("twist", "revolute", "slide", "hand", "0.3 0 0.2", "0 0.6 0.8"),
+        joint("grip", "prismatic", "hand", "finger", "0.2 0 0", "0 0 1", '<mimic joint="out" multiplier="-0.5"/>'),
+        (
+            '<joint name="end" type="fixed"><parent link="finger"/><child link="tip"/>'
+            '<origin xyz="0.1 0.25 0.2" rpy="0.4 -0.3 0.2"/></joint>'
+        ),
+    ]
+    arm = pp.load_robot(f'<robot name="offset">{"".join(parts)}</robot>').arm(tcp=request.param)
+    points = np.array([[-0.6, 0.0, 0.0], [0.3, 2.5, 0.8], [0.3, -1.0, 0.8], [1.4, -1.0, 2.8]])
+    if request.param == "slide":
+        points = points[:, :2] * [0.0, 1.0]
+    path = pp.JointPath(points, arm.joint_names)
+    checker = pp.CollisionChecker(arm)
+    return arm, path, proof_document(pp.certify(path, checker, record=True).or_raise(), path, checker)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_no_sampled_error_exceeds_the_bound_of_the_verifier(offset, seed):
+    """Random constraints on random intervals, also across waypoints; on short intervals the bound is close."""
+    arm, path, document = offset
+    rng = np.random.default_rng(seed)
+    at = arm.forward_kinematics(path(rng.uniform(0, 3)))
+    point = rng.normal(scale=0.1, size=3)
+    constraints = [
+        pp.Upright(tolerance=1.5, axis_in_tcp=rng.normal(size=3), up=rng.normal(size=3)),
+        pp.collision.LookAt(point=at.act(rng.normal(size=3)), tolerance=1.5, axis_in_tcp=rng.normal(size=3)),
+        pp.Within.plane(at.translation, rng.normal(size=3), tolerance=9.0, point_in_tcp=point),
+        pp.Within.line(at.translation, (1, 0, 0), tolerance=9.0, point_in_tcp=point),
+        pp.Within.box(pp.pose(at.translation, rng.normal(size=3)), rng.uniform(0, 0.1, 3), tolerance=9.0),
+    ]
+    rows = [{**constraint_of(arm, each), "largest": each.tolerance, "intervals": []} for each in constraints]
+    proof = Proof({**document, "constraints": rows})
+    start = rng.uniform(0, 2.99, 40)
+    spans = np.column_stack([start, np.minimum(start + 10 ** rng.uniform(-4, 0.3, 40), 3.0)])
+    short = np.ptp(spans, axis=1) < 1e-3
+    for constraint, stated in zip(constraints, proof.constraints, strict=True):
+        bounds = proof.errors_of(stated, spans)
+        sampled = np.array([max(constraint.error(arm, q) for q in path(np.linspace(*span, 25))) for span in spans])
+        assert (sampled <= bounds + 1e-12).all()
+        close = short & (sampled < 1.2)  # angles at or beyond a right angle have no bound
+        assert (bounds[close] <= sampled[close] + 0.01).all()

@@ -314,6 +314,19 @@ def test_a_linear_move_whose_joint_values_are_not_known_is_undecided(line: Cell)
         assert re.search(words, certificate.message)
 
 
+def test_a_linear_move_takes_the_time_of_the_motion_or_longer_if_a_joint_needs_it(line: Cell) -> None:
+    checker, motion = line
+    motion = motion.slowed(4.0)
+    program, certificate = export_program(motion, checker, "urscript", linear=True)
+    assert certificate.free
+    (move,) = [step for step in program.moves if isinstance(step, LinearMove)]
+    before = program.moves[program.moves.index(move) - 1].q
+    trace = trace_line(checker.arm, before, checker.arm.forward_kinematics(move.q))
+    rates = np.abs(np.diff(trace.path.q, axis=0)).max(axis=0) * (len(trace.path.q) - 1) / checker.arm.limits.velocity
+    times = motion.times[np.abs(motion(motion.times) - before).max(axis=1).argmin() :]
+    assert move.duration == pytest.approx(max(times[-1] - times[0], rates.max()), abs=1e-2)
+
+
 def test_a_linear_move_begins_at_the_last_set_point(line: Cell) -> None:
     checker, motion = line
     arm = checker.arm

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import json
 import math
 import os
 import runpy
+import struct
 import sys
 from itertools import pairwise
 
@@ -198,3 +200,48 @@ def test_the_module_is_a_command(tmp_path, proof, monkeypatch, capsys) -> None:
             runpy.run_module("pinproof.verifier", run_name="__main__")
         assert ended.value.code == code
         assert bool(capsys.readouterr().out) is (code == 0)
+
+
+def test_hashes_are_those_of_the_description_of_the_format(proof) -> None:
+    """docs/formats/proof.md: numbers as little-endian doubles in a stated order, texts as UTF-8."""
+
+    def doubles(*values: object) -> bytes:
+        flat = [number for value in values for number in np.ravel(value).tolist()]
+        return struct.pack(f"<{len(flat)}d", *flat)
+
+    kinds = set()
+    for row in proof["bodies"]:
+        data, shape = doubles(row["joint"], row["placement"]), row["shape"]
+        if isinstance(shape, dict):
+            data += doubles(shape["points"], shape["disc_radii"], shape["radius"], shape["semi_axes"])
+        elif shape is not None:
+            data += shape.encode()
+        assert row["sha256"] == hashlib.sha256(data).hexdigest()
+        kinds.add(type(shape))
+    assert len(kinds) > 1
+    names, control = tuple(proof["curve"]["joint_names"]), np.array(proof["curve"]["control"])
+    text = repr((names, control.shape)).encode()
+    expected = hashlib.sha256(text + doubles(proof["curve"]["knots"], control)).hexdigest()
+    assert proof["hashes"]["curve"] == expected
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("joint", range(2))
+def test_a_limit_on_one_side_of_one_joint_is_checked(joint: int, side: int) -> None:
+    control = np.zeros((1, 3, 2))
+    control[0, :, joint] = [0.0, 1.0, 0.5] if side else [0.0, -1.0, -0.5]
+    curve = Curve({"joint_names": ["a", "b"], "knots": [0.0, 1.0], "control": control.tolist()})
+    for room, kept in ((0.7, True), (0.6, False)):  # the curve goes up to 2/3
+        low, high = np.full(2, -np.inf), np.full(2, np.inf)
+        (low, high)[side][joint] = room if side else -room
+        if kept:
+            assert curve.check_limits({"position": (low, high)}) == ("position",)
+        else:
+            with pytest.raises(Refused, match="position"):
+                curve.check_limits({"position": (low, high)})
+
+
+def test_a_refused_document_has_no_figures() -> None:
+    verdict = verify({})
+    assert not verdict.ok
+    assert (verdict.pairs, verdict.intervals, verdict.excluded) == (0, 0, ())

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 import pinproof as pp
 from pinproof.collision.certificates.certificate import body_digest, changes_since, missing_since, notes_of
@@ -163,3 +164,24 @@ def test_notes_name_the_held_joints_and_what_is_not_checked(setup: pp.CollisionC
         many = tuple(pp.Obstacle(name, cloud, pp.pose()) for name in names[:count])
         (note,) = [note for note in notes_of(checker(obstacles=many)) if "point cloud" in note]
         assert note.startswith(", ".join(names[:6]) + (": " if count == 6 else ", ... (7 in all): "))
+
+
+@pytest.mark.parametrize("changed", range(3))
+def test_each_mesh_file_that_changes_after_it_was_read_is_named(arm_from_links, path, tmp_path, changed):
+    """Two meshes of links and one of an obstacle; the hash then matches no setup."""
+    files = [tmp_path / f"part{k}.stl" for k in range(3)]
+    for k, file in enumerate(files):
+        trimesh.creation.box((0.1, 0.1, 0.1 + 0.01 * k)).export(file)
+    arm = arm_from_links(
+        {"root": f'<mesh filename="{files[0]}"/>@0 -3 0', "ball": f'<mesh filename="{files[1]}"/>'},
+        [("slide", "prismatic", "root", "ball", "0 0 0", "1 0 0")],
+    ).arm(tcp="ball")
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("part", pp.Mesh(files[2]), pp.pose((0, 2, 0)))]))
+    curve = path(arm, [0.0], [0.1])
+    before = pp.certify(curve, checker)
+    assert not any("changed" in note for note in before.notes)
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(files[changed])
+    after = pp.certify(curve, checker)
+    assert next(note for note in after.notes if "changed" in note).startswith(f"part{changed}.stl: changed")
+    assert after.setup != before.setup
+    assert not after.matches(curve, arm, checker.scene)

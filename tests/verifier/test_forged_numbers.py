@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pinproof.verifier import Proof, Refused, load, verify
+from pinproof.verifier.reading import shown
 
 from ..processes import PATIENCE
 
@@ -154,6 +155,8 @@ def test_an_integer_beyond_the_limit_is_refused(rehashed, value):
         except OverflowError:
             pytest.fail("the hash does not contain the joints")
         assert "joints[0]" in str(verify(forged))
+    assert shown(value) == f"an integer of {value.bit_length()} bits"
+    assert shown(-value % 1000) == str(-value % 1000)
 
 
 @pytest.mark.parametrize("value", [-(2**63), -(10**400), 2**53 + 1])

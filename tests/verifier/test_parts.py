@@ -245,3 +245,11 @@ def test_a_refused_document_has_no_figures() -> None:
     verdict = verify({})
     assert not verdict.ok
     assert (verdict.pairs, verdict.intervals, verdict.excluded) == (0, 0, ())
+
+
+def test_only_obstacles_may_be_displaced(proof) -> None:
+    checked = Proof(proof)
+    tolerance = proof["settings"]["obstacle_tolerance"]
+    found = {row["kind"]: checked.tolerance_of(j) for j, row in enumerate(proof["bodies"])}
+    assert found == {"link": 0.0, "obstacle": tolerance}
+    assert tolerance > 0.0

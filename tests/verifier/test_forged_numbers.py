@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pinproof.verifier import Proof, Refused, load, verify
-from pinproof.verifier.reading import shown
+from pinproof.verifier.parts import shown
 
 from ..processes import PATIENCE
 

@@ -171,23 +171,22 @@ class Member:
     nominal_from_tip: SE3
     words: str = ""
 
+    @property
+    def head(self) -> str:
+        """The beginning of a reason for this grasp; empty for the nominal one."""
+        return f"{self.words}: " if self.words else ""
+
 
 def family(spin: GraspSpin, tolerance: GraspTolerance, axis: Array) -> Iterator[list[Member]]:
     """The grasps in groups of increasing displacement; the nominal grasp and its rotations are the first group.
 
     ``axis`` (3,) is the unit vector of the spin axis in the tip frame.
     """
-    turns = [(SE3(rotation_about(axis, angle), np.zeros(3)), _spun(angle)) for angle in spin.angles]
+    words_of = {angle: f"spun by {np.degrees(angle):+.0f} deg" if angle else "" for angle in spin.angles}
+    turns = [(SE3(rotation_about(axis, angle), np.zeros(3)), words_of[angle]) for angle in spin.angles]
     for group in tolerance.groups():
-        yield [
-            Member(turn * shift, ", ".join(filter(None, [spun, words])))
-            for words, shift in group
-            for turn, spun in turns
-        ]
-
-
-def _spun(angle: float) -> str:
-    return f"spun by {np.degrees(angle):+.0f} deg" if angle else ""
+        pairs = ((*displaced, *turned) for displaced in group for turned in turns)
+        yield [Member(turn * shift, ", ".join(filter(None, [spun, words]))) for words, shift, turn, spun in pairs]
 
 
 def pose_in_reach(most: float = MOST_REACH) -> Table:

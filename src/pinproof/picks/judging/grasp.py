@@ -33,6 +33,9 @@ from pinproof.spatial import SE3, Array, twist_size
 
 NO_SOLUTION = "no IK solution within the limits reaches"
 
+Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
 
 class Reached(NamedTuple):
     """Configurations q (k, n) at the grasp within the limits, and the index of the grasp of each, ``member`` (k,).
@@ -42,14 +45,14 @@ class Reached(NamedTuple):
     """
 
     q: Array
-    member: npt.NDArray[np.int64]
+    member: Indices
     stages: tuple[StageResult, ...]
     refuted: tuple[str, ...] = ()
 
 
 def reach(task: PickTask, members: list[Member], seed: int) -> Reached:
-    """The configurations at each of the given grasps."""
-    arm, home = task.arm, task.cell.home
+    """The configurations at each of the given grasps; without any, the reason is either the limits or the reach."""
+    arm, home, limits = task.arm, task.cell.home, task.arm.limits
     targets = [task.target(task.grasp(member)) for member in members]
     many = task.targets([task.grasp(member) for member in members])
     row, q = configurations(arm, many, home, seed)
@@ -59,23 +62,53 @@ def reach(task: PickTask, members: list[Member], seed: int) -> Reached:
         nearest = Clik().solve(arm, targets[0], home, rng=seed)
         if nearest.ok:
             row, q = np.zeros(1, dtype=np.int64), np.array([nearest.q])
-    return _reached(task, members, targets, row, q) if len(q) else _not_reached(task, members, targets, seed)
+    if len(q):
+        return _reached(task, members, targets, row, q)
+
+    # Without the limits, are there configurations at any of the grasps?
+    nothing = np.empty((0, arm.dof)), np.empty(0, dtype=np.int64)
+    row, free = configurations(task.cell.wide_arm, many, home, seed)
+    inside = [turned_inside(arm, each) for each in free]
+    complete = every_branch_is_known(task, targets)
+    proven = not complete and proven_unreachable(arm, targets)
+    if not inside:
+        complete = proven or (complete and every_branch_is_known(task, targets, task.cell.wide_arm))
+        starts = "" if task.cell.closed_form else f" (best of {STARTS} starts)"
+        failed = out_of_reach(task, Stage.REACH, targets[0], seed, "out of reach", f"the target{starts}")
+        reasons = (f"{member.head}no IK solution reaches the pose" for member in members if complete)
+        return Reached(*nothing, (failed,), tuple(reasons))
+    by = [float(np.abs(each - limits.clip(each)).sum()) for each in inside]
+    best = int(np.argmin(by))
+    if by[best] == 0.0:  # found by the search only with the wider limits
+        return _reached(task, members, targets, row[[best]], np.array([inside[best]]))
+
+    # Only the limits are in the way: the reason describes the configuration that exceeds them least
+    beyond = np.abs(inside[best] - limits.clip(inside[best]))
+    outside = "; ".join(limits.violations(inside[best], arm.joint_names))
+    outside += f" ({', '.join(f'{arm.joint_names[j]} by {beyond[j]:.3g}' for j in np.flatnonzero(beyond))})"
+    count = {"configurations": float(len(inside))}
+    reached = StageResult(Stage.REACH, True, "reachable if the joint limits are ignored", count)
+    message = f"reachable only outside the joint limits: {outside}"
+    failed = StageResult(Stage.LIMITS, False, message, {"outside": by[best], **count})
+    refuted: tuple[str, ...] = ()
+    if proven:  # the configurations outside the limits are a sample
+        refuted = tuple(f"{member.head}{NO_SOLUTION} the grasp" for member in members)
+    elif complete:
+        violated = ("; ".join(limits.violations(each, arm.joint_names)) for each in inside)
+        refuted = tuple(members[i].head + words for i, words in zip(row, violated, strict=True))
+    return Reached(*nothing, (reached, failed), refuted)
 
 
-def _reached(
-    task: PickTask, members: list[Member], targets: list[SE3], row: npt.NDArray[np.int64], q: Array
-) -> Reached:
-    arm = task.arm
-    off = max(twist_size(targets[i], arm.forward_kinematics(each))[0] for i, each in zip(row[:8], q[:8], strict=True))
+def _reached(task: PickTask, members: list[Member], targets: list[SE3], row: Indices, q: Array) -> Reached:
+    """The result with configurations."""
+    pairs = zip(row[:8], q[:8], strict=True)
+    off = max(twist_size(targets[i], task.arm.forward_kinematics(each))[0] for i, each in pairs)
     spread = f" for {len(members)} grasps" if len(members) > 1 else ""
     message = f"{len(q)} IK solution{'' if len(q) == 1 else 's'}{spread}, position error {off:.1e} m"
     figures = {"configurations": float(len(q)), "grasps": float(len(members)), "position_error": off}
-    margins = limit_margin(arm, q)
-    stages = (
-        StageResult(Stage.REACH, True, message, figures),
-        StageResult(Stage.LIMITS, True, "within all limits", {"widest_margin": float(margins.max())}),
-    )
-    return Reached(q, row, stages)
+    widest = {"widest_margin": float(limit_margin(task.arm, q).max())}
+    limits = StageResult(Stage.LIMITS, True, "within all limits", widest)
+    return Reached(q, row, (StageResult(Stage.REACH, True, message, figures), limits))
 
 
 def reach_between(task: PickTask, members: list[Member], reached: Reached) -> Reached | None:
@@ -85,7 +118,7 @@ def reach_between(task: PickTask, members: list[Member], reached: Reached) -> Re
     which a body at the tcp collides are omitted, because every configuration collides there.
     """
     known = [reached.q[reached.member == i] for i in range(len(members))]
-    rest = [i for i, q in enumerate(known) if not len(q) or not _contacts_at_every_configuration(task.at_grasp, q[0])]
+    rest = [i for i, q in enumerate(known) if not len(q) or not contacts_everywhere(task.at_grasp, q[0])]
     targets = [task.target(task.grasp(member)) for member in members]
     row, q = along_families(task.arm, task.targets([task.grasp(members[i]) for i in rest]), task.cell.home)
     if not task.at_grasp.is_free_batch(q).any():
@@ -97,11 +130,8 @@ def every_branch_is_known(task: PickTask, targets: list[SE3], arm: Arm | None = 
     """Whether the closed form is proven to give every configuration for each target."""
     if not task.cell.closed_form:
         return False
-    for target in targets:
-        found = AnalyticIk().solve_all(arm or task.arm, target, task.cell.home)
-        if not found.complete or found.families:
-            return False
-    return True
+    branches = (AnalyticIk().solve_all(arm or task.arm, target, task.cell.home) for target in targets)
+    return all(found.complete and not found.families for found in branches)
 
 
 def proven_unreachable(arm: Arm, targets: list[SE3]) -> bool:
@@ -116,40 +146,6 @@ def every_branch(task: PickTask, root_from_tip: SE3, wanted: bool = True) -> Arr
     return configurations(task.arm, task.targets([root_from_tip]), task.cell.home, 0)[1]
 
 
-def _not_reached(task: PickTask, members: list[Member], targets: list[SE3], seed: int) -> Reached:
-    """The result if no configuration was found: the reason is either the limits or the reach."""
-    arm, wide, limits = task.arm, task.cell.wide_arm, task.arm.limits
-    empty = np.empty((0, arm.dof)), np.empty(0, dtype=np.int64)
-    row, free = configurations(wide, task.targets([task.grasp(m) for m in members]), task.cell.home, seed)
-    inside = [turned_inside(arm, q) for q in free]
-    complete = every_branch_is_known(task, targets)
-    proven = not complete and proven_unreachable(arm, targets)
-    if not inside:
-        complete = proven or (complete and every_branch_is_known(task, targets, wide))
-        starts = "" if task.cell.closed_form else f" (best of {STARTS} starts)"
-        failed = out_of_reach(task, Stage.REACH, targets[0], seed, "out of reach", f"the target{starts}")
-        reasons = (f"{_of(member)}no IK solution reaches the pose" for member in members if complete)
-        return Reached(*empty, (failed,), tuple(reasons))
-    by = [float(np.abs(q - limits.clip(q)).sum()) for q in inside]
-    best = int(np.argmin(by))
-    if by[best] == 0.0:  # found by the search only with the wider limits
-        return _reached(task, members, targets, row[[best]], np.array([inside[best]]))
-    beyond = np.abs(inside[best] - limits.clip(inside[best]))
-    outside = "; ".join(limits.violations(inside[best], arm.joint_names))
-    outside += f" ({', '.join(f'{arm.joint_names[j]} by {beyond[j]:.3g}' for j in np.flatnonzero(beyond))})"
-    figures = {"outside": by[best], "configurations": float(len(inside))}
-    ignoring = "reachable if the joint limits are ignored", {"configurations": float(len(inside))}
-    reached = StageResult(Stage.REACH, True, *ignoring)
-    failed = StageResult(Stage.LIMITS, False, f"reachable only outside the joint limits: {outside}", figures)
-    refuted: tuple[str, ...] = ()
-    if proven:  # the configurations outside the limits are a sample
-        refuted = tuple(map(unreached, members))
-    elif complete:
-        violated = ("; ".join(limits.violations(q, arm.joint_names)) for q in inside)
-        refuted = tuple(_of(members[i]) + words for i, words in zip(row, violated, strict=True))
-    return Reached(*empty, (reached, failed), refuted)
-
-
 def out_of_reach(task: PickTask, stage: Stage, target: SE3, seed: int, what: str, where: str) -> StageResult:
     """The failure at a target ``base_from_tcp``, with the error of the nearest configuration found."""
     nearest = Clik().solve(task.arm, target, task.cell.home, rng=seed)
@@ -159,11 +155,7 @@ def out_of_reach(task: PickTask, stage: Stage, target: SE3, seed: int, what: str
     return StageResult(stage, False, message, figures)
 
 
-def _of(member: Member) -> str:
-    return f"{member.words}: " if member.words else ""
-
-
-Mask = npt.NDArray[np.bool_]
+# -- grip -------------------------------------------------------------------------------------------------------------
 
 MOST_CONTACTS = 6
 """Largest number of contacts in a reason."""
@@ -180,17 +172,7 @@ class Gripped(NamedTuple):
     refuted: tuple[str, ...]
 
 
-def grip_holds(task: PickTask, member: Member) -> bool:
-    """Whether a grasp holds the object; True without an object."""
-    return task.name is None or task.grip(member).held
-
-
-def not_held_words(task: PickTask, member: Member) -> str:
-    """Why a grasp does not hold the object."""
-    return _of(member) + task.grip(member).message
-
-
-def judge_grip(task: PickTask, members: list[Member], q: Array, of: npt.NDArray[np.int64]) -> Gripped:
+def judge_grip(task: PickTask, members: list[Member], q: Array, of: Indices) -> Gripped:
     """Judge collision-free configurations q (k, n) at the grasp; ``of`` (k,) is the member of each."""
     if task.name is None:
         message = "not checked: the pick states no object"
@@ -199,34 +181,35 @@ def judge_grip(task: PickTask, members: list[Member], q: Array, of: npt.NDArray[
     def gripped(kept: Mask, message: str, figures: dict[str, float]) -> Gripped:
         return Gripped(kept, StageResult(Stage.GRIP, bool(kept.any()), message, figures), tuple(refuted))
 
-    refuted = ["" if task.grip(members[i]).held else not_held_words(task, members[i]) for i in of]
-    kept = np.array([not why for why in refuted])
+    # Does the closed hand hold the part? That does not depend on the configuration
+    grips = [task.grip(members[i]) for i in of]
+    refuted = ["" if grip.held else members[i].head + grip.message for i, grip in zip(of, grips, strict=True)]
+    kept = np.array([grip.held for grip in grips])
     if not kept.any():
         tried = sorted(set(of.tolist()))
         best = task.grip(members[tried[0]])
         more = f"; none of the {len(tried)} grasps holds the part" if len(tried) > 1 else ""
         return gripped(kept, best.message + more, best.figures)
     if not task.cell.fingers:
-        grip = task.grip(members[of[kept][0]])
+        grip = grips[int(np.flatnonzero(kept)[0])]
         return gripped(kept, grip.message, grip.figures)
-    closing = task.closing
-    closes = kept.copy()
+
+    # Are the fingers free of everything else while they close?
+    closing, closes = task.closing, kept.copy()
     closes[kept] = closing.is_free_batch(q[kept])
+    found = {int(i): closing.check(q[i]) for i in np.flatnonzero(kept & ~closes)}
+    for i, contact in found.items():
+        refuted[i] = members[of[i]].head + closing_words(task, contact)
     if not closes.any():
-        found = [(int(i), closing.check(q[i])) for i in np.flatnonzero(kept)]
-        for i, contact in found:
-            refuted[i] = _of(members[of[i]]) + closing_words(task, contact)
-        worst = max(found, key=lambda each: min((c.distance for c in each[1].contacts), default=-np.inf))
+        depths = {i: [c.distance for c in result.contacts] for i, result in found.items()}
+        worst = max(found, key=lambda i: min(depths[i], default=-np.inf))
         more = f"; all {len(found)} IK solutions collide" if len(found) > 1 else ""
-        distance = min((c.distance for c in worst[1].contacts), default=np.nan)
-        return gripped(closes, closing_words(task, worst[1]) + more, {"distance": distance})
-    for i in np.flatnonzero(kept & ~closes).tolist():
-        refuted[i] = _of(members[of[i]]) + closing_words(task, closing.check(q[i]))
+        distance = {"distance": min(depths[worst], default=np.nan)}
+        return gripped(closes, closing_words(task, found[worst]) + more, distance)
     first = int(np.flatnonzero(closes)[0])
-    grip = task.grip(members[of[first]])
     clear = closing.clearance(q[first])
-    message = f"{grip.message}; {clear * 1e3:.1f} mm clearance while closing"
-    return gripped(closes, message, {**grip.figures, "closing_clearance": clear})
+    message = f"{grips[first].message}; {clear * 1e3:.1f} mm clearance while closing"
+    return gripped(closes, message, {**grips[first].figures, "closing_clearance": clear})
 
 
 def closing_words(task: PickTask, result: CheckResult) -> str:
@@ -235,7 +218,7 @@ def closing_words(task: PickTask, result: CheckResult) -> str:
     by_pair: dict[frozenset[str], str] = {}
     for contact in result.contacts:
         first, second = (finger_of.get(name, name) for name in contact.bodies)
-        by_pair.setdefault(frozenset((first, second)), contact_text(replace(contact, bodies=(first, second))))
+        by_pair.setdefault(frozenset((first, second)), _contact_text(replace(contact, bodies=(first, second))))
     return f"while the fingers move: {_first_of(list(by_pair.values()))}"
 
 
@@ -244,6 +227,8 @@ def _first_of(contacts: list[str]) -> str:
     more = f"; and {len(contacts) - MOST_CONTACTS} more" if len(contacts) > MOST_CONTACTS else ""
     return "; ".join(contacts[:MOST_CONTACTS]) + more
 
+
+# -- contacts and rank ------------------------------------------------------------------------------------------------
 
 AMPLE = 0.05
 """Metres: the clearance beyond which the score does not increase."""
@@ -284,33 +269,70 @@ def screen(task: PickTask, members: list[Member], reached: Reached) -> Screened:
     free = checker.is_free_batch(reached.q)
     if not free.any():
         return _all_in_contact(checker, members, reached)
+
+    def in_contact() -> tuple[str, ...]:
+        """Why each of the configurations in contact is excluded."""
+        rows = np.flatnonzero(~free)
+        checks = zip(rows, [checker.check(reached.q[k]) for k in rows], strict=True)
+        return tuple(members[reached.member[k]].head + "; ".join(contact_words(check)) for k, check in checks)
+
+    # Torque limits exclude configurations that cannot hold the part at rest
     own = StageResult(Stage.SELF, True, "no self-collision")
     count = f"{int(free.sum())} of {len(free)} IK solution{'' if len(free) == 1 else 's'} collision-free"
     reasons = at_rest(task, [members[i] for i in reached.member[free]], reached.q[free])
     if all(reasons):
         failed = StageResult(Stage.GRASP, False, f"{reasons[0]}; {count}, and torque limits exclude all of them")
-        in_contact = [checker.check(each) for each in reached.q[~free]]
-        refuted = (*reasons, *_contacts_of_each(in_contact, members, reached.member[~free]))
-        return Screened((), (own, failed), refuted)
+        return Screened((), (own, failed), (*reasons, *in_contact()))
     if any(reasons):
         count += f", {sum(map(bool, reasons))} of them excluded by torque limits"
         free[np.flatnonzero(free)[[bool(reason) for reason in reasons]]] = False
+
+    # Of the others, those that hold the part are ranked
     q, of_member = reached.q[free], reached.member[free]
     gripped = judge_grip(task, members, q, of_member)
     if not gripped.kept.any():
         stages = (own, StageResult(Stage.GRASP, True, count, {"free": float(free.sum())}), gripped.result)
-        if not any(grip_holds(task, member) for member in members):
-            proven = all(task.grip(member).proven for member in members)
-            refuted = tuple(not_held_words(task, member) for member in members) if proven else ()
-            return Screened((), stages, refuted, True)
-        touching = _contacts_of_each([checker.check(each) for each in reached.q[~free]], members, reached.member[~free])
-        return Screened((), stages, (*gripped.refuted, *touching))
+        grips = [] if task.name is None else [task.grip(member) for member in members]
+        if grips and not any(grip.held for grip in grips):
+            proven = all(grip.proven for grip in grips)
+            refuted = (member.head + grip.message for member, grip in zip(members, grips, strict=True) if proven)
+            return Screened((), stages, tuple(refuted), True)
+        return Screened((), stages, (*gripped.refuted, *in_contact()))
     kept = np.flatnonzero(gripped.kept)
     candidates = rank(task, q[kept], [members[i] for i in of_member[kept]])
     clearance = max(candidate.clearance for candidate in candidates)
-    message = f"{count}, clearance up to {clearance * 1e3:.1f} mm"
     figures = {"free": float(free.sum()), "clearance": clearance}
-    return Screened(tuple(candidates), (own, StageResult(Stage.GRASP, True, message, figures), gripped.result))
+    grasp = StageResult(Stage.GRASP, True, f"{count}, clearance up to {clearance * 1e3:.1f} mm", figures)
+    return Screened(tuple(candidates), (own, grasp, gripped.result))
+
+
+def _all_in_contact(checker: CollisionChecker, members: list[Member], reached: Reached) -> Screened:
+    """The result if every IK solution is in contact; the reason describes the one with the smallest penetration."""
+    found = [checker.check(q) for q in reached.q]
+    own = [[c for c in check.contacts if not any(name in checker.scene for name in c.bodies)] for check in found]
+    texts = ["; ".join(contact_words(check)) for check in found]
+    refuted = tuple(members[i].head + text for i, text in zip(reached.member, texts, strict=True))
+    stage = Stage.SELF if all(own) else Stage.GRASP
+    # if some have no self-collision, the reason describes one of these
+    eligible = [i for i in range(len(found)) if stage is Stage.SELF or not own[i]]
+    best = max(eligible, key=lambda i: min((c.distance for c in found[i].contacts), default=-np.inf))
+    message = _first_of(contact_words(found[best]))
+    if len(found) > 1:
+        # the most frequent pairs that the described solution does not have in contact
+        counts: Counter[tuple[str, str]] = Counter()
+        for check in found:
+            counts.update({contact.bodies for contact in check.contacts})
+        for contact in found[best].contacts:
+            counts.pop(contact.bodies, None)
+        common = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:3]
+        others = ", ".join(f"{first} with {second} in {count}" for (first, second), count in common)
+        message += f"; all {len(found)} IK solutions collide{f' ({others})' if others else ''}"
+    figures = {"configurations": float(len(found)), "distance": min(c.distance for c in found[best].contacts)}
+    failed = StageResult(stage, False, message, figures)
+    if stage is Stage.SELF:
+        return Screened((), (failed,), refuted)
+    passed = StageResult(Stage.SELF, True, f"{len(eligible)} of {len(found)} IK solutions without self-collision")
+    return Screened((), (passed, failed), refuted)
 
 
 def rank(task: PickTask, q: Array, members: list[Member]) -> list[GraspCandidate]:
@@ -322,35 +344,39 @@ def rank(task: PickTask, q: Array, members: list[Member]) -> list[GraspCandidate
         q, members, seconds = q[near], [members[i] for i in near], seconds[near]
     clearance, volume = task.at_grasp.clearance_batch(q), manipulability(arm, q)
     volume = volume / max(volume.max(), np.finfo(float).tiny)
-    parts = score_parts(seconds.min(), clearance, limit_margin(arm, q), volume, seconds)
-    order = np.argsort(-weighed(parts, task.cell.weights), kind="stable").tolist()
+    parts = score_parts(task.cell.weights, seconds.min(), clearance, limit_margin(arm, q), volume, seconds)
+    order = np.argsort(-parts["score"], kind="stable").tolist()
     return [GraspCandidate(q[i], members[i], float(clearance[i]), float(volume[i])) for i in order]
 
 
 def score_parts(
-    least: float, clearance: Array, limit_margin: Array, manipulability: Array, seconds: Array
+    weights: PickWeights,
+    least: float,
+    clearance: Array | float,
+    limit_margin: Array | float,
+    manipulability: Array | float,
+    seconds: Array | float,
 ) -> dict[str, Array]:
-    """The four parts of a score, from 0 to 1; ``least`` is a lower bound (s) of all durations."""
-    return {
+    """The four parts of a score, from 0 to 1, and their weighted sum as ``score``.
+
+    ``least`` is a lower bound (s) of all durations.
+    """
+    parts = {
         "clearance": np.clip(clearance, 0.0, AMPLE) / AMPLE,
-        "limit_margin": limit_margin,
-        "manipulability": manipulability,
-        "duration": (least + INSTANT) / (seconds + INSTANT),
+        "limit_margin": np.asarray(limit_margin),
+        "manipulability": np.asarray(manipulability),
+        "duration": np.asarray((least + INSTANT) / (np.asarray(seconds) + INSTANT)),
     }
-
-
-def weighed(parts: dict[str, Array], weights: PickWeights) -> Array:
-    """The weighted sum of the parts of a score."""
-    return np.asarray(sum(getattr(weights, name) * part for name, part in parts.items()))
+    return {**parts, "score": np.asarray(sum(getattr(weights, name) * part for name, part in parts.items()))}
 
 
 def contact_words(result: CheckResult) -> list[str]:
     """The deepest contact of each pair of links, attached bodies and obstacles as text, the deepest pair first."""
     deepest = {contact.bodies: contact for contact in reversed(result.contacts)}
-    return [contact_text(contact) for contact in result.contacts if deepest[contact.bodies] is contact]
+    return [_contact_text(contact) for contact in result.contacts if deepest[contact.bodies] is contact]
 
 
-def contact_text(contact: Contact) -> str:
+def _contact_text(contact: Contact) -> str:
     """A contact with its penetration depth, or with its distance if only the margin is violated."""
     first, second = contact.bodies
     if contact.distance < 0:
@@ -358,73 +384,26 @@ def contact_text(contact: Contact) -> str:
     return f"{first} is {contact.distance * 1e3:.1f} mm from {second}, less than the margin"
 
 
-def _all_in_contact(checker: CollisionChecker, members: list[Member], reached: Reached) -> Screened:
-    """The result if every IK solution is in contact; the reason describes the one with the smallest penetration."""
-    found = [checker.check(q) for q in reached.q]
-    own = [[c for c in each.contacts if not _with_obstacle(c, checker)] for each in found]
-    refuted = _contacts_of_each(found, members, reached.member)
-    stage = Stage.SELF if all(own) else Stage.GRASP
-    # if some have no self-collision, the reason describes one of these
-    eligible = [i for i in range(len(found)) if stage is Stage.SELF or not own[i]]
-    best = max(eligible, key=lambda i: min((c.distance for c in found[i].contacts), default=-np.inf))
-    message = _first_of(contact_words(found[best]))
-    if len(found) > 1:
-        message += f"; all {len(found)} IK solutions collide{_other_pairs(found, found[best])}"
-    figures = {"configurations": float(len(found)), "distance": min(c.distance for c in found[best].contacts)}
-    failed = StageResult(stage, False, message, figures)
-    if stage is Stage.SELF:
-        return Screened((), (failed,), refuted)
-    passed = StageResult(Stage.SELF, True, f"{len(eligible)} of {len(found)} IK solutions without self-collision")
-    return Screened((), (passed, failed), refuted)
-
-
-def _contacts_of_each(found: list[CheckResult], members: list[Member], of: npt.NDArray[np.int64]) -> tuple[str, ...]:
-    """The contacts of each configuration, with its grasp."""
-    return tuple(_of(members[i]) + "; ".join(contact_words(each)) for i, each in zip(of, found, strict=True))
-
-
-def _with_obstacle(contact: Contact, checker: CollisionChecker) -> bool:
-    return any(name in checker.scene for name in contact.bodies)
-
-
-def _other_pairs(found: list[CheckResult], described: CheckResult) -> str:
-    """The most frequent pairs in contact that the described result lacks, and the number of their IK solutions."""
-    counts: Counter[tuple[str, str]] = Counter()
-    for each in found:
-        counts.update({contact.bodies for contact in each.contacts})
-    for contact in described.contacts:
-        counts.pop(contact.bodies, None)
-    common = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:3]
-    if not common:
-        return ""
-    return f" ({', '.join(f'{first} with {second} in {count}' for (first, second), count in common)})"
-
-
 SPREAD = 1e-5
 """Metres: more than the bodies at the tcp move relative to obstacles between IK solutions for the same target, which
 agree to 1e-6 m and rad."""
 
 
-def _contacts_at_every_configuration(checker: CollisionChecker, q: Array) -> list[str]:
+def contacts_everywhere(checker: CollisionChecker, q: Array) -> list[str]:
     """The contacts at q (n,) that exist at every configuration with the same pose of the tcp, the deepest first.
 
     They are penetrations, by more than solutions differ, of bodies that no joint moves relative to the tcp.
     """
     found = checker.with_margin(0.0, {}).exact_at(q).check(q)  # overlap of convex hulls is no proof of contact
-    rigid = {thing.name for thing in checker.attached}
+    arm, rigid = checker.arm, {thing.name for thing in checker.attached}
 
     def exists_everywhere(contact: Contact) -> bool:
         moving = [name for name in contact.bodies if name not in checker.scene]
         if len(moving) != 1 or contact.distance >= -SPREAD:
             return False
-        return moving[0] in rigid or moving_joint(checker.arm, moving[0]) == moving_joint(checker.arm, checker.arm.tcp)
+        return moving[0] in rigid or moving_joint(arm, moving[0]) == moving_joint(arm, arm.tcp)
 
     return contact_words(replace(found, contacts=tuple(filter(exists_everywhere, found.contacts))))
-
-
-def unreached(member: Member) -> str:
-    """The reason for a grasp without an IK solution."""
-    return f"{_of(member)}{NO_SOLUTION} the grasp"
 
 
 def moving_joint(arm: Arm, link: str) -> str:

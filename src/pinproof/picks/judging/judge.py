@@ -35,7 +35,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pinproof.errors import InputError
-from pinproof.model import Arm
 from pinproof.motion import JointPath, least_times
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.judging.configurations import (
@@ -48,23 +47,21 @@ from pinproof.picks.judging.configurations import (
 )
 from pinproof.picks.judging.conveyor import VALID, judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.grasp import (
+    NO_SOLUTION,
     GraspCandidate,
-    Reached,
     every_branch,
     every_branch_is_known,
     reach,
     reach_between,
     score_parts,
     screen,
-    unreached,
-    weighed,
 )
 from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, transit
 from pinproof.picks.judging.place import Placer, Placing, Release, Scores
-from pinproof.picks.judging.refute import refuted_at_release, refuted_by_contacts, refuted_by_name
+from pinproof.picks.judging.refute import reasons_against_every_branch, reasons_at_release, reasons_by_contact
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickCell, PickTask
-from pinproof.picks.judging.timing import TimedPart, time_motion
+from pinproof.picks.judging.timing import time_motion
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult
 from pinproof.spatial import Array
 
@@ -91,52 +88,40 @@ class Scoring:
         cls, task: PickTask, candidates: tuple[GraspCandidate, ...], rest: Callable[[Member, Array, bool], Array]
     ) -> Scoring:
         """The scoring for the given configurations; ``rest`` is :meth:`Placer.rest`."""
-        seconds = np.empty(len(candidates))
+        arm, pick, home = task.arm, task.pick, task.cell.home[None]
+        every = np.array([candidate.q for candidate in candidates]).reshape(-1, arm.dof)
         members: dict[str, list[int]] = {}
         for i, candidate in enumerate(candidates):
             members.setdefault(candidate.member.words, []).append(i)
         exact = len(members) <= MANY and task.cell.closed_form
+        # Lower bounds of the time of a complete motion, through the configurations at the ends of the lines if known
+        seconds = np.empty(len(candidates))
         for own in members.values():
-            q, member = np.array([candidates[i].q for i in own]), candidates[own[0]].member
-            seconds[own] = _least(task, q, member, rest, exact)
-        least = float(seconds.min(initial=np.inf))
-        margins = _widest(task.arm, np.array([candidate.q for candidate in candidates]).reshape(-1, task.arm.dof))
+            q, member = every[own], candidates[own[0]].member
+            grasp = task.grasp(member)
+            before = every_branch(task, pick.before(grasp), exact and pick.approach > 0)
+            after = every_branch(task, pick.after(grasp), exact and pick.retreat > 0)
+            into = least_seconds(arm, home, q)[0]
+            if len(before):
+                into = (least_seconds(arm, home, before) + least_seconds(arm, q, before)).min(axis=1)
+            if len(after):
+                seconds[own] = into + (least_seconds(arm, q, after) + rest(member, after, exact)).min(axis=1)
+            else:
+                seconds[own] = into + rest(member, q, exact)
+        # Upper bounds of the margin from the limits at any full rotations, joint by joint
+        turned = (every + turns * TURN * arm.periodic for turns in TURNS)
+        margins = np.max([joint_margins(arm, q, q) for q in turned], axis=0).min(axis=1, initial=1.0)
         clearances = np.array([candidate.clearance for candidate in candidates])
         volumes = np.array([candidate.manipulability for candidate in candidates])
-        parts = score_parts(least, clearances, margins, volumes, seconds)
-        return cls(task, weighed(parts, task.cell.weights), least)
+        least = float(seconds.min(initial=np.inf))
+        parts = score_parts(task.cell.weights, least, clearances, margins, volumes, seconds)
+        return cls(task, parts["score"], least)
 
-    def scores(self, clearance: float | Array, margins: Array, manipulability: float, seconds: Array) -> Array:
-        """(k,) the weighted sums of the parts."""
-        parts = score_parts(self.least, np.array(clearance), margins, np.array(manipulability), seconds)
-        return weighed(parts, self.task.cell.weights)
-
-    def parts(self, clearance: float, margin: float, manipulability: float, seconds: float) -> dict[str, float]:
+    def parts(
+        self, clearance: Array | float, margin: Array | float, manipulability: float, seconds: Array | float
+    ) -> dict[str, Array]:
         """The four parts (0 to 1), and their weighted sum as ``score``."""
-        parts = score_parts(self.least, *map(np.array, (clearance, margin, manipulability, seconds)))
-        parts["score"] = weighed(parts, self.task.cell.weights)
-        return {name: float(part) for name, part in parts.items()}
-
-
-def _least(
-    task: PickTask, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool
-) -> Array:
-    """(k,) lower bound (s) of the time of a complete motion with the grasp at q (k, n)."""
-    arm, home, grasp = task.arm, task.cell.home[None], task.grasp(member)
-    ends = (task.pick.before(grasp), task.pick.approach), (task.pick.after(grasp), task.pick.retreat)
-    before, after = (every_branch(task, pose, exact and length > 0) for pose, length in ends)
-    into = least_seconds(arm, home, q)[0]
-    if len(before):
-        into = (least_seconds(arm, home, before) + least_seconds(arm, q, before)).min(axis=1)
-    if len(after):
-        return np.asarray(into + (least_seconds(arm, q, after) + rest(member, after, exact)).min(axis=1))
-    return np.asarray(into + rest(member, q, exact))
-
-
-def _widest(arm: Arm, q: Array) -> Array:
-    """(k,) upper bound of :func:`limit_margin` for each of q (k, n), at any full rotations within the limits."""
-    turned = (q + turns * TURN * arm.periodic for turns in TURNS)
-    return np.asarray(np.max([joint_margins(arm, at, at) for at in turned], axis=0).min(axis=1, initial=1.0))
+        return score_parts(self.task.cell.weights, self.least, clearance, margin, manipulability, seconds)
 
 
 Key = tuple[float, int, int]
@@ -157,16 +142,12 @@ class CompleteMotion:
 
 @dataclass(order=True)
 class _OpenAttempt:
-    """An attempt that can be extended to a complete motion, at given full rotations."""
+    """An attempt that can be extended to a complete motion, at full rotations ``shift`` (n,)."""
 
     key: Key
     attempt: Attempt = field(compare=False)
     shift: Array = field(compare=False)
     crossing: Crossing | None = field(default=None, compare=False)
-
-    def moved(self) -> Attempt:
-        """The attempt at its full rotations."""
-        return replace(self.attempt, shift=self.shift)
 
 
 class BestFirst:
@@ -180,8 +161,7 @@ class BestFirst:
         self, task: PickTask, candidates: tuple[GraspCandidate, ...], seeds: list[int], *, bounded: bool = True
     ) -> None:
         self._task, self._budget, self._seeds, self._bounded = task, task.cell.budget, seeds, bounded
-        self._candidates = candidates
-        self._placer = Placer(task, seeds[0])
+        self._candidates, self._placer = candidates, Placer(task, seeds[0])
         self._scoring = Scoring.of(task, candidates, self._placer.rest)
         self._order = np.argsort(-self._scoring.bounds, kind="stable").tolist()
         self._next = 0
@@ -224,10 +204,20 @@ class BestFirst:
     def run(self) -> CompleteMotion | None:
         """The best complete motion; None if none was found within the budget."""
         while self.made < self._budget.compared:
-            best, key = self.best, self._first()
+            # The next step: the best open attempt, or a configuration whose lines are not planned yet
+            while self._open and self._open[0].key[1] in self._stuck:
+                heapq.heappop(self._open)
+            keys = [self._open[0].key] if self._open else []
+            if self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
+                index = self._order[self._next]
+                keys.append((-float(self._scoring.bounds[index]), index, -1))
+            key, best = min(keys, default=None), self.best
             if key is None or (self._bounded and best is not None and key > best.key):
                 break
-            self._step()
+            if self._open and key == self._open[0].key:
+                self._extend(heapq.heappop(self._open))
+            else:
+                self._lines()
         return self.best
 
     def may_place(self) -> bool:
@@ -247,12 +237,8 @@ class BestFirst:
         passed = [attempt for attempt in self.attempts if attempt.passed]
         if not passed or any(stages[-1].stage is not Stage.TRANSIT for stages in self.failed):
             return None
-        home = self._task.cell.home
-        every = [
-            replace(attempt, shift=shift)
-            for attempt in passed
-            for shift in full_rotations(self._task.arm, home, attempt)
-        ]
+        arm, home = self._task.arm, self._task.cell.home
+        every = [replace(attempt, shift=shift) for attempt in passed for shift in full_rotations(arm, home, attempt)]
         crossing = transit(self._task, every, self._budget.nodes, self._seeds)
         if crossing.attempt is None:
             self.failed.append((*passed[0].stages, crossing.result))
@@ -260,56 +246,51 @@ class BestFirst:
         self._place((0.0, 0, 0), crossing)
         return self.best
 
-    def _first(self) -> Key | None:
-        """The key of the next step: the best open attempt, or a configuration that is not planned yet."""
-        while self._open and self._open[0].key[1] in self._stuck:
-            heapq.heappop(self._open)
-        keys = [self._open[0].key] if self._open else []
-        if self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
-            keys.append(self._next_configuration())
-        return min(keys, default=None)
-
-    def _next_configuration(self) -> Key:
-        index = self._order[self._next]
-        return -float(self._scoring.bounds[index]), index, -1
-
-    def _step(self) -> None:
-        """Extend the attempt with the highest bound by one step."""
-        if not self._open or self._first() != self._open[0].key:
-            self._lines()
+    def _lines(self) -> None:
+        """Plan the lines of the next configuration, and bound the scores at all its full rotations."""
+        task, index = self._task, self._order[self._next]
+        self._next += 1
+        attempt = along(task, self._candidates[index])
+        self.attempts.append(attempt)
+        if not attempt.passed:
             return
-        here = heapq.heappop(self._open)
+        arm, (low, high) = task.arm, attempt.span()
+        shifts = full_rotations(arm, task.cell.home, attempt)
+        distance = attempt.entrance + shifts - task.cell.home
+        seconds = least_times(distance, arm.limits, full_speed=True) + self._rest(attempt)
+        seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, attempt.approach, attempt.retreat))
+        margins = limit_margin(arm, low + shifts, high + shifts)
+        clearance = min(attempt.candidate.clearance, attempt.clearance)
+        bounds = self._scoring.parts(clearance, margins, attempt.candidate.manipulability, seconds)["score"]
+        for k, (score, shift) in enumerate(zip(bounds.tolist(), shifts, strict=True)):
+            heapq.heappush(self._open, _OpenAttempt((-score, index, k), attempt, shift))
+
+    def _extend(self, here: _OpenAttempt) -> None:
+        """Plan the transit of an attempt or, after it, the place."""
         if here.crossing is not None:
             self._place(here.key, here.crossing)
             return
-        crossing = transit(self._task, [here.moved()], self._budget.quick_nodes, self._seeds)
+        moved = replace(here.attempt, shift=here.shift)
+        crossing = transit(self._task, [moved], self._budget.quick_nodes, self._seeds)
         if crossing.attempt is None:
             self._stop(here.key, (*here.attempt.stages, crossing.result))
         elif self._task.place is None:
             self._place(here.key, crossing)
         else:
-            scores = _Completions(self._scoring, self._task, crossing.attempt, crossing)
+            scores = _Completions(self._scoring, crossing.attempt, crossing)
             score = scores.before_place(self._rest(crossing.attempt))
             heapq.heappush(self._open, _OpenAttempt((-score, *here.key[1:]), here.attempt, here.shift, crossing))
 
-    def _lines(self) -> None:
-        """Plan the lines of the next configuration at all its full rotations."""
-        index = self._order[self._next]
-        self._next += 1
-        attempt = along(self._task, self._candidates[index])
-        self.attempts.append(attempt)
-        if not attempt.passed:
-            return
-        shifts = full_rotations(self._task.arm, self._task.cell.home, attempt)
-        for k, (score, shift) in enumerate(zip(self._bounds(attempt, shifts).tolist(), shifts, strict=True)):
-            heapq.heappush(self._open, _OpenAttempt((-score, index, k), attempt, shift))
+    def _rest(self, attempt: Attempt) -> float:
+        """Lower bound (s) of the time after the retreat."""
+        return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
 
     def _place(self, key: Key, crossing: Crossing) -> None:
         """Plan the place, which completes the motion."""
         attempt, path = crossing.attempt, crossing.path
         if attempt is None or path is None:
             return
-        scores = _Completions(self._scoring, self._task, attempt, crossing)
+        scores = _Completions(self._scoring, attempt, crossing)
         placed, placing = self._placer.place(attempt, self._seeds, scores)
         stages = (*attempt.stages, crossing.result, placed)
         if not placed.ok:
@@ -324,65 +305,53 @@ class BestFirst:
         self._stuck.add(key[1])
         self.failed.append(stages)
 
-    # -- scores -------------------------------------------------------------------------------------------------------
-
-    def _bounds(self, attempt: Attempt, shifts: Array) -> Array:
-        """(k,) upper bounds of the score of complete motions with the lines of an attempt, at full rotations (k, n)."""
-        arm, (low, high) = self._task.arm, attempt.span()
-        distance = attempt.entrance + shifts - self._task.cell.home
-        seconds = least_times(distance, arm.limits, full_speed=True) + self._rest(attempt)
-        seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, attempt.approach, attempt.retreat))
-        margins = limit_margin(arm, low + shifts, high + shifts)
-        clearance = min(attempt.candidate.clearance, attempt.clearance)
-        return self._scoring.scores(clearance, margins, attempt.candidate.manipulability, seconds)
-
-    def _rest(self, attempt: Attempt) -> float:
-        """Lower bound (s) of the time after the retreat."""
-        return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
-
 
 class _Completions(Scores):
     """The :class:`Scores` of the motions with one crossing and the lines of its attempt."""
 
-    def __init__(self, scoring: Scoring, task: PickTask, attempt: Attempt, crossing: Crossing) -> None:
-        self._scoring, self._task = scoring, task
+    def __init__(self, scoring: Scoring, attempt: Attempt, crossing: Crossing) -> None:
+        self._scoring, self._arm = scoring, scoring.task.arm
         self._manipulability = attempt.candidate.manipulability
         self._clearance = min(attempt.candidate.clearance, attempt.clearance, crossing.clearance)
-        points = [attempt.q[None], *control_points(task.arm.dof, crossing.path, attempt.line_in(), attempt.line_out())]
-        self._seconds = sum(at_full_speed(task.arm, each) for each in points)
-        self._low, self._high = (bound(np.vstack(points), axis=0) for bound in (np.min, np.max))
-        self._margin = limit_margin(task.arm, self._low, self._high)
+        curves = crossing.path, attempt.line_in(), attempt.line_out()
+        points = [attempt.q[None], *control_points(self._arm.dof, *curves)]
+        self._seconds = sum(at_full_speed(self._arm, each) for each in points)
+        self._low, self._high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
+        self._margin = limit_margin(self._arm, self._low, self._high)
 
     def before_place(self, rest: float) -> float:
         """The upper bound with any place; ``rest`` (s) is a lower bound of the time after the retreat."""
-        return self._score(self._clearance, self._margin, rest + self._seconds)["score"]
+        return float(self._score(self._clearance, rest + self._seconds))
 
-    def without_lines(self, clearances: Array, seconds: Array) -> Array:
-        least = np.minimum(clearances, self._clearance)
-        return self._scoring.scores(least, self._margin, self._manipulability, self._seconds + seconds)
+    def score_bounds(self, clearances: Array, seconds: Array) -> Array:
+        return self._score(np.minimum(clearances, self._clearance), self._seconds + seconds)
 
     def with_lines(self, release: Release, seconds: float) -> float:
-        arm = self._task.arm
-        seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, release.lift, release.leave))
-        return self._score(min(self._clearance, release.clearance), self._margin, seconds + self._seconds)["score"]
+        points = control_points(self._arm.dof, release.lift, release.leave)
+        seconds += sum(at_full_speed(self._arm, each) for each in points)
+        return float(self._score(min(self._clearance, release.clearance), seconds + self._seconds))
 
     def placed(self, placing: Placing) -> float:
         return self.parts(placing)["score"]
 
     def parts(self, placing: Placing | None) -> dict[str, float]:
         """The parts of the score of the complete motion."""
-        if placing is None:
-            return self._score(self._clearance, self._margin, self._seconds)
-        arm, seconds = self._task.arm, self._seconds
-        points = [*control_points(arm.dof, placing.transfer, placing.lift, placing.leave)]
-        for each in points:
-            seconds += at_full_speed(arm, each)
-        every = np.vstack([self._low, self._high, *points])
-        margin = limit_margin(arm, every.min(axis=0), every.max(axis=0))
-        return self._score(min(self._clearance, placing.clearance), margin, seconds)
+        clearance, margin, seconds = self._clearance, self._margin, self._seconds
+        if placing is not None:
+            points = [*control_points(self._arm.dof, placing.transfer, placing.lift, placing.leave)]
+            for each in points:
+                seconds += at_full_speed(self._arm, each)
+            every = np.vstack([self._low, self._high, *points])
+            margin = limit_margin(self._arm, every.min(axis=0), every.max(axis=0))
+            clearance = min(clearance, placing.clearance)
+        parts = self._scoring.parts(clearance, margin, self._manipulability, seconds)
+        return {name: float(part) for name, part in parts.items()}
 
-    def _score(self, clearance: float, margin: Array, seconds: float) -> dict[str, float]:
-        return self._scoring.parts(clearance, float(margin), self._manipulability, seconds)
+    def _score(self, clearance: Array | float, seconds: Array | float) -> Array:
+        return self._scoring.parts(clearance, self._margin, self._manipulability, seconds)["score"]
+
+
+# -- the stages -------------------------------------------------------------------------------------------------------
 
 
 class _GroupVerdict(NamedTuple):
@@ -410,28 +379,26 @@ def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
         tried, members = tried + verdict.configurations, members + len(group)
         if verdict.ok:
             return replace(verdict, pick=pick, configurations=tried)
-    verdict, attempt = _failed(task, judged, tried, members)
-    failed = verdict.stages[-1]
+    # No group is good: the verdict is that of the group that passed the most stages
+    verdict, attempt = max(judged, key=lambda found: len(found.verdict.stages))
+    status, message = verdict.status, verdict.reason
+    if task.sampled:  # of a range or a tolerance, the grasps between the samples are not refuted
+        status, message = PickStatus.NOT_FOUND, f"{message}; {members} grasps were tried"
+    if cell.trial is None and (hint := task.frame_hint()):
+        message = f"{message}; {hint}"
+    failed = replace(verdict.stages[-1], message=message)
     suggestions = suggest(
         task, pick, failed, attempt, lambda other: _judge(other, cell.for_trials(failed.stage), seeds)
     )
-    return replace(verdict, pick=pick, suggestions=suggestions)
-
-
-def _failed(
-    task: PickTask, groups: list[_GroupVerdict], tried: int, members: int
-) -> tuple[PickVerdict, Attempt | None]:
-    """The verdict on a pick without a good group: that of the group that passed the most stages, and its attempt."""
-    farthest, attempt = max(groups, key=lambda group: len(group.verdict.stages))
-    status, stages = farthest.status, farthest.stages
-    # a range of rotations or a tolerance is only sampled, so the grasps between the samples are not refuted
-    if task.sampled:
-        status = PickStatus.NOT_FOUND
-        stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {members} grasps were tried"))
-    if task.cell.trial is None and (hint := task.frame_hint()):
-        stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {hint}"))
-    refuted = farthest.refuted if status is PickStatus.IMPOSSIBLE else ()
-    return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), attempt
+    return replace(
+        verdict,
+        pick=pick,
+        status=status,
+        stages=(*verdict.stages[:-1], failed),
+        configurations=tried,
+        refuted=verdict.refuted if status is PickStatus.IMPOSSIBLE else (),
+        suggestions=suggestions,
+    )
 
 
 def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> _GroupVerdict:
@@ -448,14 +415,21 @@ def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> _Grou
         return _search(task, group, screened.candidates, stages, tried, seeds)
     if screened.not_held:
         return _not_good(task, stages, tried, screened.refuted)
-    if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
-        return _judge_group(finer, group, seeds)
+    if stages[-1].stage is not Stage.GRIP:
+        # A configuration may be in contact only between convex hulls of meshes, so finer bodies are used. All are
+        # checked if they can prove that the pick is impossible, otherwise only the first ones
+        for q in reached.q[: task.cell.budget.configurations] if task.sampled else reached.q:
+            finer = task.at_grasp.finer_at(q)
+            if finer is not task.at_grasp and finer.is_free(q):
+                cell = replace(task.cell, checker=task.outside.finer_at(q))
+                return _judge_group(PickTask(task.pick, cell), group, seeds)
     refuted: tuple[str, ...] = ()
     if every_branch_is_known(task, [task.target(task.grasp(member)) for member in group]):
         reachable = set(reached.member.tolist())
-        refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(group) if i not in reachable))
+        others = (member for i, member in enumerate(group) if i not in reachable)
+        refuted = (*screened.refuted, *(f"{member.head}{NO_SOLUTION} the grasp" for member in others))
     elif stages[-1].stage in (Stage.SELF, Stage.GRASP) and not task.cell.trial:
-        refuted = refuted_by_contacts(task, group, reached, seeds[0])
+        refuted = reasons_by_contact(task, group, reached, seeds[0])
     if not refuted:
         message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
         stages = (*stages[:-1], replace(stages[-1], message=message))
@@ -489,64 +463,42 @@ def _search(
         return _not_good(task, (*stages, unplaced), tried)
     while (motion := search.run() or search.with_full_budget()) is not None:
         result, timed = time_motion(task, motion.attempt, motion.path, motion.placing)
-        if timed is not None:
-            passed = (*stages, *motion.stages, _compared(result, search))
-            return _GroupVerdict(_good(task, motion, passed, timed, tried))
-        search.reject(motion, (*motion.stages, result))
+        if timed is None:
+            search.reject(motion, (*motion.stages, result))
+            continue
+        # Good: the last stage states the number of candidates that it was compared to, planned or excluded by a bound
+        counts = {"complete": search.made, "excluded": search.excluded, "untried": search.untried}
+        compared = search.made + search.excluded
+        notes = [f"best of {compared} candidates"] if compared > 1 else []
+        notes += [f"{search.untried} more not tried within the budget"] if search.untried else []
+        figures = {**result.figures, **{name: float(count) for name, count in counts.items()}}
+        result = replace(result, message="; ".join([result.message, *notes]), figures=figures)
+        member = motion.attempt.candidate.member
+        verdict = PickVerdict(
+            task.pick,
+            PickStatus.GOOD,
+            (*stages, *motion.stages, result),
+            tried,
+            motion.attempt.q,
+            timed.trajectory,
+            timed.grasp_time,
+            timed.motions[0].certificate if task.name is None else None,
+            timed.motions,
+            timed.release_time,
+            member=member.words,
+            score=motion.parts,
+            grip=None if task.name is None else task.grip(member),
+        )
+        return _GroupVerdict(verdict)
     if search.failed:
         farthest = max(reversed(search.failed), key=len)
         placing = farthest[-1].stage is Stage.PLACE and not trial
-        refuted = refuted_at_release(task, group, seeds[0]) if placing else ()
+        refuted = reasons_at_release(task, group, seeds[0]) if placing else ()
         return _not_good(task, (*stages, *farthest), tried, refuted)
     best = max(search.attempts, key=lambda attempt: (len(attempt.stages), attempt.fraction))
-    refuted = () if trial is not None else refuted_by_name(task, group, seeds[0])
+    refuted = () if trial is not None else reasons_against_every_branch(task, group, seeds[0])
     last = best.stages[-1]
     if not refuted:
         tries = f"; {len(search.attempts)} of {len(candidates)} collision-free IK solutions were tried"
         last = replace(last, message=last.message + tries)
     return _not_good(task, (*stages, *best.stages[:-1], last), tried, refuted, best)
-
-
-def _compared(result: StageResult, search: BestFirst) -> StageResult:
-    """The last stage of a good pick, with the number of candidates it was compared to.
-
-    Candidates are the complete motions and those that the bound of their score excludes.
-    """
-    counts = {"complete": search.made, "excluded": search.excluded, "untried": search.untried}
-    compared = search.made + search.excluded
-    notes = [f"best of {compared} candidates"] if compared > 1 else []
-    if search.untried:
-        notes.append(f"{search.untried} more not tried within the budget")
-    figures = {**result.figures, **{name: float(count) for name, count in counts.items()}}
-    return replace(result, message="; ".join([result.message, *notes]), figures=figures)
-
-
-def _finer(task: PickTask, reached: Reached) -> PickTask | None:
-    """The task with finer bodies, if a configuration is in contact only between convex hulls of meshes."""
-    # all configurations are checked if they can prove that the pick is impossible, otherwise only the first ones
-    for q in reached.q[: task.cell.budget.configurations] if task.sampled else reached.q:
-        finer = task.at_grasp.finer_at(q)
-        if finer is not task.at_grasp and finer.is_free(q):
-            return PickTask(task.pick, replace(task.cell, checker=task.outside.finer_at(q)))
-    return None
-
-
-def _good(
-    task: PickTask, motion: CompleteMotion, stages: tuple[StageResult, ...], timed: TimedPart, tried: int
-) -> PickVerdict:
-    """The verdict on a pick that passed every stage."""
-    return PickVerdict(
-        task.pick,
-        PickStatus.GOOD,
-        stages,
-        tried,
-        motion.attempt.q,
-        timed.trajectory,
-        timed.grasp_time,
-        timed.motions[0].certificate if task.name is None else None,
-        timed.motions,
-        timed.release_time,
-        member=motion.attempt.candidate.member.words,
-        score=motion.parts,
-        grip=None if task.name is None else task.grip(motion.attempt.candidate.member),
-    )

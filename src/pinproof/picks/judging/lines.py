@@ -15,7 +15,7 @@ from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.task import PickTask, torque_limits
 from pinproof.picks.judging.verdict import Stage, StageResult
-from pinproof.planning import LinearPlanResult, PlanResult, make_planner, plan_linear, shortcut, with_turns
+from pinproof.planning import PlanResult, make_planner, plan_linear, shortcut, with_turns
 from pinproof.spatial import SE3, Array
 
 Pairs = tuple[tuple[str, str], ...]
@@ -162,7 +162,10 @@ def line(
         message += _other_supports(stage, task, checker, q, parting) if move.fraction == 0 else ""
         figures = {"distance": length, "possible": move.fraction * length}
         return ToolLine(StageResult(stage, False, message, figures), fraction=move.fraction)
-    message = f"{length * 1e3:.0f} mm straight line, {_proven(move)}"
+    leaving = dict.fromkeys(parting.bodies for parting in move.certificate.partings)  # a mesh has one for each facet
+    parted = "".join(f", {body} leaves {left}" for body, left in leaving)
+    proven = f"{proven_millimetres(move.certificate.clearance)} clearance proven{parted}"
+    message = f"{length * 1e3:.0f} mm straight line, {proven}"
     figures = {"distance": length, "clearance": move.certificate.clearance}
     return ToolLine(StageResult(stage, True, message, figures), move.path, clearance=move.certificate.observed)
 
@@ -185,14 +188,6 @@ def _other_supports(stage: Stage, task: PickTask, checker: CollisionChecker, q: 
     there = ", ".join(dict.fromkeys(touched))
     key = "place.support" if stage is Stage.PLACE else "support"
     return f"; if {task.name} may touch {there} at the start of this line, state {key}: [{names}]"
-
-
-def _proven(move: LinearPlanResult) -> str:
-    pairs = dict.fromkeys(
-        parting.bodies for parting in move.certificate.partings
-    )  # a mesh has one entry for each facet
-    parted = "".join(f", {leaving} leaves {left}" for leaving, left in pairs)
-    return f"{proven_millimetres(move.certificate.clearance)} clearance proven{parted}"
 
 
 STRAIGHT = 2

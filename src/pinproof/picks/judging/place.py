@@ -26,7 +26,7 @@ class Scores:
     Here all are equal, so that the first possible place is the best.
     """
 
-    def without_lines(self, clearances: Array, seconds: Array) -> Array:
+    def score_bounds(self, clearances: Array, seconds: Array) -> Array:
         """(m,) upper bounds for releases whose lines are not planned.
 
         ``clearances`` (m,) are those at the releases, ``seconds`` (m,) lower bounds of the time after the retreat.
@@ -143,7 +143,7 @@ class Placer:
         there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
         seconds = there.min(axis=0) + ahead.after - SLACK_SECONDS
         clearances = self._clearances(member, place.retreat > 0) + SLACK
-        return scores.without_lines(clearances[tried], np.maximum(seconds, 0.0)[tried]).tolist()
+        return scores.score_bounds(clearances[tried], np.maximum(seconds, 0.0)[tried]).tolist()
 
     @once_per_grasp
     def _clearances(self, member: Member, retreats: bool) -> Array:
@@ -166,7 +166,9 @@ class Placer:
             return StageResult(Stage.PLACE, True, "none requested"), None
         many = self.releases(member)
         if not len(many):
-            return self._out_of_reach(member), None
+            target = task.target(task.release(member))
+            where = "the release is out of reach", "it"
+            return out_of_reach(task, Stage.PLACE, target, self._seed, *where), None
         nearest = np.argsort(least_seconds(task.arm, attempt.exit[None], many)[0], kind="stable")
         tried = nearest[: task.cell.budget.configurations].tolist()
         without_lines, without_transfer = dict[int, StageResult](), list[StageResult]()
@@ -209,10 +211,6 @@ class Placer:
             return True
         free = np.flatnonzero(task.letting_go(member).is_free_batch(many)).tolist() if len(many) else []
         return any(not self._lines(member, index, task.place).why for index in free)
-
-    def _out_of_reach(self, member: Member) -> StageResult:
-        target = self._task.target(self._task.release(member))
-        return out_of_reach(self._task, Stage.PLACE, target, self._seed, "the release is out of reach", "it")
 
     @once_per_grasp
     def _lines(self, member: Member, index: int, place: PlaceTarget) -> Release:

@@ -7,7 +7,7 @@ joint values at which the pose is not reached, and those at which two of the sha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -19,9 +19,8 @@ from pinproof.picks.judging.configurations import along_families, configurations
 from pinproof.picks.judging.grasp import (
     NO_SOLUTION,
     Reached,
-    _contacts_at_every_configuration,
-    _of,
     contact_words,
+    contacts_everywhere,
     every_branch_is_known,
     moving_joint,
     proven_unreachable,
@@ -36,14 +35,6 @@ EXAMINED = 12
 """Number of configurations whose contacts are used."""
 
 
-def blocked_words(checker: CollisionChecker, target: SE3, q: Array) -> str:
-    """The pairs of bodies of :func:`prove_blocked` as text; empty if it is not proven."""
-    proof = prove_blocked(checker, target, q)
-    if proof is None:
-        return ""
-    return " or ".join(f"{first} collides with {second}" for first, second in proof.bodies)
-
-
 def prove_blocked(checker: CollisionChecker, target: SE3, q: Array) -> ReachProof | None:
     """Try to prove that every configuration at a target ``base_from_tcp`` is in collision; None if it is not proven.
 
@@ -53,52 +44,26 @@ def prove_blocked(checker: CollisionChecker, target: SE3, q: Array) -> ReachProo
     arm = checker.arm
     if not is_provable(arm) or not len(q) or checker.is_free_batch(q).any():
         return None
-    overlaps = _overlaps(checker, q)
+    bare = checker.with_margin(0.0, {})
+    pairs: dict[tuple[str, str], tuple[Body, Body]] = {}
+    for each in q[:: max(len(q) // EXAMINED, 1)]:
+        exact = bare.exact_at(each)  # overlap of convex hulls is no proof of contact
+        for k in exact.pairs_in_contact(each):
+            first, second = (exact.bodies[i] for i in exact.pairs[k])
+            pairs.setdefault((first.name, second.name), (first, second))
+    base_from_links, overlaps = _chain_at(arm, arm.home), list[BodyOverlap]()
+    for first, second in pairs.values():
+        on = _carrier(arm, base_from_links, first), _carrier(arm, base_from_links, second)
+        if on[0] is not None and on[1] is not None and on[0][0] != on[1][0]:
+            overlaps += _overlaps((first, second), (on[0], on[1]))
     if not overlaps:
         return None
     proof = prove_unreachable(arm, target, search=False, budget=BOXES, overlaps=overlaps)
     return proof if proof.proven else None
 
 
-def _overlaps(checker: CollisionChecker, q: Array) -> list[BodyOverlap]:
-    """The overlaps of shapes inside the bodies that penetrate each other at some of the configurations q (k, n)."""
-    bare = checker.with_margin(0.0, {})
-    pairs: dict[tuple[str, str], tuple[Body, Body, tuple[str, str]]] = {}
-    for each in q[:: max(len(q) // EXAMINED, 1)]:
-        exact = bare.exact_at(each)  # overlap of convex hulls is no proof of contact
-        for k in exact.pairs_in_contact(each):
-            first, second = (exact.bodies[i] for i in exact.pairs[k])
-            pairs.setdefault((first.name, second.name), (first, second, (first.owner, second.owner)))
-    carriers = _Carriers(checker.arm)
-    found: list[BodyOverlap] = []
-    for first, second, names in pairs.values():
-        on = carriers.of(first), carriers.of(second)
-        if on[0] is not None and on[1] is not None and on[0][0] != on[1][0]:
-            found += _between((first, second), (on[0], on[1]), names)
-    return found
-
-
-class _Carriers:
-    """The links of a chain that carry bodies: link k follows joint k, and link 0 is the base."""
-
-    def __init__(self, arm: Arm) -> None:
-        self._arm, self._base_from_links = arm, _along(arm, arm.home)
-
-    def of(self, body: Body) -> tuple[int, Array] | None:
-        """The number of the link that carries a body, and link_from_body; None if a mimic joint moves the body."""
-        arm = self._arm
-        if body.link is None:
-            return 0, (arm.root_from_base.inverse() * body.link_from_body).homogeneous
-        joint = moving_joint(arm, body.link)
-        if joint and joint not in arm.joint_names:
-            return None
-        number = arm.joint_names.index(joint) + 1 if joint else 0
-        base_from_body = (arm.frame_placement(arm.home, body.link) * body.link_from_body).homogeneous
-        return number, np.linalg.inv(self._base_from_links[number]) @ base_from_body
-
-
-def _along(arm: Arm, q: Array) -> list[Array]:
-    """The poses (4, 4) of the links of the chain in the base, link k behind joint k."""
+def _chain_at(arm: Arm, q: Array) -> list[Array]:
+    """The poses (4, 4) of the links of the chain in the base, link k behind joint k; link 0 is the base."""
     poses = [np.eye(4)]
     for joint, value in zip(arm.chain.joints, q, strict=True):
         motion = np.eye(4)
@@ -110,35 +75,48 @@ def _along(arm: Arm, q: Array) -> list[Array]:
     return poses
 
 
-def _between(
-    bodies: tuple[Body, Body], on: tuple[tuple[int, Array], tuple[int, Array]], names: tuple[str, str]
-) -> Sequence[BodyOverlap]:
+def _carrier(arm: Arm, base_from_links: list[Array], body: Body) -> tuple[int, Array] | None:
+    """The number of the link that carries a body, and link_from_body; None if a mimic joint moves the body."""
+    if body.link is None:
+        return 0, (arm.root_from_base.inverse() * body.link_from_body).homogeneous
+    joint = moving_joint(arm, body.link)
+    if joint and joint not in arm.joint_names:
+        return None
+    number = arm.joint_names.index(joint) + 1 if joint else 0
+    base_from_body = (arm.frame_placement(arm.home, body.link) * body.link_from_body).homogeneous
+    return number, np.linalg.inv(base_from_links[number]) @ base_from_body
+
+
+def _overlaps(bodies: tuple[Body, Body], on: tuple[tuple[int, Array], tuple[int, Array]]) -> Iterator[BodyOverlap]:
     """The overlaps of the balls of each body with the box of the other one or, if neither has a box, with its balls."""
-    found = []
-    shapes = inner_shapes(bodies[0]), inner_shapes(bodies[1])
+    shapes, owners = (inner_shapes(bodies[0]), inner_shapes(bodies[1])), (bodies[0].owner, bodies[1].owner)
     for mine, other in ((0, 1), (1, 0)):
         (link, link_from_body), (other_link, other_from_body) = on[mine], on[other]
-        there = shapes[other]
-        boxes = []
+        own, there, boxes, balls = shapes[mine], shapes[other], [], [*shapes[mine].balls]
         if there.box_half is not None:
             boxes = [(there.box_centre, there.box_half, there.box_radius)]
-        elif shapes[mine].box_half is None and mine == 0:
+            balls += [*np.append(own.corners, np.zeros((len(own.corners), 1)), axis=1)]
+        elif own.box_half is None and mine == 0:
             boxes = [(ball[:3], np.zeros(3), float(ball[3])) for ball in there.balls]
-        balls = [
-            *shapes[mine].balls,
-            *(np.append(shapes[mine].corners, np.zeros((len(shapes[mine].corners), 1)), axis=1)),
-        ]
-        for ball in balls if there.box_half is not None else shapes[mine].balls:
+        for ball in balls:
             centre = link_from_body[:3, :3] @ ball[:3] + link_from_body[:3, 3]
             for at, half, radius in boxes:
                 pose = other_from_body.copy()
                 pose[:3, 3] = other_from_body[:3, :3] @ at + other_from_body[:3, 3]
-                found.append(
-                    BodyOverlap(
-                        (names[mine], names[other]), link, centre, float(ball[3]), other_link, pose, half, radius
-                    )
-                )
-    return found
+                names, size = (owners[mine], owners[other]), float(ball[3])
+                yield BodyOverlap(names, link, centre, size, other_link, pose, half, radius)
+
+
+# -- reasons ----------------------------------------------------------------------------------------------------------
+
+LINE_DEVIATION = 1e-3, 1e-2
+"""Metres and rad: the deviation of the tcp from the pose on a straight line that :func:`plan_linear` permits."""
+
+BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
+"""Shares of a line at which its poses are tested."""
+
+BETWEEN_BOXES = 100
+"""Largest number of boxes of each of these proofs, a few milliseconds."""
 
 
 def _refuted(members: list[Member], reasons_of: Callable[[Member], list[str]]) -> tuple[str, ...]:
@@ -147,17 +125,17 @@ def _refuted(members: list[Member], reasons_of: Callable[[Member], list[str]]) -
     for member in members:
         if not (found := reasons_of(member)):
             return ()
-        reasons += [_of(member) + words for words in found]
+        reasons += [member.head + words for words in found]
     return tuple(reasons)
 
 
-def refuted_by_name(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
+def reasons_against_every_branch(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
     """Why each IK branch of each grasp is excluded, at the grasp or at the end of a line; empty if one is not.
 
     A line that could not be planned proves nothing. A grasp is refuted if no branch reaches an end of its lines or a
     pose on them, or if every branch is in contact at an end.
     """
-    pick = task.pick
+    pick, (position, orientation) = task.pick, LINE_DEVIATION
 
     def reasons_of(member: Member) -> list[str]:
         grasp = task.grasp(member)
@@ -166,55 +144,48 @@ def refuted_by_name(task: PickTask, members: list[Member], seed: int) -> tuple[s
             found = _branches_refuted(task, pick.before(grasp), task.at_grasp, "the end of the approach", seed)
         if not found and pick.retreat:
             found = _branches_refuted(task, pick.after(grasp), task.carrying(member), "the end of the retreat", seed)
-        if not found and (where := _unreachable_between(task, member)):
-            found = [f"{NO_SOLUTION} {where}"]
-        return found
+        if found or not is_provable(task.arm):
+            return found
+        # A pose on a line may be out of reach, by more than lines may deviate
+        lines = (pick.approach, pick.before, "approach"), (pick.retreat, pick.after, "retreat")
+        for length, pose_at, name in lines:
+            for share in BETWEEN if length else ():
+                proof = prove_unreachable(
+                    task.arm,
+                    task.target(pose_at(grasp, share)),
+                    position_tolerance=position,
+                    orientation_tolerance=orientation,
+                    budget=BETWEEN_BOXES,
+                    search=False,
+                )
+                if proof.proven:
+                    return [f"{NO_SOLUTION} the {name} {share * length * 1e3:.0f} mm from the grasp"]
+        return []
 
     return _refuted(members, reasons_of)
 
 
-def refuted_at_release(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
+def reasons_at_release(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
     """Why each IK branch at the release of each grasp is excluded; empty if one is not."""
     if task.place is None:
         return ()
     return _refuted(
         members,
-        lambda each: _branches_refuted(task, task.release(each), task.letting_go(each), "the release", seed),
+        lambda member: _branches_refuted(task, task.release(member), task.letting_go(member), "the release", seed),
     )
 
 
-LINE_DEVIATION = 1e-3, 1e-2
-"""Metres and rad: the deviation of the tcp from the pose on a straight line that :func:`plan_linear` permits."""
+def reasons_by_contact(task: PickTask, members: list[Member], reached: Reached, seed: int) -> tuple[str, ...]:
+    """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven."""
 
+    def reasons_of(member: Member) -> list[str]:
+        known = reached.q[reached.member == members.index(member)]
+        if not len(known) and proven_unreachable(task.arm, [task.target(task.grasp(member))]):
+            return [f"{NO_SOLUTION} the grasp"]
+        words = _contacts_of_all(task, task.grasp(member), task.at_grasp, seed, known)
+        return [f"{words}, for every IK solution"] if words else []
 
-BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
-"""Shares of a line at which its poses are tested."""
-
-
-BETWEEN_BOXES = 100
-"""Largest number of boxes of each of these proofs, a few milliseconds."""
-
-
-def _unreachable_between(task: PickTask, member: Member) -> str:
-    """Which pose on the lines of a grasp is proven to be out of reach within the deviation of lines; else empty."""
-    grasp, position, orientation = task.grasp(member), *LINE_DEVIATION
-    if not is_provable(task.arm):
-        return ""
-    pick = task.pick
-    lines = (pick.approach, pick.before, "approach"), (pick.retreat, pick.after, "retreat")
-    for length, pose_at, name in lines:
-        for share in BETWEEN if length else ():
-            proof = prove_unreachable(
-                task.arm,
-                task.target(pose_at(grasp, share)),
-                position_tolerance=position,
-                orientation_tolerance=orientation,
-                budget=BETWEEN_BOXES,
-                search=False,
-            )
-            if proof.proven:
-                return f"the {name} {share * length * 1e3:.0f} mm from the grasp"
-    return ""
+    return _refuted(members, reasons_of)
 
 
 def _branches_refuted(
@@ -224,7 +195,8 @@ def _branches_refuted(
     if not every_branch_is_known(task, [task.target(root_from_tip)]):
         if proven_unreachable(task.arm, [task.target(root_from_tip)]):
             return [f"{NO_SOLUTION} {where}"]
-        return [f"at {where}: {words}" for words in _contacts_of_all(task, root_from_tip, checker, seed)]
+        words = _contacts_of_all(task, root_from_tip, checker, seed)
+        return [f"at {where}: {words}"] if words else []
     _, many = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
     if checker.is_free_batch(many).any():
         return []
@@ -237,31 +209,19 @@ def _branches_refuted(
     return reasons or [f"{NO_SOLUTION} {where}"]
 
 
-def refuted_by_contacts(task: PickTask, members: list[Member], reached: Reached, seed: int) -> tuple[str, ...]:
-    """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven."""
-
-    def reasons_of(member: Member) -> list[str]:
-        known = reached.q[reached.member == members.index(member)]
-        if not len(known) and proven_unreachable(task.arm, [task.target(task.grasp(member))]):
-            return [f"{NO_SOLUTION} the grasp"]
-        words = _contacts_of_all(task, task.grasp(member), task.at_grasp, seed, known)
-        return [f"{each}, for every IK solution" for each in words]
-
-    return _refuted(members, reasons_of)
-
-
 def _contacts_of_all(
     task: PickTask, root_from_tip: SE3, checker: CollisionChecker, seed: int, known: Array | None = None
-) -> list[str]:
-    """The contacts, as one text, by which every configuration at a pose is excluded; empty if this is not proven.
+) -> str:
+    """The contacts by which every configuration at a pose is excluded; empty if this is not proven.
 
     Bodies that are rigidly connected to the tcp have the same pose for every IK solution, so their contacts with
-    obstacles exclude all of them. Otherwise the joint values are divided into boxes (:func:`blocked_words`).
+    obstacles exclude all of them. Otherwise the joint values are divided into boxes (:func:`prove_blocked`).
     """
     targets = task.targets([root_from_tip])
     some = configurations(task.arm, targets, task.cell.home, seed)[1] if known is None else known
-    if len(some) and (words := _contacts_at_every_configuration(checker, some[0])):
-        return ["; ".join(words)]
+    if len(some) and (words := contacts_everywhere(checker, some[0])):
+        return "; ".join(words)
     many = np.concatenate([some, along_families(task.arm, targets, task.cell.home)[1]])
-    pairs = blocked_words(checker, task.target(root_from_tip), many)
-    return [pairs] if pairs else []
+    proof = prove_blocked(checker, task.target(root_from_tip), many)
+    pairs = () if proof is None else proof.bodies
+    return " or ".join(f"{first} collides with {second}" for first, second in pairs)

@@ -133,52 +133,33 @@ class JoinedMotion:
         """The motion, the lines that it joins, and the certificate; None if the arm has to stop at both ends."""
         stopping: Trajectory | None = None
         # The options of both lines, of which not all exist; -1 is a stop.
-        for numbers in [each for n in range(len(SPEEDS) + 1) for each in ((n, n), (-1, n), (n, -1))]:
-            chosen = self._lines(numbers)
-            if chosen is None:
+        for first, last in [pair for n in range(len(SPEEDS) + 1) for pair in ((n, n), (-1, n), (n, -1))]:
+            before = None if self.before is None or first < 0 else self.before.option(first)
+            after = None if self.after is None or last < 0 else self.after.option(last)
+            if (before is not None, after is not None) != (first >= 0, last >= 0):
                 continue
-            states = self._states(chosen)
+            start = rest(self.stops[0]) if before is None else _state(before, -1)
+            end = rest(self.stops[1]) if after is None else _state(after, 0)
             saved = sum(
                 line.stopping.duration - moving.duration
-                for line, moving in zip((self.before, self.after), chosen, strict=True)
+                for line, moving in ((self.before, before), (self.after, after))
                 if line is not None and moving is not None
             )
             if stopping is None:  # the fastest move is certainly an improvement if it is faster than any with stops
                 least = float(least_times(self.stops[1] - self.stops[0], self.bounds))
-                found = self._proven(partial(self.ends.direct, *states), least + saved, chosen)
+                found = self._proven(self.ends.direct(start, end, least + saved - GAIN), (before, after))
                 if found is not None:
                     return found
                 stopping = self.stopping()
-            found = self._proven(partial(self.ends.changed, stopping, *states), stopping.duration + saved, chosen)
+            longest = stopping.duration + saved - GAIN
+            found = self._proven(self.ends.changed(stopping, start, end, longest), (before, after))
             if found is not None:
                 return found
         return None
 
-    def _proven(
-        self, make: Callable[[float], Trajectory | None], longest: float, chosen: Chosen
-    ) -> tuple[Trajectory, Chosen, Certificate] | None:
-        motion = make(longest - GAIN)
-        if motion is None:
-            return None
-        certificate = self.prove(motion, chosen)
-        return (motion, chosen, certificate) if certificate.free else None
-
-    def _lines(self, numbers: tuple[int, int]) -> Chosen | None:
-        """The chosen options; None if one of them does not exist."""
-        found = [
-            None if line is None or number < 0 else line.option(number)
-            for line, number in zip((self.before, self.after), numbers, strict=True)
-        ]
-        wanted = [number >= 0 for number in numbers]
-        return (found[0], found[1]) if [each is not None for each in found] == wanted else None
-
-    def _states(self, chosen: Chosen) -> tuple[State, State]:
-        """The states between which the motion has to move."""
-        before, after = chosen
-        return (
-            rest(self.stops[0]) if before is None else _state(before, -1),
-            rest(self.stops[1]) if after is None else _state(after, 0),
-        )
+    def _proven(self, motion: Trajectory | None, chosen: Chosen) -> tuple[Trajectory, Chosen, Certificate] | None:
+        certificate = None if motion is None else self.prove(motion, chosen)
+        return None if motion is None or not certificate or not certificate.free else (motion, chosen, certificate)
 
 
 def _state(trajectory: Trajectory, index: int) -> State:
@@ -339,47 +320,42 @@ class _PartsTiming:
 
     def join(self) -> None:
         """Replace the stops at the outer ends of the lines, where a certified motion without a stop is shorter."""
-        for k, each in enumerate(self._curves):
-            if isinstance(each.curve, CubicPath):
+        arm = self._task.arm
+        for k, curve in enumerate(self._curves):
+            if isinstance(curve.curve, CubicPath):
                 continue
             before, after = self._line(k - 1, k), self._line(k, k + 1)
             if before is None and after is None:
                 continue
-            motion = self._joined(each, before, after)
-            found = motion.find()
+            part = self.parts[curve.part]
+
+            def prove(
+                trajectory: Trajectory,
+                chosen: Chosen,
+                joined: _StageCurve = curve,
+                lines: tuple[LineEnd | None, LineEnd | None] = (before, after),
+                part: MotionPart = part,
+            ) -> Certificate:
+                """The certificate of the part with the chosen motions on its lines."""
+                pairs = zip(lines, chosen, strict=True)
+                moving = {id(line.path): motion for line, motion in pairs if line and motion}
+                own = (other for other in self._curves if other.part == joined.part)
+                timed = [
+                    trajectory if other is joined else moving.get(id(other.curve)) or self._timed(other)
+                    for other in own
+                ]
+                return prove_part(part, Trajectory.join(*timed))
+
+            bounds = Bounds.of(arm.limits, arm.joint_names)
+            stops = np.array([curve.curve.start, curve.curve.end])
+            ends = MovingEnds(part.checker, bounds, stops, curve.rates, part.constraints)
+            found = JoinedMotion(ends, bounds, before, after, stops, partial(self._timed, curve), prove).find()
             if found is None:
                 continue
-            each.timed, chosen, self._proven[each.part] = found
+            curve.timed, chosen, self._proven[curve.part] = found
             for near, moving in zip((k - 1, k + 1), chosen, strict=True):
                 if moving is not None:
                     self._curves[near].timed = moving
-
-    def _joined(self, each: _StageCurve, before: LineEnd | None, after: LineEnd | None) -> JoinedMotion:
-        """What is searched for between two lines."""
-        task, part, curve = self._task, self.parts[each.part], each.curve
-        bounds = Bounds.of(task.arm.limits, task.arm.joint_names)
-
-        def prove(trajectory: Trajectory, chosen: Chosen) -> Certificate:
-            moving = {
-                id(line.path): motion for line, motion in zip((before, after), chosen, strict=True) if line and motion
-            }
-            own = [
-                trajectory if other is each else moving.get(id(other.curve)) or self._timed(other)
-                for other in self._curves
-                if other.part == each.part
-            ]
-            return prove_part(part, Trajectory.join(*own))
-
-        ends = np.array([curve.start, curve.end])
-        return JoinedMotion(
-            MovingEnds(part.checker, bounds, ends, each.rates, part.constraints),
-            bounds,
-            before,
-            after,
-            ends,
-            partial(self._timed, each),
-            prove,
-        )
 
     def _line(self, first: int, second: int) -> LineEnd | None:
         """The line of two successive curves, if the arm need not stop between them."""
@@ -420,9 +396,8 @@ def recertify(task: PickTask, program: MotionProgram, deviation: float = 0.0) ->
     """Certify the motions of a program again in the present cell, each as :func:`time_motion` certifies it.
 
     Motions on which a part is lifted off a support, or put onto it, and depths of the hand in the part, are certified
-    without the deviation (rad or m). The
-    motion that ends at an event is VIOLATED if the tip is not where the pick grasps or puts down, if the hand does not
-    hold the part there, or if the events are not those of the pick.
+    without the deviation (rad or m). The motion that ends at an event is VIOLATED if the tip is not where the pick
+    grasps or puts down, if the hand does not hold the part there, or if the events are not those of the pick.
 
     Raises
     ------
@@ -433,41 +408,33 @@ def recertify(task: PickTask, program: MotionProgram, deviation: float = 0.0) ->
     member = next((each for each in members if each.words == program.member), None)
     if member is None:
         raise InputError(f"pick {task.pick.name!r} has no grasp {program.member!r}, with which the program was made")
-    faults = _event_faults(task, member, program)
+    # What is wrong at the events, by the key of the certificate of the motion that ends there
+    faults: dict[str, str] = {}
+    expected, kinds = ["grip"] if task.pick.place is None else ["grip", "release"], [e.kind for e in program.events]
+    if kinds != expected:
+        wanted = f"the program has the events {', '.join(kinds) or 'none'}; the pick has {', '.join(expected)}"
+        faults[program.segments[0].certificate] = wanted
+    for event in program.events if not faults else ():
+        segment = min(program.segments, key=lambda part: abs(part.end - event.time))
+        q, grips = segment.trajectory.end, event.kind == "grip"
+        target = task.target(task.grasp(member) if grips else task.release(member))
+        off, turned = twist_size(target, task.arm.forward_kinematics(q))
+        if off > GRASP_TOLERANCE or turned > GRASP_TOLERANCE:
+            away = f"{off * 1e3:.3g} mm and {np.rad2deg(turned):.3g} deg"
+            faults[segment.certificate] = f"the tip is {away} from the {'grasp' if grips else 'release'} of the pick"
+        elif grips:
+            result = judge_grip(task, [member], q[None], np.zeros(1, dtype=np.int64)).result
+            if not result.ok:
+                faults[segment.certificate] = result.message
     found = []
     for key, trajectory in program.motions.items():
-        name = program.certificates[key].name
-        part = _part_again(task, member, name, trajectory)
+        part = _part_again(task, member, program.certificates[key].name, trajectory)
         proof = prove_part(part, trajectory, 0.0 if part.parting else deviation)
         if fault := faults.get(key):
             message = f"{fault}; {proof.message}"
             proof = replace(proof, status=CertificateStatus.VIOLATED, clearance=np.nan, message=message)
         found.append(proof)
     return tuple(found)
-
-
-def _event_faults(task: PickTask, member: Member, program: MotionProgram) -> dict[str, str]:
-    """What is wrong at the events of a program, by the key of the certificate of the motion that ends there."""
-    expected = ["grip"] if task.pick.place is None else ["grip", "release"]
-    kinds = [event.kind for event in program.events]
-    if kinds != expected:
-        wanted = f"the pick has {', '.join(expected)}"
-        return {program.segments[0].certificate: f"the program has the events {', '.join(kinds) or 'none'}; {wanted}"}
-    faults: dict[str, str] = {}
-    for event in program.events:
-        segment = min(program.segments, key=lambda part: abs(part.end - event.time))
-        q, wanted = segment.trajectory.end, task.grasp(member) if event.kind == "grip" else task.release(member)
-        off, turned = twist_size(task.target(wanted), task.arm.forward_kinematics(q))
-        if off > GRASP_TOLERANCE or turned > GRASP_TOLERANCE:
-            where = "grasp" if event.kind == "grip" else "release"
-            faults[segment.certificate] = (
-                f"the tip is {off * 1e3:.3g} mm and {np.rad2deg(turned):.3g} deg from the {where} of the pick"
-            )
-        elif event.kind == "grip":
-            gripped = judge_grip(task, [member], q[None], np.zeros(1, dtype=np.int64))
-            if not gripped.result.ok:
-                faults[segment.certificate] = gripped.result.message
-    return faults
 
 
 def certify_displaced(task: PickTask, member: Member, motion: PickMotion, by: float) -> Certificate:
@@ -481,19 +448,15 @@ def certify_displaced(task: PickTask, member: Member, motion: PickMotion, by: fl
     part = _part_again(task, member, motion.name, motion.trajectory)
     if task.name is None:
         return certify(motion.trajectory, part.checker, obstacle_tolerance=by, constraints=part.constraints)
-    wider = _with_wider_margins(part.checker, task.name, by, part.parting)
-    passing = None if part.passing is None else part.passing.padded(by)
-    return prove_part(replace(part, checker=wider, passing=passing), motion.trajectory)
-
-
-def _with_wider_margins(checker: CollisionChecker, name: str, by: float, kept: Pairs) -> CollisionChecker:
-    """The checker with margins that are larger by ``by`` metres for all pairs of the named body, except those kept."""
-    margins = {}
+    # Wider margins for all pairs of the part, except those that are in contact
+    margins, checker = {}, part.checker
     for pair, (i, j) in enumerate(checker.pairs):
         owners = checker.bodies[i].owner, checker.bodies[j].owner
-        wider = name in owners and not any(set(owners) == set(each) for each in kept)
+        wider = task.name in owners and not any(set(owners) == set(touching) for touching in part.parting)
         margins[owners] = float(checker.margins[pair]) + (by if wider else 0.0)
-    return checker.with_margin(checker.margin, margins)
+    passing = None if part.passing is None else part.passing.padded(by)
+    widened = replace(part, checker=checker.with_margin(checker.margin, margins), passing=passing)
+    return prove_part(widened, motion.trajectory)
 
 
 def part_of(task: PickTask, member: Member, name: str, curves: Curves = (), parting: Pairs = ()) -> MotionPart:

@@ -20,7 +20,7 @@ FORMATS = {
     "dh": ("pinproof.description.dh", "DhTable"),
     "limits": ("pinproof.model.limits", "FILE"),
     "motion": ("pinproof.motion.trajectory_files", "MOTION"),
-    "library": ("pinproof.execution.library_file", "LIBRARY"),
+    "library": ("pinproof.execution.motion_library", "LIBRARY"),
     "program": ("pinproof.motion.motion_program", "PROGRAM"),
     "report": ("pinproof.picks.report.report", "PickReport"),
     "sequence": ("pinproof.cell.sequencing.sequence_result", "SequenceResult"),

@@ -270,19 +270,27 @@ class Monitor(Shown):
         if not isinstance(time, (int, float, np.number)) or not np.isfinite(time):
             raise InputError(f"time = {time!r}; it must be a finite number of seconds")
         at = _measured("q", q, len(names))
-        rate = self._estimated(time, at) if dq is None else _measured("dq", dq, len(names))
+        # Without measured velocities, they follow from the last measurement
+        rate, progress = np.zeros(len(names)), min(max(time, 0.0), self._trajectory.duration)
+        if dq is not None:
+            rate = _measured("dq", dq, len(names))
+        elif self._last is None or time <= 0.0 < self._last[0]:
+            rate = np.asarray(self._trajectory.velocity(progress))
+        elif time > self._last[0]:
+            rate = np.asarray((at - self._last[1]) / (time - self._last[0]))
         if self._last is not None and time <= self._last[0] and not time <= 0.0 < self._last[0]:
             rate = np.full(len(names), np.nan)  # the clock went back, or a measurement is repeated
         if not (np.isfinite(at).all() and np.isfinite(rate).all()):
             bad = ~(np.isfinite(at) & np.isfinite(rate))
             name = "" if np.isfinite(at).all() and bad.all() else names[int(bad.argmax())]
             return MonitorResult(MonitorStatus.INVALID, time, time, np.abs(at), name, np.inf, q=at, dq=rate)
+        # A sensor that repeats its values although a joint must have moved
         moved = self._moved_since_change(time, at, rate, measured=dq is not None)
         self._last = time, at
         if (moved > self._tolerance).any():
             name, unknown = names[int((moved / self._tolerance).argmax())], np.full(len(names), np.nan)
             return MonitorResult(MonitorStatus.INVALID, time, time, moved, name, np.inf, q=unknown, dq=unknown)
-        progress = min(max(time, 0.0), self._trajectory.duration)
+        # The deviation from the motion at this time or, if the robot is early or late, at the closest configuration
         deviation = self._deviation(progress, at, rate)
         if (deviation > self._tolerance).any():
             closest = self._closest(at, progress)
@@ -360,12 +368,6 @@ class Monitor(Shown):
             rates.insert(1, rate)
         return Trajectory(times, points, rates, path.joint_names, note)
 
-    def _estimated(self, time: float, q: Array) -> Array:
-        if self._last is None or time <= 0.0 < self._last[0]:
-            return np.asarray(self._trajectory.velocity(min(max(time, 0.0), self._trajectory.duration)))
-        before, at = self._last
-        return np.asarray((q - at) / (time - before)) if time > before else np.zeros(len(q))
-
     def _moved_since_change(self, time: float, q: Array, dq: Array, *, measured: bool) -> Array:
         """Return (n,) the least distance that each joint must have moved since q last changed, which is 0 if it did."""
         before = self._last
@@ -409,13 +411,10 @@ class Monitor(Shown):
     def _view(self) -> View:
         columns = ("joint", "tolerance", "largest drift within the latency", "acceleration")
         rows = zip(self._trajectory.joint_names, self._tolerance, self._spread, self._acceleration, strict=True)
-        return View(self._headline, [Rows(columns, rows)])
-
-    @property
-    def _headline(self) -> str:
         low, high = float(self._tolerance.min()), float(self._tolerance.max())
         tube = f"{high:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
-        return f"{self._trajectory.duration:.4g} s, tube of {tube} rad or m, latency {self._latency * 1e3:.4g} ms"
+        seconds, latency = f"{self._trajectory.duration:.4g} s", f"latency {self._latency * 1e3:.4g} ms"
+        return View(f"{seconds}, tube of {tube} rad or m, {latency}", [Rows(columns, rows)])
 
 
 def _each(name: str, value: npt.ArrayLike, n: int, *, above_zero: bool = False) -> Array:

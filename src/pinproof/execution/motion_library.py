@@ -1,11 +1,18 @@
-"""Stored motions with their certificates, for scenes that change between two executions."""
+"""Stored motions with their certificates, for scenes that change between two executions, and their files.
+
+A file has hashes of the motions and of the setup for which they were certified.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,11 +27,22 @@ from pinproof.collision import (
     checked_margin,
     only_arm,
 )
+from pinproof.common.files import read_text, unknown_suffix, write_text_whole
 from pinproof.common.results import Answer, Rows, Shown, View
+from pinproof.common.structs import (
+    ANY_TEXT,
+    NOT_NEGATIVE,
+    PLAIN_NUMBER,
+    Kind,
+    Table,
+    errors_of,
+    list_of,
+    required,
+    schema_version,
+)
 from pinproof.common.validation import require_type
-from pinproof.errors import InputError, UnknownNameError
-from pinproof.execution import library_file
-from pinproof.motion import Trajectory, time_parametrise
+from pinproof.errors import FileError, InputError, UnknownNameError
+from pinproof.motion import MOTION, Reader, Trajectory, from_message, time_parametrise, to_message
 from pinproof.planning import Planner, PlanResult, planner_of, shortcut
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
 
@@ -42,6 +60,36 @@ SAMPLES = 400
 
 MOST_ATTEMPTS = 6
 """Largest number of parts of a motion, in order of length, that a repair tries to replace."""
+
+
+SCHEMA = "pinproof/library/1"
+"""The version of the format, raised by breaking changes."""
+
+STORED = Table(
+    "stored_motion",
+    "A motion of the library.",
+    required("name", ANY_TEXT, "name of the motion"),
+    required("sha256", ANY_TEXT, "hash (SHA-256, hexadecimal) of its curve"),
+    required(
+        "motion",
+        Kind(MOTION, lambda _, motion: motion, lambda _, message, path: from_message(Reader(path), message)),
+        "the motion, as in a motion file",
+    ),
+)
+
+LIBRARY = Table(
+    "library",
+    "A library of motions. A file contains no proofs: the motions are certified again when it is read.",
+    schema_version(SCHEMA),
+    required("made_by", ANY_TEXT, "the program that wrote the file"),
+    required("robot", ANY_TEXT, "name of the robot"),
+    required("robot_sha256", ANY_TEXT, "hash of kinematics, joints, held joints and link geometry"),
+    required("tool_sha256", ANY_TEXT, "hash of the attached objects"),
+    required("margin", PLAIN_NUMBER, "required distance between any two bodies", "m"),
+    required("joint_tolerance", list_of(NOT_NEGATIVE, 1), "deviation of each joint that is covered", "rad or m"),
+    required("obstacle_tolerance", NOT_NEGATIVE, "displacement of obstacles that is covered", "m"),
+    required("motions", list_of(STORED), "the motions"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +233,8 @@ class MotionLibrary(Shown):
             raise InputError(f"the library stores a Trajectory, not a {type(trajectory).__name__}; time it first")
         if name in self._motions:
             raise InputError(f"the library has a motion {name!r} already; choose another name, or remove it first")
-        return self._with(self._new(name, trajectory, self._certify(trajectory).or_raise()))
+        motion = self._new(name, trajectory, self._certify(trajectory).or_raise())
+        return self._copy(self._checker, {**self._motions, name: motion})
 
     def remove(self, *names: str) -> MotionLibrary:
         """Return a library without these motions."""
@@ -207,23 +256,25 @@ class MotionLibrary(Shown):
             If the robot, its attached objects, its held joints or the margin differ.
         """
         require_type("checker", checker, CollisionChecker)
-        changes: dict[int, SetupChange] = {}
-        own = SetupChange(self._checker, checker)  # refuses another setup, also for an empty library
-        changes[id(self._checker)] = own
-        return self._copy(checker, {m.name: self._again(m, checker, changes) for m in self})
-
-    def _again(self, motion: StoredMotion, checker: CollisionChecker, changes: dict[int, SetupChange]) -> StoredMotion:
-        proof = motion.proof
-        if proof is None:
-            return self._new(motion.name, motion.trajectory, self._certify(motion.trajectory, checker))
-        change = changes.get(id(proof.checker))
-        if change is None:
-            change = changes[id(proof.checker)] = SetupChange(proof.checker, checker)
-        record = change.changed > RENEWED * len(checker.pairs)
-        certificate = proof.certify(change, tolerance=self._tolerance, record=record)
-        if record and certificate.free:
-            return self._new(motion.name, motion.trajectory, certificate)
-        return replace(motion, certificate=certificate)
+        # Another setup is refused, also for an empty library
+        changes = {id(self._checker): SetupChange(self._checker, checker)}
+        motions: dict[str, StoredMotion] = {}
+        for motion in self:
+            name, trajectory, proof = motion.name, motion.trajectory, motion.proof
+            if proof is None:
+                motions[name] = self._new(name, trajectory, self._certify(trajectory, checker))
+                continue
+            if id(proof.checker) not in changes:
+                changes[id(proof.checker)] = SetupChange(proof.checker, checker)
+            change = changes[id(proof.checker)]
+            # New evidence is recorded if much of the old one no longer applies
+            record = change.changed > RENEWED * len(checker.pairs)
+            certificate = proof.certify(change, tolerance=self._tolerance, record=record)
+            renewed = record and certificate.free
+            motions[name] = (
+                self._new(name, trajectory, certificate) if renewed else replace(motion, certificate=certificate)
+            )
+        return self._copy(checker, motions)
 
     def find(
         self,
@@ -328,12 +379,16 @@ class MotionLibrary(Shown):
                 continue
             path = shortcut(plan.path, plan.checker, rng=rng)
             detour = time_parametrise(path, self._checker.group.limits, jerk=jerk)
-            fixed = _replaced(trajectory, first, last, detour)
+            parts = [trajectory.split(first)[0]] if first > 0.0 else []
+            parts += [detour, *([trajectory.split(last)[1]] if last < trajectory.duration else [])]
+            fixed = Trajectory.join(*parts)
             certificate = self._certify(fixed)
             if certificate.free:
                 repaired = self._new(name, fixed, certificate)
                 text = f"{name}: replaced from {first:.4g} s to {last:.4g} s; {certificate.message}"
-                return RepairResult(self._with(repaired), repaired, (first, last), plan, text)
+                return RepairResult(
+                    self._copy(self._checker, {**self._motions, name: repaired}), repaired, (first, last), plan, text
+                )
             reason = certificate.message
         return RepairResult(self, motion, None, plan, f"{name}: no collision-free replacement was found; {reason}")
 
@@ -372,9 +427,23 @@ class MotionLibrary(Shown):
         FileError
             If the file cannot be written.
         """
-        motions = {motion.name: motion.trajectory for motion in self}
-        tolerances = self._joint_tolerance, self._obstacle_tolerance
-        library_file.write(Path(path), self._checker, tolerances, motions)
+        path = Path(path)
+        if path.suffix != ".json":
+            raise FileError(path, unknown_suffix(path, [".json"]))
+        head = {
+            "schema": SCHEMA,
+            "made_by": f"pinproof {version('pinproof')}",
+            **_setup(self._checker),
+            "joint_tolerance": self._joint_tolerance.tolist(),
+            "obstacle_tolerance": self._obstacle_tolerance,
+        }
+        rows = []
+        for name, motion in self._motions.items():
+            message = to_message(motion.trajectory.record(motion.trajectory.certified))
+            rows.append({"name": name, "sha256": motion.trajectory.digest(), "motion": message})
+        # One line for each motion, so that files can be compared
+        text = json.dumps(head, allow_nan=False)[:-1] + ',\n "motions": [\n  '
+        write_text_whole(path, text + ",\n  ".join(json.dumps(row, allow_nan=False) for row in rows) + "\n ]}\n")
 
     @classmethod
     def load(cls, path: str | Path, checker: CollisionChecker, *, tolerance: float | None = None) -> MotionLibrary:
@@ -388,18 +457,37 @@ class MotionLibrary(Shown):
             If the file cannot be read or was changed, or is for another robot, other attached objects or another
             margin.
         """
-        content = library_file.read(Path(path), checker)
-        library = cls(
-            checker,
-            joint_tolerance=content.joint_tolerance,
-            obstacle_tolerance=content.obstacle_tolerance,
-            tolerance=tolerance,
-        )
-        motions = {
-            name: library._new(name, trajectory, library._certify(trajectory))
-            for name, trajectory in content.motions.items()
+        path = Path(path)
+        content = Reader(path).json(read_text(path, FileError))
+        with errors_of(path, FileError):
+            data = LIBRARY.parse("the file", content, path)
+        # The setup must be the same
+        own, group = _setup(checker), checker.group
+        what = {
+            "robot_sha256": f"the robot {data['robot']!r} with other kinematics, link geometry or held joints",
+            "tool_sha256": "other attached objects than your checker has",
+            "margin": f"a margin of {data['margin'] * 1e3:.9g} mm; your checker has {checker.margin * 1e3:.9g} mm",
         }
-        return library._copy(checker, motions)
+        for key, other in what.items():
+            if data[key] != own[key]:
+                raise FileError(path, f"its motions were certified for {other}; certify and store them again", key)
+        if len(data["joint_tolerance"]) != group.dof:
+            raise FileError(path, f"must have {group.dof} numbers, one for each joint", "joint_tolerance")
+        # Each motion must be the one that was written
+        motions: dict[str, Trajectory] = {}
+        for i, row in enumerate(data["motions"]):
+            name, place = row["name"], f"motions[{i}]"
+            if name in motions:
+                raise FileError(path, f"has two motions named {name!r}", place)
+            motions[name] = trajectory = Trajectory.of_record(row["motion"])
+            if trajectory.digest() != row["sha256"]:
+                raise FileError(path, f"the motion {name!r} was changed: its hash differs from sha256", place)
+            if trajectory.joint_names != group.joint_names:
+                raise FileError(path, f"the motion {name!r} has the joints {', '.join(trajectory.joint_names)}", place)
+        tolerances = {key: data[key] for key in ("joint_tolerance", "obstacle_tolerance")}
+        library = cls(checker, **tolerances, tolerance=tolerance)
+        stored = {name: library._new(name, motion, library._certify(motion)) for name, motion in motions.items()}
+        return library._copy(checker, stored)
 
     def _certify(self, trajectory: Trajectory, checker: CollisionChecker | None = None) -> Certificate:
         return certify(
@@ -416,9 +504,6 @@ class MotionLibrary(Shown):
         proof = StoredProof(certificate) if certificate.free else None
         return StoredMotion(name, trajectory, certificate, proof)
 
-    def _with(self, motion: StoredMotion) -> MotionLibrary:
-        return self._copy(self._checker, {**self._motions, motion.name: motion})
-
     def _copy(self, checker: CollisionChecker, motions: dict[str, StoredMotion]) -> MotionLibrary:
         other = MotionLibrary(
             checker,
@@ -433,21 +518,18 @@ class MotionLibrary(Shown):
         rows = ((m.name, m.trajectory.duration, m.certificate.status.name, m.certificate.message) for m in self)
         lines = (f"{m.name}: {m.trajectory.duration:.4g} s, {m.certificate.status.name}" for m in self)
         table = Rows(("motion", "duration [s]", "status", "certificate"), rows)
-        return View(self._headline, [table], lines, len(self))
-
-    @property
-    def _headline(self) -> str:
-        free = sum(motion.free for motion in self)
         motions = "1 motion" if len(self) == 1 else f"{len(self)} motions"
-        return f"{motions} of {self._checker.group.robot.name}, {free} proven collision-free"
+        free = f"{sum(motion.free for motion in self)} proven collision-free"
+        return View(f"{motions} of {self._checker.group.robot.name}, {free}", [table], lines, len(self))
 
 
-def _replaced(trajectory: Trajectory, first: float, last: float, detour: Trajectory) -> Trajectory:
-    """The motion with another part between two times at which it rests."""
-    parts = []
-    if first > 0.0:
-        parts.append(trajectory.split(first)[0])
-    parts.append(detour)
-    if last < trajectory.duration:
-        parts.append(trajectory.split(last)[1])
-    return Trajectory.join(*parts)
+def _setup(checker: CollisionChecker) -> dict[str, Any]:
+    """What must agree between the checkers that write and read a library."""
+    group = checker.group
+    robot, tool = hashlib.sha256(), hashlib.sha256()
+    robot.update(repr((group.robot.urdf.kinematics, dict(group.ends), group.joint_names, dict(group.held))).encode())
+    for body in checker.bodies:
+        if body.link is not None:
+            (robot if body.owner == body.link else tool).update(body.content())
+    hashes = {"robot_sha256": robot.hexdigest(), "tool_sha256": tool.hexdigest()}
+    return {"robot": group.robot.name, **hashes, "margin": checker.margin}

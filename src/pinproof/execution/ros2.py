@@ -332,7 +332,14 @@ class CertifiedExecution:
                 self._frames = _frames(message)
         except MALFORMED as error:
             self._unread = f"no motion is sent, because the planning scene cannot be read: {error}"
-        self._unproven = self._unread or self._prove_again()
+        # A motion that is executed is monitored in the present scene
+        self._unproven = self._unread
+        if not self._unread and self._motion is not None:
+            tolerance, latency = self.joint_tolerance, self.latency
+            try:
+                self.monitor = Monitor(self.checker, self._motion, joint_tolerance=tolerance, latency=latency)
+            except PinproofError as error:
+                self._unproven = f"the motion is stopped: {error}"
         return Reply(self._unproven, alarm=bool(self._unproven))
 
     def on_path(self, message: Mapping[str, Any], seconds: float) -> Reply:
@@ -367,7 +374,9 @@ class CertifiedExecution:
             return silence
         before, self._last = self._last, None
         try:
-            time = _measured_at(message, seconds)
+            stamp = (message.get("header") or {}).get("stamp") or {}
+            stamped = int(stamp.get("sec", 0)) + int(stamp.get("nanosec", 0)) * 1e-9
+            time = stamped if stamped != 0.0 else seconds
             if before is not None and not time > before.time:
                 raise InputError(f"it was measured at {time:.6g} s, not after the one before, at {before.time:.6g} s")
             q, dq = read_joint_state(message, self.checker.group.joint_names)
@@ -441,18 +450,6 @@ class CertifiedExecution:
             expected |= dict(zip(motion.joint_names, pairs, strict=True))
         return expected
 
-    def _prove_again(self) -> str:
-        """Monitor the motion that is executed in the present scene; the reason if it is not proven free, else empty."""
-        if self._motion is None:
-            return ""
-        try:
-            self.monitor = Monitor(
-                self.checker, self._motion, joint_tolerance=self.joint_tolerance, latency=self.latency
-            )
-        except PinproofError as error:
-            return f"the motion is stopped: {error}"
-        return ""
-
 
 def _difference(state: Mapping[str, Any], expected: Mapping[str, tuple[float, float]]) -> str:
     """The first joint of a JointState that is not where it is expected; empty without one."""
@@ -461,13 +458,6 @@ def _difference(state: Mapping[str, Any], expected: Mapping[str, tuple[float, fl
         if str(name) in expected and not abs(float(position) - value) <= tolerance:
             return f"{name} is at {float(position):.6g}, but {value:.6g} is certified"
     return ""
-
-
-def _measured_at(message: Mapping[str, Any], seconds: float) -> float:
-    """The time (s) of the header of a message; ``seconds`` if it states none."""
-    stamp = (message.get("header") or {}).get("stamp") or {}
-    time = int(stamp.get("sec", 0)) + int(stamp.get("nanosec", 0)) * 1e-9
-    return time if time != 0.0 else seconds
 
 
 def _frames(message: Mapping[str, Any]) -> tuple[list[Any], ...]:

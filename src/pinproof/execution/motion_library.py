@@ -464,7 +464,9 @@ class MotionLibrary(Shown):
         # The setup must be the same
         own, group = _setup(checker), checker.group
         what = {
-            "robot_sha256": f"the robot {data['robot']!r} with other kinematics, link geometry or held joints",
+            "robot_sha256": (
+                f"the robot {data['robot']!r} with other kinematics, link geometry or held joints than yours"
+            ),
             "tool_sha256": "other attached objects than your checker has",
             "margin": f"a margin of {data['margin'] * 1e3:.9g} mm; your checker has {checker.margin * 1e3:.9g} mm",
         }

@@ -143,7 +143,8 @@ class _Swept(Proposals):
     def __init__(self, arm: Arm, home: Array, rng: int) -> None:
         self._arm, self._home, self._rng, self._span = arm, home, rng, Span(arm)
         joint, values = SWEEP.redundant_grid(arm, home) or (0, home[:0])
-        spread = values[np.argsort([_reversed_bits(k) for k in range(len(values))])]
+        # sorting by the reversed binary digits of the index places neighbouring values far apart
+        spread = values[np.argsort([int(f"{k:010b}"[::-1], 2) for k in range(len(values))])]
         self._groups = [group for group in np.split(spread, np.cumsum(GROUPS)) if len(group)]
         step = float(np.diff(values).max(initial=TURN))
         self._beyond = np.arange(values[-1] + step, values[0] + TURN, step) if arm.angular[joint] else values[:0]
@@ -198,11 +199,6 @@ def _searched(arm: Arm, targets: Array, start: Array, rng: int, span: Span) -> P
     found = Clik(restarts=RESTARTS).solve_batch(arm, targets[near], start, rng=rng)
     none = np.zeros(len(targets), dtype=bool)
     return Proposed(near[found.ok], np.ascontiguousarray(found.q[found.ok]), none, none.copy())
-
-
-def _reversed_bits(k: int) -> int:
-    """The ten binary digits of k reversed. Sorting by this number places neighbouring values far apart."""
-    return int(f"{k:010b}"[::-1], 2)
 
 
 CHUNK = 4096

@@ -94,7 +94,7 @@ def validate_picks(
     setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget)
     seed_sequence(rng).spawn(len(picks))  # so that the next call with this Generator uses other streams
     if executor is None and workers is None:
-        judged = _one_by_one(setup, picks)
+        judged = ((index, setup.judge(index, pick)) for index, pick in enumerate(picks.picks))
     else:
         judged = _by_workers(setup, picks, executor=executor, workers=workers, in_flight=in_flight)
     found: dict[int, PickVerdict] = {}
@@ -121,11 +121,6 @@ def _report(setup: PickSetup, picks: Picks, found: Mapping[int, PickVerdict]) ->
         setup,
         not_judged=len(picks.picks) - len(found),
     )
-
-
-def _one_by_one(setup: PickSetup, picks: Picks) -> Generator[tuple[int, PickVerdict], None, None]:
-    for index, pick in enumerate(picks.picks):
-        yield index, setup.judge(index, pick)
 
 
 def _verdicts(setup: PickSetup, start: int, part: Iterable[Pick]) -> list[PickVerdict]:

@@ -169,10 +169,6 @@ def _argument(name: str, value: Any) -> str:
 FOLDER = file_of("folder")
 
 
-def _folders(_: str, value: Any) -> tuple[Path, ...]:
-    return (value,) if isinstance(value, Path) else tuple(value)
-
-
 @struct(
     eq=False,
     repr=False,
@@ -286,7 +282,9 @@ class Picks(Shown):
     package_dirs: tuple[Path, ...] = key(
         "a folder, or a list of folders, that contain ROS packages",
         default=(),
-        kind=any_of(FOLDER, list_of(FOLDER), check=_folders),
+        kind=any_of(
+            FOLDER, list_of(FOLDER), check=lambda _, value: (value,) if isinstance(value, Path) else tuple(value)
+        ),
     )
     xacro_args: Mapping[str, str] = key(
         "values of the arguments of a xacro file",

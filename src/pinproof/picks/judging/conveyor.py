@@ -300,7 +300,11 @@ def judge_on_conveyor(pick: Pick, cell: PickCell, seeds: list[int], start_time: 
     if tried:
         failed = replace(farthest[-1], message=f"{farthest[-1].message}; the parts were tried at {tried} times")
     else:
-        failed = _out_of_reach(belt, start_time)
+        message = (
+            f"no IK solution on the belt from {start_time:.3g} s to {belt.duration:.3g} s, in which the part moves "
+            f"{belt.speed * (belt.duration - start_time):.3g} m; every {TIME_STEP:g} s was tried"
+        )
+        failed = StageResult(Stage.REACH, False, message)
     return PickVerdict(pick, PickStatus.NOT_FOUND, (VALID, *farthest[:-1], failed))
 
 
@@ -336,14 +340,6 @@ def _meeting_times(task: PickTask, belt: Conveyor, start_time: float, seed: int)
         if time >= last + SPACING - 1e-9 and count < TRIED:
             last, count = time, count + 1
             yield time, member
-
-
-def _out_of_reach(belt: Conveyor, start_time: float) -> StageResult:
-    message = (
-        f"no IK solution on the belt from {start_time:.3g} s to {belt.duration:.3g} s, in which the part moves "
-        f"{belt.speed * (belt.duration - start_time):.3g} m; every {TIME_STEP:g} s was tried"
-    )
-    return StageResult(Stage.REACH, False, message)
 
 
 class _BeltEnds(Exception):

@@ -70,7 +70,9 @@ def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
     points, forces, normals = [], [], []
     for touched, normal in patches:
         edges = _cone(normal, angle)
-        for point in _outermost(touched, normal):
+        # the extreme points of the patch in several directions across its normal
+        outermost = np.unique(touched[(touched @ _cone(normal, np.pi / 2).T).argmax(axis=0)], axis=0)
+        for point in outermost:
             points.append(np.tile(point, (len(edges), 1)))
             forces.append(edges)
             normals.append(edges @ normal)
@@ -94,12 +96,6 @@ def _cone(normal: Array, angle: float) -> Array:
     turns = np.arange(CONE_EDGES) * 2 * np.pi / CONE_EDGES
     across = np.cos(turns)[:, None] * u + np.sin(turns)[:, None] * v
     return np.asarray(np.cos(angle) * normal + np.sin(angle) * across)
-
-
-def _outermost(points: Array, normal: Array) -> Array:
-    """(P, 3) the extreme points of a patch in several directions perpendicular to its normal."""
-    axes = _cone(normal, np.pi / 2)
-    return np.unique(points[(points @ axes.T).argmax(axis=0)], axis=0)
 
 
 SAGITTA = 2e-4
@@ -426,8 +422,12 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
         return GripResult(False, f"{reason}; at most {_mm(limits.depth)} is allowed", stops)
     if sum(each.gap <= limits.gap for each in stops) < 2:
         apart = [each for each in stops if each.gap > limits.gap]
-        reason = " and ".join(_missed(each, part) for each in sorted(apart, key=lambda each: each.gap)[:2])
-        return GripResult(False, f"{reason}; a gap of at most {_mm(limits.gap)} is allowed", stops)
+        reasons = []
+        for each in sorted(apart, key=lambda contact: contact.gap)[:2]:
+            how, distance = f"misses {part.name} by", _mm(max(each.closed_distance, 0.0))
+            words = f"is {_mm(each.gap)} from {part.name}" if np.isfinite(each.gap) else f"{how} {distance}"
+            reasons.append(f"the closed {each.finger} {words}")
+        return GripResult(False, f"{' and '.join(reasons)}; a gap of at most {_mm(limits.gap)} is allowed", stops)
     touching = [each.patch(limits) for each in paths if each.contact.gap <= limits.gap]
     contacts = tuple(patch.contact for patch in touching)
     area, overlap = (1 + SAMPLED) * limits.area, (1 + SAMPLED) * limits.overlap
@@ -449,12 +449,6 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     extent = f"at least {_mm2(least.contact_area)} and {_mm(overlap)} along the finger"
     message = f"{len(held)} fingers touch {part.name}, each over {extent}; closing direction ({direction})"
     return GripResult(True, f"{message} in the tcp frame", tuple(held))
-
-
-def _missed(each: FingerContact, part: HeldPart) -> str:
-    if np.isfinite(each.gap):
-        return f"the closed {each.finger} is {_mm(each.gap)} from {part.name}"
-    return f"the closed {each.finger} misses {part.name} by {_mm(max(each.closed_distance, 0.0))}"
 
 
 def _mm(metres: float) -> str:

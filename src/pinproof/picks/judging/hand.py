@@ -297,15 +297,6 @@ class OpenHand:
         owners = [{checker.bodies[k].owner for k in pair} for pair in checker.pairs]
         return checker.without_pairs(k for k, pair in enumerate(owners) if not (part.name in pair and own & pair))
 
-    def _suited(self, grasp: Array | None) -> list[CollisionChecker]:
-        """The coarsest checker that is free at the grasp; both if the configuration is not known."""
-        if grasp is None:
-            return [self._coarse, self._exact]
-        if self._coarse.is_free(grasp):
-            return [self._coarse]
-        finer = self._checker(grasp)
-        return [finer if finer.is_free(grasp) else self._checker(grasp, exact=True)]
-
     def prove(
         self,
         curve: Curve,
@@ -326,7 +317,13 @@ class OpenHand:
         still = [replace(mover, tolerance=0.0) for mover in movers]
         wider = bool(deviation or self._padding or any(mover.tolerance for mover in movers))
         failed, deepest = list[Certificate](), None
-        for checker in self._suited(grasp):
+        # The coarsest checker that is free at the grasp; both if the configuration is not known
+        suited = [self._coarse] if grasp is None or self._coarse.is_free(grasp) else [self._checker(grasp)]
+        if grasp is None:
+            suited.append(self._exact)
+        elif not suited[0].is_free(grasp):
+            suited = [self._checker(grasp, exact=True)]
+        for checker in suited:
             there, palm = checker.obstacles_and_links, {body.solid.name for body in self._palm}
             pairs = [(name, self.part.name) for name in there if name in palm or name in self._hand]
             fingers = [pair for pair in pairs if pair[0] not in palm]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -76,7 +76,16 @@ class PickSetup:
             If home is outside the limits, in contact, or for other joints; if a joint has no velocity limit; or if the
             held joints, the gripper links or the gripping values of the picks do not fit the arm.
         """
-        _check_velocity_limits(arm)
+        unknown = [
+            name
+            for name, *rates in zip(arm.joint_names, arm.limits.velocity, arm.limits.acceleration, strict=True)
+            if not np.isfinite(rates).all()
+        ]
+        if unknown:
+            raise InputError(
+                f"motions cannot be timed: {', '.join(unknown)} has no velocity or acceleration limit; "
+                "state it in a file of joint limits (`limits` of the picks file, --limits, in Python limits=)"
+            )
         check_held_joints(arm, picks)
         torque_limits_of_tool(arm, picks)
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
@@ -266,44 +275,27 @@ def check_held_joints(arm: Arm, picks: Picks) -> None:
                 f"the picks state {name} = {value:g}, but the arm {actual}; create the arm with "
                 "robot.arm(held=picks.held)"
             )
-    _check_gripping_values(arm, picks.grip)
+    joints = arm.robot.urdf.joints
+    for name, closed in picks.grip.items():
+        if name not in arm.held or joints[name].mimic is not None:
+            others = [joint for joint in arm.held if joints[joint].mimic is None]
+            raise UnknownNameError("joint", name, others, "the joints outside the arm that can grip")
+        low = -np.inf if (lower := joints[name].lower) is None else lower
+        high = np.inf if (upper := joints[name].upper) is None else upper
+        for when, value in {"open": arm.held[name], "grip": closed}.items():
+            if not low <= value <= high:
+                raise InputError(f"{name} = {value:g} ({when}) is outside its limits [{low:g}, {high:g}]")
+    if mover := moved_by(arm.robot.urdf, arm.tcp, picks.grip):
+        raise InputError(
+            f"the tcp {arm.tcp!r} is moved by {mover}, a gripper joint; choose a tcp that no gripper joint moves"
+        )
+    moving = (*arm.joint_names, *arm.followers)
     for name in picks.gripper:
         if name not in arm.robot.urdf.links:
             raise UnknownNameError("link", name, arm.robot.urdf.links, "the gripper of the picks")
         # only of bodies that do not move relative to the part is the depth in it judged
-        joints = (*arm.joint_names, *arm.followers)
-        if (mover := moved_by(arm.robot.urdf, name, joints)) != (carrier := moved_by(arm.robot.urdf, arm.tcp, joints)):
+        if (mover := moved_by(arm.robot.urdf, name, moving)) != (carrier := moved_by(arm.robot.urdf, arm.tcp, moving)):
             raise InputError(
                 f"the gripper of the picks: {name} is moved by {mover or 'no joint'}, but the tcp {arm.tcp!r} by "
                 f"{carrier}; name only links of the hand, which are fixed to the tcp or moved by gripping joints"
             )
-
-
-def _check_gripping_values(arm: Arm, grip: Mapping[str, float]) -> None:
-    joints = arm.robot.urdf.joints
-    for name, closed in grip.items():
-        if name not in arm.held or joints[name].mimic is not None:
-            others = [each for each in arm.held if joints[each].mimic is None]
-            raise UnknownNameError("joint", name, others, "the joints outside the arm that can grip")
-        low = -np.inf if (lower := joints[name].lower) is None else lower
-        high = np.inf if (upper := joints[name].upper) is None else upper
-        for when, at in {"open": arm.held[name], "grip": closed}.items():
-            if not low <= at <= high:
-                raise InputError(f"{name} = {at:g} ({when}) is outside its limits [{low:g}, {high:g}]")
-    if mover := moved_by(arm.robot.urdf, arm.tcp, grip):
-        raise InputError(
-            f"the tcp {arm.tcp!r} is moved by {mover}, a gripper joint; choose a tcp that no gripper joint moves"
-        )
-
-
-def _check_velocity_limits(arm: Arm) -> None:
-    unknown = [
-        name
-        for name, *rates in zip(arm.joint_names, arm.limits.velocity, arm.limits.acceleration, strict=True)
-        if not np.isfinite(rates).all()
-    ]
-    if unknown:
-        raise InputError(
-            f"motions cannot be timed: {', '.join(unknown)} has no velocity or acceleration limit; "
-            "state it in a file of joint limits (`limits` of the picks file, --limits, in Python limits=)"
-        )

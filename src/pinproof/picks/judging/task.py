@@ -15,7 +15,7 @@ from pinproof.description import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, Payload
 from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
-from pinproof.picks.input.pick import OBJECT, TIP, Member, Pick, PlaceTarget, family, support_names
+from pinproof.picks.input.pick import OBJECT, TIP, Member, Pick, family, support_names
 from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
@@ -193,7 +193,7 @@ class PickTask:
     """
 
     def __init__(self, pick: Pick, cell: PickCell) -> None:
-        self.cell, self.arm, self.scene = cell, cell.arm, cell.checker.scene
+        self.cell, self.arm, self.scene, shared_tip = cell, cell.arm, cell.checker.scene, cell.shared.tip
         self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
         self._stated_pose, self._stated_frame = pick.pose, pick.frame
         carried = pick.carried
@@ -209,9 +209,16 @@ class PickTask:
         if pick.upright is not None and not getattr(make_planner(cell.budget.planner), "supports_constraints", False):
             raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use rrt_connect")
         self.name = pick.object_name
-        self.place = None if pick.place is None else self._place_of_tip(pick.place)
+        self.place = pick.place
+        if pick.place is not None:
+            # The pose of the tip in the root frame, at the nominal grasp
+            there = self._in_root(pick.place.pose, pick.place.frame)
+            if pick.place.pose_of == OBJECT:
+                there = there * shared_tip.actInv(self.holding(Member(SE3.Identity())).pose).inverse()
+            self.place = replace(pick.place, pose=there, frame="", pose_of=TIP)
         self.kept: dict[tuple[Hashable, ...], Any] = {}
         self._open_hands: dict[Hashable, OpenHand] = {}
+        self._empty: CollisionChecker | None = None
 
     @property
     def sampled(self) -> bool:
@@ -407,13 +414,11 @@ class PickTask:
         """The checker with the object in the hand, or with the empty tool if no object is stated."""
         if self.name is None:
             return self.outside
-        return self._allowing_hand(self._without_object.with_attached(self.holding(member)))
-
-    @cached_property
-    def _without_object(self) -> CollisionChecker:
-        """The checker with the closed hand and without the object in the scene."""
-        bare = self.cell.closed_hand
-        return bare.with_scene(self.scene.remove(str(self.name))) if self.from_scene else bare
+        if self._empty is None:  # the closed hand without the object in the scene
+            self._empty = self.cell.closed_hand
+            if self.from_scene:
+                self._empty = self._empty.with_scene(self.scene.remove(str(self.name)))
+        return self._allowing_hand(self._empty.with_attached(self.holding(member)))
 
     @once_per_grasp
     def letting_go(self, member: Member) -> CollisionChecker:
@@ -446,20 +451,16 @@ class PickTask:
             if self.name in contact.bodies and contact.distance <= SUPPORT_GAP:
                 first = contact.bodies[0] == self.name
                 other = contact.bodies[1] if first else contact.bodies[0]
-                # The facet of a bin that is nearest to the object may belong to a wall instead of the floor.
                 below = (1 if first else -1) * contact.normal[2] < DOWN
-                if other in checker.scene and (below or self._has_facets_below(checker, q, other)):
+                if other in checker.scene and not below:
+                    # The facet of a bin that is nearest to the object may belong to a wall instead of the floor
+                    owners = ((checker.bodies[i].owner, checker.bodies[j].owner) for i, j in checker.pairs)
+                    pairs = (pair for pair, both in enumerate(owners) if both == (self.name, other))
+                    facets = (directions_to_facets(checker, pair, q, SUPPORT_GAP) for pair in pairs)
+                    below = any((directions[:, 2] < DOWN).any() for directions in facets)
+                if other in checker.scene and below:
                     found.append((self.name, other))
         return tuple(dict.fromkeys(found))
-
-    def _has_facets_below(self, checker: CollisionChecker, q: Array, obstacle: str) -> bool:
-        """Whether facets of an exact mesh are close below the object, which is held at q (n,)."""
-        directions = [
-            directions_to_facets(checker, pair, q, SUPPORT_GAP)
-            for pair, (i, j) in enumerate(checker.pairs)
-            if (checker.bodies[i].owner, checker.bodies[j].owner) == (self.name, obstacle)
-        ]
-        return any((found[:, 2] < DOWN).any() for found in directions)
 
     def _allowing_hand(self, checker: CollisionChecker) -> CollisionChecker:
         """The checker in which the hand may touch the object."""
@@ -477,14 +478,6 @@ class PickTask:
         if key not in self._open_hands:  # rotations about the approach often have the same displacements
             self._open_hands[key] = OpenHand(self.outside, part, self._surface, palm, depths, hand)
         return self._open_hands[key]
-
-    def _place_of_tip(self, place: PlaceTarget) -> PlaceTarget:
-        """The place with the pose of the tip in the root frame, at the nominal grasp."""
-        there = self._in_root(place.pose, place.frame)
-        if place.pose_of == OBJECT:
-            tip_from_object = self.cell.shared.tip.actInv(self.holding(Member(SE3.Identity())).pose)
-            there = there * tip_from_object.inverse()
-        return replace(place, pose=there, frame="", pose_of=TIP)
 
     def _in_root(self, pose: SE3, frame: str) -> SE3:
         return self.root_from(frame) * pose if frame else pose

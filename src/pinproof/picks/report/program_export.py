@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -126,7 +126,10 @@ def export_picks(
             moves = moves_along(segment.trajectory, tolerance=tolerance)
             steps += moves[1:] if steps else moves
             counts[-1].append(len(moves))
-            steps += _events(program, segment, output)
+            for event in program.events:
+                if math.isclose(event.time, segment.end, abs_tol=1e-9):
+                    steps.append(SetOutput(output, event.kind == "grip"))
+                    steps += [Wait(event.dwell)] if event.dwell > 0 else []
     names = picks[0][1].joint_names
     steps = feasible(steps, setup.checker.arm)
     executed = [
@@ -301,7 +304,9 @@ def certify_picks_program(
                 raise InputError(f"the {name} of pick {planned.name!r} has {count} moves, which the text does not have")
             start = moves[-1]
             motion = time_parametrise(JointPath(points, program.joint_names), arm.limits)
-            record = MotionRecord(_motion_name(name, by_name[planned.name]), 0, 0, "UNDECIDED", None, 0, 0, "", "")
+            # a pick without an object has one certificate for all of its motions
+            certified = "pick" if by_name[planned.name].object_name is None else name
+            record = MotionRecord(certified, 0, 0, "UNDECIDED", None, 0, 0, "", "")
             records[certificate_id(record)] = record
             segments.append(ProgramSegment(name, clock, motion, certificate_id(record)))
             clock = segments[-1].end
@@ -327,17 +332,3 @@ def certify_picks_program(
     if steps:
         raise InputError(f"line {steps[0].line}: the program continues after the picks that it states")
     return tuple(certificates), tuple(notes)
-
-
-def _motion_name(segment: str, pick: Pick) -> str:
-    """The certified motion of a segment: a pick without an object has one certificate for all of them."""
-    return segment if pick.object_name is not None else "pick"
-
-
-def _events(program: MotionProgram, segment: ProgramSegment, output: str) -> Iterator[Step]:
-    """The output and the waiting time of the event at the end of a segment."""
-    for event in program.events:
-        if math.isclose(event.time, segment.end, abs_tol=1e-9):
-            yield SetOutput(output, event.kind == "grip")
-            if event.dwell > 0:
-                yield Wait(event.dwell)

@@ -420,6 +420,7 @@ class Campaign:
         """
         folder, header = Path(folder), self.header()
         rows = folder / ROWS
+        # A finished campaign is not repeated, unless some of its picks are to be judged again
         if rows.exists():
             refuse_foreign(rows, _read_header(rows), header)
             if not (folder / JOURNAL).exists():
@@ -429,6 +430,7 @@ class Campaign:
                         return replace(finished, setup=self._setup)
         done = np.zeros(len(self), dtype=bool)
         with Journal(folder, header) as journal:
+            # The rows that exist already, in the journal or in the file of a finished run
             for index, row in journal.rows():
                 done[index] = not _is_to_retry(row)
             damaged = journal.damaged
@@ -442,6 +444,7 @@ class Campaign:
             before = there = int(done.sum())
             if progress is not None:
                 progress(there, len(self))
+            # The others are judged in chunks, in any order
             chunks = do_chunks(
                 RowTask(self._setup, self._judge),
                 self._picks.part,

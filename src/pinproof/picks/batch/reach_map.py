@@ -436,6 +436,7 @@ def slices(
         raise InputError(
             "a PNG shows slices of a grid, such as ReachRegion.box returns; this region is a list of single points"
         )
+    # The axis with the fewest points is that of the slices
     counts = [len(axis) for axis in region.axes]
     through = min((counts[k], -k) for k in range(3))[1] * -1  # prefer z if equal: horizontal slices
     across = [k for k in range(3) if k != through]
@@ -444,11 +445,13 @@ def slices(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    # Evenly spaced slices, side by side
     grid = np.moveaxis(values.reshape(counts), through, 0)
     places = np.unique(np.linspace(0, counts[through] - 1, min(counts[through], MOST_SLICES)).round().astype(int))
     wide = int(np.ceil(np.sqrt(len(places))))
     tall = int(np.ceil(len(places) / wide))
     a, b = (region.axes[k] for k in across)
+    # One panel for each slice, all with the same scale
     picture = Figure(figsize=(3.4 * wide + 1.6, 3.2 * tall + 1.0), layout="constrained")
     FigureCanvasAgg(picture)
     panels = picture.subplots(tall, wide, squeeze=False, sharex=True, sharey=True).ravel()
@@ -552,6 +555,7 @@ def reach_map(
         If a shape is wrong, a matrix is not a rotation, or a setting is invalid.
     """
     require_integer("threads", threads, 1)
+    # All poses in chunks, orientation by orientation at each point
     frames = _frames(orientations)
     arm = checker.arm
     before, after = _base_and_tip(arm, tip, world_from_root)

@@ -86,10 +86,12 @@ class GraspScreening:
         best, member = ScreenedPoses.nothing(len(items), self._cell.arm.dof), np.zeros(len(items), dtype=np.int64)
         left = list(self._readable(items))
         while left:
+            # The next group of grasps of every pick that is still open, in one call
             sizes = np.array([len(each.groups[0]) for each in left])
             owner, starts = np.repeat(np.arange(len(left)), sizes), np.cumsum(sizes) - sizes
             poses = np.concatenate([each.pose @ each.groups[0] for each in left])
             screened = self._screen_poses(poses, [each.object for each in left], owner)
+            # The best grasp of each pick replaces that of earlier groups if its status is better
             order = np.lexsort((-np.nan_to_num(screened.manipulability), -screened.codes, owner))
             top, index = order[starts], np.array([each.index for each in left])
             better = screened.codes[top] > best.codes[index]
@@ -198,6 +200,7 @@ def screen_picks(
         those that the picks require.
     """
     require_integer("threads", threads, 1)
+    # The picks, with settings that the arguments override
     source = as_source(picks) if isinstance(picks, (Picks, PickSource)) else _Poses(rigid_many("poses", picks))
     named = source.shared
     named.refuse_conveyor("screening")
@@ -207,6 +210,7 @@ def screen_picks(
         tool=named.tool if tool is None else tuple(tool),
         margin=named.margin if margin is None else margin,
     )
+    # The cell, as for the complete judgement
     check_held_joints(arm, shared)
     home_q = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
     checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
@@ -219,6 +223,7 @@ def screen_picks(
             return ScreenedPicks((), screening.poses(source.poses[start:stop]), np.zeros(stop - start, dtype=np.int64))
         return screening.picks(source.part(start, stop))
 
+    # All picks in chunks, and figures of those that are free
     found = ScreenedPicks.joined(in_chunks(share, total, threads, progress), arm.dof)
     names = source.names if isinstance(source, _Poses) else found.names
     return _result(names, arm, found, screening.complete, _Reasons(cell, source, rng))

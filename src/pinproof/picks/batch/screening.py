@@ -335,6 +335,7 @@ class Screening:
         count = len(targets)
         q, volume = np.full((count, self._arm.dof), np.nan), np.full(count, np.nan)
         reached, free, own, outside, known = np.zeros((5, count), dtype=bool)
+        # Rounds of candidates for the poses that are still open
         for wanted, number in self._proposals.rounds(why=self._why):
             left = ~free
             if wanted is not Wanted.OPEN:
@@ -347,6 +348,7 @@ class Screening:
             known[rows] |= found.complete
             if len(found.q):
                 self._judge(rows[found.row], found.q, reached, free, own, q, volume)
+        # The status is that of the configuration that passed the most stages
         codes = np.where(outside, code_of(ScreenStatus.LIMITS), code_of(ScreenStatus.REACH))
         in_contact = own | (not self._why)
         codes[reached] = code_of(ScreenStatus.SELF)
@@ -364,15 +366,18 @@ class Screening:
 
         The configurations of a pose are checked in order of decreasing manipulability until one is free.
         """
+        # In order of decreasing manipulability, pose by pose
         volumes = manipulability(self._arm, q)
         starts = np.flatnonzero(np.diff(row, prepend=-1))
         order = _decreasing(starts, volumes)
         q, volumes = q[order], volumes[order]
         poses, new = row[starts], ~reached[row[starts]]
         kept[poses[new]], reached[poses] = q[starts[new]], True
+        # Is one of them free?
         best = _first(starts, len(row), lambda at: self._checker.is_free_batch(q[at]))
         good = best >= 0
         free[poses[good]], kept[poses[good]], volume[poses[good]] = True, q[best[good]], volumes[best[good]]
+        # If not, is one of them without self-collision?
         if self._why and self._own is not self._checker:
             of_itself = _first(starts, len(row), lambda at: self._own.is_free_batch(q[at]), ~good & ~own[poses])
             own[poses[of_itself >= 0]] = True

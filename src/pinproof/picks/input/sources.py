@@ -19,7 +19,7 @@ import os
 from abc import ABC, abstractmethod
 from array import array
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from math import prod
@@ -117,12 +117,14 @@ class PickSource(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class _TransformedPart:
-    part: Iterable[Pick | PickProblem]
-    placement: SE3
+class _Part:
+    """Picks that a function makes of its arguments when they are iterated, in the process that judges them."""
+
+    make: Callable[..., Iterable[Pick | PickProblem]]
+    arguments: tuple[Any, ...]
 
     def __iter__(self) -> Iterator[Pick | PickProblem]:
-        return (item.transformed(self.placement) if isinstance(item, Pick) else item for item in self.part)
+        return iter(self.make(*self.arguments))
 
 
 class _TransformedSource(PickSource):
@@ -136,10 +138,14 @@ class _TransformedSource(PickSource):
         return len(self._source)
 
     def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
-        return _TransformedPart(self._source.part(start, stop), self._placement)
+        return _Part(_transformed, (self._source.part(start, stop), self._placement))
 
     def digest(self) -> str:
         return digest((self._source.digest(), self._placement))
+
+
+def _transformed(part: Iterable[Pick | PickProblem], placement: SE3) -> Iterator[Pick | PickProblem]:
+    return (item.transformed(placement) if isinstance(item, Pick) else item for item in part)
 
 
 class PickList(PickSource):
@@ -160,6 +166,11 @@ class PickList(PickSource):
     def digest(self) -> str:
         """A hash of all picks."""
         return digest_many(self._items)
+
+
+def as_source(picks: Picks | PickSource) -> PickSource:
+    """A list of picks as a source; a source is returned unchanged."""
+    return PickList(picks) if isinstance(picks, Picks) else picks
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,32 +210,23 @@ class PickGrid(PickSource):
 
     def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
         """The picks from index ``start`` to ``stop`` (exclusive)."""
-        return _GridPart(self.first, self.counts, self.step, start, min(stop, len(self)))
+        return _Part(_grid_picks, (self.first, self.counts, self.step, range(start, min(stop, len(self)))))
 
     def digest(self) -> str:
         """A hash of all picks."""
         return digest((self.first, self.counts, self.step))
 
 
-@dataclass(frozen=True, eq=False)
-class _GridPart:
-    first: Pick
-    counts: tuple[int, int, int]
-    step: tuple[float, float, float]
-    start: int
-    stop: int
-
-    def __iter__(self) -> Iterator[Pick]:
-        for number in range(self.start, self.stop):
-            index = np.array(np.unravel_index(number, self.counts))
-            name = "_".join([self.first.name, *map(str, index)])
-            yield replace(self.first, name=name, pose=translated(self.first.pose, index * self.step))
+def _grid_picks(
+    first: Pick, counts: tuple[int, int, int], step: tuple[float, float, float], numbers: range
+) -> Iterator[Pick]:
+    for number in numbers:
+        index = np.array(np.unravel_index(number, counts))
+        name = "_".join([first.name, *map(str, index)])
+        yield replace(first, name=name, pose=translated(first.pose, index * step))
 
 
-def as_source(picks: Picks | PickSource) -> PickSource:
-    """A list of picks as a source; a source is returned unchanged."""
-    return PickList(picks) if isinstance(picks, Picks) else picks
-
+# -- tables -----------------------------------------------------------------------------------------------------------
 
 TABLE_SUFFIX = ".csv"
 
@@ -233,6 +235,60 @@ LONGEST_LINE = 2**20
 
 SEPARATOR = ";"
 """Between the names in a cell that holds several."""
+
+
+class _Columns:
+    """The columns of a table, and what its lines state."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.names = names
+        if other := other_separator(names):
+            raise InputError(other)
+        known = [name for group in COLUMNS.values() for name in group]
+        for name in names:
+            if name not in known:
+                raise UnknownNameError("column", name, known)
+        if len(set(names)) < len(names):
+            raise InputError("states a column twice")
+        # For each stated key the indices of its cells
+        self.places: dict[str, list[int]] = {}
+        for key, group in COLUMNS.items():
+            there = [name for name in group if name in names]
+            if there and len(there) < len(group):
+                missing = next(name for name in group if name not in names)
+                raise InputError(f"lacks the column {missing} beside {there[0]}")
+            if there:
+                self.places[key] = [names.index(name) for name in group]
+
+    def cell(self, key: str, cells: list[str] | None) -> str:
+        """The text of the first cell of a key; empty if it is not stated."""
+        place = self.places.get(key, [-1])[0]
+        return cells[place].strip() if cells is not None and 0 <= place < len(cells) else ""
+
+    def name(self, cells: list[str] | None, number: int) -> str:
+        """The name of a row."""
+        return self.cell("name", cells) or f"row_{number}"
+
+    def row(self, cells: list[str]) -> dict[str, Any]:
+        """The settings of a row by key, as in a picks file."""
+        if len(cells) != len(self.names):
+            more = "; decimals have a point, not a comma" if len(cells) > len(self.names) else ""
+            raise InputError(f"has {len(cells)} cells under {len(self.names)} columns{more}")
+        row: dict[str, Any] = {}
+        for key, places in self.places.items():
+            values: list[Any] = [cells[place].strip() for place in places]
+            if key == "name" or not any(values):
+                continue
+            if not all(values):
+                raise InputError(f"states only some of {', '.join(COLUMNS[key])}")
+            *outer, own = key.split(".")
+            if own == "support" and SEPARATOR in values[0]:
+                values = [[name.strip() for name in values[0].split(SEPARATOR)]]
+            holder = row
+            for into in outer:
+                holder = holder.setdefault(into, {})
+            holder[own] = values if len(values) > 1 else values[0]
+        return row
 
 
 class PickTable(PickSource):
@@ -264,26 +320,38 @@ class PickTable(PickSource):
         refuse_unreadable(self.path, PicksError, largest=None)
         with os_errors(self.path, "cannot be read", PicksError), self.path.open("rb") as file:
             self._stamp = _stamp(file)
-            self._columns, at = self._header(file, content)
-            if "arm" in self._columns and not self.shared.robots:
-                raise PicksError(
-                    self.path, "has the column arm but states no robots; a picks file with robots can name it"
-                )
-            self._where = _where(self._columns)
+            self._columns, begin = self._header(file, content)
+            if "arm" in self._columns.names and not self.shared.robots:
+                reason = "has the column arm but states no robots; a picks file with robots can name it"
+                raise PicksError(self.path, reason)
             for line in self._lines(file):
                 content.update(line)
                 if _is_row(line):
                     cells = _cells(line)
-                    self._begin.append(at)
-                    with_object.add("object" in self._defaults or bool(_cell(self._where, "object", cells)))
-                    names.append(_short(_name(self._where, cells, len(self._begin))))
-                at += len(line)
+                    self._begin.append(begin)
+                    with_object.add("object" in self._defaults or bool(self._columns.cell("object", cells)))
+                    name = self._columns.name(cells, len(self._begin)).encode("utf-8", "backslashreplace")
+                    names.append(int.from_bytes(blake2b(name, digest_size=8).digest(), "big"))
+                begin += len(line)
         if not self._begin:
             raise PicksError(self.path, "contains no picks")
-        self._begin.append(at)
+        self._begin.append(begin)
         self.with_object = frozenset(with_object)
         self._digest = f"{content.hexdigest()} {digest(self._defaults)}"
-        self._repeated = self._repeats(np.frombuffer(names, dtype=np.uint64))
+
+        # The picks whose name an earlier pick has; equal hashes may be those of different names
+        hashes = np.frombuffer(names, dtype=np.uint64)
+        order = np.argsort(hashes, kind="stable")
+        same = np.flatnonzero(hashes[order[1:]] == hashes[order[:-1]])
+        first: dict[str, int] = {}
+        repeated = set()
+        for place in np.unique(np.concatenate([order[same], order[same + 1]])).tolist():
+            with self.path.open("rb") as file:
+                file.seek(self._begin[place])
+                name_of = self._columns.name(_cells(file.readline()), place + 1)
+            if first.setdefault(name_of, place) != place:
+                repeated.add(place)
+        self._repeated = frozenset(repeated)
 
     def __len__(self) -> int:
         return len(self._begin) - 1
@@ -307,24 +375,23 @@ class PickTable(PickSource):
             file.seek(self._begin[start])
             text = file.read(self._begin[stop] - self._begin[start])
         repeated = frozenset(index for index in self._repeated if start <= index < stop)
-        return _TablePart(self.path, self._columns, self._defaults, text, start, repeated)
+        return _Part(_table_picks, (self.path, self._columns, self._defaults, text, start, repeated))
 
-    def _header(self, file: Any, content: Any) -> tuple[tuple[str, ...], int]:
+    def _header(self, file: Any, content: Any) -> tuple[_Columns, int]:
         """The columns, and the offset of the line after them."""
-        at = 0
+        offset = 0
         for number, line in enumerate(self._lines(file), start=1):
             content.update(line)
-            at += len(line)
+            offset += len(line)
             if not _is_row(line):
                 continue
             try:
                 if line.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
                     raise InputError("is UTF-16 text; save it as UTF-8")
-                columns = tuple(cell.strip() for cell in next(csv.reader([line.decode("utf-8-sig")], strict=True)))
-                _check_columns(columns)
+                cells = next(csv.reader([line.decode("utf-8-sig")], strict=True))
+                return _Columns(tuple(cell.strip() for cell in cells)), offset
             except (UnicodeDecodeError, csv.Error, InputError) as error:
                 raise PicksError(self.path, str(error), f"line {number}") from error
-            return columns, at
         raise PicksError(self.path, "is empty; its first line names the columns, such as name,x,y,z,roll,pitch,yaw")
 
     def _lines(self, file: Any) -> Iterator[bytes]:
@@ -333,94 +400,22 @@ class PickTable(PickSource):
                 raise PicksError(self.path, f"has a line of more than {LONGEST_LINE} bytes; this is not a table")
             yield line
 
-    def _repeats(self, hashes: np.ndarray[Any, Any]) -> frozenset[int]:
-        """The indices of picks whose name an earlier pick has."""
-        order = np.argsort(hashes, kind="stable")
-        same = np.flatnonzero(hashes[order[1:]] == hashes[order[:-1]])
-        first: dict[str, int] = {}
-        repeated = set()
-        for place in np.unique(np.concatenate([order[same], order[same + 1]])).tolist():  # by name, not by hash
-            name = next(iter(_TablePart(self.path, self._columns, self._defaults, self._line(place), place))).name
-            if first.setdefault(name, place) != place:
-                repeated.add(place)
-        return frozenset(repeated)
 
-    def _line(self, place: int) -> bytes:
-        with self.path.open("rb") as file:
-            file.seek(self._begin[place])
-            return file.readline()
-
-
-@dataclass(frozen=True, eq=False)
-class _TablePart:
-    path: Path
-    columns: tuple[str, ...]
-    defaults: Mapping[str, Any]
-    text: bytes
-    start: int
-    repeated: frozenset[int] = frozenset()
-
-    def __iter__(self) -> Iterator[Pick | PickProblem]:
-        where = _where(self.columns)
-        lines = (line for line in self.text.split(b"\n") if _is_row(line))  # the same splitting as in the index
-        for place, line in enumerate(lines, start=self.start):
-            cells = _cells(line)
-            name = _name(where, cells, place + 1)
-            try:
-                if cells is None:
-                    raise InputError("is not a valid line of a UTF-8 CSV file")
-                if place in self.repeated:
-                    raise InputError(f"a second pick is named {name!r}")
-                row = {**_stated(where, len(self.columns), cells), "name": name}
-                yield from picks_of_row(row, self.defaults, self.path)
-            except InputError as error:
-                yield PickProblem(place + 1, name, str(error))
-
-
-def _where(columns: tuple[str, ...]) -> dict[str, list[int]]:
-    """For each stated key the indices of its cells."""
-    return {
-        key: [columns.index(name) for name in names]
-        for key, names in COLUMNS.items()
-        if columns and names[0] in columns
-    }
-
-
-def _check_columns(columns: tuple[str, ...]) -> None:
-    if other := other_separator(columns):
-        raise InputError(other)
-    known = [name for names in COLUMNS.values() for name in names]
-    for column in columns:
-        if column not in known:
-            raise UnknownNameError("column", column, known)
-    if len(set(columns)) < len(columns):
-        raise InputError("states a column twice")
-    for names in COLUMNS.values():
-        missing = [name for name in names if name not in columns]
-        if missing and len(missing) < len(names):
-            raise InputError(f"lacks the column {missing[0]} beside {next(name for name in names if name in columns)}")
-
-
-def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dict[str, Any]:
-    """The settings of a row by key."""
-    if len(cells) != width:
-        more = "; decimals have a point, not a comma" if len(cells) > width else ""
-        raise InputError(f"has {len(cells)} cells under {width} columns{more}")
-    stated: dict[str, Any] = {}
-    for key, places in where.items():
-        values: list[Any] = [cells[place].strip() for place in places]
-        if key == "name" or not any(values):
-            continue
-        if not all(values):
-            raise InputError(f"states only some of {', '.join(COLUMNS[key])}")
-        *outer, own = key.split(".")
-        if own == "support" and SEPARATOR in values[0]:
-            values = [[name.strip() for name in values[0].split(SEPARATOR)]]
-        holder = stated
-        for into in outer:
-            holder = holder.setdefault(into, {})
-        holder[own] = values if len(values) > 1 else values[0]
-    return stated
+def _table_picks(
+    path: Path, columns: _Columns, defaults: Mapping[str, Any], text: bytes, start: int, repeated: frozenset[int]
+) -> Iterator[Pick | PickProblem]:
+    lines = (line for line in text.split(b"\n") if _is_row(line))  # the same splitting as in the index
+    for place, line in enumerate(lines, start=start):
+        cells = _cells(line)
+        name = columns.name(cells, place + 1)
+        try:
+            if cells is None:
+                raise InputError("is not a valid line of a UTF-8 CSV file")
+            if place in repeated:
+                raise InputError(f"a second pick is named {name!r}")
+            yield from picks_of_row({**columns.row(cells), "name": name}, defaults, path)
+        except InputError as error:
+            yield PickProblem(place + 1, name, str(error))
 
 
 def _cells(line: bytes) -> list[str] | None:
@@ -431,23 +426,9 @@ def _cells(line: bytes) -> list[str] | None:
         return None
 
 
-def _name(where: Mapping[str, list[int]], cells: list[str] | None, number: int) -> str:
-    return _cell(where, "name", cells) or f"row_{number}"
-
-
-def _cell(where: Mapping[str, list[int]], key: str, cells: list[str] | None) -> str:
-    """The text of the first cell of a key; empty if it is not stated."""
-    at = where.get(key, [-1])[0]
-    return cells[at].strip() if cells is not None and 0 <= at < len(cells) else ""
-
-
 def _is_row(line: bytes) -> bool:
     text = line.strip()
     return bool(text) and not text.startswith(b"#")
-
-
-def _short(name: str) -> int:
-    return int.from_bytes(blake2b(name.encode("utf-8", "backslashreplace"), digest_size=8).digest(), "big")
 
 
 def _stamp(file: Any) -> tuple[int, int]:
@@ -455,6 +436,8 @@ def _stamp(file: Any) -> tuple[int, int]:
     found = os.fstat(file.fileno())
     return found.st_size, found.st_mtime_ns
 
+
+# -- files ------------------------------------------------------------------------------------------------------------
 
 SUFFIXES = (*YAML_SUFFIXES, ".json", TABLE_SUFFIX)
 
@@ -526,21 +509,22 @@ def open_picks(path: str | Path) -> PickSource:
             raise Misread(f"is {rows!r}, not a list of picks", (".picks",), position(content, "picks"))
         if not rows:
             raise InputError("contains no picks; add a list under 'picks:'")
-        # The defaults are read as those of a pick, because an error in them would recur in every row.
-        defaults = step(".defaults", position(content, "defaults"), _defaults, content.get("defaults", {}), path)
+
+        def readable(stated: Any) -> Mapping[str, Any]:
+            """The defaults, which are read as those of a pick, because an error in them would recur in every row."""
+            if not isinstance(stated, dict):
+                raise InputError(f"holds {stated!r}, not a mapping; valid keys: {', '.join(DEFAULTS.names)}")
+            DEFAULTS.refuse_unknown(stated)
+            turned = {} if {"rpy", "quat_xyzw"} & stated.keys() else {"rpy": [0, 0, 0]}
+            example = {"name": "defaults", "xyz": [0, 0, 0], "object": "any", **turned}
+            picks_of_row(completed(example, stated), {}, path)
+            return stated
+
+        defaults = step(".defaults", position(content, "defaults"), readable, content.get("defaults", {}))
         shared = read_settings(content, path)
     if table:
         return PickTable(path.parent / rows, shared=shared, defaults=defaults)
     return _list(path, rows, shared, defaults)
-
-
-def _defaults(stated: Any, path: Path) -> Mapping[str, Any]:
-    if not isinstance(stated, dict):
-        raise InputError(f"holds {stated!r}, not a mapping; valid keys: {', '.join(DEFAULTS.names)}")
-    DEFAULTS.refuse_unknown(stated)
-    turned = {} if {"rpy", "quat_xyzw"} & stated.keys() else {"rpy": [0, 0, 0]}
-    picks_of_row(completed({"name": "defaults", "xyz": [0, 0, 0], "object": "any", **turned}, stated), {}, path)
-    return stated
 
 
 def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any]) -> PickList:
@@ -560,12 +544,8 @@ def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any
                     raise UnknownNameError("arm", pick.arm, shared.robots, "the robots of the file")
             taken.update(pick.name for pick in made)
             picks += made
-        except Misread as error:
-            problems.append(PickProblem(number, str(name or f"row {number}"), str(error)))
         except (InputError, FileError) as error:
-            reason = error.reason if isinstance(error, FileError) else str(error)
-            where = position(row)
-            problems.append(
-                PickProblem(number, str(name or f"row {number}"), f"{where}: {reason}" if where else reason)
-            )
+            reason, where = error.reason if isinstance(error, FileError) else str(error), position(row)
+            reason = f"{where}: {reason}" if where and not isinstance(error, Misread) else reason
+            problems.append(PickProblem(number, str(name or f"row {number}"), reason))
     return PickList(replace(shared, picks=tuple(picks), problems=tuple(problems)))

@@ -163,6 +163,7 @@ def _followed(phases: _Phases, q: Array) -> Following | _BeltExcess | str:
         return f"before the tool is at the part on the belt: {before}"
     if isinstance(after, str):
         return f"while the tool follows the belt: {after}"
+    # One curve through both, with the joint velocities of the exact motion of the tool
     times = np.concatenate([before[0][::-1], after[0][1:]])
     points = np.concatenate([before[1][::-1], after[1][1:]])
     rotation = arm.root_from_base.rotation.T
@@ -286,7 +287,15 @@ def judge_on_conveyor(pick: Pick, cell: PickCell, seeds: list[int], start_time: 
         task = PickTask(pick, cell)
         if belt is None:
             raise InputError("the picks state no conveyor")
-        _check(task, belt, start_time)
+        if task.name not in belt.parts:
+            raise InputError(f"{task.name!r} is not on the conveyor: it was taken before")
+        if unknown := [name for name in belt.parts if name not in task.scene]:
+            raise InputError(f"the conveyor moves {', '.join(unknown)}, which the scene does not have")
+        if pick.speed or pick.payload is not None or cell.shared.payload or cell.shared.torque_limits:
+            raise InputError("limits of the tool speed and of torques are not supported for picks from a conveyor")
+        if not 0.0 <= start_time < belt.duration:
+            until = f"from 0 to {belt.duration:g} s, while the belt runs"
+            raise InputError(f"start_time = {start_time!r}; it must be {until}")
     except InputError as error:
         return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
     farthest: tuple[StageResult, ...] = ()
@@ -308,22 +317,11 @@ def judge_on_conveyor(pick: Pick, cell: PickCell, seeds: list[int], start_time: 
     return PickVerdict(pick, PickStatus.NOT_FOUND, (VALID, *farthest[:-1], failed))
 
 
-def _check(task: PickTask, belt: Conveyor, start_time: float) -> None:
-    if task.name not in belt.parts:
-        raise InputError(f"{task.name!r} is not on the conveyor: it was taken before")
-    unknown = [name for name in belt.parts if name not in task.scene]
-    if unknown:
-        raise InputError(f"the conveyor moves {', '.join(unknown)}, which the scene does not have")
-    if task.pick.speed or task.pick.payload is not None or task.cell.shared.payload or task.cell.shared.torque_limits:
-        raise InputError("limits of the tool speed and of torques are not supported for picks from a conveyor")
-    if not 0.0 <= start_time < belt.duration:
-        raise InputError(f"start_time = {start_time!r}; it must be from 0 to {belt.duration:g} s, while the belt runs")
-
-
 def _meeting_times(task: PickTask, belt: Conveyor, start_time: float, seed: int) -> Iterator[tuple[float, Member]]:
     """The times at which a grasp is in reach and the arm can be there, with the grasp; the earliest first."""
     arm, home = task.arm, task.cell.home
     times = np.arange(start_time + TIME_STEP, belt.duration - belt.dwell, TIME_STEP)
+    # The first group of grasps that is in reach at any time while the belt runs
     found: list[tuple[float, int, Member]] = []
     for number, group in enumerate(task.groups()):
         for member in group:
@@ -335,6 +333,7 @@ def _meeting_times(task: PickTask, belt: Conveyor, start_time: float, seed: int)
         if found:
             break
     found.sort(key=lambda each: each[:2])
+    # A few of the times, the earliest first
     last, count = -np.inf, 0
     for time, _, member in found:
         if time >= last + SPACING - 1e-9 and count < TRIED:
@@ -421,6 +420,7 @@ class _Moment:
         if not screened.candidates:
             raise _InterceptRefused(*at_grasp)
         home = self.task.cell.home
+        # The configurations that home reaches first
         order = sorted(
             screened.candidates, key=lambda each: float(least_seconds(self.task.arm, home[None], each.q[None])[0, 0])
         )
@@ -434,13 +434,18 @@ class _Moment:
         raise _InterceptRefused(*failed)
 
     def _complete(self, candidate: GraspCandidate, tried: int) -> PickVerdict:
-        attempt = along(self.then, self._turned(candidate))
+        # The lines of the grasp, at the full rotations nearest to home, in the frame of the belt
+        home = self.task.cell.home
+        many, _ = with_turns(self.task.arm, home, candidate.q[None])
+        nearest = many[np.abs(many - home).max(axis=1).argmin()]
+        attempt = along(self.then, replace(candidate, q=nearest))
         self.stages += attempt.stages
         if not attempt.passed:
             raise _InterceptRefused(*self.stages)
         followed = follow_belt(self.then, self.member, attempt.q, self.belt)
         if isinstance(followed, str):
             raise self._refused(Stage.TIMING, followed)
+        # All motions on the clock of the belt
         timeline = _Timeline(self.belt, self.start_time)
         self.stages = (*self.stages, self._transit(timeline, followed))
         try:
@@ -472,12 +477,6 @@ class _Moment:
             grip=self.task.grip(self.member),
             intercept=Intercept(self.start_time, self.time, self.belt.speed * self.time, *deviations),
         )
-
-    def _turned(self, candidate: GraspCandidate) -> GraspCandidate:
-        """The candidate with the full rotations nearest to home."""
-        many, _ = with_turns(self.task.arm, self.task.cell.home, candidate.q[None])
-        nearest = np.abs(many - self.task.cell.home).max(axis=1).argmin()
-        return replace(candidate, q=many[nearest])
 
     def _transit(self, timeline: _Timeline, followed: Following) -> StageResult:
         """From home to the start of the approach, where the arm waits until it follows the belt."""

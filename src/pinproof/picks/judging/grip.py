@@ -196,6 +196,7 @@ def fingers_of(arm: Arm, fingers: GripperFingers | None, grip: Mapping[str, floa
 
 def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
     """The links that the gripping joints move, each with its exact surface."""
+    # The exact surfaces of all links that the gripping joints move
     urdf = arm.robot.urdf
     start = {name: arm.held[name] for name in grip}
     if all(abs(start[name] - value) < LEAST_TRAVEL for name, value in grip.items()):
@@ -205,6 +206,7 @@ def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
         if moved_by(urdf, geometry.link, grip):
             made = tuple((LineSurface.of_body(body), body.link_from_body) for body in link_bodies(geometry, "surface"))
             own[geometry.link] = (*own.get(geometry.link, ()), *made)
+    # The number of chords, for the link whose points accelerate most
     bounds = {link: _rates(arm, link, own[link], grip) for link in own}
     sharpest = max((acceleration for _, acceleration in bounds.values()), default=0.0)
     steps = int(np.clip(np.ceil(np.sqrt(sharpest / (8 * SAGITTA))), 1, MOST_STEPS))
@@ -412,10 +414,12 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     """Whether closed fingers hold a part; ``along`` (3,) is the direction in the tcp frame in which they extend."""
     paths = [_FingerPath(finger, part, along) for finger in fingers]
     stops = tuple(each.contact for each in paths)
+    # The open hand is free of the part
     for each in stops:
         if each.open_distance <= 0.0:
             depth = f"overlaps {part.name} by {_mm(-each.open_distance)}" if each.open_distance else ""
             return GripResult(False, f"the open {each.finger} {depth or f'touches {part.name}'}", stops)
+    # The closed fingers reach the part, and are not in it
     deep = min(stops, key=lambda each: each.gap)
     if -deep.gap > limits.depth + TOUCH:
         reason = f"the closed {deep.finger} would penetrate {part.name} by {_mm(-deep.gap)}"
@@ -428,6 +432,7 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
             words = f"is {_mm(each.gap)} from {part.name}" if np.isfinite(each.gap) else f"{how} {distance}"
             reasons.append(f"the closed {each.finger} {words}")
         return GripResult(False, f"{' and '.join(reasons)}; a gap of at most {_mm(limits.gap)} is allowed", stops)
+    # At least two contacts are large enough
     touching = [each.patch(limits) for each in paths if each.contact.gap <= limits.gap]
     contacts = tuple(patch.contact for patch in touching)
     area, overlap = (1 + SAMPLED) * limits.area, (1 + SAMPLED) * limits.overlap
@@ -438,10 +443,12 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
             f"{weak.finger} touches {part.name} over {_mm2(weak.contact_area)} and {_mm(weak.overlap)} along the finger"
         )
         return GripResult(False, f"{reason}; at least {_mm2(area)} and {_mm(overlap)} are needed", contacts)
+    # Their forces can balance
     if not balanced([(patch.points, patch.normal) for patch in enough], limits.angle):
         reason = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
         cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
         return GripResult(False, f"{reason} of {part.name}: {cone}", contacts)
+    # What holds the part
     held = sorted((patch.contact for patch in enough), key=lambda each: -each.contact_area)
     least = min(held, key=lambda each: each.contact_area)
     overlap = min(each.overlap for each in held)
@@ -609,6 +616,7 @@ RIM, ACROSS = 256, 32
 
 def grip_by_cup(cup: SuctionCup, tip: SE3, part: HeldPart) -> GripResult:
     """Whether the face of a cup at the tip, ``tcp_from_tip``, lies on a part."""
+    # Where lines from the rim and from the face meet the part
     turns = np.arange(RIM) * 2 * np.pi / RIM
     rim = cup.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     cells = cup.radius * ((np.arange(ACROSS) + 0.5) * 2 / ACROSS - 1)
@@ -621,6 +629,7 @@ def grip_by_cup(cup: SuctionCup, tip: SE3, part: HeldPart) -> GripResult:
         contact = CupContact(area, np.inf, np.nan)
         words = f"{100 * (1 - met.mean()):.0f} % of the rim of the cup is not over {part.name}"
         return GripResult(False, f"{words}; all of it is needed", cup=contact)
+    # The plane through the points at the rim
     gap = float(at_rim[np.abs(at_rim).argmax()])
     slope = np.linalg.lstsq(np.column_stack([rim, np.ones(RIM)]), at_rim, rcond=None)[0][:2]
     tilt = float(np.arctan(np.linalg.norm(slope)))

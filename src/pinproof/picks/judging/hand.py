@@ -138,11 +138,13 @@ def hand_bodies(arm: Arm, shared: Picks, palm: Sequence[str]) -> tuple[HandBody,
     depth, urdf, joints = shared.grip_limits.depth, arm.robot.urdf, (*arm.joint_names, *arm.followers)
     found = []
     face: HandBody | None = None
+    # The face of a cup, into which the part may protrude by a limit of its own
     if (cup := shared.cup) is not None:
         disc = Obstacle(FACE, Cylinder(cup.radius, DISC), shared.tip * pose((0, 0, -DISC / 2)))
         surface = LineSurface.of_obstacle(disc)
         face = HandBody(FACE, surface, disc.pose, disc, cup.highest, -np.array(shared.tip.rotation[:, 2]))
         found.append(face)
+    # The bodies of the tool, and the links that no joint moves relative to the tcp
     solids = [(body.name, body) for body in shared.tool]
     tcp, home = arm.forward_kinematics(arm.home), arm.home
     for geometry in urdf.collisions:
@@ -150,6 +152,7 @@ def hand_bodies(arm: Arm, shared: Picks, palm: Sequence[str]) -> tuple[HandBody,
         if geometry.link in palm and rigid:
             at = tcp.actInv(arm.frame_placement(home, geometry.link)) * SE3(np.array(geometry.origin))
             solids.append((geometry.link, Obstacle(f"{geometry.name} of the hand", _shape(geometry), at)))
+    # A body that is the lip of the cup yields as far as the cup
     for name, solid in solids:
         surface, limit = LineSurface.of_obstacle(solid), depth
         if face is not None and cup is not None and _is_lip(surface, solid.pose, face, cup):
@@ -279,6 +282,7 @@ class OpenHand:
 
         The displacements are those of ``depths``, by default those at the grasp.
         """
+        # Exact meshes of the palm and of the part, if hulls are not sufficient
         solids, part = [each.solid for each in self._palm], self.part
         if exact:
             solids = [_exactly(each.solid, each.surface) for each in self._palm]
@@ -314,6 +318,7 @@ class OpenHand:
         proof with them is possible. ``part_at`` is the pose of the part by the parameter of the curve. While the
         fingers are ``closing``, they may touch the part.
         """
+        # First the hand against the part where it is, then the open fingers with the tolerances
         still = [replace(mover, tolerance=0.0) for mover in movers]
         wider = bool(deviation or self._padding or any(mover.tolerance for mover in movers))
         failed, deepest = list[Certificate](), None
@@ -350,6 +355,7 @@ class OpenHand:
         end to the ``grasp`` (n,). Where the displaced palm touches the part, another displacement is measured, with
         which the proof continues.
         """
+        # The curve from its far end to the grasp
         knots, control = curve.bezier()
         if np.abs(curve.start - grasp).max() < np.abs(curve.end - grasp).max():
             knots, control = knots[0] + knots[-1] - knots[::-1], control[::-1, ::-1]

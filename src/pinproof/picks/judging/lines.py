@@ -156,6 +156,7 @@ def line(
         return ToolLine(StageResult(stage, True, "none requested"))
     # a support that is not checked against the object needs no permission for contact
     parting = tuple(pair for pair in parting if checker.pairs_of_owners(*pair))
+    # The line, and the reason if only a part of it is possible
     move = plan_linear(checker, q, task.target(end), parting=parting)
     if not move.ok:
         message = f"{length * 1e3:.0f} mm path, planned outwards from {start}, {move.message}"

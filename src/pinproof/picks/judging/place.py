@@ -169,12 +169,14 @@ class Placer:
             target = task.target(task.release(member))
             where = "the release is out of reach", "it"
             return out_of_reach(task, Stage.PLACE, target, self._seed, *where), None
+        # The releases in order of the time to them, each with the bound of its score
         nearest = np.argsort(least_seconds(task.arm, attempt.exit[None], many)[0], kind="stable")
         tried = nearest[: task.cell.budget.configurations].tolist()
         without_lines, without_transfer = dict[int, StageResult](), list[StageResult]()
         bounds = self._bounds(task.place, attempt, tried, scores)
         queue: list[tuple[float, int, Release | None]] = [(-bound, order, None) for order, bound in enumerate(bounds)]
         heapq.heapify(queue)
+        # The release with the highest bound is extended by one step: its lines, then the transfer
         best: tuple[float, StageResult, Placing] | None = None
         while queue:
             bound, order, down = heapq.heappop(queue)
@@ -197,6 +199,7 @@ class Placer:
                 best = score, result, placing
         if best is not None:
             return best[1], best[2]
+        # No release is possible: the reason is that of the one with the most possible parts
         failed = (*(without_lines[order] for order in sorted(without_lines)), *without_transfer)
         farthest = max(failed, key=lambda result: result.figures["passed"])
         if len(many) > 1:
@@ -223,11 +226,13 @@ class Placer:
         """The transfer from the retreat to the approach of the place, with ``turns`` at any full rotations."""
         task, arm = self._task, self._task.arm
         carrying, limits = task.carrying(attempt.candidate.member), arm.limits
+        # The transfer ends at any full rotations at which the lines are within the limits
         low, high = span(down.q, down.lift, down.leave)
         goals = with_turns(arm, attempt.exit, down.entrance[None])[0] if turns else down.entrance[None]
         shifts = goals - down.entrance
         inside = shifts[limits.inside(np.array([low, high])[:, None] + shifts).all(axis=0)]
         shifts = inside if len(inside) else shifts[:1]
+        # A path with the object, which is shortened unless its orientation is constrained
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
         goals, constraints = down.entrance + shifts, task.constraints(attempt.candidate.member)
         torques = torque_limits(task, attempt.candidate.member, "transfer", carrying.arm)
@@ -270,12 +275,14 @@ def release_lines(task: PickTask, place: PlaceTarget, member: Member, q: Array) 
     carrying, free_hand = task.carrying(member), task.letting_go(member)
     if not free_hand.is_free(q):
         return Release(q, 0, f"at the release: {'; '.join(contact_words(free_hand.check(q)))}")
+    # The approach with the object, planned from the release outwards
     parting = task.supports(carrying, q, place.support)
     down = line(Stage.PLACE, task, carrying, q, place.before(release), place.approach, parting, start="the release")
     if not down.result.ok:
         return Release(q, DOWN, f"approach to the place: {down.result.message}")
     if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
         return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
+    # The retreat of the empty hand
     leave = line(Stage.PLACE, task, free_hand, q, place.after(release), place.retreat, start="the release")
     leave = passing(leave, task.passing_off(member), q)
     if not leave.result.ok:

@@ -76,6 +76,7 @@ class PickSetup:
             If home is outside the limits, in contact, or for other joints; if a joint has no velocity limit; or if the
             held joints, the gripper links or the gripping values of the picks do not fit the arm.
         """
+        # Every joint needs limits, without which no motion can be timed
         unknown = [
             name
             for name, *rates in zip(arm.joint_names, arm.limits.velocity, arm.limits.acceleration, strict=True)
@@ -88,6 +89,7 @@ class PickSetup:
             )
         check_held_joints(arm, picks)
         torque_limits_of_tool(arm, picks)
+        # The arm at rest in its cell, with the open hand
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
         stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
         start = arm.limits.snap(arm.configuration(stated, "home"))
@@ -98,6 +100,7 @@ class PickSetup:
             if home is None and not (picks.home or arm.robot.home):
                 trouble.append("the robot states no home, and this is the middle of its limits; state one in the picks")
             raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
+        # Streams of random numbers that do not depend on earlier calls with this generator
         seeds = seed_sequence(rng)
         return cls(
             checker,
@@ -198,6 +201,7 @@ class PickSetup:
         checker = self.checker
         urdf = checker.arm.robot.urdf
         notes = []
+        # How picks are held
         if False in with_object:
             notes.append("picks without `object:` are judged with an empty gripper after the grasp")
         if True in with_object and self.cell.fingers:
@@ -213,10 +217,12 @@ class PickSetup:
                 "the holding force of a tool without fingers; only a distance of at most "
                 f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
             )
+        # What limits of torque leave out
         torques = torque_limits_of_tool(checker.arm, self.shared)
         if torques is not None:
             notes.append("joint friction and the inertia of motors, which add to the torques")
             notes += torques.notes
+        # What the geometry of the robot and of the scene leaves out
         if not urdf.collisions:
             notes.append("the robot has no collision geometry, so contact of its links is not detected")
         elif has_generated_bodies(urdf):
@@ -268,6 +274,7 @@ class PickSetup:
 
 def check_held_joints(arm: Arm, picks: Picks) -> None:
     """Raise if the held joints, the gripper links or the gripping values of the picks do not fit the arm."""
+    # Joints outside the arm are where the picks assume them
     for name, value in picks.held.items():
         if name not in arm.held or abs(arm.held[name] - value) > HELD_TOLERANCE:
             actual = f"holds it at {arm.held[name]:g}" if name in arm.held else "does not hold it"
@@ -275,6 +282,7 @@ def check_held_joints(arm: Arm, picks: Picks) -> None:
                 f"the picks state {name} = {value:g}, but the arm {actual}; create the arm with "
                 "robot.arm(held=picks.held)"
             )
+    # The two values of finger joints are within their limits
     joints = arm.robot.urdf.joints
     for name, closed in picks.grip.items():
         if name not in arm.held or joints[name].mimic is not None:

@@ -196,6 +196,7 @@ class PickTask:
         self.cell, self.arm, self.scene, shared_tip = cell, cell.arm, cell.checker.scene, cell.shared.tip
         self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
         self._stated_pose, self._stated_frame = pick.pose, pick.frame
+        # The object and the supports exist under their names
         carried = pick.carried
         self.from_scene = isinstance(carried, str)
         if isinstance(carried, str) and carried not in self.scene:
@@ -338,6 +339,7 @@ class PickTask:
             grip = grip_by_tip(shared.tip, part, along, self.pick.approach, limits)
         if not grip.held:
             return grip
+        # No body of the hand is in the part by more than is allowed, also while the hand closes
         depths = self.depths(member)
         depth = max((each.depth for each in depths), default=0.0)
         outside, where = [each for each in depths if not each.within], "is"
@@ -371,6 +373,7 @@ class PickTask:
         """A hint on the frame of the pick, if its grasp is implausibly far from an object of the scene; else empty."""
         if not self.from_scene:
             return ""
+        # A grasp far from the object is probably stated in another frame
         nominal = Member(SE3.Identity())
         distance = self._tip_distance(self.pick.pose)
         if self.cell.fingers:
@@ -381,6 +384,7 @@ class PickTask:
         words = (
             f"the grasp is {distance:.3g} m from {self.name}; its pose is stated in {_frame_words(self._stated_frame)}"
         )
+        # Would the same numbers in another frame be a grasp of the object?
         others = {str(self.name), "", *self.cell.shared.frames} - {self._stated_frame}
         closest = min(others, key=lambda frame: self._tip_distance(self._in_root(self._stated_pose, frame)))
         moved_to = self._tip_distance(self._in_root(self._stated_pose, closest))
@@ -446,6 +450,7 @@ class PickTask:
             return ()
         if stated is not None:
             return tuple((self.name, name) for name in support_names(stated) or ())
+        # Without a statement, what is close below the object supports it
         found = []
         for contact in checker.with_margin(max(SUPPORT_GAP, checker.margin)).check(q).contacts:
             if self.name in contact.bodies and contact.distance <= SUPPORT_GAP:

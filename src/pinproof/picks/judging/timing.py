@@ -234,6 +234,7 @@ def time_motion(
             if motion is None:
                 return StageResult(Stage.TIMING, False, f"{part.name}: {why}"), None
             motions.append(motion)
+        # The times of the grasp and of the release
         if task.name is None:
             until_grasp = timing.trajectories(0)[: 1 + (attempt.approach is not None)]
         else:
@@ -242,6 +243,7 @@ def time_motion(
         joined = Trajectory.join(*(each.trajectory for each in motions))
     except TimingError as error:
         return StageResult(Stage.TIMING, False, str(error)), None
+    # The figures of the complete motion
     pairs = max(motion.certificate.pairs for motion in motions)
     clearance = min(motion.certificate.clearance for motion in motions)
     parts = f" in {len(motions)} motions" if len(motions) > 1 else ""

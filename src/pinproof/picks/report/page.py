@@ -122,6 +122,7 @@ def write_page(
     FileError
         If the file cannot be written.
     """
+    # What is drawn
     if (setup := result.setup) is not None:
         checker = setup.checker
         arm, scene, picks = arm or checker.arm, checker.scene if scene is None else scene, picks or setup.shared
@@ -131,6 +132,7 @@ def write_page(
             f"{path}: this result does not contain the {', '.join(missing)} of the 3D view; add to save(): "
             f"{', '.join(f'{name}=...' for name in missing)}"
         )
+    # The film of all rows that are shown
     shown = list(islice(rows, MOST_ROWS))
     stage = simplified(set_stage(arm, scene, picks.tool))
     if not stage.links:
@@ -154,6 +156,7 @@ def write_page(
     if shortened:
         reason = "are omitted to limit the size of the page; JSON and CSV have them."
         notes.append(f"The stages and parts of {shortened:,} rows {reason}")
+    # The table
     cells = []
     for values, _ in shown:
         why = escape(values.get("reason", ""))
@@ -167,6 +170,7 @@ def write_page(
         f'<option value="{k}">{escape(values["name"])} ({escape(kind)})</option>'
         for k, ((values, _), kind) in enumerate(zip(shown, kinds, strict=True))
     )
+    # The page
     card = CARD.format(hidden="" if shown else " hidden", options=options, captions="".join(captions))
     text = panels.page(
         title or f"Picks of {arm.robot.name}",
@@ -346,6 +350,7 @@ class PageMotions:
             ]
             for verdict in verdicts
         ]
+        # As many poses a second as fit into the page, and the motions that fit at all
         seconds = [sum(phase.trajectory.duration for phase in phases) for phases in parts]
         budget = MOST_BYTES / max(len(stage.links), 1)
         overhead = BYTES_A_LINK * np.array([bool(phases) for phases in parts])

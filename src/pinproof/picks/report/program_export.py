@@ -109,6 +109,7 @@ def export_picks(
     InputError
         If there is no pick, programs do not meet, or the language cannot express a step.
     """
+    # The programs follow each other
     if not picks:
         raise InputError("there is no pick with a motion to export")
     for (_, before), (pick, after) in pairwise(picks):
@@ -119,6 +120,7 @@ def export_picks(
                 f"{before.name!r}); export them one by one, or plan the motions between them"
             )
     deviation = find_dialect(dialect).deviation if deviation is None else deviation
+    # Moves along the motions of each pick, with the outputs and waiting times between them
     counts, steps = list[list[int]](), list[Step]()
     for _, program in picks:
         counts.append([])
@@ -130,6 +132,7 @@ def export_picks(
                 if math.isclose(event.time, segment.end, abs_tol=1e-9):
                     steps.append(SetOutput(output, event.kind == "grip"))
                     steps += [Wait(event.dwell)] if event.dwell > 0 else []
+    # The program, of which every point can be reached in the stated time
     names = picks[0][1].joint_names
     steps = feasible(steps, setup.checker.arm)
     executed = [
@@ -149,6 +152,7 @@ def export_picks(
         joint_map=joint_map,
         picks=executed,
     )
+    # What the text says is certified; a proven program states the hash of its proofs
     written = write(steps)
     certificates, notes = certify_picks_program(setup, [pick for pick, _ in picks], written)
     if all(each.free for motions in certificates for each in motions):
@@ -276,6 +280,7 @@ def certify_picks_program(
     """
     if not program.picks:
         raise InputError(f"program {program.name!r} states no picks; it was not written by export_picks")
+    # A program of picks has joint moves with stops, and switches only the gripper
     by_name = {pick.name: pick for pick in picks}
     arm, steps = setup.checker.arm, list(program.steps)
     bad = [step for step in program.moves if not isinstance(step, JointMove) or step.blend is not None]

@@ -184,6 +184,7 @@ class CampaignResult(Shown, Written):
         if not path.exists():
             started = (Path(folder) / JOURNAL).exists()
             raise CampaignError(f"{folder}: {'this campaign is not finished; run it again' if started else 'no rows'}")
+        # Rows are counted, not kept
         header = _read_header(path)
         verdicts, failed_at, to_retry = Counter[str](), Counter[str](), 0
         for row in _read_rows(path):

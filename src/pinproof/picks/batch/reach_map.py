@@ -54,6 +54,7 @@ def approach_directions(axis: npt.ArrayLike = (0.0, 0.0, -1.0), half_angle: floa
     require_integer("count", count, 1)
     if count == 1 or half_angle == 0.0:
         return direction[None]
+    # A spiral on the cone, whose points represent equal areas
     index = np.arange(count)
     height = 1.0 - (1.0 - np.cos(half_angle)) * (index + 0.5) / count
     radius, turn = np.sqrt(1.0 - height**2), GOLDEN_ANGLE * index
@@ -79,6 +80,7 @@ def tool_orientations(directions: npt.ArrayLike = (0.0, 0.0, -1.0), spins: int =
     if not (lengths > 1e-9).all():
         raise InputError(f"direction {int(np.flatnonzero(lengths <= 1e-9)[0])} is zero")
     require_integer("spins", spins, 1)
+    # Rotations about z, then z to each direction
     turns = 2.0 * np.pi * np.arange(spins) / spins
     about_z = np.zeros((spins, 3, 3))
     about_z[:, 0, 0] = about_z[:, 1, 1] = np.cos(turns)

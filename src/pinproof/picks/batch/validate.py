@@ -91,12 +91,14 @@ def validate_picks(
         for index, pick in enumerate(picks):
             require_type(f"picks[{index}]", pick, Pick)
         picks = Picks(tuple(picks))
+    # Each pick has its own stream of random numbers
     setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget)
     seed_sequence(rng).spawn(len(picks))  # so that the next call with this Generator uses other streams
     if executor is None and workers is None:
         judged = ((index, setup.judge(index, pick)) for index, pick in enumerate(picks.picks))
     else:
         judged = _by_workers(setup, picks, executor=executor, workers=workers, in_flight=in_flight)
+    # The verdicts as they come, also if the run is interrupted
     found: dict[int, PickVerdict] = {}
     try:
         with closing(judged):

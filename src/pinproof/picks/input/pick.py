@@ -44,13 +44,7 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, Payload
 from pinproof.motion import ToolLimits
 from pinproof.spatial import SE3, Array, finite, pose, rotation_about, translated, xyz_rpy
-from pinproof.units import (
-    ANGLE_UNITS,
-    MOST_REACH,
-    parse_angle,
-    refuse_degrees,
-    refuse_millimetres,
-)
+from pinproof.units import ANGLE_UNITS, MOST_REACH, parse_angle, refuse_degrees, refuse_millimetres
 
 STEPS = 24
 """Number of tried rotations of a free spin: one every 15 degrees."""
@@ -408,8 +402,7 @@ def _angle_in(stated: Any) -> Any:
 
 UPRIGHT = simple(
     any_of(
-        number(minimum=SMALLEST, below=np.pi / 2),
-        simple({"type": "string", "pattern": r"^[-+0-9.eE]+ *(deg|rad)$"}),
+        number(minimum=SMALLEST, below=np.pi / 2), simple({"type": "string", "pattern": r"^[-+0-9.eE]+ *(deg|rad)$"})
     ).schema,
     _angle,
     _angle_in,
@@ -633,12 +626,14 @@ def picks_of_row(row: Any, defaults: Mapping[str, Any], path: Path) -> list[Pick
         raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK.names)}")
     if "name" not in row:
         raise InputError("states no name; a pick needs a name")
+    # The pick of the row
     whole = completed(defaults, row)
     values = PICK.values("the pick", whole, path)
     pattern = values.pop("pattern", None)
     first: Pick = PICK.made(whole, values)
     if pattern is None:
         return [first]
+    # Its copies on a grid
     counts, step = pattern["grid"]["counts"], pattern["grid"]["step"]
     if prod(counts) > LARGEST_PATTERN:
         raise InputError(f"pattern.grid has {prod(counts)} picks; at most {LARGEST_PATTERN} are allowed")

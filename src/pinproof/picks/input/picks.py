@@ -45,10 +45,7 @@ from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, chec
 from pinproof.picks.input.pick import POSE_IN_REACH, Pick, pose_in_reach
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, SuctionCup, bodies
 from pinproof.spatial import SE3, frozen, rigid
-from pinproof.units import (
-    MOST_MARGIN,
-    warn_of_millimetres,
-)
+from pinproof.units import MOST_MARGIN, warn_of_millimetres
 
 
 @struct("frame", eq=False)
@@ -361,6 +358,7 @@ class Picks(Shown):
         if self.robot is None:
             raise InputError(f"{self.source or 'picks'}: states no robot; add 'robot: ur5' or the path of a robot file")
         try:
+            # A name that does not exist is reported at its key
             robot = load_robot(
                 self.robot, srdf=self.srdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args or None
             )
@@ -453,6 +451,7 @@ CELL_ROBOT = Table(
 
 def read_settings(content: LinedMapping, path: Path) -> Picks:
     """The settings that a picks file states, with its robots; there are no picks in them."""
+    # The settings of the file, which apply to all robots
     settings = SETTINGS.values("the file", content, path, part=True)
     shared: Picks = SETTINGS.made(content, {"picks": (), **settings, "source": path, "places": _places(content)})
 
@@ -462,6 +461,7 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
         base = values.pop("base")
         return CellRobot(base, replace(shared, **values, places={**shared.places, **_places(own)}))
 
+    # Each robot with its own settings
     robots = mapping_to(Kind({}, lambda _, robot: robot, parse), "names to robots")
     where = position(content, "robots")
     shared = replace(shared, robots=step(".robots", where, robots.parse, "robots", content.get("robots", {}), path))

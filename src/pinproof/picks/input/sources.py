@@ -314,6 +314,7 @@ class PickTable(PickSource):
         named = Picks((), source=self.path) if shared is None else shared
         self.shared = replace(named, picks=(), problems=())
         self._defaults = dict(defaults or {})
+        # An index of the lines, with the hash of each name
         content = blake2b(digest_size=16)
         with_object: set[bool] = set()
         self._begin, names = array("q"), array("Q")
@@ -500,6 +501,7 @@ def open_picks(path: str | Path) -> PickSource:
     path = Path(path)
     if path.suffix.lower() == TABLE_SUFFIX:
         return PickTable(path)
+    # The settings and defaults, in which errors are not those of one row
     content = read_yaml(path, PICKS.names, PicksError, suffixes=SUFFIXES)
     with errors_of(path, PicksError):
         PICKS.refuse_unknown(content)

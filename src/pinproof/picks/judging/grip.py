@@ -473,7 +473,15 @@ class _FingerPath:
     """The closing motion of a finger: the gap where it stops, and on request its contact patch."""
 
     def __init__(self, finger: MovingFinger, part: HeldPart, along: Array) -> None:
-        self._finger, self._tcp_from_closing = finger, _closing_frame(finger.direction, along)
+        # tcp_from_closing: z in the closing direction, y along the finger
+        direction = finger.direction
+        y = along - (along @ direction) * direction
+        if np.linalg.norm(y) < 1e-6:  # the fingers close along the approach
+            y = np.eye(3)[np.abs(direction).argmin()]
+            y = y - (y @ direction) * direction
+        y /= np.linalg.norm(y)
+        self._finger = finger
+        self._tcp_from_closing = np.stack([np.cross(y, direction), y, direction], axis=1)
         facing = [
             _Facing(surface, finger.closed * at, part, self._tcp_from_closing, finger)
             for surface, at in finger.surfaces
@@ -519,16 +527,6 @@ def _earlier_contact(
     share = travel_to_touch(surface, at, part.surface, part.pose, (end - start) * finger.direction)
     touch = start + share * (end - start)
     return touch if share < 1.0 and gap - touch > NOTICED else np.inf
-
-
-def _closing_frame(direction: Array, along: Array) -> Array:
-    """The rotation ``tcp_from_closing``: z in the closing direction, y along the finger."""
-    y = along - (along @ direction) * direction
-    if np.linalg.norm(y) < 1e-6:  # the fingers close along the approach
-        y = np.eye(3)[np.abs(direction).argmin()]
-        y = y - (y @ direction) * direction
-    y /= np.linalg.norm(y)
-    return np.stack([np.cross(y, direction), y, direction], axis=1)
 
 
 class _Facing:

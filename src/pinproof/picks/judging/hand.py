@@ -39,7 +39,6 @@ from pinproof.description import LinkGeometry, moved_by, resolved
 from pinproof.model import Arm
 from pinproof.motion import BezierCurve, Curve, split
 from pinproof.picks.input.picks import Picks
-from pinproof.picks.input.settings import SuctionCup
 from pinproof.picks.judging.grip import HeldPart, MovingFinger
 from pinproof.spatial import SE3, Array, pose, translated
 
@@ -155,8 +154,15 @@ def hand_bodies(arm: Arm, shared: Picks, palm: Sequence[str]) -> tuple[HandBody,
     # A body that is the lip of the cup yields as far as the cup
     for name, solid in solids:
         surface, limit = LineSurface.of_obstacle(solid), depth
-        if face is not None and cup is not None and _is_lip(surface, solid.pose, face, cup):
-            limit = max(depth, cup.gap, cup.highest)
+        if face is not None and cup is not None:
+            # It is the lip if it reaches the face and is within the cylinder of the rim
+            centre, turns = face.tcp_from_body, np.arange(AROUND) * 2 * np.pi / AROUND
+            across = np.stack([np.cos(turns), np.sin(turns), np.zeros(AROUND)], axis=1) @ centre.rotation.T
+            reaches = surface.reaches(across @ solid.pose.rotation)
+            reaches = reaches + across @ (solid.pose.translation - centre.translation)
+            touches = body_distance(surface, solid.pose, face.surface, centre) <= TOUCH
+            if touches and reaches.max() <= cup.radius + TOUCH:
+                limit = max(depth, cup.gap, cup.highest)
         found.append(HandBody(name, surface, solid.pose, solid, limit))
     return tuple(found)
 
@@ -166,16 +172,6 @@ def _shape(geometry: LinkGeometry) -> Shape:
     if geometry.mesh is None:
         return KINDS[geometry.kind](*geometry.size)
     return Mesh(resolved(geometry.mesh, geometry.link), geometry.size)  # type: ignore[arg-type]  # three
-
-
-def _is_lip(surface: LineSurface, at: SE3, face: HandBody, cup: SuctionCup) -> bool:
-    """Whether a body is the cup: it reaches its face and is within the cylinder of its rim, so that it is compliant."""
-    if body_distance(surface, at, face.surface, face.tcp_from_body) > TOUCH:
-        return False
-    turns = np.arange(AROUND) * 2 * np.pi / AROUND
-    across = np.stack([np.cos(turns), np.sin(turns), np.zeros(AROUND)], axis=1) @ face.tcp_from_body.rotation.T
-    reaches = surface.reaches(across @ at.rotation) + across @ (at.translation - face.tcp_from_body.translation)
-    return bool(reaches.max() <= cup.radius + TOUCH)
 
 
 def depth_of(body: HandBody, part: HeldPart, directions: Array) -> BodyDepth:

@@ -372,6 +372,7 @@ def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
         task = PickTask(pick, cell)
     except InputError as error:
         return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
+    # Group by group, in order of the distance from the nominal grasp
     tried, members, judged = 0, 0, list[_GroupVerdict]()
     for group in task.groups():
         judged.append(_judge_group(task, group, seeds))
@@ -403,9 +404,11 @@ def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
 
 def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> _GroupVerdict:
     """The verdict on a group of grasps with equal displacement from the nominal grasp."""
+    # Reach and limits
     reached = reach(task, group, seeds[0])
     if not len(reached.q):
         return _not_good(task, (VALID, *reached.stages), 0, reached.refuted)
+    # Contacts and grip
     screened = screen(task, group, reached)
     failed = task.arm.dof == REDUNDANT and not screened.candidates and not screened.not_held and not task.cell.trial
     if failed and (between := reach_between(task, group, reached)) is not None:
@@ -423,6 +426,7 @@ def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> _Grou
             if finer is not task.at_grasp and finer.is_free(q):
                 cell = replace(task.cell, checker=task.outside.finer_at(q))
                 return _judge_group(PickTask(task.pick, cell), group, seeds)
+    # Is every configuration refuted?
     refuted: tuple[str, ...] = ()
     if every_branch_is_known(task, [task.target(task.grasp(member)) for member in group]):
         reachable = set(reached.member.tolist())
@@ -457,10 +461,12 @@ def _search(
     seeds: list[int],
 ) -> _GroupVerdict:
     """The verdict on a group with collision-free configurations, by the best motion through one of them."""
+    # For a suggestion about the place, it is sufficient that a release is possible
     search, trial = BestFirst(task, candidates, seeds[1:3]), task.cell.trial
     if trial is Stage.PLACE and not search.may_place():
         unplaced = StageResult(Stage.PLACE, False, "no IK solution at the release is collision-free with its lines")
         return _not_good(task, (*stages, unplaced), tried)
+    # The best motion that can be timed
     while (motion := search.run() or search.with_full_budget()) is not None:
         result, timed = time_motion(task, motion.attempt, motion.path, motion.placing)
         if timed is None:
@@ -490,11 +496,13 @@ def _search(
             grip=None if task.name is None else task.grip(member),
         )
         return _GroupVerdict(verdict)
+    # No motion is complete: the reason is that of the attempt that passed the most stages
     if search.failed:
         farthest = max(reversed(search.failed), key=len)
         placing = farthest[-1].stage is Stage.PLACE and not trial
         refuted = reasons_at_release(task, group, seeds[0]) if placing else ()
         return _not_good(task, (*stages, *farthest), tried, refuted)
+    # No line is possible
     best = max(search.attempts, key=lambda attempt: (len(attempt.stages), attempt.fraction))
     refuted = () if trial is not None else reasons_against_every_branch(task, group, seeds[0])
     last = best.stages[-1]

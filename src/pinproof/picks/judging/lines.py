@@ -101,6 +101,7 @@ def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
 
 def along(task: PickTask, candidate: GraspCandidate) -> Attempt:
     """The approach and the retreat of a configuration."""
+    # No full rotations yet
     shift = np.zeros(task.arm.dof)
     # in a trial for a failed retreat, an approach is only needed if the retreat is possible
     first = line_out(task, candidate) if task.cell.trial is Stage.RETREAT else None

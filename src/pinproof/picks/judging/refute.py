@@ -44,6 +44,7 @@ def prove_blocked(checker: CollisionChecker, target: SE3, q: Array) -> ReachProo
     arm = checker.arm
     if not is_provable(arm) or not len(q) or checker.is_free_batch(q).any():
         return None
+    # The bodies that penetrate each other at some of the configurations
     bare = checker.with_margin(0.0, {})
     pairs: dict[tuple[str, str], tuple[Body, Body]] = {}
     for each in q[:: max(len(q) // EXAMINED, 1)]:
@@ -51,6 +52,7 @@ def prove_blocked(checker: CollisionChecker, target: SE3, q: Array) -> ReachProo
         for k in exact.pairs_in_contact(each):
             first, second = (exact.bodies[i] for i in exact.pairs[k])
             pairs.setdefault((first.name, second.name), (first, second))
+    # Shapes inside them, on two different links of the chain
     base_from_links, overlaps = _chain_at(arm, arm.home), list[BodyOverlap]()
     for first, second in pairs.values():
         on = _carrier(arm, base_from_links, first), _carrier(arm, base_from_links, second)

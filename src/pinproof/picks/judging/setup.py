@@ -256,13 +256,7 @@ class PickSetup:
             "home": self.home.tolist(),
             "seed": str(self.seeds.entropy),
             "hand": digest(
-                (
-                    self.shared.fingers,
-                    self.shared.cup,
-                    self.shared.gripper,
-                    self.shared.grip,
-                    self.shared.grip_limits,
-                )
+                (self.shared.fingers, self.shared.cup, self.shared.gripper, self.shared.grip, self.shared.grip_limits)
             ),
             "conveyor": digest(self.shared.conveyor),
             "payload": digest((self.shared.payload, self.shared.torque_limits)),

@@ -309,6 +309,7 @@ def _towards_reach(task: PickTask, root_from_tip: SE3, root_from_frame: Array) -
 
     All of the gap, its part across the z axis of the frame, and its largest component; rounded away from the pose.
     """
+    # The gap to the nearest pose, in the axes of the frame
     target = task.target(root_from_tip)
     nearest = Clik().solve(task.arm, target, task.cell.home, rng=0)
     gap = task.arm.forward_kinematics(nearest.q).translation - target.translation
@@ -396,6 +397,7 @@ def suggest(
     If a line failed, ``attempt`` is the one that passed the most stages. ``judge`` gives the verdict on a changed pick,
     without suggestions.
     """
+    # Only stages whose failure a small change can correct
     budget, stage = task.cell.budget.remedies, failed.stage
     if not budget or stage in NO_SUGGESTION:
         return ()
@@ -413,6 +415,7 @@ def suggest(
     def trials() -> _Trials:
         return _Trials(judge, stage, budget, possible)
 
+    # A shorter line, or a retreat in another direction, if a line failed
     found: list[Suggestion | None] = []
     if attempt is not None and stage in (Stage.APPROACH, Stage.RETREAT):
         found.append(_shorter(task, pick, stage, attempt, trials()))
@@ -420,6 +423,7 @@ def suggest(
         upwards = trials()
         upwards.good(Change(RetreatSuggestion(), pick, 0.0))
         found.append(upwards.suggestion())
+    # Another place, another rotation, another tilt, another position
     if stage is Stage.PLACE and pick.place is not None:
         found.append(_nearest_shift(task, pick, stage, trials(), of_place=True))
     axis = task.pick.axis_in(task.pick.pose)
@@ -450,6 +454,7 @@ def _shorter(task: PickTask, pick: Pick, stage: Stage, attempt: Attempt, trials:
         before, after = round(stated * 1e3, 2), round(steps * STEP * 1e3, 2)
         return Change(LengthSuggestion(line=key, before=before, after=after), pick, stated - steps * STEP)
 
+    # The shortened line alone is possible; now the complete pick, and longer lines
     low, high = round(length / STEP), int(np.ceil(stated / STEP - 1e-9))
     if low <= 0 or not trials.good(to_length(low)):
         return trials.suggestion()

@@ -312,11 +312,40 @@ class PickTask:
     @once_per_grasp
     def grip(self, member: Member) -> GripResult:
         """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
-        key, known = self._grip_key(member), self.cell.grips
-        grip = known.get(key) or self._judge_grip(member)
-        if len(known) < GRIPS_KEPT:
-            known[key] = grip
-        return grip
+        cell, shared, along = self.cell, self.cell.shared, self._along(member)
+        key, known = self._grip_key(member), cell.grips
+        if key in known:
+            return known[key]
+
+        def kept(grip: GripResult) -> GripResult:
+            """The result, which is kept for other picks of equal parts."""
+            if len(known) < GRIPS_KEPT:
+                known[key] = grip
+            return grip
+
+        # Fingers, cup or tip are where the part is
+        part, limits = HeldPart(self._surface, self.holding(member).pose), shared.grip_limits
+        if cell.fingers:
+            grip = grip_by_fingers(cell.fingers, part, along, limits)
+        elif shared.cup is not None:
+            grip = grip_by_cup(shared.cup, shared.tip, part)
+        else:
+            grip = grip_by_tip(shared.tip, part, along, self.pick.approach, limits)
+        if not grip.held:
+            return kept(grip)
+        # No body of the hand is in the part by more than is allowed, also while the hand closes
+        depths = self.depths(member)
+        depth = max((body.depth for body in depths), default=0.0)
+        outside, where = [body for body in depths if not body.within], "is"
+        if not outside and any(finger.placed_at is not None for finger in cell.fingers):
+            closed = depths[len(cell.palm_bodies) :]
+            outside = [*depths_while_closing(cell.fingers, closed, part, limits.depth)]
+            where = "is, while the hand closes,"
+        if not outside:
+            return kept(replace(grip, depth=depth))
+        worst, proven = max(outside, key=lambda body: body.depth), any(body.least > body.limit for body in outside)
+        message, depth = worst.words(part.name, where), max(depth, worst.depth)
+        return kept(replace(grip, held=False, message=message, depth=depth, proven=proven))
 
     def _grip_key(self, member: Member) -> Hashable:
         """What a grip depends on, besides the hand; picks of equal parts often have the same grasp of the part."""
@@ -326,35 +355,6 @@ class PickTask:
     def _along(self, member: Member) -> Array:
         """(3,) the direction of the approach in the frame of the tcp."""
         return np.asarray(self.cell.shared.tip.rotation @ self.pick.axis_in(self.grasp(member)))
-
-    def _judge_grip(self, member: Member) -> GripResult:
-        """Whether the closed hand holds the object, and is in it by no more than is allowed."""
-        cell, shared, along = self.cell, self.cell.shared, self._along(member)
-        part, limits = HeldPart(self._surface, self.holding(member).pose), shared.grip_limits
-        if cell.fingers:
-            grip = grip_by_fingers(cell.fingers, part, along, limits)
-        elif shared.cup is not None:
-            grip = grip_by_cup(shared.cup, shared.tip, part)
-        else:
-            grip = grip_by_tip(shared.tip, part, along, self.pick.approach, limits)
-        if not grip.held:
-            return grip
-        # No body of the hand is in the part by more than is allowed, also while the hand closes
-        depths = self.depths(member)
-        depth = max((each.depth for each in depths), default=0.0)
-        outside, where = [each for each in depths if not each.within], "is"
-        if not outside and any(finger.placed_at is not None for finger in cell.fingers):
-            closed = depths[len(cell.palm_bodies) :]
-            outside, where = (
-                [*depths_while_closing(cell.fingers, closed, part, limits.depth)],
-                "is, while the hand closes,",
-            )
-        if not outside:
-            return replace(grip, depth=depth)
-        worst, proven = max(outside, key=lambda each: each.depth), any(each.least > each.limit for each in outside)
-        return replace(
-            grip, held=False, message=worst.words(part.name, where), depth=max(depth, worst.depth), proven=proven
-        )
 
     @once_per_grasp
     def depths(self, member: Member) -> tuple[BodyDepth, ...]:

@@ -406,6 +406,7 @@ def recertify(task: PickTask, program: MotionProgram, deviation: float = 0.0) ->
     InputError
         If the pick has no grasp of the program's family, no motion of a name of the program, or another object.
     """
+    # The grasp of the family with which the program was made
     members = [member for group in task.groups() for member in group]
     member = next((each for each in members if each.words == program.member), None)
     if member is None:
@@ -516,6 +517,7 @@ def motion_parts(
         curves["place"] = () if placing.lift is None else (placing.lift.reversed(),)
         curves["leave"] = () if placing.leave is None else (placing.leave,)
         parting["place"] = placing.parting
+    # With an object, each part has its own bodies and its own proof
     member = attempt.candidate.member
     return [part_of(task, member, name, own, parting.get(name, ())) for name, own in curves.items() if own]
 

@@ -440,10 +440,12 @@ class PickVerdict(ProvenMotion, Shown, Written):
                 f"pick {self.pick.name!r} takes its part from a moving conveyor, whose clock a program does not have; "
                 "save the motion instead (save_motion)"
             )
+        # What happens on the way, in order, in whole nanoseconds of motion
         name = self.pick.object_name or ""
         pending = [("grip", _clock(self.grasp_time or 0.0), grip_dwell)]
         if self.release_time is not None:
             pending.append(("release", _clock(self.release_time), release_dwell))
+        # One segment for each motion; a motion that contains the grasp is split there
         segments: list[ProgramSegment] = []
         events: list[ProgramEvent] = []
         records: dict[str, MotionRecord] = {}

@@ -177,9 +177,7 @@ def write_page(
         "picks",
         card
         + panels.table(
-            "below",
-            Rows(COLUMNS, cells, numbers=("Clearance", "Duration"), colours=colours),
-            [*notes, *stage.notes],
+            "below", Rows(COLUMNS, cells, numbers=("Clearance", "Duration"), colours=colours), [*notes, *stage.notes]
         ),
         settings,
         commands,

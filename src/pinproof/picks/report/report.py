@@ -107,6 +107,7 @@ class PickReport(Saved, Written):
     @reported()
     def summary(self) -> str:
         """One line: the number of good picks, and the stages at which others fail."""
+        # Rows that could not be read fail at the input
         total = len(self.verdicts) + len(self.problems) + self.not_judged
         stages = Counter(verdict.failed.value for verdict in self.verdicts if verdict.failed is not None)
         stages += Counter(input=len(self.problems))

@@ -289,7 +289,7 @@ def largest_error(constraint, known: Cell, q, control, delta, extra) -> float:
 def constraint_bound(
     arm: pp.Arm, constraint: PathConstraint, control: np.ndarray, extra: np.ndarray
 ) -> tuple[float, float]:
-    """The largest error at the start and in the middle of a piece, and the core's bound of it on the whole piece.
+    """The largest error that the core finds on a piece, at its start or elsewhere, and its bound on the whole piece.
 
     It is proven in a single interval within a tolerance of 1e9, so that the bound is that of the proof.
     """

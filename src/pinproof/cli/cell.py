@@ -239,6 +239,7 @@ class SearchOptions:
 
     def found_region(self) -> PlacementRegion:
         """The region with its forbidden zones."""
+        # z and yaw are fixed at 0 unless they are stated
         ends = numbers(self.region, "--region", "x0 x1 y0 y1", "x0 x1 y0 y1 z0 z1", "x0 x1 y0 y1 z0 z1 yaw0 yaw1")
         warn_of_millimetres("--region", ends[:6])
         refuse_degrees("--region", ends[6:])
@@ -249,6 +250,7 @@ class SearchOptions:
 
     def choices(self, arm: pp.Arm) -> list[PlacementChoice]:
         """The discrete alternatives; empty if there is only one."""
+        # Every robot with every mounting
         robots: list[tuple[str, pp.Arm | None]] = [(arm.robot.name, None)]
         robots += [(name, pp.load_robot(name).arm()) for name in self.or_robot or ()]
         mountings = self.mounting or ["floor"]
@@ -371,6 +373,7 @@ def cell_compare(
     Example: pinproof cell compare robots/ur5/picks.yaml --place "-0.05 -0.05 0"
     """
     check_output_files([output], [file, against], TABLES)
+    # The options replace what the second file states
     with pool.settings() as settings:
         reports = []
         for number, (path, options) in enumerate(((file, CellOptions()), (against or file, cell)), start=1):
@@ -402,6 +405,7 @@ def cell_tolerance(
     check_output_files([output], [file], TABLES)
     angles = numbers(rotation, "--rotation", "angle")
     refuse_degrees("--rotation", angles)
+    # The picks are judged once; the study certifies their motions again for displaced parts
     with progress_bar(f"checking {file}") as progress, pool.settings() as settings:
         report = judge_file(file, cell, seed, **settings)
         found = pp.cell.tolerance_study(

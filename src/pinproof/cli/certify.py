@@ -168,6 +168,7 @@ def _verify(
             raise InputError("--upright needs ROBOT and MOTION, whose start states which axis of the tcp points up")
         constraints = upright.constraints(arm, curve.start)
     result: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve, constraints)
+    # The verdict, and what the verifier compared
     keys = ("ok", "reasons", "clearance", "margin", "joint_tolerance", "obstacle_tolerance", "pairs", "excluded")
     data = {key: getattr(result, key) for key in (*keys, "constraints", "limits", "compared", "not_compared")}
     lines = [str(result), *(f"not checked: {a} and {b} ({reason})" for a, b, reason in result.excluded)]
@@ -236,6 +237,7 @@ def _print_program(
     as_json: bool,
 ) -> None:
     """Print the verdict on a program, and the file to which it was written; exit code 1 unless it is FREE."""
+    # The text of a program names the certificate that it was written with
     same = bool(program.certificate) and certificate.hash == program.certificate
     data: dict[str, Any] = {"status": certificate.status.name, "message": certificate.message}
     data |= {"dialect": program.dialect, "moves": len(program.moves), "hash": certificate.hash}

@@ -128,6 +128,7 @@ def progress_bar(text: str) -> Iterator[Callable[[str, int, int], None]]:
         def render(self, task: Any) -> Text:
             return Text("" if task.speed is None else f"{task.speed:,.1f}/s")
 
+    # Parts per second and the time left of the present stage
     console = Console(stderr=True)
     columns: tuple[ProgressColumn, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate())
     columns += (TextColumn("left"), TimeRemainingColumn())
@@ -164,6 +165,7 @@ def print_report(report: PickReport) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    # The columns depend on the width of the terminal, so that no text is cropped
     console = Console(highlight=False)
     narrow = console.width < ONE_LINE_WIDTH  # then stage and figures share columns, so that no text is cropped
     table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
@@ -172,6 +174,7 @@ def print_report(report: PickReport) -> None:
     figures = (f"clearance\n{seconds}",) if narrow else ("clearance", seconds)
     for column in ("pick", "verdict", *figures, "reason"):
         table.add_column(column, overflow="fold")
+    # One row for each pick, with its suggestions below the reason
     suggestions = {verdict.pick.name: verdict.suggestions for verdict in report.verdicts}
     for name, verdict, stage, clearance, duration, reason, _ in report.rows():
         # Text objects, because Rich would interpret brackets in a string as markup.
@@ -198,6 +201,7 @@ def check_output_files(
     InputError if an output is also an input, is named twice, or has none of the suffixes; FileError if an output is a
     folder, or its folder does not exist.
     """
+    # Files are compared by their real paths, so that a link does not hide that two are the same
     used = {os.path.realpath(path): "an input" for path in inputs if path is not None}
     for path in outputs:
         if path is None:

@@ -133,6 +133,7 @@ groups = {
         no_args_is_help=True,
     ),
 }
+# Each command is registered with its docstring as help, in its part of the list
 for words, command in COMMANDS.items():
     group, _, name = words.rpartition(" ")
     if group and not groups[group].registered_commands:
@@ -243,6 +244,7 @@ def _usage_message(error: Exception) -> str | None:
     """The message of a usage error in one line, or None if the parser did not raise the error."""
     if not isinstance(error, _ParserError):
         return None
+    # The wording of the parser becomes that of this program
     message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
     message = message.replace("Value error, ", "").replace("(Possible options: ", "(did you mean ")
     message = message.replace("Input should be greater than or equal to ", "it must be at least ")
@@ -259,6 +261,7 @@ def _file_hint(error: PinproofError) -> str:
     """A file with a similar name, or the folder that does not exist, for an input file that is missing."""
     if not isinstance(error, FileError) or "://" in error.path:  # a URI of a mesh
         return ""
+    # A missing file is often misspelt, or its folder is
     path = Path(error.path)
     try:
         if path.exists():

@@ -48,6 +48,7 @@ def check(
 
     Example: pinproof check ur5 --q home --scene robots/ur5/scene.yaml
     """
+    # Limits and collisions are reported together
     arm = setup.arm(robot)
     checker = setup.checker(arm)
     configuration = arm.limits.snap(parse_configuration(q, arm, "--q"))
@@ -178,6 +179,7 @@ def view(
     Example: pinproof view ur5 --html ur5.html
     """
     check_output_files([html, png_options.png], [robot, motion, *setup.files])
+    # Contradictions are refused before anything is loaded
     match = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", png_options.size.strip())
     if match is None:
         raise InputError(f"--size must be WIDTHxHEIGHT in pixels, such as 1280x800, not {png_options.size!r}")

@@ -267,6 +267,7 @@ class SetupOptions(ChainOptions):
         """
         if not self.has_tool:  # the packages that read these files are not imported then
             return super().arm(robot)
+        # The tool is made for the tcp of its picks file, unless the command selects a chain
         tcp = self.picks.tcp
         arm = ChainOptions.arm(self if self.tcp or self.group else replace(self, tcp=tcp), robot)
         if tcp is not None and tcp != arm.tcp:
@@ -323,6 +324,7 @@ class ConstraintOptions:
             raise InputError(
                 f"--upright: {tolerance:g} rad ({math.degrees(tolerance):g} deg) must be below 90 deg{degrees}"
             )
+        # The vertical in the frame in which constraints are stated
         up = arm.root_from_base.rotation.T @ np.array([0.0, 0.0, 1.0])
         if self.upright_axis is None:
             return (pp.Upright.keeping(arm, start, tolerance=tolerance, up=up),)
@@ -354,6 +356,7 @@ class RateOptions:
 
         InputError if the payload is not a mass, a centre and an inertia, or the arm has no torque limits or masses.
         """
+        # A payload implies the torque limits, which then hold with it
         limits: list[pp.motion.RateConstraint] = []
         if self.payload is not None:
             values = numbers(self.payload, "--payload", *MASS_FORMS)
@@ -375,9 +378,11 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
     """
     # Not get_type_hints: Python 3.10 wraps a parameter with the default None in Optional, which hides the Annotated.
     parameters = inspect.signature(command, eval_str=True).parameters
+    # The parameters that are groups of options, by name
     groups: dict[str, Any] = {
         name: each.annotation for name, each in parameters.items() if is_dataclass(each.annotation)
     }
+    # Each field of a group, and each other parameter, becomes an option with its default
     options: list[tuple[str, Any, Any]] = []
     for name, parameter in parameters.items():
         if name in groups:
@@ -407,6 +412,7 @@ def expand_options(command: Callable[..., None], on_verbose: Callable[[], None])
         except KeyboardInterrupt:
             raise Interrupted from None
 
+    # The parser reads the signature and the annotations of the new command
     keyword_only = inspect.Parameter.KEYWORD_ONLY
     call.__signature__ = inspect.Signature(  # type: ignore[attr-defined]  # inspect reads this attribute first
         [inspect.Parameter(name, keyword_only, default=default, annotation=hint) for name, hint, default in options]
@@ -429,6 +435,7 @@ def _with_value(name: str, hint: Any, default: Any, panel: str | None = None) ->
     info.rich_help_panel = info.rich_help_panel or panel
     if default is False and not isinstance(info.default, str):  # typer stores the first stated name there
         info.param_decls = (f"--{name.replace('_', '-')}",)
+    # What the help shows for the value: the choices, or a kind of number with its range
     plain = next(each for each in (*get_args(kind), kind) if each is not type(None))
     if info.metavar is None and isinstance(plain, type) and issubclass(plain, Enum):
         info.metavar = "|".join(each.value for each in plain)
@@ -444,6 +451,7 @@ def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -
     InputError if the file records that the motion was certified with attached bodies, held joints or obstacles that the
     checker does not have, because FREE would then state less than the file suggests; ``ignore_record`` allows it.
     """
+    # FREE would state less than the file suggests if the checker lacks what the motion was certified with
     trajectory = pp.Trajectory.load(path, checker.arm.joint_names)
     missing = pp.collision.missing_since(trajectory.certified, checker)
     if missing and not ignore_record:
@@ -501,6 +509,7 @@ def numbers(text: str, option: str, *forms: str) -> list[float]:
     """
     from pinproof.common.files import parse_number
 
+    # Numbers are separated by spaces or commas
     values = []
     for part in text.replace(",", " ").split():
         try:

@@ -201,6 +201,7 @@ class WorkerOptions:
 
         InputError if both options are given, or Dask is not installed; CampaignError if the scheduler does not answer.
         """
+        # Local processes, or the threads of a cluster
         if self.dask is None:
             yield {} if self.workers is None else {"workers": self.workers}
             return
@@ -290,6 +291,7 @@ def pick(
         report = error.result
         if not report.verdicts:
             raise Interrupted(f"{error}; there is no result") from None
+    # The answer, then the files, whose names are part of it
     if as_json:
         print_json(report.to_dict())
     else:
@@ -297,6 +299,7 @@ def pick(
     files, complete = out.write(report, is_folder=is_folder)
     if files and not as_json:
         print_line(f"wrote {files}")
+    # An interrupted run is neither a success nor a failure of the picks
     if report.not_judged:
         count, total = len(report.verdicts), len(report.verdicts) + report.not_judged
         kept = "" if path is None else f"; {path} has these {count:,}"
@@ -319,6 +322,7 @@ def _screen(file: Path, cell: CellOptions, output: Path | None, seed: int, *, as
         if output.suffix.lower() != ".csv":
             raise InputError(f"{output}: with --screen, -o writes a table and must end in .csv")
         check_output_files([output], [file, *cell.files])
+    # The clearance is only computed if a table shows it
     start = time.perf_counter()
     with progress_bar("screening") as show:
         progress = partial(show, "picks")
@@ -408,6 +412,7 @@ def demo(
         raise typer.Exit(1)
     if report.setup is None:
         raise InputError("the report has no set-up")
+    # The first good pick is written and shown
     first, arm = report.good[0], report.setup.checker.arm
     with progress_status("writing the page"):
         first.save_motion(output)

@@ -66,6 +66,7 @@ class OrientationOptions:
         """Rotations (k, 3, 3) of the tool; ``axis`` (3,) is the z axis of the tool at home."""
         if self.orientations is Orientations.HOME:
             return pp.picks.tool_orientations(axis[None], self.spins)
+        # Directions in a cone around straight down; all directions are a cone of half a turn
         half_angles = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(self.angle), Orientations.ALL: math.pi}
         half = half_angles[self.orientations]
         directions = pp.picks.approach_directions(half_angle=half, count=self.directions)
@@ -115,6 +116,7 @@ def reach(
     """
     outputs = output or []
     check_output_files(outputs, [robot, *setup.files, against], SUFFIXES)
+    # Everything that can be refused is read before the map is computed
     before = None if against is None else pp.picks.ReachMap.load(against)
     ends = numbers(region, "--region", "x0 x1 y0 y1 z0 z1")
     warn_of_millimetres("--region", ends)
@@ -146,6 +148,7 @@ def reach(
                 f"the region; at home the z axis of its tool points along [{along}]; "
                 f"{REMEDIES[orientation_options.orientations]}"
             )
+    # Files of a comparison show the change, except the data of the map itself
     change = None if before is None else pp.picks.ReachComparison(before, found)
     title = f"{arm.robot.name}: reach" + ("" if change is None else ", gained and lost")
     for path in outputs:

@@ -245,6 +245,7 @@ def ik(
 
     Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
     """
+    # Contradictions are refused before the robot is loaded
     solver = pp.ik.make_ik(method)
     if not xyz and task is not TaskOption.ORIENTATION:
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
@@ -278,6 +279,7 @@ def ik(
         data = {"ok": found.ok, "branches": rows, "with_full_rotations": len(found), "message": found.message}
         print_result(data, lines, as_json=as_json, ok=found.ok)
         return
+    # A pose that was not found may be proven out of reach
     result = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
     if result.status is pp.ik.IkStatus.NOT_FOUND and task is TaskOption.POSE and pp.ik.is_provable(arm):
         proof = pp.prove_unreachable(
@@ -326,6 +328,7 @@ def bench(
     selected = tuple(pp.ik.IK_METHODS) if methods is None else methods.replace(",", " ").split()
     with progress_status("running the IK benchmark") as report:
         rows, left_out = bench(arm, points=points, methods=selected, rng=seed, on_progress=report)
+    # The figures of each method, beside those of the textbook
     table = []
     for row in rows:
         solved = f"{100 * row.success:.2f} % within {row.tolerance:g}"

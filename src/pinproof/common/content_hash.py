@@ -90,12 +90,14 @@ def code_here() -> str:
     """
     from pinproof import _core
 
+    # The sources of the core and of all modules that affect verdicts
     into = hashlib.sha256(_core.SOURCE_HASH.encode())
     for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: path.relative_to(PACKAGE).as_posix()):
         name = path.relative_to(PACKAGE)
         if name.parts[0] not in WITHOUT_VERDICTS:
             content = path.read_bytes()
             into.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
+    # The libraries whose results enter the verdicts
     versions = []
     for library in ("pinproof", *LIBRARIES):
         try:
@@ -160,10 +162,12 @@ def cached(
     if place is None:
         return make()
     path = place / f"{content_digest(kind, key, _made_with(tuple(code), tuple(libraries)))}.npz"
+    # An entry that cannot be read is computed again
     damaged = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
     with suppress(*damaged), path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
         return {name: stored[name] for name in stored.files}
     found = make()
+    # The entry is written to a new file, so that other processes never read an incomplete one
     content = BytesIO()
     arrays: dict[str, Any] = {name: np.asarray(value) for name, value in found.items()}
     np.savez(content, **arrays)

@@ -124,6 +124,7 @@ def write_bytes_whole(path: str | Path, content: bytes | Iterable[bytes], error:
     error
         If the folder does not exist or cannot be written to.
     """
+    # A new file in the same folder replaces the old one, which is atomic on every file system
     target = Path(path)
     # tempfile is not used because its files are readable by their owner only.
     scratch = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
@@ -195,6 +196,7 @@ def figure(value: float | None) -> str:
 
 def file_stems(names: Iterable[str]) -> list[str]:
     """A file name without suffix for each name: unique, without folders, and never ``report`` or ``*.program``."""
+    # Equal names, also if they differ only in case, get a number
     stems: list[str] = []
     used = {"report"}
     for name in names:
@@ -243,11 +245,13 @@ def read_yaml(
     """
     if path.suffix.lower() not in suffixes:
         raise error(path, unknown_suffix(path, suffixes))
+    # Text that YAML does not allow is refused by its line before it is parsed
     remedy = "put meshes and points in mesh files, picks in a CSV table"
     text = _END_MARK.sub("\n", read_text(path, error, largest=LARGEST_YAML, remedy=remedy))
     if odd := _NO_YAML.search(text):
         line = text.count("\n", 0, odd.start()) + 1
         raise error(path, f"is not valid YAML: it contains the character U+{ord(odd[0]):04X}", f"line {line}")
+    # The error of the parser, with what a reader can do about it
     try:
         content = _LinedLoader(text).get_single_data()
     except RecursionError as caught:
@@ -264,6 +268,7 @@ def read_yaml(
         if here and "\t" in here[0][: len(here[0]) - len(here[0].lstrip())]:
             problem += "; indent with spaces, YAML does not allow tabs"
         raise error(path, f"is not valid YAML: {problem}", f"line {mark.line + 1}" if mark else "") from caught
+    # A valid document of another kind
     if not isinstance(content, LinedMapping):
         what = "is empty" if content is None else f"contains a {type(content).__name__}, not a mapping"
         raise error(path, f"{what}; valid keys: {', '.join(keys)}")
@@ -348,6 +353,7 @@ class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignor
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Compose a node and count the values in it."""
+        # An alias counts as many values as the value it refers to, so that nested aliases cannot fill the memory
         event: Any = self.peek_event()
         alias = isinstance(event, yaml.AliasEvent)
         before = self._values
@@ -385,6 +391,7 @@ def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
 
 def _number(loader: _LinedLoader, node: yaml.ScalarNode) -> int | float:
     """Construct a decimal number; octal and base 60 numbers of YAML 1.1 are rejected because they look like others."""
+    # 1:30 and 010 mean 90 and 8 in YAML 1.1
     if ":" in node.value or re.match(r"[+-]?0[0-9_]", node.value):
         why = f"{node.value!r} is ambiguous in YAML 1.1; write a decimal number, or quote the text"
         raise ConstructorError(None, None, why, node.start_mark)
@@ -443,6 +450,7 @@ def parse_number(value: object) -> float:
     text = value.strip() if isinstance(value, str) else ""
     if re.fullmatch(_PLAIN, text):
         return float(text)
+    # A multiple of pi, such as 3*pi/4; expressions are never evaluated
     match = re.fullmatch(_WITH_PI, text)
     if match is None or (match[3] is not None and float(match[3]) == 0.0):
         comma = ": use a decimal point, not a comma" if _WITH_COMMA.fullmatch(text) else ""

@@ -81,6 +81,7 @@ class Rows:
 
     def html(self, most: int = MOST_ROWS) -> str:
         """The table with at most ``most`` rows, and a line that states how many more exist."""
+        # An iterator is read only as far as it is shown
         rows = self.rows if self.total is not None else tuple(self.rows)
         total = self.total if self.total is not None else len(rows)  # type: ignore[arg-type]  # a tuple
         styles = [RIGHT if column in self.numbers else "" for column in self.columns]
@@ -215,6 +216,7 @@ class Saved(Shown):
 
     def _save(self: Any, path: str | Path, **page: Any) -> None:
         """Write a file; ``page`` are the arguments of the page."""
+        # Methods are looked up only for the formats of the class
         writers = {suffix: getattr(self, CONTENTS[suffix]) for suffix in self.formats if suffix != ".html"}
         if ".html" in self.formats:
             writers[".html"] = partial(self._write_page, path, **page)
@@ -327,6 +329,7 @@ def outline(head: str, lines: Iterable[str] = (), *, total: int | None = None) -
     if total is None:
         lines = tuple(lines)
         total = len(lines)
+    # The last line states how many are left out
     available = MOST_LINES - 1
     shown = list(islice(lines, available if total <= available else available - 1))
     more = [f"... and {total - len(shown)} more"] if total > len(shown) else []
@@ -335,6 +338,7 @@ def outline(head: str, lines: Iterable[str] = (), *, total: int | None = None) -
 
 def html_plot(times: npt.ArrayLike, lines: Mapping[str, npt.ArrayLike], unit: str) -> Html:
     """A plot of values over times (m,) as inline SVG, with a legend; ``lines`` are (m,) values by name."""
+    # As many points as the plot can show, scaled to its size; equal values are drawn at the bottom
     x = np.asarray(times, dtype=float)
     keep = np.unique(np.linspace(0, len(x) - 1, PLOT_POINTS).astype(int))
     x, curves = x[keep], {name: np.asarray(values, dtype=float)[keep] for name, values in lines.items()}

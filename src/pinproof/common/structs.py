@@ -553,9 +553,11 @@ class Table:
         if missing := [key for key in self.flat if key.required and key.name not in stated]:
             meaning = f" ({missing[0].text})" if len(missing) == 1 else ""
             raise InputError(f"{name} does not state {' and '.join(key.name for key in missing)}{meaning}")
+        # The constructor of a struct checks its values; those of other tables are checked while they are read
         values: dict[str, Any] = {}
         checks = hasattr(getattr(self.make, "func", self.make), "_struct")
         for key in self.keys:
+            # An inline table reads several keys of this mapping, and makes one or several arguments of them
             if key.inline:
                 made = key.kind.make(**key.kind.values(name, stated, path, part=True))
                 values |= made if isinstance(made, dict) else {key.argument: made}
@@ -785,6 +787,7 @@ def struct(
                     error.argument = name
                     raise
                 object.__setattr__(self, name, value)
+            # Relations of several keys come after the keys themselves, so that they compare valid values
             for rule in rules:
                 if isinstance(rule, Rule) and (reason := rule.broken(self)):
                     broken = InputError(f"{cls.__name__}{of} {reason}")
@@ -793,6 +796,7 @@ def struct(
             if further:
                 further(self)
 
+        # Results that are only written are made by this program, so their values are not checked
         if not written:
             cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
         made: Any = dataclass(frozen=True, **options)(cls)
@@ -855,8 +859,9 @@ class _Struct:
                 hint = get_type_hints(function, include_extras=True)["return"]
                 kind = _kind_of(hint, own, written=True)
                 keys.append(required(own.name or name, kind, own.text, own.unit, attrgetter(name)))
-        # The order of the manual, and rules of which a later one replaces an earlier one
+        # The order of the manual
         keys.sort(key=lambda key: self.first.index(key.name) if key.name in self.first else len(self.first))
+        # Rules of the schema; a later one of the same name replaces an earlier one
         schemas = [rule.schema if isinstance(rule, Rule) else rule for rule in self.rules]
         rules = {name: rule for schema in schemas for name, rule in schema.items()}
         text = " ".join(self.about.replace("``", "`").split())
@@ -873,6 +878,7 @@ def table_of(struct: Any) -> Table:
 
 def _kind_of(hint: Any, own: _Declared, *, written: bool) -> Any:
     """The kind of the values of a type."""
+    # A stated kind applies; the kind of an optional value is that of the other type, or null
     origin, inner = get_origin(hint), get_args(hint)
     if own.kind is not None and (written or NoneType not in inner):
         return own.kind
@@ -882,6 +888,7 @@ def _kind_of(hint: Any, own: _Declared, *, written: bool) -> Any:
             return optional(found)
         schema = found if isinstance(found, Table) else found.schema
         return Kind(schema, lambda name, value: None if value is None else found.check(name, value), found.parse)
+    # Types that state their kind, structs, and collections of them
     if origin is Annotated:
         return next(each for each in inner[1:] if isinstance(each, (Kind, Table)))
     if hasattr(hint, "_struct"):
@@ -894,6 +901,7 @@ def _kind_of(hint: Any, own: _Declared, *, written: bool) -> Any:
         return mapping_to(_kind_of(inner[1], own, written=written))
     if origin is Literal:
         return choice(*inner)
+    # Plain types
     if isinstance(hint, type) and issubclass(hint, Enum):
         return choice(*(member.value for member in hint))
     if hint is float:
@@ -911,6 +919,7 @@ def _shown(default: Any) -> Any:
 
 def _documented(cls: Any) -> tuple[str, str]:
     """The description of a struct, and its docstring with the meaning of the fields."""
+    # The sections that the class states itself follow the list of fields
     about, *sections = re.split(r"\n(?=(?:Raises|Notes)\n---)", inspect.cleandoc(cls.__doc__), maxsplit=1)
     lines = [about.rstrip(), "", "Parameters", "----------"]
     for each in fields(cls):
@@ -943,5 +952,6 @@ def json_schema(table: Table) -> dict[str, Any]:
             return {**found, **found["$ref"]} if isinstance(found.get("$ref"), dict) else found
         return [resolved(part) for part in value] if isinstance(value, (list, tuple)) else value
 
+    # The definitions are complete only after the root is resolved
     root = resolved(table.schema())
     return {"$schema": DIALECT, "title": table.title, **root, "$defs": dict(sorted(definitions.items()))}

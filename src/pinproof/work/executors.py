@@ -199,6 +199,7 @@ class ChunkQueue:
         """The next chunk; None if no picks are left."""
         if not self._ranges:
             return None
+        # Small chunks at the end keep all workers busy
         size = self._fixed or max(1, min(self._size, math.ceil(self.left / (2 * self._slots))))
         start, stop = self._ranges.pop()
         cut = min(stop, start + size)
@@ -209,6 +210,7 @@ class ChunkQueue:
 
     def learn(self, picks: int, seconds: float) -> None:
         """Adapt the size of chunks to the measured duration of one."""
+        # The size follows the measured speed, by limited steps
         wanted = int(picks * CHUNK_SECONDS / max(seconds, 1e-6))
         self._size = max(1, min(LARGEST, max(wanted, picks // GROWTH), picks * GROWTH))
 
@@ -249,6 +251,7 @@ class TrackedExecutor:
 
     def submit_chunks(self, queue: ChunkQueue, sent: TaskPackage) -> None:
         """Submit as many chunks as ``width`` allows."""
+        # A new executor receives the task alone first, so that a task that kills workers is known as the cause
         if self._executor is None or self._task != sent.key:
             if not self._suspects and not queue.left:
                 return
@@ -258,6 +261,7 @@ class TrackedExecutor:
             self._submit(self._executor, None, sent, packed=True)
         if not self._ready:
             return
+        # Suspects run in groups, one at a time; new chunks wait until the cause is known
         if not self.pending:
             group = self._suspects.pop() if self._suspects else []
             self._group = len(group)
@@ -281,6 +285,7 @@ class TrackedExecutor:
         """The outcomes of a finished future; if its executor broke, also those of all other pending futures."""
         if future not in self.pending or self._executor is None:
             return  # it was pending in an executor that broke
+        # A broken executor concerns all pending chunks; an error of a cluster only this one
         chunk = self.pending[future]
         try:
             answer = future.result()

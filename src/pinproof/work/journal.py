@@ -57,6 +57,7 @@ class Checksums:
 
     def add(self, line: bytes) -> bytes:
         """The line with its checksum; ``line`` is a JSON object that ends with a line feed."""
+        # The checksum becomes the last key of the object
         content = line[: line.rindex(b"}")]
         return content + b',"checksum":"' + self._of(content) + b'"}\n'
 
@@ -105,6 +106,7 @@ class Journal:
                 self._file.execute("PRAGMA locking_mode = EXCLUSIVE")
                 self._file.execute("PRAGMA journal_mode = WAL")
                 self._file.execute("PRAGMA synchronous = NORMAL")  # no wait for the disk after each chunk
+                # The header and the tables are written in one transaction, or found as they were
                 self._file.execute("BEGIN EXCLUSIVE")
                 self._file.execute(f"PRAGMA application_id = {APPLICATION}")
                 self._file.execute("CREATE TABLE IF NOT EXISTS header (line BLOB NOT NULL)")
@@ -206,6 +208,7 @@ def refuse_foreign(path: Path, there: Mapping[str, Any], header: Mapping[str, An
     if there.get("schema") != header.get("schema"):
         schemas = f"the schema {there.get('schema')}, but {header.get('schema')} is required"
         raise CampaignError(f"{path}: has {schemas}; choose another folder")
+    # The parts of the work that differ, by name
     theirs, ours = (dict(part.get("setup", {})) for part in (there, header))
     different = [
         f"{name} ({theirs.get(name, 'nothing')} there, {ours.get(name, 'nothing')} here)"

@@ -78,6 +78,7 @@ class Runner:
         The rows of a stage do not depend on the division into chunks. Without a folder, or ``in_memory``, they are of
         any type. With one, they are dictionaries, which may have the key ``keep`` with a value that stays in memory.
         """
+        # Rows of an earlier run are not computed again
         known = self.rows[stage] = {}
         journal = None if in_memory else self._journal
         done = np.zeros(len(items), dtype=bool)
@@ -108,6 +109,7 @@ class Runner:
         ranges: Sequence[tuple[int, int]],
         chunk: int,
     ) -> Iterator[Outcome]:
+        # In this process, chunk by chunk, so that progress is reported
         if self._executor is None:
             for start, stop in ranges:
                 for first in range(start, stop, chunk):

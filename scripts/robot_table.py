@@ -14,7 +14,7 @@ from generated_files import main, with_tables
 
 import pinproof as pp
 from pinproof.description import catalogue_names, find_robot, robots_folder
-from pinproof.description.packages import example_robot_data
+from pinproof.description.ros_files import example_robot_data
 from pinproof.model import kinematic_class
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "robots.md"

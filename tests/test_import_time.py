@@ -19,7 +19,6 @@ SLOW = {
     "toppra",
     "trimesh",
     "typer",
-    "yourdfpy",
 }
 # Every package that computes kinematics or collisions requires these.
 FOUNDATION = {"coal", "pinocchio"}

@@ -43,7 +43,7 @@ SIBLINGS = ({"ik", "collision"},)
 BEHIND_THE_MODEL = {"pinocchio", "coal", "hppfcl"}
 MAY_TOUCH_THEM = {"spatial", "model", "collision", "viewer"}
 MAY_ALSO_TOUCH = {("description", "coal")}  # the second reading of mesh files
-HEAVY = {"dask", "distributed", "matplotlib", "meshcat", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
+HEAVY = {"dask", "distributed", "matplotlib", "meshcat", "scipy", "toppra", "trimesh", "typer"}
 HEAVY_ALLOWED = {"cli": {"typer"}}
 FACES = {
     "verifier",
@@ -145,7 +145,7 @@ def upward_only(package: Path) -> list[str]:
 
 def packages_are_imported_by_their_names(package: Path) -> list[str]:
     """A package uses what another exports; what it needs and cannot import is missing in the public interface."""
-    modules = set(import_graph(package)) - NAMESPACES - {"pinproof.ik.bench"}  # it exports a function of this name
+    modules = set(import_graph(package)) - NAMESPACES
     return [
         str(one)
         for one in imports(package)

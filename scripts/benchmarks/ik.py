@@ -32,7 +32,7 @@ from benchmarks.tables import Benchmark, Blocks, NotApplicableError, Results, Ro
 from pinproof import load_robot
 from pinproof.description import catalogue_names
 from pinproof.errors import PinproofError
-from pinproof.ik.windings import difference
+from pinproof.ik.result import difference
 from pinproof.model import Arm
 from pinproof.spatial import Array
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.ik.bench import bench
+from pinproof.ik.methods import bench
 
 SMALL = ("bench", "ur5", "--points", "3")
 

@@ -14,7 +14,7 @@ from pinproof.collision.checking.placed_bodies import GJK_SLACK, GJK_TOLERANCE
 from pinproof.collision.geometry.bodies import shape_bodies, shape_body
 from pinproof.collision.geometry.hulls import bvh
 from pinproof.description import read_urdf
-from pinproof.description.packages import example_robot_data
+from pinproof.description.ros_files import example_robot_data
 from pinproof.errors import MeshError
 
 

@@ -13,8 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, write_urdf
-from pinproof.description import DhRow, DhTable
-from pinproof.description.dh_urdf import urdf_text
+from pinproof.description import DhRow, DhTable, urdf_of_table
 from pinproof.description.xml_reader import rpy_of
 from pinproof.errors import ConversionError, FileError, InputError
 from pinproof.model import load_robot
@@ -77,7 +76,7 @@ def test_rpy_reproduces_the_rotation_at_every_pitch(roll, pitch, yaw):
 
 
 def test_origins_with_a_pitch_of_90_degrees_are_exact():
-    """Where yourdfpy's own writer loses up to half a radian: a sweep through pitch = pi/2."""
+    """A sweep through pitch = pi/2, where only the difference of roll and yaw is determined."""
     for off in (0.0, 1e-15, 1e-12, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4):
         for sign in (-1, 1):
             tool = pose((0, 0, 0), (0.3, sign * (math.pi / 2 - off), -1.1))
@@ -169,12 +168,12 @@ TAMPERED = {
 def test_a_urdf_that_is_not_its_table_is_refused_and_not_written(change, generic, tmp_path, monkeypatch):
     old, new, words = TAMPERED[change]
 
-    def tampered(robot, *, comment):
-        text = urdf_text(robot, comment=comment)
+    def tampered(table):
+        text = urdf_of_table(table)
         assert re.search(old, text), "the tampering must find its place"
         return re.sub(old, new, text)
 
-    monkeypatch.setattr("pinproof.description.dh_urdf.urdf_text", tampered)
+    monkeypatch.setattr("pinproof.conversion.dh_tables.urdf_of_table", tampered)
     path = tmp_path / "arm.urdf"
     path.write_text("the content before", encoding="utf-8")
     with pytest.raises(ConversionError, match=words):

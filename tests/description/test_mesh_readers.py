@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.description.mesh_formats import reading
+from pinproof.description import mesh_reading as reading
 from pinproof.description.meshes import READERS, TriangleMesh, read_mesh
 from pinproof.viewer.surfaces import obstacle_surfaces
 

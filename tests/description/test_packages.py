@@ -7,7 +7,7 @@ import os
 import pytest
 
 import pinproof as pp
-from pinproof.description.packages import find_package, locate
+from pinproof.description.ros_files import find_package, locate
 
 URDF = '<robot name="r"><link name="a"><collision><geometry>{}</geometry></collision></link></robot>'
 

@@ -6,7 +6,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import find_robot, read_srdf
-from pinproof.description.packages import example_robot_data
+from pinproof.description.ros_files import example_robot_data
 
 TEXT = """<robot name="r">
   <group name="arm"><chain base_link="base" tip_link="tip"/></group>

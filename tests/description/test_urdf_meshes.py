@@ -8,7 +8,7 @@ import pytest
 import pinproof as pp
 from pinproof.description import read_urdf
 from pinproof.description.meshes import read_mesh, resolved
-from pinproof.description.packages import locate
+from pinproof.description.ros_files import locate
 
 TRIANGLES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 import pinproof as pp
-from pinproof.description.xacro_files import expand_xacro
+from pinproof.description.ros_files import expand_xacro
 
 from ..processes import PATIENCE
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.ik.windings import difference, nearest_winding
+from pinproof.ik.result import difference, nearest_winding
 
 
 @given(seed=st.integers(0, 10**6))

@@ -7,7 +7,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import catalogue_names, find_robot
-from pinproof.description.packages import example_robot_data
+from pinproof.description.ros_files import example_robot_data
 
 NAMED = {
     "generic_6dof", "ur3", "ur5", "ur10", "panda", "iiwa14", "puma560", "stanford", "scara", "irb120", "xarm7",

@@ -56,12 +56,12 @@ def test_a_bad_table_names_its_row(tmp_path):
 
 
 def test_a_table_whose_urdf_differs_is_refused(monkeypatch):
-    from pinproof.description.dh_urdf import urdf_text
+    from pinproof.description import urdf_of_table
 
-    def tampered(robot, *, comment):
-        return urdf_text(robot, comment=comment).replace('xyz="0.3 0.0 0.0"', 'xyz="0.31 0.0 0.0"')
+    def tampered(table):
+        return urdf_of_table(table).replace('xyz="0.3 0.0 0.0"', 'xyz="0.31 0.0 0.0"')
 
-    monkeypatch.setattr("pinproof.description.dh_urdf.urdf_text", tampered)
+    monkeypatch.setattr("pinproof.model.loading.urdf_of_table", tampered)
     with pytest.raises(ConversionError, match="off by"):
         pp.load_robot(GENERIC / "dh.yaml")
 

@@ -138,25 +138,13 @@ def frames_along(first: Array, axes: Sequence[DhAxis], end: Array, *, backwards:
     backwards
         Whether the axes are ordered from tool to base (modified convention); this changes the sign of a.
 
-    Raises
-    ------
-    ConversionError
-        If two axes are too close to parallel (:data:`FARTHEST`); the message names them.
+    ConversionError if two axes are too close to parallel (:data:`FARTHEST`); the message names them.
     """
-    frames = [first]
+    frames, sense = [first], -1.0 if backwards else 1.0
     for k, (before, after) in enumerate(pairwise(axes)):
         last = k == len(axes) - 2
-        x_if_free = end[:3, 0] if last else None
-        frames.append(
-            _next(
-                frames[-1],
-                before,
-                after,
-                at_own_point=k == 0 or last,
-                x_if_free=x_if_free,
-                sense=-1.0 if backwards else 1.0,
-            )
-        )
+        x_if_free = end[:3, 0] if last else frames[-1][:3, 0]
+        frames.append(_next(frames[-1], before, after, x_if_free, sense, at_own_point=k == 0 or last))
     return frames
 
 
@@ -171,9 +159,7 @@ def row_numbers(before: Array, after: Array, convention: str) -> tuple[float, fl
     return theta, float(step @ z), float(step @ x), alpha
 
 
-def _next(
-    frame: Array, before: DhAxis, after: DhAxis, *, at_own_point: bool, x_if_free: Array | None, sense: float
-) -> Array:
+def _next(frame: Array, before: DhAxis, after: DhAxis, x_if_free: Array, sense: float, *, at_own_point: bool) -> Array:
     """The frame on the axis ``after`` whose x axis is on the common normal with ``before``, the axis of ``frame``."""
     origin, z = frame[:3, 3], before.direction
     # z x z' is computed as z x (z' -+ z): the difference of nearly equal vectors is exact, their cross product is not.
@@ -183,6 +169,7 @@ def _next(
     if not after.is_joint and PARALLEL < sine < END_TILT:
         after, sine = replace(after, direction=same * z), 0.0
 
+    # axes that are not parallel: the origin is at the end of their common normal
     if sine > PARALLEL:
         apart = after.point - before.point
         on_before = float(np.cross(apart, after.direction) @ normal) / sine**2
@@ -198,6 +185,7 @@ def _next(
         point = after.point + on_after * after.direction
         return _frame(point, _directed(normal / sine, frame, z, point, sense), after.direction)
 
+    # parallel axes: any normal is common
     point = after.point
     if not at_own_point:
         point = point + ((origin - point) @ after.direction) * after.direction
@@ -205,7 +193,7 @@ def _next(
     distance = float(np.linalg.norm(across))
     if distance > COINCIDENT:
         return _frame(point, _directed(across / distance, frame, z, point, sense), after.direction)
-    return _frame(point, frame[:3, 0] if x_if_free is None else x_if_free, after.direction)
+    return _frame(point, x_if_free, after.direction)
 
 
 def _directed(normal: Array, frame: Array, z: Array, point: Array, sense: float) -> Array:
@@ -279,15 +267,22 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
                 f"joint {joint.name!r} is a mimic joint of {joint.mimic.leader!r}, and each Denavit-Hartenberg row has "
                 "an independent joint; select a chain without mimic joints"
             )
+    # the axis of each joint in the base frame at q = 0
+    zero, axes = np.zeros(arm.dof), list[DhAxis]()
+    twists = arm.jacobian(zero, reference="WORLD")
+    for joint, turns, twist in zip(path, arm.angular, twists.T, strict=True):
+        direction = twist[3:] if turns else twist[:3]
+        point = np.array(arm.frame_placement(zero, joint.child).translation)
+        axes.append(DhAxis(f"joint {joint.name!r}", point, direction / np.linalg.norm(direction)))
     # one frame on each axis; the modified convention is the standard one of the reversed chain
-    axes = _axes(arm, [joint.child for joint in path])
     base = np.eye(4)
     tool = np.array(arm.forward_kinematics(np.zeros(arm.dof)).homogeneous)
     if convention == "standard":
-        frames = frames_along(frame_on(axes[0], base), [*axes, _own_axis("the tool", tool)], tool)
+        last = DhAxis("the tool", tool[:3, 3], tool[:3, 2], is_joint=False)
+        frames = frames_along(frame_on(axes[0], base), [*axes, last], tool)
     else:
-        walk = [*reversed(axes), _own_axis("the base", base)]
-        frames = frames_along(frame_on(axes[-1], tool), walk, base, backwards=True)[::-1]
+        last = DhAxis("the base", base[:3, 3], base[:3, 2], is_joint=False)
+        frames = frames_along(frame_on(axes[-1], tool), [*reversed(axes), last], base, backwards=True)[::-1]
     # the rows between the frames, with the numbers as a person would write them
     numbers = (row_numbers(*pair, convention) for pair in pairwise(frames))
     table = DhTable(
@@ -302,22 +297,6 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
     return table
 
 
-def _axes(arm: Arm, links: list[str]) -> list[DhAxis]:
-    """The axis of each joint, whose child links are given, in the base frame of the arm at q = 0."""
-    zero = np.zeros(arm.dof)
-    twists = arm.jacobian(zero, reference="WORLD")
-    axes = []
-    for name, turns, twist, link in zip(arm.joint_names, arm.angular, twists.T, links, strict=True):
-        direction = twist[3:] if turns else twist[:3]
-        point = np.array(arm.frame_placement(zero, link).translation)
-        axes.append(DhAxis(f"joint {name!r}", point, direction / np.linalg.norm(direction)))
-    return axes
-
-
-def _own_axis(name: str, frame: Array) -> DhAxis:
-    return DhAxis(name, frame[:3, 3], frame[:3, 2], is_joint=False)
-
-
 def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, alpha: float) -> DhRow:
     lower, upper, velocity = (float(x[i]) for x in (arm.limits.lower, arm.limits.upper, arm.limits.velocity))
     effort = math.nan if arm.limits.torque is None else float(arm.limits.torque[i])
@@ -330,16 +309,11 @@ def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, al
             "state them in the URDF, or in a file of joint limits (--limits, in Python limits=)"
         )
     return DhRow(
-        arm.joint_names[i],
-        _plain_angle(theta),
-        _plain_length(d),
-        _plain_length(a),
-        _plain_angle(alpha),
-        joint_type,
+        arm.joint_names[i], _plain_angle(theta), _plain_length(d), _plain_length(a), _plain_angle(alpha), joint_type,
         **({"lower": lower, "upper": upper} if limited else {}),
         **({"velocity": velocity} if math.isfinite(velocity) else {}),
         **({"effort": effort} if math.isfinite(effort) else {}),
-    )
+    )  # fmt: skip
 
 
 def _plain_angle(angle: float) -> float:

@@ -21,9 +21,9 @@ from pinproof.description.cell import (
 )
 from pinproof.description.dh import CONVENTIONS, DEFAULT_EFFORT, SUFFIXES, DhRow, DhTable
 from pinproof.description.dh_urdf import GENERATED_BODIES, GENERATED_MASSES, TCP, has_generated_bodies, urdf_of_table
-from pinproof.description.mesh_formats.ply import positions, read_elements
+from pinproof.description.mesh_stl_obj_ply import positions, read_elements
 from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, metres_per_unit, read_mesh, resolved, z_up
-from pinproof.description.packages import MeshFile, locate
+from pinproof.description.ros_files import MeshFile, locate
 from pinproof.description.srdf import DisabledPair, Srdf, read_srdf, srdf_text
 from pinproof.description.urdf import JointType, LinkGeometry, Urdf, UrdfJoint, moved_by, read_urdf, read_urdf_text
 

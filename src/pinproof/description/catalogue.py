@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pinproof.description.mjcf import read_mjcf
-from pinproof.description.packages import example_robot_data
+from pinproof.description.ros_files import example_robot_data
 from pinproof.description.srdf import Srdf
 from pinproof.description.urdf import Urdf, read_urdf
 from pinproof.description.xml_reader import parse_file

@@ -179,6 +179,7 @@ class DhRow:
     def __post_init__(self) -> None:
         for column in ("lower", "upper"):
             value: float | None = getattr(self, column)
+            # limits must be stated, omitted or finite, depending on the type
             free = -math.inf if column == "lower" else math.inf
             if self.is_prismatic and value is None:
                 raise self._wrong(column, "is not stated; a prismatic row must state its limits in metres")
@@ -300,15 +301,6 @@ def _refuse_other_units(rows: Sequence[DhRow], mappings: Sequence[Any]) -> None:
             if column in mapping:
                 step(f".rows[{row.name!r}].{column}", position(mapping, column), in_row, row, column)
     refuse_millimetres("a and d", [length for row in rows for length in (row.a, row.d)])
-
-
-def _stated_columns(row: DhRow) -> dict[str, Any]:
-    """Return the columns of a row for a file, without infinite limits and without the default effort."""
-    values: dict[str, Any] = {"name": row.name, "type": row.joint_type}
-    values |= {column: getattr(row, column) for column in table_of(DhRow).names[2:]}
-    if row.effort == DEFAULT_EFFORT:
-        del values["effort"]
-    return {column: value for column, value in values.items() if isinstance(value, str) or math.isfinite(value)}
 
 
 class _FlatRows(yaml.SafeDumper):
@@ -437,13 +429,23 @@ class DhTable(Shown):
             If the file cannot be written (:class:`~pinproof.errors.DhTableError` for an unknown suffix).
         """
         path = _table_file(path)
-        rows = [_stated_columns(row) for row in self.rows]
+        # the columns of each row, without infinite limits and without the default effort
+        names = table_of(DhRow).names
+        stated = ({name: getattr(row, "joint_type" if name == "type" else name) for name in names} for row in self.rows)
+        rows = [
+            {
+                name: value
+                for name, value in row.items()
+                if isinstance(value, str) or (math.isfinite(value) and (name, value) != ("effort", DEFAULT_EFFORT))
+            }
+            for row in stated
+        ]
+        # a base or tool that is not the identity needs a YAML file
         moved = [which for which in ("base", "tool") if not np.array_equal(getattr(self, which), np.eye(4))]
         if path.suffix.lower() == ".csv":
             for which in moved:
                 what = f"the {which} of the table is not the identity, which a CSV cannot store"
                 raise InputError(f"{what}; save a .yaml file")
-            names = table_of(DhRow).names
             columns = [name for name in names if name != "effort" or any("effort" in row for row in rows)]
             cells = ([row.get(column, "") for column in columns] for row in rows)
             write_text_whole(path, csv_text(columns, cells, comment=f"# convention: {self.convention}"))

@@ -50,13 +50,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from pinproof.description.dh import DhRow, DhTable, row_transform
 from pinproof.description.urdf import Urdf
-from pinproof.description.xml_reader import origin_attributes
+from pinproof.description.xml_reader import Element, add_joint, origin_attributes
 from pinproof.errors import InputError
 from pinproof.spatial import Array
 
@@ -89,26 +89,6 @@ def joint_origins(table: DhTable) -> list[Array]:
 def tool_origin(table: DhTable) -> Array:
     """link_n_from_tool (4, 4): the transform after the last joint, including the tool of the table."""
     return np.array(behind(table.rows[-1], table.convention) @ table.tool)
-
-
-def urdf_text(robot: Any, *, comment: str = "") -> str:
-    """The XML text of a ``yourdfpy.Robot``; the same robot gives the same bytes.
-
-    yourdfpy writes numbers with all digits, but computes the roll, pitch and yaw of an origin with an algorithm that is
-    wrong near a pitch of +-pi/2 (trimesh's ``euler_from_matrix``). Therefore this function recomputes all of them.
-    """
-    import yourdfpy
-    from lxml import etree
-
-    tree = yourdfpy.URDF(robot=robot, build_scene_graph=False, load_meshes=False).write_xml()
-    # the origins in the order in which yourdfpy writes them
-    parts = [part for link in robot.links for part in (link.inertial, *link.visuals, *link.collisions)]
-    origins = [part.origin for part in (*parts, *robot.joints) if part is not None and part.origin is not None]
-    for element, origin in zip(tree.iter("origin"), origins, strict=True):
-        element.attrib.update(origin_attributes(origin))
-    if comment:
-        tree.getroot().insert(0, etree.Comment(f" {comment.replace('--', '- -')} "))
-    return '<?xml version="1.0"?>\n' + str(etree.tostring(tree, encoding="unicode", pretty_print=True))
 
 
 DENSITY = 1500.0
@@ -199,7 +179,17 @@ def link_bodies(table: DhTable) -> tuple[DhBody, ...]:
     bodies = []
     for i, (link, radius) in enumerate(zip(segments, radii, strict=True)):
         on_foot = i == 1 and foot is not None
-        cylinders, balls = _cylinders(link, radius, on_foot=on_foot, is_tip=i == tip)
+        cylinders, balls = list[Shape](), list[Shape]()
+        for k, segment in enumerate(link):
+            direction = (segment.end - segment.start) / segment.length
+            ends_here = i == tip and k == len(link) - 1
+            start = FOOT_GAP if on_foot and k == 0 else 0.0
+            end = segment.length - (min(radius, segment.length / 2) if ends_here else 0.0)
+            middle = segment.start + (start + end) / 2 * direction
+            cylinders.append(Shape(_along(middle, direction), radius, end - start))
+            if not ends_here:
+                balls.append(Shape(_at(segment.end), radius, part="joint"))
+        # the sphere at the start is part of the housing, if there is one
         turns = i > 0 and not table.rows[i - 1].is_prismatic
         shapes = [*cylinders, *balls]
         if link and turns and not on_foot:
@@ -216,55 +206,32 @@ def link_bodies(table: DhTable) -> tuple[DhBody, ...]:
 
 def _segments(table: DhTable, i: int) -> list[_LinkSegment]:
     """The straight segments of link i (0: fixed to dh_0) in its frame, in the order of the chain."""
-    points: list[Array] = []
+    row = table.rows[i - 1] if i > 0 else None
     if table.convention == "standard":
-        if i == 0:
+        if row is None:
             return []
-        row = table.rows[i - 1]
         yaw = row.theta if row.is_prismatic else 0.0
         corner = np.array([0.0, 0.0, row.d])
         points = [np.zeros(3), corner, corner + row.a * np.array([math.cos(yaw), math.sin(yaw), 0.0])]
     else:
         # The link consists of the d of its row, which ends at dh_i, and the a and alpha of the next row.
-        d = table.rows[i - 1].d if i > 0 else 0.0
-        a = table.rows[i].a if i < len(table) else 0.0
-        start = -d if i > 0 and table.rows[i - 1].is_prismatic else 0.0  # the frame of a prismatic link is dh_i
+        d, a = 0.0 if row is None else row.d, table.rows[i].a if i < len(table) else 0.0
+        start = -d if row is not None and row.is_prismatic else 0.0  # the frame of a prismatic link is dh_i
         points = [np.array([x, 0.0, start + z]) for x, z in ((0.0, 0.0), (0.0, d), (a, d))]
-    if i > 0 and table.rows[i - 1].is_prismatic:
+    first = _LinkSegment(points[0], points[1])
+    if row is not None and row.is_prismatic:
         # The joint is at z = (start of d) - q; the rod must reach it at both limits.
-        row, first, bend = table.rows[i - 1], float(points[0][2]), float(points[1][2])
-        reach = (bend, first - row.lower, first - row.upper)
+        joint, bend = float(points[0][2]), float(points[1][2])
+        reach = (bend, joint - row.lower, joint - row.upper)
         low, high = min(reach), max(reach)
-        start, end = (low, high) if bend - low >= high - bend else (high, low)
-        rod = _LinkSegment(np.array([0.0, 0.0, start]), np.array([0.0, 0.0, end]))
-        return [segment for segment in (rod, _LinkSegment(points[1], points[2])) if segment.length > 0]
-    return [
-        segment
-        for segment in (_LinkSegment(points[0], points[1]), _LinkSegment(points[1], points[2]))
-        if segment.length > 0
-    ]
+        ends = (low, high) if bend - low >= high - bend else (high, low)
+        first = _LinkSegment(*(np.array([0.0, 0.0, end]) for end in ends))
+    return [segment for segment in (first, _LinkSegment(points[1], points[2])) if segment.length > 0]
 
 
 def _span(link: Sequence[_LinkSegment]) -> float:
     """The distance between the two ends of a link."""
     return float(np.linalg.norm(link[-1].end - link[0].start)) if link else 0.0
-
-
-def _cylinders(
-    link: Sequence[_LinkSegment], radius: float, *, on_foot: bool, is_tip: bool
-) -> tuple[list[Shape], list[Shape]]:
-    """The cylinders of a link and the spheres at their ends; the caller adds the sphere at the start of the link."""
-    cylinders, balls = [], []
-    for k, segment in enumerate(link):
-        direction = (segment.end - segment.start) / segment.length
-        ends_here = is_tip and k == len(link) - 1
-        start = FOOT_GAP if on_foot and k == 0 else 0.0
-        end = segment.length - (min(radius, segment.length / 2) if ends_here else 0.0)
-        middle = segment.start + (start + end) / 2 * direction
-        cylinders.append(Shape(_along(middle, direction), radius, end - start))
-        if not ends_here:
-            balls.append(Shape(_at(segment.end), radius, part="joint"))
-    return cylinders, balls
 
 
 def _mass_properties(cylinders: Sequence[Shape], ball_radius: float) -> tuple[float, Array, Array]:
@@ -311,6 +278,8 @@ def urdf_of_table(table: DhTable) -> str:
     InputError
         If a row has a name that is reserved for a link or joint of the URDF.
     """
+    from lxml import etree
+
     # In Pinocchio joints and links share one namespace, in which "universe" is the world.
     numbers = range(len(table) + 1)
     reserved = {"universe", "base_link", "base_joint", TCP, "tool_joint"}
@@ -318,8 +287,57 @@ def urdf_of_table(table: DhTable) -> str:
     for row in table.rows:
         if row.name in reserved:
             raise InputError(f"DH row {row.name!r} has a name that the URDF needs for a frame; rename the row")
+    robot = etree.Element("robot", name=table.name)
     comment = f"made by pinproof from the DH table {table.name} ({table.convention} convention)"
-    return urdf_text(_robot(table), comment=comment)
+    robot.append(etree.Comment(f" {comment.replace('--', '- -')} "))
+
+    # the links with bodies, and one without for each frame of the table; many tools reject a root with an inertia
+    movable, frames = [f"link_{i}" for i in numbers[1:]], [f"dh_{i}" for i in numbers]
+    for name, body in zip(["base_link", *movable], link_bodies(table), strict=True):
+        _add_body(etree.SubElement(robot, "link", name=name), body, with_inertial=name != "base_link")
+    for name in (*frames, TCP):
+        etree.SubElement(robot, "link", name=name)
+
+    # the joints; the fixed ones carry the frames of the table and the tool
+    def add(name: str, kind: str, parent: str, child: str, origin: Array) -> Element:
+        joint = add_joint(robot, name, kind, parent, child)
+        etree.SubElement(joint, "origin", origin_attributes(origin))
+        return joint
+
+    add("base_joint", "fixed", "base_link", "dh_0", table.base)
+    for row, origin, parent, child in zip(
+        table.rows, joint_origins(table), ["dh_0", *movable[:-1]], movable, strict=True
+    ):
+        joint = add(row.name, row.joint_type, parent, child, origin)
+        etree.SubElement(joint, "axis", xyz="0.0 0.0 1.0")
+        limit = {"effort": row.effort, "velocity": row.velocity, "lower": row.lower, "upper": row.upper}
+        etree.SubElement(joint, "limit", {key: str(value) for key, value in limit.items() if math.isfinite(value)})
+    for row, parent, frame in zip(table.rows, movable, frames[1:], strict=True):
+        add(f"{frame}_joint", "fixed", parent, frame, behind(row, table.convention))
+    add("tool_joint", "fixed", movable[-1], TCP, tool_origin(table))
+    return '<?xml version="1.0"?>\n' + str(etree.tostring(robot, encoding="unicode", pretty_print=True))
+
+
+def _add_body(link: Element, body: DhBody, *, with_inertial: bool) -> None:
+    from lxml import etree
+
+    add = etree.SubElement
+    if with_inertial:
+        inertial, i = add(link, "inertial"), body.inertia
+        add(inertial, "origin", origin_attributes(_at(body.centre)))
+        add(inertial, "mass", value=str(body.mass))
+        moments = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), i[np.triu_indices(3)].tolist(), strict=True)
+        add(inertial, "inertia", {name: str(moment) for name, moment in moments})
+    for tag in ("visual", "collision"):
+        for shape in body.shapes:
+            element = add(link, tag)
+            length = {} if shape.length is None else {"length": str(shape.length)}
+            kind = "sphere" if shape.length is None else "cylinder"
+            add(add(element, "geometry"), kind, {"radius": str(shape.radius), **length})
+            add(element, "origin", origin_attributes(shape.origin))
+            if tag == "visual":
+                colour = " ".join(map(str, COLOURS[shape.part]))
+                add(add(element, "material", name=f"pinproof_{shape.part}"), "color", rgba=colour)
 
 
 def has_generated_bodies(urdf: Urdf) -> bool:
@@ -336,76 +354,3 @@ GENERATED_MASSES = (
     "robot differ"
 )
 """Note on the torques of a robot with generated bodies."""
-
-
-def _robot(table: DhTable) -> Any:
-    """The table as a ``yourdfpy.Robot``."""
-    import yourdfpy
-
-    # the links with bodies, and one without for each frame of the table
-    n = len(table)
-    movable = [f"link_{i}" for i in range(1, n + 1)]
-    frames = [f"dh_{i}" for i in range(n + 1)]
-    bodies = link_bodies(table)
-    links = [_link("base_link", bodies[0], with_inertial=False)]  # many tools reject a root link with an inertia
-    links += [_link(name, body, with_inertial=True) for name, body in zip(movable, bodies[1:], strict=True)]
-    links += [yourdfpy.Link(name=name) for name in (*frames, TCP)]
-
-    # the joints; the fixed ones carry the frames of the table and the tool
-    joints = [_fixed("base_joint", "base_link", "dh_0", table.base)]
-    for row, origin, parent, child in zip(
-        table.rows, joint_origins(table), ["dh_0", *movable[:-1]], movable, strict=True
-    ):
-        joints.append(
-            yourdfpy.Joint(
-                name=row.name,
-                type=row.joint_type,
-                parent=parent,
-                child=child,
-                origin=origin,
-                axis=np.array([0.0, 0.0, 1.0]),
-                limit=_limit(row),
-            )
-        )
-    for row, parent, frame in zip(table.rows, movable, frames[1:], strict=True):
-        joints.append(_fixed(f"{frame}_joint", parent, frame, behind(row, table.convention)))
-    joints.append(_fixed("tool_joint", movable[-1], TCP, tool_origin(table)))
-    return yourdfpy.Robot(name=table.name, links=links, joints=joints)
-
-
-def _limit(row: DhRow) -> Any:
-    import yourdfpy
-
-    if row.joint_type == "continuous":
-        return yourdfpy.Limit(effort=row.effort, velocity=row.velocity)
-    return yourdfpy.Limit(effort=row.effort, velocity=row.velocity, lower=row.lower, upper=row.upper)
-
-
-def _fixed(name: str, parent: str, child: str, origin: Any) -> Any:
-    import yourdfpy
-
-    return yourdfpy.Joint(name=name, type="fixed", parent=parent, child=child, origin=origin)
-
-
-def _link(name: str, body: DhBody, *, with_inertial: bool) -> Any:
-    import yourdfpy
-
-    link = yourdfpy.Link(name=name)
-    if with_inertial:
-        origin = np.eye(4)
-        origin[:3, 3] = body.centre
-        link.inertial = yourdfpy.Inertial(origin=origin, mass=body.mass, inertia=body.inertia)
-    for shape in body.shapes:
-        colour = yourdfpy.Color(rgba=np.array(COLOURS[shape.part]))
-        material = yourdfpy.Material(name=f"pinproof_{shape.part}", color=colour)
-        link.visuals.append(yourdfpy.Visual(origin=shape.origin, geometry=_geometry(shape), material=material))
-        link.collisions.append(yourdfpy.Collision(name=None, origin=shape.origin, geometry=_geometry(shape)))
-    return link
-
-
-def _geometry(shape: Shape) -> Any:
-    import yourdfpy
-
-    if shape.length is None:
-        return yourdfpy.Geometry(sphere=yourdfpy.Sphere(radius=shape.radius))
-    return yourdfpy.Geometry(cylinder=yourdfpy.Cylinder(radius=shape.radius, length=shape.length))

@@ -14,13 +14,11 @@ import numpy.typing as npt
 
 from pinproof.common.content_hash import cached, content_digest
 from pinproof.common.files import read_bytes, unknown_suffix
-from pinproof.description.mesh_formats.collada import read_collada
-from pinproof.description.mesh_formats.gltf import external_files, read_gltf, with_second_root
-from pinproof.description.mesh_formats.obj import read_obj
-from pinproof.description.mesh_formats.ply import read_ply
-from pinproof.description.mesh_formats.reading import REMEDY, Reading
-from pinproof.description.mesh_formats.stl import read_stl
-from pinproof.description.packages import MeshFile
+from pinproof.description.mesh_collada import read_collada
+from pinproof.description.mesh_gltf import external_files, read_gltf, with_second_root
+from pinproof.description.mesh_reading import REMEDY, Reading
+from pinproof.description.mesh_stl_obj_ply import read_obj, read_ply, read_stl
+from pinproof.description.ros_files import MeshFile
 from pinproof.errors import MeshError
 
 LARGEST_MESH = 256 * 2**20
@@ -41,7 +39,7 @@ MESH_SUFFIXES = tuple(f".{kind}" for kind in READERS)
 COLOURED_SUFFIXES = MESH_SUFFIXES[1:]
 """The formats that can state colours: all but STL."""
 
-MESH_CODE = [str(file) for file in sorted((Path(__file__).parent / "mesh_formats").glob("*.py"))] + [__file__]
+MESH_CODE = [str(file) for file in sorted(Path(__file__).parent.glob("mesh*.py"))]
 MESH_LIBRARIES = ("coal", "lxml")
 """The source files and the distributions that read mesh files."""
 

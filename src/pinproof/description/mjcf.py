@@ -37,12 +37,8 @@ def read_mjcf(path: Path) -> tuple[Urdf, Srdf]:
     The root link is ``world``. Bodies and named sites become links, sites on fixed joints. A hinge without a range is
     continuous. A joint that an equality couples linearly to another joint becomes a mimic joint.
 
-    Raises
-    ------
-    UrdfError
-        If MuJoCo refuses the file, or for unsupported elements; the message states the line.
-    InputError
-        If the extra ``mjcf`` is not installed.
+    UrdfError if MuJoCo refuses the file, or for unsupported elements; the message states the line. InputError if the
+    extra ``mjcf`` is not installed.
     """
     try:
         import mujoco
@@ -96,6 +92,7 @@ class _Conversion:
         excluded = tuple(
             DisabledPair((pair.bodyname1, pair.bodyname2), "MJCF: excluded") for pair in self.spec.excludes
         )
+        # keyframes are the named states of a robot
         states = tuple(
             GroupState(key.name, "", {name: (float(q),) for name, q in zip(self.joints, qpos, strict=True)})
             for key, qpos in zip(self.spec.keys, self.model.key_qpos, strict=True)
@@ -200,6 +197,7 @@ class _Conversion:
             if not model.eq_active0[number]:
                 continue
             offset, factor, *higher = model.eq_data[number][:5].tolist()
+            # a URDF has linear couplings of two joints only
             between = model.eq_type[number] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[number] >= 0
             if not between or any(higher):
                 kind = mujoco.mjtEq(int(model.eq_type[number])).name.removeprefix("mjEQ_").lower()

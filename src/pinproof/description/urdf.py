@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.validation import ReadOnlyDict
-from pinproof.description.packages import MeshFile, leaves_package, locate
-from pinproof.description.xacro_files import expand_xacro
+from pinproof.description.ros_files import MeshFile, expand_xacro, leaves_package, locate
 from pinproof.description.xml_reader import (
     Element,
     add_joint,
@@ -116,6 +115,7 @@ def _geometry(
         raise UrdfError(source, what, place(element))
     shape = shapes[0]
     kind, size = _shape(shape, link, source)
+    # the colour of the element, or of the material of that name
     material = element.find("material")
     rgba = None if material is None else _rgba(material, source) or colours.get(material.get("name"))
     mesh = None
@@ -464,10 +464,12 @@ def _root_link(links: Mapping[str, Element], joints: Mapping[str, UrdfJoint], so
             what = f"link {joint.child!r} is the child of more than one joint; a URDF must be a tree"
             raise UrdfError(source, what, place(links[joint.child]))
         parents[joint.child] = joint.parent
+    # exactly one link has no parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
         what = f"the links {roots} have no parent" if roots else "all links have a parent, so the joints form a loop"
         raise UrdfError(source, f"{what}; a URDF must have exactly one root", place(links[roots[1]]) if roots else "")
+    # every link is connected to the root; links in a loop have parents, but are not
     reached, edge = {roots[0]}, [roots[0]]
     children: dict[str, list[str]] = {}
     for child, parent in parents.items():
@@ -496,6 +498,7 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
         joint = joints[element.get("name").strip()]
         kind = "revolute" if joint.type == "continuous" else joint.type
         copy = add_joint(robot, _model_joint(joint.name, links), kind, joint.parent, joint.child)
+        # origins verbatim, axes as unit vectors
         where, axis = element.find("origin"), element.find("axis")
         if where is not None:
             etree.SubElement(copy, "origin", {a: where.get(a) for a in ("xyz", "rpy") if where.get(a) is not None})

@@ -25,10 +25,7 @@ Element = Any  # lxml.etree._Element; lxml is typed only by its private names
 def parse_file(path: Path) -> Element:
     """Return the root element of an XML file.
 
-    Raises
-    ------
-    UrdfError
-        If the file cannot be read or is not well-formed; the message states the line.
+    UrdfError if the file cannot be read or is not well-formed; the message states the line.
     """
     return parse_text(read_bytes(path, UrdfError), path)
 

@@ -1,24 +1,22 @@
 """Inverse kinematics (IK): joint configurations that bring the tcp to a target, and tracking of pose sequences."""
 
-from pinproof.ik.analytic.analytic_ik import AnalyticIk
-from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch
-from pinproof.ik.analytic.family import IkFamily
-from pinproof.ik.analytic.self_motion import CurveEnd, SelfMotion, SelfMotionCurve
-from pinproof.ik.bench import bench
+from pinproof.ik.analytic_branches import IkBranches, IkBranchesBatch
+from pinproof.ik.analytic_ik import AnalyticIk
+from pinproof.ik.analytic_self_motion import CurveEnd, IkFamily, SelfMotion, SelfMotionCurve
 from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
 from pinproof.ik.loop import DescentState, IkStep, ObservingRule, StepRule
-from pinproof.ik.methods import IK_METHODS, make_ik
+from pinproof.ik.methods import IK_METHODS, bench, make_ik
 from pinproof.ik.reach_check import BodyOverlap
 from pinproof.ik.reach_proof import ReachProof, ReachStatus, is_provable, prove_unreachable
-from pinproof.ik.result import AT_LIMIT, IkBatch, IkResult, IkSolutions, IkStatus
+from pinproof.ik.result import NEAR_LIMIT, IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.task import IkGoal, IkTask, TaskName, make_task
 from pinproof.ik.tracking import Tracker, TrackResult, track
 
 __all__ = [
-    "AT_LIMIT",
     "IK_METHODS",
+    "NEAR_LIMIT",
     "AnalyticIk",
     "BodyOverlap",
     "Clik",

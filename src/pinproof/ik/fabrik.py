@@ -13,8 +13,8 @@ from pinproof.errors import InputError
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.loop import CompiledRule, DescentState, ObservingRule, Stall, StepRule
+from pinproof.ik.result import TURN, stops
 from pinproof.ik.task import GoalName, IkGoal, Task
-from pinproof.ik.windings import TURN, stops
 from pinproof.model import Arm
 from pinproof.spatial import Array, inverse_matrix, matrix, rotation_about_line
 
@@ -112,6 +112,7 @@ class _Passes:
         self._step: Array | None = None
         if here.squared_residual <= self._handover**2:
             return
+        # poses and hinges in the axes of the target
         chain, limits = here.arm.chain, here.arm.limits
         self._lower, self._upper = limits.lower, limits.upper
         self._low, self._high = stops(here.arm)
@@ -122,31 +123,40 @@ class _Passes:
         self._step = self._pass(here.q, here.iteration)
         deadlock = here.waited > 0 and here.waited % self._constants.WAIT == 0
         if deadlock or np.abs(self._step).max() <= self._constants.STILL:
-            self._step = self._bend(here.q, self._constants.BEND * (1 + here.waited // self._constants.WAIT))
+            # bend every joint towards the middle of its range, or of the circle, the more the longer it has waited
+            width = self._upper - self._lower
+            share = self._constants.BEND * (1 + here.waited // self._constants.WAIT)
+            bend = share * np.minimum(width, TURN)
+            with np.errstate(invalid="ignore"):
+                above = np.isfinite(width) & (here.q > 0.5 * (self._lower + self._upper))
+            bent = np.clip(here.q + np.where(above, -bend, bend), self._low, self._high)
+            self._step = np.asarray(bent - here.q)
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
         """The step of the passes, or that of Clik below the handover residual."""
         return self._end(residual, jacobian) if self._step is None else self._step
 
-    def _bend(self, q: Array, share: float) -> Array:
-        width = self._upper - self._lower
-        bend = share * np.minimum(width, TURN)
-        with np.errstate(invalid="ignore"):
-            above = np.isfinite(width) & (q > 0.5 * (self._lower + self._upper))
-        return np.asarray(np.clip(q + np.where(above, -bend, bend), self._low, self._high) - q)
-
     def _pass(self, q: Array, iteration: int) -> Array:
         known, n, angles = self._constants, len(q), int(self._rotation_mask.sum())
+        # passes that preserve the shape alternate with passes that reach for the target
         weight, relax = known.REACH, known.RELAX_REACH
         if iteration % 2 == 0:
             weight, relax = known.HOLD if angles == 0 else known.HOLD_POSED, known.RELAX_HOLD
-        hinges, end = self._hinges(q)
+        # the origin and direction (2, 3) of each hinge, and the pose (4, 4) of the tcp
+        end, hinges = self._start, list[Array]()
+        for k, link in enumerate(self._links):
+            end = end @ link
+            if k < n:
+                hinges.append(np.vstack([end[:3, 3], end[:3, 2]]))
+                end = self._motion(k, hinges[k], q[k]) @ end
+        # backwards: the last link on the target, and each link below as close as possible to where it was
         moved = [np.eye(4)] * n + [self._last(hinges[-1], end)]
         for k in range(n - 1, 0, -1):
             ends = [(weight, hinges[k - 1])] + [(known.BASE, hinges[0])] * (k > 1)
             by = self._best(k, hinges[k], inverse_matrix(moved[k + 1]), ends)
             # The link below moves opposite to the joint.
             moved[k] = moved[k + 1] @ self._motion(k, hinges[k], -self._allowed(k, q[k], -by))
+        # forwards from the fixed base: each link as close as possible to where the pass back placed it
         forward, step = np.eye(4), np.zeros(n)
         for k in range(n):
             tcp = inverse_matrix(moved[k + 1])
@@ -156,16 +166,6 @@ class _Passes:
             forward = forward @ self._motion(k, hinges[k], by)
             step[k] = np.clip(q[k] + relax * by, self._low[k], self._high[k]) - q[k]
         return step
-
-    def _hinges(self, q: Array) -> tuple[list[Array], Array]:
-        """The origin and direction (2, 3) of each hinge, and the pose (4, 4) of the tcp."""
-        pose, hinges = self._start, []
-        for link, value in zip(self._links, [*q, 0.0], strict=True):
-            pose = pose @ link
-            hinges.append(np.vstack([pose[:3, 3], pose[:3, 2]]))
-            if len(hinges) <= len(q):
-                pose = self._motion(len(hinges) - 1, hinges[-1], value) @ pose
-        return hinges[:-1], pose
 
     def _last(self, hinge: Array, end: Array) -> Array:
         """The motion (4, 4) of the last link that brings the tcp to the target."""
@@ -177,6 +177,7 @@ class _Passes:
                 brought = np.vstack([_at(back, hinge[0]), back[:3, :3] @ hinge[1]])
                 spin = rotation_about_line(axis[0], axis[1], self._angle(axis, end, [(1.0, brought)]))
             return np.asarray(spin @ inverse_matrix(end))
+        # a position only: rotate the last link so that it points from its hinge to the target
         before, after = hinge[0] - end[:3, 3], hinge[0]
         normal = np.cross(before, after)
         size = float(np.linalg.norm(normal))

@@ -19,7 +19,6 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik.loop import (
     AnyCandidate,
     CompiledRule,
-    Descender,
     OnStep,
     PinocchioSearch,
     Search,
@@ -34,14 +33,14 @@ from pinproof.ik.result import (
     IkResult,
     IkSolutions,
     IkStatus,
+    difference,
     not_found,
-    refused,
-    sampled,
+    plural,
+    wraps,
 )
 from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
-from pinproof.ik.windings import difference, wraps
 from pinproof.model import Arm
-from pinproof.spatial import SE3, Array, finite, rigid, rigid_many, rigid_matrix
+from pinproof.spatial import SE3, Array, finite, rigid_many, rigid_matrix
 
 Accept = Callable[[Array], bool]
 EngineName = Literal["auto", "compiled", "pinocchio"]
@@ -195,9 +194,13 @@ class IterativeIk(ABC):
         require_type("arm", arm, Arm)
         require_integer("threads", threads, 1)
         many = rigid_many("targets", targets)
-        starts = _starts(arm, q0, len(many))
+        if q0 is None or np.ndim(q0) <= 1:
+            starts = np.tile(_start(arm, q0), (len(many), 1))
+        else:
+            starts = finite("q0", q0, (len(many), arm.dof))
         resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
         solver = self._compiled(arm, resolved, None)
+        # one target after the other, where Python is called back
         if accept is not None or solver is None:
 
             def one(index: int) -> IkResult:
@@ -208,16 +211,12 @@ class IterativeIk(ABC):
                 name = "pinocchio" if solver is None else "compiled"
                 return IkBatch.of(list(pool.map(one, range(len(many)))), arm, name)
 
+        # all targets at once in the compiled core, which does not call back
         self.check(arm, resolved, goal)
-        null_space = make_goal(goal, arm, arm.home)
+        null_space, seeds = make_goal(goal, arm, arm.home), seeds_of(arm, rng).compiled
         compiled = None if null_space is None else null_space.compiled
         q, position, orientation, ok, iterations, attempts = solver.solve_batch(
-            many,
-            starts,
-            seeds_of(arm, rng).compiled,
-            compiled,
-            self.restarts + 1,
-            threads,
+            many, starts, seeds, compiled, self.restarts + 1, threads
         )
         codes = np.where(ok, STATUSES.index(IkStatus.FOUND), STATUSES.index(IkStatus.NOT_FOUND)).astype(np.int8)
         return IkBatch(
@@ -257,18 +256,23 @@ class IterativeIk(ABC):
         start = _start(arm, q0)
         resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
         search, engine = self._search(arm, rigid_matrix("target", target), start, rng, resolved, None, None)
+        # attempts until enough distinct solutions are found
         kept: list[AnyCandidate] = []
         tried = iterations = refusals = 0
         while tried < attempts and len(kept) < count:
             candidate = search.next(attempts, False)
             q, tried, iterations = candidate.q, candidate.attempts, candidate.iterations
-            if not candidate.fulfils or any(_same(arm, q, other.q) for other in kept):
+            apart = (np.abs(difference(arm, q, other.q)).max() for other in kept)
+            if not candidate.fulfils or any(away < SAME_SOLUTION for away in apart):
                 continue
             if not _accepts(accept, q):
                 refusals += 1
                 continue
             kept.append(candidate)
         kept.sort(key=lambda candidate: float(np.abs(candidate.q - start).max()))
+        rejected = f", {plural(refusals, 'solution')} rejected by accept" if refusals else ""
+        more = "increase attempts, or call solve() for the residual of the closest configuration"
+        remedy = "" if kept else f"; {more}"
         return IkSolutions(
             q=np.array([candidate.q for candidate in kept], dtype=float).reshape(len(kept), arm.dof),
             position_error=np.array([candidate.position_error for candidate in kept], dtype=float),
@@ -276,7 +280,10 @@ class IterativeIk(ABC):
             attempts=tried,
             iterations=iterations,
             engine=engine,
-            message=sampled(len(kept), tried, refusals),
+            message=(
+                f"{plural(len(kept), 'distinct solution')} from {plural(tried, 'attempt')}{rejected}; "
+                f"this is a sample, and further solutions may exist{remedy}"
+            ),
         )
 
     def _search(
@@ -296,10 +303,11 @@ class IterativeIk(ABC):
         if solver is not None:
             compiled = None if null_space is None else null_space.compiled
             return CompiledSearch(solver, seeds.compiled, compiled, target, start), "compiled"
-        descender = Descender(
-            arm, rigid("target", target), task, null_space, self.step_rule, self.max_iterations, self.max_step, on_step
-        )
-        return PinocchioSearch(descender, seeds, start, self.stall), "pinocchio"
+        search = PinocchioSearch(
+            arm, target, task, null_space, seeds, start, rule=self.step_rule, stall=self.stall,
+            max_iterations=self.max_iterations, max_step=self.max_step, on_step=on_step,
+        )  # fmt: skip
+        return search, "pinocchio"
 
     def _compiled(self, arm: Arm, task: Task, on_step: OnStep | None) -> IkSolver | None:
         """The solver of the compiled core, which is cached; None if the loop on Pinocchio must be used."""
@@ -307,6 +315,7 @@ class IterativeIk(ABC):
         solver = _SOLVERS.get(arm, {}).get((self, task)) if usable else None
         if solver is not None:
             return solver
+        # a method without a compiled rule runs on Pinocchio, unless the caller demands the core
         rule = self.compiled_rule() if usable else None
         if rule is None:
             if self.engine == "compiled":
@@ -328,39 +337,40 @@ class IterativeIk(ABC):
 
     def _solve(self, arm: Arm, search: Search, engine: str, accept: Accept | None, task: Task) -> IkResult:
         count, refusals = self.restarts + 1, 0
+
+        def result(status: IkStatus, found: AnyCandidate, words: str | None = None) -> IkResult:
+            errors = found.position_error, found.orientation_error
+            return IkResult(status, found.q, *errors, found.iterations, found.attempts - 1, engine, words, task.counted)
+
         first: IkResult | None = None  # the first that accept rejected
         while True:
             found = search.next(count, first is None)
             if found.fulfils:
-                result = _result(IkStatus.FOUND, found, engine, task)
-                if _accepts(accept, result.q):
-                    return result
+                solution = result(IkStatus.FOUND, found)
+                if _accepts(accept, solution.q):
+                    return solution
                 refusals += 1
-                first = first or result
+                first = first or solution
             if found.attempts < count:
                 continue
+            # All attempts are used: the closest configuration, or the first solution that was rejected.
             if first is None:
                 errors = found.position_error, found.orientation_error
                 message = not_found(arm, task.counted, found.q, errors, found.iterations, found.attempts)
-                return _result(IkStatus.NOT_FOUND, found, engine, task, message)
-            return replace(
-                first,
-                status=IkStatus.REFUSED,
-                iterations=found.iterations,
-                restarts=found.attempts - 1,
-                words=refused(refusals, found.attempts),
+                return result(IkStatus.NOT_FOUND, found, message)
+            words = (
+                f"rejected: accept returned False for all {plural(refusals, 'solution')} of "
+                f"{plural(found.attempts, 'attempt')}; check why it rejects q (for example a collision), increase "
+                "restarts, or move the target"
             )
+            iterations, restarts = found.iterations, found.attempts - 1
+            return replace(first, status=IkStatus.REFUSED, iterations=iterations, restarts=restarts, words=words)
 
 
 SOLVERS_KEPT = 16
 """Number of compiled solvers that are cached for an arm."""
 
 _SOLVERS: WeakKeyDictionary[Arm, dict[tuple[IterativeIk, Task], IkSolver]] = WeakKeyDictionary()
-
-
-def _result(status: IkStatus, found: AnyCandidate, engine: str, task: Task, words: str | None = None) -> IkResult:
-    errors = found.position_error, found.orientation_error
-    return IkResult(status, found.q, *errors, found.iterations, found.attempts - 1, engine, words, task.counted)
 
 
 def _accepts(accept: Accept | None, q: Array) -> bool:
@@ -370,14 +380,3 @@ def _accepts(accept: Accept | None, q: Array) -> bool:
 
 def _start(arm: Arm, q0: npt.ArrayLike | None) -> Array:
     return arm.home if q0 is None else arm.configuration(q0, "q0")
-
-
-def _starts(arm: Arm, q0: npt.ArrayLike | None, count: int) -> Array:
-    """The starts (count, n): q0 (n,) for all targets, or q0 (count, n)."""
-    if q0 is None or np.ndim(q0) <= 1:
-        return np.tile(_start(arm, q0), (count, 1))
-    return finite("q0", q0, (count, arm.dof))
-
-
-def _same(arm: Arm, a: Array, b: Array) -> bool:
-    return bool(np.abs(difference(arm, a, b)).max() < SAME_SOLUTION)

@@ -63,6 +63,7 @@ class _DampedStep:
         self._last, self._growth = np.inf, 1.0
 
     def observe(self, here: DescentState) -> None:
+        # damping grows after a step that increased the error, and is relieved otherwise
         better = here.squared_residual < self._last
         reduced = max(1.0, self._growth * self._constants.RELIEF)
         self._growth = reduced if better else self._growth * self._constants.GROWTH
@@ -70,6 +71,7 @@ class _DampedStep:
         self._squared_residual = min(here.squared_residual, 1.0)
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
+        # more damping until the step is not longer than the bound
         square = jacobian @ jacobian.T
         damping = 0.5 * self._growth * self._damping * self._squared_residual + self._constants.SMALLEST_DAMPING
         step = np.zeros(jacobian.shape[1])
@@ -169,6 +171,7 @@ class _SingularStep:
         """Do nothing: the step depends on the residual and the Jacobian only."""
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
+        # rows that the task does not select and columns of held joints are zero, and reduce the rank
         left, values, right = np.linalg.svd(jacobian, full_matrices=False)
         nonzero = np.abs(jacobian) > NOTHING
         rank = min(nonzero.any(axis=1).sum(), nonzero.any(axis=0).sum())

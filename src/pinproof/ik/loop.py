@@ -10,8 +10,8 @@ A method is defined by its :class:`StepRule` alone. One descent repeats::
     scale the step to max_step, add it, shift joints with a range of 2 pi back within their limits
     stop if the residual has not decreased enough for some steps
 
-:class:`Descender` is the loop on Pinocchio, for user-defined methods and for ``on_step``. The built-in methods run the
-same loop in the compiled core (``src/core/ik``); tests compare their iterates.
+:class:`PinocchioSearch` is the loop on Pinocchio, for user-defined methods and for ``on_step``. The built-in methods
+run the same loop in the compiled core (``src/core/ik``); tests compare their iterates.
 """
 
 from __future__ import annotations
@@ -29,11 +29,10 @@ from pinproof._core import Search as CompiledSearch
 from pinproof._core import Seeds as CompiledSeeds
 from pinproof.common.validation import Rng, random_generator
 from pinproof.errors import InputError
-from pinproof.ik.result import Candidate, judge
+from pinproof.ik.result import TURN, Candidate, judge, nearest_winding, stops, wraps
 from pinproof.ik.task import Goal, Task
-from pinproof.ik.windings import TURN, nearest_winding, stops, wraps
 from pinproof.model import Arm
-from pinproof.spatial import SE3, Array, matrix
+from pinproof.spatial import SE3, Array, matrix, rigid
 
 Key = TypeVar("Key", bound=Hashable)
 Value = TypeVar("Value")
@@ -73,18 +72,14 @@ def seeds_of(arm: Arm, rng: Rng | np.random.SeedSequence) -> Seeds:
     """
     if type(rng) is int and (found := _SEEDS.get(arm, {}).get(rng)) is not None:
         return found
-    seeds = _quasirandom_seeds(arm, random_generator(rng).random(arm.dof))
-    return keep(_SEEDS, arm, rng, seeds, SETS_KEPT) if type(rng) is int else seeds
-
-
-def _quasirandom_seeds(arm: Arm, shift: Array) -> Seeds:
-    root = 2.0
-    for _ in range(64):
+    shift, root = random_generator(rng).random(arm.dof), 2.0
+    for _ in range(64):  # fixed-point iteration; it halves the error at least in each step
         root = (1 + root) ** (1 / (arm.dof + 1))
     steps = root ** -np.arange(1.0, arm.dof + 1)
     lower, upper = arm.limits.sampling_range()
     q = lower + (upper - lower) * ((shift + np.arange(1, COUNT + 1)[:, None] * steps) % 1.0)
-    return Seeds(q, CompiledSeeds(arm.chain, q))
+    seeds = Seeds(q, CompiledSeeds(arm.chain, q))
+    return keep(_SEEDS, arm, rng, seeds, SETS_KEPT) if type(rng) is int else seeds
 
 
 NOTHING: float = SingularStep.NOTHING
@@ -165,134 +160,7 @@ class IkStep:
     residual: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Descent:
-    """The result of a descent: the best configuration within the limits, and its squared residual."""
-
-    q: Array
-    squared_residual: float
-    reached: bool
-    iterations: int
-
-
 OnStep = Callable[[IkStep], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Descender:
-    """The loop on Pinocchio for an arm, a target, a task and a method.
-
-    Parameters
-    ----------
-    arm, target, task, goal
-        The problem.
-    rule
-        Makes the step rule of one attempt.
-    max_iterations, max_step
-        The settings of :class:`~pinproof.ik.iterative.IterativeIk`.
-    on_step
-        Called with every step.
-    """
-
-    arm: Arm
-    target: SE3
-    task: Task
-    goal: Goal | None
-    rule: Callable[[], StepRule]
-    max_iterations: int
-    max_step: float
-    on_step: OnStep | None
-
-    def descend(self, q: Array, stall: Stall, attempt: int) -> Descent:
-        """Descend from q (n,) within the limits until the task is satisfied or the descent stalls."""
-        arm, task, goal, rule = self.arm, self.task, self.goal, self.rule()
-        if not callable(rule):
-            raise InputError(f"step_rule() must return a function of (residual, jacobian), not {rule!r:.80}")
-        observe = getattr(rule, "observe", None)
-        box = _LimitBox(arm)
-        best_q, best, reached = q, np.inf, False
-        mark, marked_at, iteration = np.inf, 0, 0
-        while True:
-            base_from_tcp, local = arm.local_jacobian(q)
-            target_from_tcp = matrix(self.target.actInv(base_from_tcp))
-            residual = task.residual(target_from_tcp)
-            squared = float(residual.dot(residual))
-            satisfied = task.reached(residual)
-            if satisfied or (not reached and squared < best):
-                best_q, best = q, squared
-            reached = reached or satisfied
-            if satisfied and goal is None:
-                break
-            if squared < stall.progress * mark:
-                mark, marked_at = squared, iteration
-            stalled = iteration - marked_at >= stall.patience and not reached
-            # The condition on squared also ends the descent if it is NaN.
-            most = self.max_iterations + (GOAL_STEPS if reached else 0)
-            if stalled or iteration >= most or not squared < np.inf:
-                break
-
-            if observe is not None:
-                observe(DescentState(arm, self.target, task, q, squared, iteration, iteration - marked_at))
-            rotation = target_from_tcp[:3, :3]
-            jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
-            limited = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
-            goal_step = goal.step(arm, q) if satisfied and goal is not None else np.zeros(arm.dof)
-            step = box.step(q, limited, jacobian, goal_step, rule, self.max_step)
-            largest = float(np.abs(step).max())
-            if largest <= SMALLEST_STEP or (satisfied and largest <= GOAL_CONVERGED):
-                break
-            if largest > self.max_step:
-                step = step * (self.max_step / largest)
-            if self.on_step is not None:
-                self.on_step(IkStep(attempt, iteration, q.copy(), step.copy(), residual.copy()))
-            q = box.inside(q + step)
-            iteration += 1
-        return Descent(best_q, best, reached, iteration)
-
-
-class _LimitBox:
-    """The limits of a descent.
-
-    A joint with a range of at least 2 pi is not stopped by its limits: beyond one it continues 2 pi away.
-    """
-
-    def __init__(self, arm: Arm) -> None:
-        limits = arm.limits
-        self._wraps = wraps(arm)
-        self._lower, self._upper = limits.lower, limits.upper
-        self._low, self._high = stops(arm)
-
-    def step(
-        self, q: Array, residual: Array, jacobian: Array, goal_step: Array, rule: StepRule, max_step: float
-    ) -> Array:
-        """The step of the rule within the limits (active set), added to the step of a goal (``goal_step``).
-
-        Joints that would leave their limits are moved to them and held. The effect of that motion is added to the
-        residual, and the rule is evaluated again for the remaining joints until none leaves its limits.
-        """
-        held = np.zeros(len(q), dtype=bool)
-        fixed = goal_step
-        while True:
-            stated = rule(residual + jacobian @ fixed, np.where(held, 0.0, jacobian))
-            if np.shape(stated) != np.shape(q):
-                raise InputError(f"a step rule must return a step ({len(q)},), not {stated!r:.80}")
-            change = np.where(held, 0.0, stated)
-            # Scaled before the limits are applied: a very long step would hold joints at limits unnecessarily.
-            largest = float(np.abs(change).max())
-            change = change * (max_step / largest) if largest > max_step else change
-            step = np.where(held, fixed, fixed + change)
-            moved = q + step
-            outside = ((moved < self._low) | (moved > self._high)) & ~held
-            if not outside.any():
-                return np.asarray(step)
-            held = held | outside
-            fixed = np.where(outside, np.clip(moved, self._low, self._high) - q, fixed)
-
-    def inside(self, q: Array) -> Array:
-        """Q (n,) shifted by 2 pi where possible, and clipped, to be within the limits."""
-        turned = np.where(q > self._upper, q - TURN, np.where(q < self._lower, q + TURN, q))
-        return np.clip(np.where(self._wraps, turned, q), self._lower, self._upper)
-
 
 CompiledRule: TypeAlias = ClikStep | SingularStep | FabrikStep
 """A step rule of the compiled core."""
@@ -316,64 +184,155 @@ class Search(Protocol):
 
 
 class PinocchioSearch:
-    """The same attempts as those of ``_core.Search``, by a :class:`Descender`.
+    """The attempts of ``_core.Search``, with Pinocchio's kinematics; ``rule`` makes the step rule of an attempt.
 
     The first attempt starts at q0 (n,), within or outside the limits, and each ends by the criterion ``stall``.
     """
 
-    def __init__(self, descender: Descender, seeds: Seeds, q0: Array, stall: Stall) -> None:
-        arm = descender.arm
-        self._descender, self._seeds, self._stall = descender, seeds, stall
-        self._q0 = q0 = arm.limits.snap(q0)
+    def __init__(
+        self,
+        arm: Arm,
+        target: Array,
+        task: Task,
+        goal: Goal | None,
+        seeds: Seeds,
+        q0: Array,
+        *,
+        rule: Callable[[], StepRule],
+        stall: Stall,
+        max_iterations: int,
+        max_step: float,
+        on_step: OnStep | None,
+    ) -> None:
+        self._arm, self._task, self._goal, self._rule, self._on_step = arm, task, goal, rule, on_step
+        self._stall, self._max_iterations, self._max_step = stall, max_iterations, max_step
+        self._target = rigid("target", target)
+        self._matrix = matrix(self._target)
+        self._seeds, self._q0 = seeds, arm.limits.snap(q0)
+        q0 = self._q0
         self._q = q0 if arm.limits.contains(q0) else arm.limits.clip(nearest_winding(arm, q0, q0))
-        self._matrix = matrix(descender.target)
-        self._order: list[int] = seeds.compiled.nearest(descender.task.compiled, self._matrix)
+        self._order: list[int] = seeds.compiled.nearest(task.compiled, self._matrix)
         self._attempts = self._iterations = 0
+        self._wraps, (self._low, self._high) = wraps(arm), stops(arm)
 
     def next(self, count: int, polish: bool) -> Candidate:
         """As :meth:`Search.next`."""
-        best: Descent | None = None
+        best, best_squared = None, np.inf
         while self._attempts < count:
+            # q0, then a flip of the first result or a seed, then the seeds nearest in pose to the target
             if self._attempts == 1:
                 self._q = self._flip_or_seed()
             elif self._attempts > 1:
                 self._q = self._seeds.q[self._order.pop(0)]
-            descent = self._descend(self._attempts, self._stall)
+            squared, reached = self._descend(self._attempts, self._stall)
             self._attempts += 1
-            if descent.reached:
+            if reached:
                 return self._candidate()
-            if best is None or descent.squared_residual < best.squared_residual:
-                best = descent
+            if best is None or squared < best_squared:
+                best, best_squared = self._q, squared
+        # no attempt satisfied the task: the best one, refined
         if best is not None:
-            self._q = best.q
+            self._q = best
         if polish:
             self._descend(count - 1, POLISH)
         return self._candidate()
 
-    def _descend(self, attempt: int, stall: Stall) -> Descent:
-        descent = self._descender.descend(self._q, stall, attempt)
-        self._q = descent.q
-        self._iterations += descent.iterations
-        return descent
-
     def _candidate(self) -> Candidate:
-        arm, task = self._descender.arm, self._descender.task
-        return judge(arm, self._matrix, task, self._q, self._q0, self._iterations, self._attempts)
+        return judge(self._arm, self._matrix, self._task, self._q, self._q0, self._iterations, self._attempts)
 
     def _flip_or_seed(self) -> Array:
         """The closest in pose to the target among the flips of q (one joint mirrored) and the seeds."""
-        limits, q = self._descender.arm.limits, self._q
+        arm, q = self._arm, self._q
+        lower, upper = arm.limits.lower, arm.limits.upper
         with np.errstate(invalid="ignore"):
-            middle = np.where(np.isfinite(limits.upper - limits.lower), (limits.lower + limits.upper) / 2, 0.0)
+            middle = np.where(np.isfinite(upper - lower), (lower + upper) / 2, 0.0)
         flips = [np.where(np.arange(len(q)) == i, 2 * middle - q, q) for i in range(len(q))]
         choice = [self._seeds.q[self._order[0]], *flips]
-        best = int(np.argmin([self._away(one) for one in choice]))
+        distance, spin = self._seeds.compiled.weights(self._task.compiled)
+        seen = [self._target.actInv(arm.forward_kinematics(one)) for one in choice]
+        away = [float(distance * e.translation @ e.translation - spin * np.trace(e.rotation)) for e in seen]
+        best = int(np.argmin(away))
         if best == 0:
             self._order.pop(0)
         return choice[best]
 
-    def _away(self, q: Array) -> float:
-        problem = self._descender
-        distance, spin = self._seeds.compiled.weights(problem.task.compiled)
-        seen = problem.target.actInv(problem.arm.forward_kinematics(q))
-        return float(distance * seen.translation @ seen.translation - spin * np.trace(seen.rotation))
+    def _descend(self, attempt: int, stall: Stall) -> tuple[float, bool]:
+        """Descend from q within the limits until the task is satisfied or the descent stalls.
+
+        q becomes the best configuration; the result is its squared residual, and whether it satisfies the task.
+        """
+        arm, task, goal, q = self._arm, self._task, self._goal, self._q
+        rule = self._rule()
+        if not callable(rule):
+            raise InputError(f"step_rule() must return a function of (residual, jacobian), not {rule!r:.80}")
+        observe = getattr(rule, "observe", None)
+        best_q, best, reached = q, np.inf, False
+        mark, marked_at, iteration = np.inf, 0, 0
+        while True:
+            # the residual, and whether q is the best configuration so far
+            base_from_tcp, local = arm.local_jacobian(q)
+            target_from_tcp = matrix(self._target.actInv(base_from_tcp))
+            residual = task.residual(target_from_tcp)
+            squared = float(residual.dot(residual))
+            satisfied = task.reached(residual)
+            if satisfied or (not reached and squared < best):
+                best_q, best = q, squared
+            reached = reached or satisfied
+            if satisfied and goal is None:
+                break
+            # the end without a solution, or of the improvement of a goal; also if the residual is NaN
+            if squared < stall.progress * mark:
+                mark, marked_at = squared, iteration
+            stalled = iteration - marked_at >= stall.patience and not reached
+            most = self._max_iterations + (GOAL_STEPS if reached else 0)
+            if stalled or iteration >= most or not squared < np.inf:
+                break
+            # the step of the rule, for a residual that is not so long that its linearisation means nothing
+            if observe is not None:
+                observe(DescentState(arm, self._target, task, q, squared, iteration, iteration - marked_at))
+            rotation = target_from_tcp[:3, :3]
+            jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
+            limited = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
+            goal_step = goal.step(arm, q) if satisfied and goal is not None else np.zeros(arm.dof)
+            step = self._step_within_limits(q, limited, jacobian, goal_step, rule)
+            largest = float(np.abs(step).max())
+            if largest <= SMALLEST_STEP or (satisfied and largest <= GOAL_CONVERGED):
+                break
+            if largest > self._max_step:
+                step = step * (self._max_step / largest)
+            if self._on_step is not None:
+                self._on_step(IkStep(attempt, iteration, q.copy(), step.copy(), residual.copy()))
+            # joints with a range of 2 pi continue at the other end of it
+            q, lower, upper = q + step, arm.limits.lower, arm.limits.upper
+            turned = np.where(q > upper, q - TURN, np.where(q < lower, q + TURN, q))
+            q = np.clip(np.where(self._wraps, turned, q), lower, upper)
+            iteration += 1
+        self._q = best_q
+        self._iterations += iteration
+        return best, reached
+
+    def _step_within_limits(
+        self, q: Array, residual: Array, jacobian: Array, goal_step: Array, rule: StepRule
+    ) -> Array:
+        """The step of the rule within the limits (active set), added to the step of a goal.
+
+        Joints that would leave their limits are moved to them and held. The effect of that motion is added to the
+        residual, and the rule is evaluated again for the remaining joints until none leaves its limits.
+        """
+        held = np.zeros(len(q), dtype=bool)
+        fixed, max_step = goal_step, self._max_step
+        while True:
+            stated = rule(residual + jacobian @ fixed, np.where(held, 0.0, jacobian))
+            if np.shape(stated) != np.shape(q):
+                raise InputError(f"a step rule must return a step ({len(q)},), not {stated!r:.80}")
+            change = np.where(held, 0.0, stated)
+            # Scaled before the limits are applied: a very long step would hold joints at limits unnecessarily.
+            largest = float(np.abs(change).max())
+            change = change * (max_step / largest) if largest > max_step else change
+            step = np.where(held, fixed, fixed + change)
+            moved = q + step
+            outside = ((moved < self._low) | (moved > self._high)) & ~held
+            if not outside.any():
+                return np.asarray(step)
+            held = held | outside
+            fixed = np.where(outside, np.clip(moved, self._low, self._high) - q, fixed)

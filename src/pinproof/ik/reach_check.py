@@ -38,23 +38,17 @@ ROUNDING = 1e-12
 SQUARE_ROUNDING = 1e-14
 """The same for squares of distances, as a fraction of the squared length."""
 
+Balls = tuple[Array, Array]
+"""The centres (k, 3) and radii (k,) of balls that enclose a point, one ball for each box of joint values."""
+
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The steps of a proof, the nodes of a tree of boxes in the order of a depth-first search.
+    """The k steps of a proof, the nodes of a tree of boxes in the order of a depth-first search.
 
-    Parameters
-    ----------
-    kinds
-        (k,) :data:`SPLIT`, :data:`CUT_LOWER`, :data:`CUT_UPPER` or :data:`EXCLUDED`.
-    joints
-        (k,) the joint that is divided or cut.
-    constraints
-        (k,) the distance by which a box or a part of it is excluded.
-    evaluations
-        (k,) cuts with the same number hold for the box as it was before the first of them.
-    values
-        (k,) where the joint is divided or cut (rad or m).
+    ``kinds`` are :data:`SPLIT`, :data:`CUT_LOWER`, :data:`CUT_UPPER` or :data:`EXCLUDED`; ``joints`` are divided or cut
+    at ``values`` (rad or m). ``constraints`` are the distances by which a box or a part of it is excluded. Cuts with
+    the same number in ``evaluations`` hold for the box as it was before the first of them.
     """
 
     kinds: Integers
@@ -106,36 +100,19 @@ class _Arc(NamedTuple):
     start: Array
     end: Array
     joints: list[int]
-    target: int | None
-    """The number of joints before the target; None if the arc does not contain it."""
+    target: int | None  # the number of joints before the target; None if the arc does not contain it
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """The points and pairs of points of a loop, from their description in a proof.
+    """The points and pairs of points of a loop, from their description in a proof."""
 
-    Parameters
-    ----------
-    before
-        (n, 4, 4) the constant transform before each joint, which rotates about or moves along z.
-    tool
-        (4, 4) the constant transform behind the last joint.
-    prismatic
-        (n,) which joints are prismatic.
-    first
-        The first link on which each point is fixed.
-    at
-        For each point its coordinates (m, 3) on the links from ``first``.
-    pairs
-        The indices of the two points of each distance.
-    """
-
-    before: Array
-    tool: Array
+    before: Array  # (n, 4, 4) the constant transform before each joint, which rotates about or moves along z
+    tool: Array  # (4, 4) the constant transform behind the last joint
     prismatic: Sequence[bool]
-    first: list[int]
-    at: list[Array]
-    pairs: list[tuple[int, int]]
+    first: list[int]  # the first link on which each point is fixed
+    at: list[Array]  # for each point its coordinates (m, 3) on the links from that one
+    pairs: list[tuple[int, int]]  # the indices of the two points of each distance
 
     @property
     def size(self) -> float:
@@ -177,10 +154,7 @@ class Loop:
 def excluded_boxes(steps: Steps, lower: Array, upper: Array) -> tuple[Array, Integers]:
     """The excluded boxes (k, 2, n), and the pair of points (k,) whose distance excludes each.
 
-    Raises
-    ------
-    ValueError
-        If the steps are not a complete tree, so that a part of the joint ranges is not excluded.
+    ValueError if the steps are not a complete tree, so that a part of the joint ranges is not excluded.
     """
     boxes, constraints = [], []
     box = np.array([lower, upper])
@@ -189,6 +163,7 @@ def excluded_boxes(steps: Steps, lower: Array, upper: Array) -> tuple[Array, Int
         if complete:
             raise ValueError("there are steps after the last box")
         kind, joint, value = int(steps.kinds[i]), int(steps.joints[i]), float(steps.values[i])
+        # a node divides its box, and the second half waits until the first is excluded
         if kind == SPLIT:
             if not box[0, joint] <= value <= box[1, joint]:
                 raise ValueError("a box is divided outside its range")
@@ -197,6 +172,7 @@ def excluded_boxes(steps: Steps, lower: Array, upper: Array) -> tuple[Array, Int
             waiting.append(other)
             evaluation = -1
             continue
+        # a leaf excludes its box, or cuts a part from it
         if steps.evaluations[i] != evaluation or evaluation < 0:
             base, evaluation = box.copy(), int(steps.evaluations[i])
         excluded = base.copy()
@@ -237,6 +213,7 @@ def check_exclusion(
         boxes, constraints = excluded_boxes(steps, *ranges)
     except ValueError:
         return False
+    # all boxes that the same distance, or the same overlap, excludes at once
     for number in np.unique(constraints).tolist():
         own = boxes[constraints == number]
         motion = _LinkMotion(loop, target, tolerances, own.mean(axis=1), (own[:, 1] - own[:, 0]) / 2)
@@ -253,10 +230,6 @@ def check_exclusion(
         if not excluded.all():
             return False
     return True
-
-
-Balls = tuple[Array, Array]
-"""The centres (k, 3) and radii (k,) of balls that enclose a point, one ball for each box of joint values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,6 +288,7 @@ def _transformed(balls: Balls, matrix: npt.NDArray[Any]) -> Balls:
 def _distance(motion: _LinkMotion, arc: _Arc, error: float) -> tuple[Array, Array]:
     """(k,) lower and upper bounds of the distance of the ends of an arc over k boxes, with each joint exact in turn."""
     loop, size = motion.loop, motion.loop.size
+    # balls around the start on the link before each joint
     before: list[Balls] = []
     after: list[Balls] = []
     balls = motion.balls(arc.start, error)
@@ -328,12 +302,14 @@ def _distance(motion: _LinkMotion, arc: _Arc, error: float) -> tuple[Array, Arra
     if not arc.joints:
         straight = np.linalg.norm(balls[0] - arc.end, axis=1)
         return straight - balls[1] - ROUNDING * size, straight + balls[1] + ROUNDING * size
+    # balls around the end on the link behind each joint
     balls = motion.balls(arc.end)
     for i, joint in reversed(list(enumerate(arc.joints))):
         if i + 1 == arc.target:
             balls = motion.through_target(balls, to_last=False)
         after.insert(0, balls)
         balls = motion.ahead(balls, joint)
+    # the rotation of each joint in turn is exact, and the best bound holds
     low, high = np.full(len(motion.middle), -np.inf), np.full(len(motion.middle), np.inf)
     for joint, (a, ra), (b, rb) in zip(arc.joints, before, after, strict=True):
         least, most = _squares(loop.prismatic[joint], a, b, motion.middle[:, joint], motion.width[:, joint])
@@ -349,6 +325,7 @@ def _gap(motion: _LinkMotion, overlap: BodyOverlap, through_target: bool) -> Arr
 
     The ball is moved to the link of the box along the joints between the links, or through the target.
     """
+    # the joints between the links; None is the step through the target
     n, start, end = len(motion.loop.before), overlap.ball_link, overlap.box_link
     ascending = (start <= end) != through_target
     route: list[int | None] = [*range(start, end)] if ascending else [*range(start - 1, end - 1, -1)]
@@ -364,6 +341,7 @@ def _gap(motion: _LinkMotion, overlap: BodyOverlap, through_target: bool) -> Arr
             balls = motion.behind(motion.in_joint_frame(balls, joint), joint)
         else:
             balls = motion.ahead(balls, joint)
+    # signed distance of the enclosing balls from the box, in its axes
     centre, radius = _transformed(balls, np.linalg.inv(overlap.link_from_box))
     beyond = np.abs(centre) - overlap.half
     inside, outside = beyond.max(axis=1), np.linalg.norm(np.maximum(beyond, 0.0), axis=1)

@@ -225,20 +225,19 @@ def prove_unreachable(
     matrix = np.array(rigid("target", target).homogeneous)
     matrix.setflags(write=False)
     tolerances = position_tolerance, orientation_tolerance
-    prover = _prover(arm)
     if overlaps and search:
         raise InputError("overlaps require search=False, because the search does not check collisions")
-    packed = _packed(overlaps)
-    first = min(FIRST_BOXES, budget) if search else budget
-    proof = prover.prove(matrix, *tolerances, first, False, packed)
+    # few boxes first, then the search for a solution, then the others
+    prover, first = _prover(arm), min(FIRST_BOXES, budget) if search else budget
+    proof = prover.prove(matrix, *tolerances, first, False, _packed(overlaps))
     if not proof.excluded and search:
-        found = Clik(position_tolerance=position_tolerance, orientation_tolerance=orientation_tolerance).solve(
-            arm, matrix, rng=rng
-        )
+        clik = Clik(position_tolerance=position_tolerance, orientation_tolerance=orientation_tolerance)
+        found = clik.solve(arm, matrix, rng=rng)
         if found.ok:
             return ReachProof(ReachStatus.FOUND, arm, matrix, *tolerances, proof.boxes, found.q)
         if first < budget:
             proof = prover.prove(matrix, *tolerances, budget, False)
+    # what is proven, or the box that could not be excluded
     if proof.excluded:
         return ReachProof(ReachStatus.IMPOSSIBLE, arm, matrix, *tolerances, proof.boxes, None, tuple(overlaps))
     left = np.array(proof.remaining)

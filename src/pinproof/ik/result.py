@@ -1,6 +1,10 @@
-"""Results of inverse kinematics: status, configuration, errors, and message.
+"""Results of inverse kinematics: status, configuration, errors, and message, and the choice of full rotations.
 
 The errors of every result are computed by forward kinematics after the solver's loop, independently of it.
+
+A revolute joint with a range of more than 2 pi (those of the UR5 have 4 pi) reaches the same pose at several angles
+q + 2 pi k. Angles are not wrapped to (-pi, pi], which would discard valid solutions (the sixth joint of the Panda has
+the range [-0.018, 3.752]). Among the angles within the limits, the one closest to a reference configuration is chosen.
 """
 
 from __future__ import annotations
@@ -9,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,15 +22,60 @@ from pinproof.common.results import Answer, Rows, Shown, View
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import IkFailed
 from pinproof.ik.task import Task
-from pinproof.ik.windings import nearest_winding
-from pinproof.model import Arm
+from pinproof.model import AT_LIMIT, Arm
 from pinproof.spatial import Array
 from pinproof.units import far_hint
 
+TURN = 2 * np.pi
+
+FULL_ROTATION_GAP = 1e-3
+"""Rad. A range shorter than 2 pi by at most this counts as 2 pi, because files write pi as 3.1416 or 3.14159."""
+
+
+def wraps(arm: Arm) -> npt.NDArray[np.bool_]:
+    """(n,) the joints with a range of at least 2 pi; beyond a limit, a descent continues 2 pi away at the same pose."""
+    return np.asarray(arm.periodic & (arm.limits.upper - arm.limits.lower >= TURN - FULL_ROTATION_GAP))
+
+
+def stops(arm: Arm) -> tuple[Array, Array]:
+    """(n,) lower and upper limits at which a descent stops a joint; infinite for the joints of :func:`wraps`."""
+    wrapping = wraps(arm)
+    return np.where(wrapping, -np.inf, arm.limits.lower), np.where(wrapping, np.inf, arm.limits.upper)
+
+
+def nearest_winding(arm: Arm, q: Array, reference: Array) -> Array:
+    """Shift the joints of q by multiples of 2 pi within the limits such that each is closest to a reference.
+
+    Parameters
+    ----------
+    arm
+        Only its periodic joints are shifted.
+    q
+        (n,) or (N, n) within the limits.
+    reference
+        (n,) within or outside the limits.
+    """
+    lower, upper = arm.limits.lower, arm.limits.upper
+    elsewhere = (np.abs(reference - q) > np.pi) | (q < lower) | (q > upper)
+    if not np.count_nonzero(elsewhere & arm.periodic):  # nothing to shift: the common case, and faster
+        return q
+    fewest, most = np.ceil((lower - AT_LIMIT - q) / TURN), np.floor((upper + AT_LIMIT - q) / TURN)
+    turns = np.clip(np.round((reference - q) / TURN), fewest, most)
+    # Only rounding is clipped here: a shifted angle may exceed a limit that is a multiple of 2 pi by one bit.
+    return np.where(arm.periodic & (turns != 0), np.clip(q + turns * TURN, lower, upper), q)
+
+
+def difference(arm: Arm, a: Array, b: Array) -> Array:
+    """``a - b`` with periodic joints reduced to [-pi, pi]; broadcasts over (..., n)."""
+    plain = a - b
+    return np.where(arm.periodic, plain - TURN * np.round(plain / TURN), plain)
+
+
 Errors = tuple[float, float]
 Counted = tuple[bool, bool]
+"""Whether a task selects any coordinates of the position, and of the orientation."""
 
-AT_LIMIT = 1e-6
+NEAR_LIMIT = 1e-6
 """A joint within this distance of a limit (rad or m) is reported as being at the limit."""
 
 SMALL_RESIDUAL = (1e-2, 1e-1)
@@ -39,72 +89,43 @@ class IkAnswer(Answer):
     failure = IkFailed
 
 
-def found(errors: Errors, counted: Counted, iterations: int, attempt: int) -> str:
-    """The message of a solution, with the errors that the task counts."""
-    return (
-        f"found: error {_errors(errors, counted)} after {_count(iterations, 'step')} and {_count(attempt, 'restart')}"
-    )
-
-
 def not_found(
-    arm: Arm, counted: Counted, q: npt.NDArray[np.float64], errors: Errors, iterations: int, attempts: int
+    arm: Arm, counts: Counted, q: npt.NDArray[np.float64], errors: Errors, iterations: int, attempts: int
 ) -> str:
-    """The message if no attempt reached the target; q (n,) is the configuration with the smallest residual.
-
-    ``counted`` states whether the task selects any coordinates of the position, and of the orientation.
-    """
-    at_limit = [
-        f"joint {name} is at its {'lower' if value - low <= AT_LIMIT else 'upper'} limit"
-        for name, value, low, high in zip(arm.joint_names, q, arm.limits.lower, arm.limits.upper, strict=True)
-        if min(value - low, high - value) <= AT_LIMIT
-    ]
-    limits = "".join(f"; {text}" for text in at_limit)
-    residual = [error if counts else 0.0 for error, counts in zip(errors, counted, strict=True)]
-    remedy = f"{_remedy(arm, residual, counted)}{far_hint(residual[0], arm.robot.size)}"
-    return (
-        f"not reached: residual {_errors(errors, counted)} after {_count(attempts, 'attempt')} "
-        f"({_count(iterations, 'step')}){limits}. {remedy}"
+    """The message if no attempt reached the target; q (n,) is the configuration with the smallest residual."""
+    # joints that a limit stops are often the reason
+    lower, upper = arm.limits.lower, arm.limits.upper
+    limits = "".join(
+        f"; joint {name} is at its {'lower' if value - low <= NEAR_LIMIT else 'upper'} limit"
+        for name, value, low, high in zip(arm.joint_names, q, lower, upper, strict=True)
+        if min(value - low, high - value) <= NEAR_LIMIT
     )
-
-
-def _remedy(arm: Arm, residual: Sequence[float], counted: Counted) -> str:
-    """What to change, for the task and the residual (m, rad) of a failed search."""
-    if all(error < limit for error, limit in zip(residual, SMALL_RESIDUAL, strict=True)):
-        return "The residual is small: try another seed, more restarts or larger tolerances"
+    # What to change depends on the task, and on whether the search ended close to the target.
+    residual = [error if selected else 0.0 for error, selected in zip(errors, counts, strict=True)]
     frame = f"check the tcp frame ({arm.tcp} in {arm.base})"
-    if not all(counted):
-        what = "move the target or the base" if counted[0] else "rotate the target"
-        return f"The target is probably out of reach: {what}, or {frame}"
-    what = f"move the target or the base, {frame}, or leave the orientation free (task position)"
-    return f"The target is probably out of reach: {what}"
-
-
-def refused(refusals: int, attempts: int) -> str:
-    """The message if ``accept`` rejected every solution."""
+    if all(error < limit for error, limit in zip(residual, SMALL_RESIDUAL, strict=True)):
+        remedy = "The residual is small: try another seed, more restarts or larger tolerances"
+    elif all(counts):
+        remedy = f"move the target or the base, {frame}, or leave the orientation free (task position)"
+        remedy = f"The target is probably out of reach: {remedy}"
+    else:
+        remedy = f"{'move the target or the base' if counts[0] else 'rotate the target'}, or {frame}"
+        remedy = f"The target is probably out of reach: {remedy}"
     return (
-        f"rejected: accept returned False for all {_count(refusals, 'solution')} of {_count(attempts, 'attempt')}; "
-        "check why it rejects q (for example a collision), increase restarts, or move the target"
+        f"not reached: residual {_errors(errors, counts)} after {plural(attempts, 'attempt')} "
+        f"({plural(iterations, 'step')}){limits}. {remedy}{far_hint(residual[0], arm.robot.size)}"
     )
 
 
-def sampled(solutions: int, attempts: int, refusals: int) -> str:
-    """The message of a sample of solutions."""
-    rejected = f", {_count(refusals, 'solution')} rejected by accept" if refusals else ""
-    remedy = "" if solutions else "; increase attempts, or call solve() for the residual of the closest configuration"
-    return (
-        f"{_count(solutions, 'distinct solution')} from {_count(attempts, 'attempt')}{rejected}; "
-        f"this is a sample, and further solutions may exist{remedy}"
-    )
-
-
-def _errors(errors: Errors, counted: Counted) -> str:
+def _errors(errors: Errors, counts: Counted) -> str:
     """Distance and angle, those of them that count; the distance in m from 1 m and in mm below."""
     distance = f"{errors[0]:.3g} m" if errors[0] >= 1.0 else f"{1000.0 * errors[0]:.3g} mm"
     texts = (distance, f"{errors[1]:.3g} rad")
-    return ", ".join(text for text, counts in zip(texts, counted, strict=True) if counts)
+    return ", ".join(text for text, selected in zip(texts, counts, strict=True) if selected)
 
 
-def _count(number: int, noun: str) -> str:
+def plural(number: int, noun: str) -> str:
+    """A number with its noun in the singular or plural."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
@@ -196,7 +217,8 @@ class IkResult(IkAnswer):
         """Status, errors and reason as text, with a suggestion if there is no solution."""
         if self.words is not None:
             return self.words
-        return found((self.position_error, self.orientation_error), self.counted, self.iterations, self.restarts)
+        errors = _errors((self.position_error, self.orientation_error), self.counted)
+        return f"found: error {errors} after {plural(self.iterations, 'step')} and {plural(self.restarts, 'restart')}"
 
     def _view(self) -> View:
         table = Rows([f"q{number}" for number in range(1, len(self.q) + 1)], [self.q.tolist()])
@@ -265,16 +287,20 @@ class IkBatch(Shown):
     @classmethod
     def of(cls, results: Sequence[IkResult], arm: Arm, engine: str) -> IkBatch:
         """Combine single results (possibly none) for an arm."""
+
+        def column(name: str, dtype: type) -> npt.NDArray[Any]:
+            return np.array([getattr(result, name) for result in results], dtype=dtype)
+
         return cls(
-            q=np.array([result.q for result in results], dtype=float).reshape(len(results), arm.dof),
-            codes=np.array([STATUSES.index(result.status) for result in results], dtype=np.int8),
-            position_error=np.array([result.position_error for result in results], dtype=float),
-            orientation_error=np.array([result.orientation_error for result in results], dtype=float),
-            iterations=np.array([result.iterations for result in results], dtype=np.int64),
-            restarts=np.array([result.restarts for result in results], dtype=np.int64),
-            engine=engine,
-            arm=arm,
-            words=tuple(result.message for result in results),
+            np.array([result.q for result in results], dtype=float).reshape(len(results), arm.dof),
+            np.array([STATUSES.index(result.status) for result in results], dtype=np.int8),
+            column("position_error", float),
+            column("orientation_error", float),
+            column("iterations", np.int64),
+            column("restarts", np.int64),
+            engine,
+            arm,
+            tuple(result.message for result in results),
         )
 
     @property
@@ -296,27 +322,16 @@ class IkBatch(Shown):
         return len(self.q)
 
     def __getitem__(self, index: int) -> IkResult:
-        return IkResult(
-            STATUSES[int(self.codes[index])],
-            self.q[index],
-            float(self.position_error[index]),
-            float(self.orientation_error[index]),
-            int(self.iterations[index]),
-            int(self.restarts[index]),
-            self.engine,
-            self._words(index),
-            self.counted,
-        )
+        status, q = STATUSES[int(self.codes[index])], self.q[index]
+        errors = float(self.position_error[index]), float(self.orientation_error[index])
+        iterations, restarts = int(self.iterations[index]), int(self.restarts[index])
+        words = None if self.words is None else self.words[index]
+        if words is None and status is not IkStatus.FOUND:
+            words = not_found(self.arm, self.counted, q, errors, iterations, restarts + 1)
+        return IkResult(status, q, *errors, iterations, restarts, self.engine, words, self.counted)
 
     def __iter__(self) -> Iterator[IkResult]:
         return (self[index] for index in range(len(self)))
-
-    def _words(self, index: int) -> str | None:
-        if self.words is not None or STATUSES[int(self.codes[index])] is IkStatus.FOUND:
-            return None if self.words is None else self.words[index]
-        errors = float(self.position_error[index]), float(self.orientation_error[index])
-        iterations, attempts = int(self.iterations[index]), int(self.restarts[index]) + 1
-        return not_found(self.arm, self.counted, self.q[index], errors, iterations, attempts)
 
 
 @dataclass(frozen=True, eq=False)

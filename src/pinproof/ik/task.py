@@ -71,15 +71,7 @@ TASKS: dict[str, IkTask] = {
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A task with its tolerances; one metre has the weight of one radian.
-
-    Parameters
-    ----------
-    mask
-        (6,) 1 for coordinates that count, else 0.
-    position_tolerance, orientation_tolerance
-        In m and rad.
-    """
+    """A task with its tolerances (m, rad); ``mask`` (6,) is 1 for coordinates that count. 1 m weighs as 1 rad."""
 
     mask: Array
     position_tolerance: float
@@ -122,11 +114,11 @@ class Task:
     @cached_property
     def bounds(self) -> tuple[float, float]:
         """The largest errors (m, rad) of a solution; infinite if the task selects no position or no orientation."""
-        position, orientation = self.counted
-        return (
-            self.position_tolerance if position else math.inf,
-            self.orientation_tolerance if orientation else math.inf,
+        tolerances = self.position_tolerance, self.orientation_tolerance
+        position, orientation = (
+            tolerance if counts else math.inf for tolerance, counts in zip(tolerances, self.counted, strict=True)
         )
+        return position, orientation
 
 
 def make_task(task: TaskLike, position_tolerance: float, orientation_tolerance: float) -> Task:
@@ -139,9 +131,7 @@ def make_task(task: TaskLike, position_tolerance: float, orientation_tolerance: 
     InputError
         If the task is not six booleans, or selects no coordinate.
     """
-    if isinstance(task, str):
-        return _named(task, position_tolerance, orientation_tolerance)
-    if not isinstance(task, IkTask):
+    if not isinstance(task, (str, IkTask)):
         try:
             coordinates = list(task)
         except TypeError:
@@ -155,14 +145,11 @@ def make_task(task: TaskLike, position_tolerance: float, orientation_tolerance: 
 
 
 @lru_cache(maxsize=64)
-def _named(name: str, position_tolerance: float, orientation_tolerance: float) -> Task:
-    if name not in TASKS:
-        raise UnknownNameError("task", name, get_args(TaskName))
-    return _made(TASKS[name], position_tolerance, orientation_tolerance)
-
-
-@lru_cache(maxsize=64)
-def _made(task: IkTask, position_tolerance: float, orientation_tolerance: float) -> Task:
+def _made(task: str | IkTask, position_tolerance: float, orientation_tolerance: float) -> Task:
+    if isinstance(task, str):
+        if task not in TASKS:
+            raise UnknownNameError("task", task, get_args(TaskName))
+        task = TASKS[task]
     flags = np.array([getattr(task, name) for name in COORDINATES], dtype=float)
     return Task(flags, position_tolerance, orientation_tolerance)
 
@@ -178,6 +165,7 @@ def rotation_vector(r: Array) -> Array:
     angle = np.arctan2(sine, cosine)
     if cosine >= -0.99:
         return np.asarray(twice / 2 * (angle / sine if sine > 1e-6 else 1.0))
+    # the largest diagonal entry of R + R^T belongs to the largest component of the axis
     column = int(np.diag(r).argmax())
     axis = r[:, column] + r[column] - 2 * cosine * np.eye(3)[column]
     axis *= angle / np.linalg.norm(axis)
@@ -239,18 +227,7 @@ class IkGoal:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """An :class:`IkGoal` for an arm.
-
-    Parameters
-    ----------
-    kind
-        ``"posture"``: towards a configuration; ``"near"``: the same, towards the start of the search;
-        ``"manipulability"``.
-    gain
-        As in :class:`IkGoal`.
-    posture, weight
-        (n,) the configuration, and the weight of each joint.
-    """
+    """An :class:`IkGoal` for an arm: the posture (n,) that it moves to, and the weight (n,) of each joint."""
 
     kind: Literal["posture", "near", "manipulability"]
     gain: float
@@ -283,6 +260,7 @@ def make_goal(goal: IkGoal | GoalName | None, arm: Arm, q0: Array) -> Goal | Non
     gain = 1.0 if goal.gain is None else goal.gain
     if goal.kind != "centre":
         return Goal(goal.kind, gain, q0, np.ones(arm.dof))
+    # long ranges weigh less, and joints without limits nothing
     lower, upper = arm.limits.sampling_range()
     share = (upper - lower).min() / np.maximum(upper - lower, 1e-9)
     weight = np.where(np.isfinite(arm.limits.upper - arm.limits.lower), share**2, 0.0)

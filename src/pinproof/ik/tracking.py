@@ -12,7 +12,7 @@ from pinproof._core import Tracker as CompiledTracker
 from pinproof.common.results import View, html_plot
 from pinproof.common.validation import freeze_arrays, require_positive, require_type
 from pinproof.errors import InputError
-from pinproof.ik.result import AT_LIMIT, IkAnswer
+from pinproof.ik.result import NEAR_LIMIT, IkAnswer
 from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.motion import JointPath
@@ -108,7 +108,7 @@ class TrackResult(IkAnswer):
     def at_position_limit(self) -> Flags:
         """(N, n) which joints are at a position limit."""
         limits = self.arm.limits
-        return np.asarray(np.minimum(self.q - limits.lower, limits.upper - self.q) <= AT_LIMIT)
+        return np.asarray(np.minimum(self.q - limits.lower, limits.upper - self.q) <= NEAR_LIMIT)
 
     @property
     def message(self) -> str:
@@ -120,7 +120,9 @@ class TrackResult(IkAnswer):
                 f"all {len(self)} poses reached; largest error {worst}; "
                 f"joint speeds up to {self.speed_share.max():.0%} of the limits"
             )
-        runs = self._runs_above_tolerance()
+        # first and last sample of each interval in which the errors exceed the tolerances; the worst are described
+        edges = np.flatnonzero(np.diff(~self.reached, prepend=False, append=False))
+        runs = [(first, end - 1) for first, end in edges.reshape(-1, 2).tolist()]
         errors = self.position_error + self.orientation_error
         described = sorted(sorted(runs, key=lambda run: -float(errors[run[0] : run[1] + 1].max()))[:NAMED])
         more = f"; and {len(runs) - NAMED} more intervals" if len(runs) > NAMED else ""
@@ -136,24 +138,20 @@ class TrackResult(IkAnswer):
     def __len__(self) -> int:
         return len(self.q)
 
-    def _runs_above_tolerance(self) -> list[tuple[int, int]]:
-        """First and last sample of each interval in which the errors exceed the tolerances."""
-        edges = np.flatnonzero(np.diff(~self.reached, prepend=False, append=False))
-        return [(first, end - 1) for first, end in edges.reshape(-1, 2).tolist()]
-
     def _described(self, first: int, last: int) -> str:
+        """The time, the errors and the cause of an interval of samples that are not within the tolerances."""
         rows = slice(first, last + 1)
         names = np.array(self.arm.joint_names)
         fast, stopped = (names[at[rows].any(axis=0)] for at in (self.at_speed_limit, self.at_position_limit))
+        why = [f"{what} limit of {', '.join(of)}" for what, of in (("speed", fast), ("position", stopped)) if of.size]
+        # the Jacobian at the worst sample, its rows that the task selects in the axes of the target
         worst = first + int((self.position_error[rows] + self.orientation_error[rows]).argmax())
-        smallest = self._smallest_singular_value(worst)
-        why = []
-        if fast.size:
-            why.append(f"speed limit of {', '.join(fast)}")
-        if stopped.size:
-            why.append(f"position limit of {', '.join(stopped)}")
+        spin, jacobian = self.poses[worst, :3, :3].T, self.arm.jacobian(self.q[worst])
+        selected = np.vstack([spin @ jacobian[:3], spin @ jacobian[3:]])[self.task.mask > 0]
+        smallest = float(np.linalg.svd(selected, compute_uv=False)[-1])
         if smallest < NEAR_SINGULAR:
             why.append(f"near a singularity (smallest singular value {smallest:.2g})")
+        # when, how much and why
         end = "to the end" if last == len(self) - 1 else f"until {self.times[last]:.6g} s"
         when = f"from {self.times[first]:.6g} s {end} (samples {first} to {last})"
         if first == last:
@@ -163,13 +161,6 @@ class TrackResult(IkAnswer):
             f"{self.position_error[rows].max():.3g} m and {self.orientation_error[rows].max():.3g} rad, "
             f"{', '.join(why) or 'out of reach on this IK branch'}"
         )
-
-    def _smallest_singular_value(self, row: int) -> float:
-        """The smallest singular value of the rows of the Jacobian that the task selects, in the axes of the target."""
-        spin = self.poses[row, :3, :3].T
-        jacobian = self.arm.jacobian(self.q[row])
-        selected = np.vstack([spin @ jacobian[:3], spin @ jacobian[3:]])[self.task.mask > 0]
-        return float(np.linalg.svd(selected, compute_uv=False)[-1])
 
 
 def pose_errors(arm: Arm, task: Task, poses: Array, q: Array) -> Array:
@@ -233,24 +224,20 @@ def track(
     many = rigid_many("poses", poses)
     if len(many) == 0:
         raise InputError("poses is empty; track requires at least one pose")
-    clock, durations = _cycles(dt, times, len(many))
+    # the time (s) at which each pose is due, and the time since the pose before it
+    if dt is not None and times is None:
+        require_positive("dt", dt)
+        clock, durations = dt * np.arange(1.0, len(many) + 1), np.full(len(many), float(dt))
+    elif times is not None and dt is None:
+        clock = finite("times", times, (len(many),))
+        durations = np.diff(clock, prepend=0.0)
+        if clock[0] < 0 or (durations[1:] <= 0).any():
+            raise InputError("times must increase from pose to pose, the first at 0 or later")
+    else:
+        raise InputError("track requires either dt, the cycle time, or times, the time in s at which each pose is due")
     tracking = _CompiledTracking(arm, q0, velocity, task, goal, position_tolerance, orientation_tolerance)
     q = np.asarray(tracking.core.track(many, durations))
     return TrackResult(arm, tracking.task, many, tracking.start, q, clock, durations, tracking.velocity)
-
-
-def _cycles(dt: float | None, times: npt.ArrayLike | None, count: int) -> tuple[Array, Array]:
-    """The time (s) at which each of ``count`` poses is due, and the time since the pose before it."""
-    if dt is not None and times is None:
-        require_positive("dt", dt)
-        return dt * np.arange(1.0, count + 1), np.full(count, float(dt))
-    if times is None or dt is not None:
-        raise InputError("track requires either dt, the cycle time, or times, the time in s at which each pose is due")
-    clock = finite("times", times, (count,))
-    durations = np.diff(clock, prepend=0.0)
-    if clock[0] < 0 or (durations[1:] <= 0).any():
-        raise InputError("times must increase from pose to pose, the first at 0 or later")
-    return clock, durations
 
 
 class Tracker:
@@ -347,25 +334,22 @@ class _CompiledTracking:
         require_positive("position_tolerance", position_tolerance)
         require_positive("orientation_tolerance", orientation_tolerance)
         self.task: Task = make_task(task, position_tolerance, orientation_tolerance)
-        self.start, self.velocity = arm.limits.snap(arm.configuration(q0, "q0")), _speeds(arm, velocity)
+        self.start = arm.limits.snap(arm.configuration(q0, "q0"))
+        # the speed limits of each joint: all must be known
+        given = arm.limits.velocity if velocity is None else velocity
+        try:
+            self.velocity = np.array(np.broadcast_to(np.asarray(given, dtype=float), (arm.dof,)))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"velocity must be one number or {arm.dof} numbers, not {velocity!r}") from error
+        if not (np.isfinite(self.velocity) & (self.velocity > 0)).all():
+            named = ", ".join(f"{name} {value:g}" for name, value in zip(arm.joint_names, self.velocity, strict=True))
+            why = "the arm has unknown speed limits" if velocity is None else "speed limits must be finite and above 0"
+            raise InputError(f"{why} ({named}); pass velocity= in rad/s or m/s")
         if outside := arm.limits.violations(self.start, arm.joint_names):
             raise InputError(f"q0 must be inside the limits: {'; '.join(outside)}")
+        # the start is inside the limits, which each cycle keeps
         null_space = make_goal(goal, arm, self.start)
         self.core = CompiledTracker(
             arm.chain, arm.limits.lower, arm.limits.upper, self.velocity, self.task.compiled,
             None if null_space is None else null_space.compiled, self.start,
         )  # fmt: skip
-
-
-def _speeds(arm: Arm, velocity: float | npt.ArrayLike | None) -> Array:
-    """The validated speed limits (n,)."""
-    given = arm.limits.velocity if velocity is None else velocity
-    try:
-        speeds = np.array(np.broadcast_to(np.asarray(given, dtype=float), (arm.dof,)))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"velocity must be one number or {arm.dof} numbers, not {velocity!r}") from error
-    if not (np.isfinite(speeds) & (speeds > 0)).all():
-        named = [f"{name} {value:g}" for name, value in zip(arm.joint_names, speeds, strict=True)]
-        why = "the arm has unknown speed limits" if velocity is None else "speed limits must be finite and above 0"
-        raise InputError(f"{why} ({', '.join(named)}); pass velocity= in rad/s or m/s")
-    return speeds

@@ -10,9 +10,13 @@ the model and Jacobians of the model to the arm.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from numbers import Real
+from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -23,35 +27,27 @@ from pinproof._core import Joint
 from pinproof.common.validation import require_type
 from pinproof.description import Srdf, Urdf, UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model.limits import JointLimits
+from pinproof.model.limits import DEFAULT_RAMP, JointLimits, LimitsFile
 from pinproof.spatial import Array
 
 MAX_JOINTS = 250
 """Largest number of joints of an arm; creating ``pinocchio.Data`` takes 1 s for 250 joints and 100 s for 900."""
+
+LimitsLike: TypeAlias = JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None
+
+DH_FRAME = re.compile(r"dh_\d+")
 
 MOVING = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The joints of an arm or of a joint group.
+    """The n joints of an arm or of a joint group."""
 
-    Parameters
-    ----------
-    joint_names
-        The n joints of q, from base to tcp; those of a group arm by arm.
-    angular
-        (n,) True for a revolute or continuous joint, False for a prismatic one.
-    followers
-        All mimic joints of the robot whose leader is one of these joints, on the chain or not.
-    limits
-        Limits of the n joints, tightened by the limits of their followers.
-    """
-
-    joint_names: tuple[str, ...]
-    angular: npt.NDArray[np.bool_]
-    followers: tuple[str, ...]
-    limits: JointLimits
+    joint_names: tuple[str, ...]  # from base to tcp; those of a group arm by arm
+    angular: npt.NDArray[np.bool_]  # (n,) False for a prismatic joint
+    followers: tuple[str, ...]  # all mimic joints of the robot that follow these joints, on the chain or not
+    limits: JointLimits  # tightened by the limits of their followers
 
 
 def link_path(urdf: Urdf, base: str, tip: str) -> list[UrdfJoint]:
@@ -77,10 +73,8 @@ def find_chain(urdf: Urdf, *ends: tuple[str, str]) -> Chain:
 
     A joint of several arms is listed with the first one.
 
-    Raises
-    ------
-    InputError
-        If no joint moves between the ends of an arm, more than :data:`MAX_JOINTS` do, or one is floating or planar.
+    InputError if no joint moves between the ends of an arm, more than :data:`MAX_JOINTS` do, or one is floating or
+    planar.
     """
     names = list(dict.fromkeys(name for base, tip in ends for name in moving_joints(urdf, base, tip)))
     if len(names) > MAX_JOINTS:
@@ -100,10 +94,7 @@ def chain_of(urdf: Urdf, names: Sequence[str]) -> Chain:
 def moving_joints(urdf: Urdf, base: str, tip: str) -> tuple[str, ...]:
     """Return the independent joints that move link ``tip`` relative to link ``base``; a mimic joint is its leader.
 
-    Raises
-    ------
-    InputError
-        If no joint moves it, or one is floating or planar.
+    InputError if no joint moves it, or one is floating or planar.
     """
     names: dict[str, None] = {}
     for joint in link_path(urdf, base, tip):
@@ -161,6 +152,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
         j for j in urdf.joints.values() if j.type in MOVING and j.name not in (*chain.joint_names, *chain.followers)
     ]
     free = [j.name for j in outside if j.mimic is None]
+    # only independent joints outside the arm can be held
     for name, value in held.items():
         if name in chain.joint_names:
             raise InputError(f"joint {name!r} belongs to the arm; its value is set by q, not by held")
@@ -170,6 +162,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
             raise UnknownNameError("joint", name, free, "the joints outside the arm that can be held")
         if not isinstance(value, Real) or not np.isfinite(float(value)):
             raise InputError(f"the value of held joint {name!r} must be a finite number, not {value!r}")
+    # their values first, then those of the joints that follow them
     values: dict[str, float] = {}
     for joint in outside:
         if joint.mimic is None:
@@ -183,27 +176,75 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
 
 def _limits(urdf: Urdf, names: Sequence[str], followers: tuple[str, ...]) -> JointLimits:
     """Return the limits of the joints; infinite positions and NaN velocities where the file states none."""
-    lower, upper, velocity, torque = [], [], [], []
-    for name in names:
+    joints = [urdf.joints[name] for name in names]
+    lower, upper = np.array([joint.bounds for joint in joints]).T
+    velocity, torque = (
+        np.array([np.nan if value is None else value for value in values])
+        for values in ([joint.velocity for joint in joints], [joint.effort for joint in joints])
+    )
+    own = JointLimits(lower, upper, velocity, torque=None if np.isnan(torque).all() else torque)
+    return _with_followers(urdf, names, followers, own, LimitsFile(Path()))
+
+
+def chosen_limits(urdf: Urdf, chain: Chain, limits: LimitsLike) -> JointLimits:
+    """Return the limits of the joints of a chain, with those that the caller gives instead.
+
+    InputError if the number of joints differs, or a joint has no limits.
+    """
+    require_type("limits", limits, JointLimits, LimitsFile, Mapping, type(None))
+    if isinstance(limits, JointLimits):
+        check_count(limits, chain.joint_names)
+        return limits
+    if isinstance(limits, LimitsFile):
+        file, position = limits, limits.position
+        chosen = file.over(chain.limits, chain.joint_names, list(urdf.joints))
+    else:
+        file, position = LimitsFile(Path()), limits or {}
+        chosen = chain.limits.replace(chain.joint_names, position)
+    # a joint that turns without end is continuous; any other must have limits
+    for name in chain.joint_names:
         joint = urdf.joints[name]
-        low, high = joint.bounds
-        speed = np.inf if joint.velocity is None else joint.velocity
-        for follower in (urdf.joints[f] for f in followers):
-            mimic = follower.mimic
-            if mimic is None or mimic.leader != name or mimic.multiplier == 0.0:
-                continue
-            ends = [(bound - mimic.offset) / mimic.multiplier for bound in follower.bounds]
-            low, high = max(low, min(ends)), min(high, max(ends))
-            if follower.velocity is not None:
-                speed = min(speed, follower.velocity / abs(mimic.multiplier))
-        if low > high:
-            raise InputError(f"the limits of joint {name!r} and of its mimic joints have no common value")
-        lower.append(low)
-        upper.append(high)
-        velocity.append(np.nan if np.isinf(speed) else speed)
-        torque.append(np.nan if joint.effort is None else joint.effort)
-    torques = None if np.isnan(torque).all() else np.array(torque)
-    return JointLimits(np.array(lower), np.array(upper), np.array(velocity), torque=torques)
+        if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
+            raise InputError(
+                f"{joint.type} joint {name!r} states no lower and upper limit; state both in the URDF, or in a file of "
+                f"joint limits (--limits); in Python also limits={{{name!r}: (lower, upper)}}"
+            )
+    return chosen if limits is None else _with_followers(urdf, chain.joint_names, chain.followers, chosen, file)
+
+
+def _with_followers(
+    urdf: Urdf, names: Sequence[str], followers: Sequence[str], limits: JointLimits, file: LimitsFile
+) -> JointLimits:
+    """Tighten the limits of joints by those of their followers, which a file may state too."""
+    lower, upper, velocity = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy()
+    acceleration, guessed = limits.acceleration.copy(), limits.guessed.copy()
+    for joint in (urdf.joints[name] for name in followers):
+        if joint.mimic is None or joint.mimic.multiplier == 0.0:
+            continue
+        leader, scale = names.index(joint.mimic.leader), joint.mimic.multiplier
+        ends = sorted((end - joint.mimic.offset) / scale for end in file.position.get(joint.name, joint.bounds))
+        lower[leader], upper[leader] = max(lower[leader], ends[0]), min(upper[leader], ends[1])
+        if lower[leader] > upper[leader]:
+            raise InputError(
+                f"the limits of {joint.mimic.leader!r} and of its mimic joint {joint.name!r} do not overlap"
+            )
+        rate = file.velocity.get(joint.name, joint.velocity)
+        velocity[leader] = np.fmin(velocity[leader], np.inf if rate is None else rate / abs(scale))
+        # an acceleration that the file states replaces one that is guessed from the velocity
+        if joint.name in file.acceleration:
+            known = file.acceleration[joint.name] / abs(scale)
+            acceleration[leader] = known if guessed[leader] else np.fmin(acceleration[leader], known)
+            guessed[leader] = False
+    velocity[np.isinf(velocity)] = np.nan
+    acceleration[guessed] = velocity[guessed] / DEFAULT_RAMP
+    return replace(limits, lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, guessed=guessed)
+
+
+def check_count(limits: JointLimits, joint_names: Sequence[str]) -> None:
+    """InputError unless there is a limit for each joint."""
+    if len(limits) != len(joint_names):
+        names = ", ".join(joint_names)
+        raise InputError(f"the limits are of {len(limits)} joints; the arm has {len(joint_names)}: {names}")
 
 
 def reduced_model(urdf: Urdf, model: pin.Model, moving: set[str], held: Mapping[str, float]) -> pin.Model:
@@ -228,17 +269,6 @@ def compiled_chain(
     Every joint frame is rotated so that the joint moves about, or along, its own z axis. With the rotation A_k that
     takes z to the axis of joint k, the chain is base_from_tcp = C_1 X_1(q) C_2 X_2(q) ... C_m X_m(q) C_tool, where X_k
     is Rz or Tz and the constant C_k contain the A_k.
-
-    Parameters
-    ----------
-    model
-        The reduced model of the arm.
-    tcp_frame
-        Index of the tcp frame in the model.
-    root_from_base
-        Pose of the base link in the root link.
-    scale, offset
-        The map from q to the configuration of the model (:func:`affine`).
     """
     tcp = model.frames[tcp_frame]
     rows = [joint - 1 for joint in model.supports[tcp.parentJoint] if joint != 0]
@@ -280,18 +310,15 @@ def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
 
     A group of joints or links must form a chain; as in MoveIt, a link adds its parent joint.
 
-    Raises
-    ------
-    UnknownNameError
-        If the group, or one of its links or joints, does not exist.
-    InputError
-        If the group is empty, or its joints are not on one path from the root.
+    UnknownNameError if the group, or one of its links or joints, does not exist. InputError if the group is empty, or
+    its joints are not on one path from the root.
     """
     group = srdf.groups.get(name)
     if group is None:
         raise UnknownNameError("group", name, srdf.groups, f"the SRDF of robot {urdf.name!r}")
     if group.missing:
         raise UnknownNameError("subgroup", group.missing[0], srdf.groups, f"group {name!r} of the SRDF")
+    # every name must exist
     for kind, named, known in (
         ("joint", group.joints, urdf.joints),
         ("link", (*group.links, *(end for chain in group.chains for end in chain)), urdf.links),
@@ -299,6 +326,7 @@ def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
         for word in named:
             if word not in known:
                 raise UnknownNameError(kind, word, known, f"group {name!r} of the SRDF")
+    # a chain, or joints and links that form one
     declared = [e.parent_link for e in srdf.end_effectors if e.group == name]
     if len(group.chains) == 1:
         base, tip = group.chains[0]
@@ -327,3 +355,42 @@ def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
         innermost = min(joints, key=lambda joint: len(above[joint]))
         base, tip = urdf.joints[innermost].parent, urdf.joints[outermost].child
     return base, declared[0] if declared else tip
+
+
+def leaves(urdf: Urdf) -> list[str]:
+    """Return the links without child joints."""
+    parents = {joint.parent for joint in urdf.joints.values()}
+    return [link for link in urdf.links if link not in parents]
+
+
+def known_frame(urdf: Urdf, name: str) -> str:
+    """Return the name of a link; UnknownNameError if the robot has none of that name."""
+    if name not in urdf.links:
+        raise UnknownNameError("frame", name, urdf.links, f"robot {urdf.name!r}")
+    return name
+
+
+def base_of(urdf: Urdf, default: str | None, tcp: str) -> str:
+    """Return the default base of a robot if the tcp is behind it, else the root."""
+    if default is not None and default != tcp:
+        with suppress(InputError):
+            link_path(urdf, default, tcp)
+            return default
+    return urdf.root
+
+
+def declared_tcp(urdf: Urdf, srdf: Srdf) -> str:
+    """Return the only end effector of the SRDF, or the only leaf if it hangs on a fixed joint; else InputError."""
+    declared = sorted({effector.parent_link for effector in srdf.end_effectors})
+    if len(declared) == 1:
+        return declared[0]
+    # The frames dh_0 ... dh_n of URDFs made from a DH table are not candidates.
+    ends = [link for link in leaves(urdf) if not DH_FRAME.fullmatch(link)] or leaves(urdf)
+    if not declared and len(ends) == 1:
+        joint = urdf.parent_joint(ends[0])
+        if joint is not None and joint.type == "fixed":
+            return ends[0]
+    raise InputError(
+        f"robot {urdf.name!r} declares no single tcp; name one (--tcp, in Python tcp=). "
+        f"Candidates: {', '.join(declared or ends)}"
+    )

@@ -53,6 +53,7 @@ def _checked_inertia(name: str, value: npt.ArrayLike) -> Array:
     size = float(np.abs(inertia).max())
     if np.abs(inertia - inertia.T).max() > INERTIA_TOLERANCE * size:
         raise InputError(f"the inertia of a payload must be symmetric, not {inertia.tolist()}")
+    # principal moments of a body are positive, and none exceeds the sum of the others
     moments = np.linalg.eigvalsh(inertia)
     text = ", ".join(f"{moment:.6g}" for moment in moments)
     if moments[0] < -INERTIA_TOLERANCE * size:
@@ -175,15 +176,12 @@ def massless_joints(arm: ArmBodies, payloads: Sequence[Payload] = ()) -> tuple[s
 def _loaded_model(arm: ArmBodies, payloads: Sequence[Payload], gravity: npt.ArrayLike) -> pin.Model:
     """A copy of the reduced model of the arm with payloads.
 
-    Raises
-    ------
-    UnknownNameError
-        If a payload is fixed to a link that does not exist.
-    InputError
-        If the arm does not move that link, or it moves bodies without mass only.
+    UnknownNameError if a payload is fixed to a link that does not exist. InputError if the arm does not move that link,
+    or it moves bodies without mass only.
     """
     model = arm.model
     model.gravity.linear = finite("gravity", gravity, (3,))
+    # a payload adds to the body of the joint that moves its link
     for payload in payloads:
         name = arm.tcp_of(None) if payload.frame is None else payload.frame
         if name not in arm.robot.urdf.links:
@@ -194,6 +192,7 @@ def _loaded_model(arm: ArmBodies, payloads: Sequence[Payload], gravity: npt.Arra
         inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
         body = pin.Inertia(payload.mass, np.array(payload.center_of_mass), np.array(inertia))
         model.inertias[frame.parentJoint] += frame.placement.act(body)
+    # torques are unknown where a joint moves no mass
     for joint in range(1, model.njoints):
         moved = sum(model.inertias[below].mass for below in model.subtrees[joint])
         if moved <= 0.0:

@@ -31,14 +31,8 @@ SAMPLES = 3
 def describe_axes(angular: npt.NDArray[np.bool_], twists: Sequence[Array], *, coupled: bool) -> str:
     """Describe the joint axes of an arm in one sentence; see :func:`pinproof.model.kinematic_class`.
 
-    Parameters
-    ----------
-    angular
-        (n,) True for a revolute or continuous joint, False for a prismatic one.
-    twists
-        The (6, n) Jacobians with reference ``WORLD`` at several configurations.
-    coupled
-        Whether a joint between the base and the tcp is a mimic joint.
+    ``angular`` is (n,) False for a prismatic joint; ``twists`` are the (6, n) Jacobians with reference ``WORLD`` at
+    several configurations; ``coupled`` states whether a joint between the base and the tcp is a mimic joint.
     """
     n = len(angular)
     pattern = "".join("R" if is_angular else "P" for is_angular in angular)
@@ -50,24 +44,29 @@ def describe_axes(angular: npt.NDArray[np.bool_], twists: Sequence[Array], *, co
     head = f"{' and '.join(kinds)} joint{'s' if n > 1 else ''} ({pattern})"
     if coupled:
         return f"{head}: coupled by mimic joints on the chain"
-    features = [*_intersecting(angular, twists), *_parallel(angular, twists[0])]
+    features, first = list[str](), 0
+    # triples of neighbouring revolute axes that intersect in one point, at all configurations
+    for i in range(n - 2):
+        three = slice(i, i + 3)
+        if angular[three].all() and all(_distance_from_common_point(t[:, three]) < MEETING_TOLERANCE for t in twists):
+            place = "wrist" if i == n - 3 else "shoulder" if i == 0 else "joint"
+            features.append(f"spherical {place} (joints {_numbers(i, i + 3)})")
+    # runs of three or more neighbouring parallel axes
+    axes = np.where(angular, twists[0][3:], twists[0][:3]).T
+    same = [bool(np.linalg.norm(np.cross(a, b)) < PARALLEL_TOLERANCE) for a, b in pairwise(axes)]
+    for end in range(1, n + 1):
+        if end < n and same[end - 1]:
+            continue
+        if end - first >= 3:
+            count = {3: "three", 4: "four"}.get(end - first, str(end - first))
+            run = f"{count} parallel axes (joints {_numbers(first, end)})"
+            features.append("all axes parallel" if end - first == n else run)
+        first = end
     if n > 6:
         features.append(f"redundant by {n - 6}")
     if n < 6:
         features.append("fewer than six joints: most poses cannot be reached exactly")
     return f"{head}: {'; '.join(features or ['no three neighbouring axes intersect in a point or are parallel'])}"
-
-
-def _intersecting(angular: npt.NDArray[np.bool_], twists: Sequence[Array]) -> list[str]:
-    """Find the triples of neighbouring revolute axes that intersect in one point."""
-    triples = []
-    for first in range(len(angular) - 2):
-        if not angular[first : first + 3].all():
-            continue
-        if all(_distance_from_common_point(twist[:, first : first + 3]) < MEETING_TOLERANCE for twist in twists):
-            place = "wrist" if first == len(angular) - 3 else "shoulder" if first == 0 else "joint"
-            triples.append(f"spherical {place} (joints {_numbers(first, first + 3)})")
-    return triples
 
 
 def _distance_from_common_point(twists: Array) -> float:
@@ -83,23 +82,6 @@ def _distance_from_common_point(twists: Array) -> float:
         return np.inf
     nearest = np.linalg.solve(total, np.einsum("kij,kj->i", across, points))
     return float(np.linalg.norm(np.einsum("kij,kj->ki", across, nearest - points), axis=1).max())
-
-
-def _parallel(angular: npt.NDArray[np.bool_], twists: Array) -> list[str]:
-    """Find the runs of three or more neighbouring parallel axes."""
-    n = len(angular)
-    axes = np.where(angular, twists[3:], twists[:3]).T
-    same = [bool(np.linalg.norm(np.cross(a, b)) < PARALLEL_TOLERANCE) for a, b in pairwise(axes)]
-    runs, first = [], 0
-    for end in range(1, n + 1):
-        if end < n and same[end - 1]:
-            continue
-        if end - first >= 3:
-            count = {3: "three", 4: "four"}.get(end - first, str(end - first))
-            run = f"{count} parallel axes (joints {_numbers(first, end)})"
-            runs.append("all axes parallel" if end - first == n else run)
-        first = end
-    return runs
 
 
 def _numbers(first: int, end: int) -> str:

@@ -108,32 +108,28 @@ class JointLimits(Shown):
         return View(head, [Rows(tuple(known), rows), notes], lines, title=title)
 
     def __post_init__(self) -> None:
-        source = self.acceleration_source or "given by the caller"
-        acceleration, default = self.acceleration, self.acceleration is None
+        # the default accelerations, which are marked as guessed
+        acceleration, source = self.acceleration, self.acceleration_source or "given by the caller"
+        default = acceleration is None
         if default:
             acceleration = _array("velocity", self.velocity) / DEFAULT_RAMP
             source = f"{GUESSED} the velocity limit reached in {DEFAULT_RAMP} s (no acceleration limit is known)"
-        arrays = {
-            "lower": self.lower,
-            "upper": self.upper,
-            "velocity": self.velocity,
-            "acceleration": acceleration,
-            **({} if self.jerk is None else {"jerk": self.jerk}),
-            **({} if self.torque is None else {"torque": self.torque}),
-        }
-        for name, value in arrays.items():
+        object.__setattr__(self, "acceleration", acceleration)
+        object.__setattr__(self, "acceleration_source", source)
+        # copies of the arrays, of one length
+        for name in LIMIT_KINDS:
+            if (value := getattr(self, name)) is None:
+                continue
             array = _array(name, value)
             if array.ndim != 1 or array.shape != np.shape(self.lower):
                 raise InputError(f"limits.{name} must have the shape {np.shape(self.lower)}, not {array.shape}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        object.__setattr__(self, "acceleration_source", source)
         if self.jerk is not None:
             object.__setattr__(self, "jerk_source", self.jerk_source or "given by the caller")
-            if (self.jerk <= 0).any():
-                raise InputError("jerk limits must be above 0 (NaN where not known)")
-        if self.torque is not None and (self.torque <= 0).any():
-            raise InputError("torque limits must be above 0 (NaN where not known)")
+        for name in ("jerk", "torque"):
+            if getattr(self, name) is not None and (getattr(self, name) <= 0).any():
+                raise InputError(f"{name} limits must be above 0 (NaN where not known)")
         if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
             raise InputError(
                 f"limits.lower must be at most limits.upper, without NaN; they are {self.lower} and {self.upper}"
@@ -157,7 +153,27 @@ class JointLimits(Shown):
         FileError
             If the file cannot be read or is invalid; the message names the line, the joint and the valid keys.
         """
-        return _read_limits(path)
+        path = Path(path)
+        content = read_yaml(path, FILE.names, FileError)
+        with errors_of(path, FileError):
+            joints = FILE.parse("the file", content, path)["joint_limits"]
+            if not joints:
+                raise Misread("must be a mapping of joint names to limits", (".joint_limits",))
+
+        def of(kind: str) -> dict[str, float]:
+            return {name: used[kind][0] for name, used in joints.items() if kind in used}
+
+        # deceleration has no place of its own: the smaller of both limits holds in both directions
+        acceleration, deceleration = of("acceleration"), of("deceleration")
+        return LimitsFile(
+            path,
+            {name: used["position"] for name, used in joints.items() if "position" in used},
+            of("velocity"),
+            {name: min(value, deceleration.get(name, value)) for name, value in acceleration.items()},
+            of("jerk"),
+            of("effort"),
+            {str(name): content["joint_limits"].place(name, "joint") for name in content["joint_limits"]},
+        )
 
     def __len__(self) -> int:
         return len(self.lower)
@@ -286,28 +302,29 @@ KINDS = {
 """The kinds of limits of a file, each with its keys, their meaning and unit."""
 
 
-def _keys_of(kind: str) -> list[Key]:
-    """The keys of one kind of limit."""
-    names = " and ".join(f"`{key}`" for key in KINDS[kind])
-    flag = Key(f"has_{kind}_limits", BOOLEAN, f"whether {names} {'are' if len(KINDS[kind]) > 1 else 'is'} used")
-    return [flag, *(Key(key, PLAIN_NUMBER, *meaning) for key, meaning in KINDS[kind].items())]
-
-
-def _rules_of(kind: str) -> list[dict[str, Any]]:
-    """The rules of one kind of limit: a limit has its flag; if the flag is true, its values exist and are above 0."""
-    flag, size = f"has_{kind}_limits", {"not": {"const": 0}} if kind == "deceleration" else {"exclusiveMinimum": 0}
-    used = {"required": [flag], "properties": {flag: {"const": True}}}
-    sizes = {} if kind == "position" else dict.fromkeys(KINDS[kind], size)
-    return [
-        {"if": {"anyOf": [{"required": [key]} for key in KINDS[kind]]}, "then": {"required": [flag]}},
-        {"if": used, "then": {"required": list(KINDS[kind]), "properties": sizes}},
+_KEYS: list[Key] = []
+_RULES: list[dict[str, Any]] = []
+for _kind, _values in KINDS.items():
+    _flag, _names = f"has_{_kind}_limits", " and ".join(f"`{key}`" for key in _values)
+    _KEYS += [
+        Key(_flag, BOOLEAN, f"whether {_names} {'are' if len(_values) > 1 else 'is'} used"),
+        *(Key(key, PLAIN_NUMBER, *meaning) for key, meaning in _values.items()),
+    ]
+    # A limit has its flag; if the flag is true, its values exist and are above 0.
+    _size = {"not": {"const": 0}} if _kind == "deceleration" else {"exclusiveMinimum": 0}
+    _used = {"required": [_flag], "properties": {_flag: {"const": True}}}
+    _sizes = {} if _kind == "position" else dict.fromkeys(_values, _size)
+    _RULES += [
+        {"if": {"anyOf": [{"required": [key]} for key in _values]}, "then": {"required": [_flag]}},
+        {"if": _used, "then": {"required": list(_values), "properties": _sizes}},
     ]
 
 
-def _used_limits(**stated: Any) -> dict[str, tuple[float, ...]]:
+def used_limits(**stated: Any) -> dict[str, tuple[float, ...]]:
     """The limits of a joint by kind whose flags are true."""
     used: dict[str, tuple[float, ...]] = {}
     for kind, keys in KINDS.items():
+        # a value needs its flag, and a true flag its values
         flag = f"has_{kind}_limits"
         if flag not in stated and (given := [key for key in keys if key in stated]):
             raise InputError(f"{given[0]} requires {flag}: true (or false to ignore it)")
@@ -331,10 +348,10 @@ LIMITS = mapping_to(
         "limits_of_a_joint",
         "The limits of one joint. A limit is used if its `has_...` key is true; limits that are not stated are "
         "unchanged.",
-        *(key for kind in KINDS for key in _keys_of(kind)),
+        *_KEYS,
         Key("angle_wraparound", ANYTHING, "ignored"),
-        rules={"allOf": [rule for kind in KINDS for rule in _rules_of(kind)]},
-        make=_used_limits,
+        rules={"allOf": _RULES},
+        make=used_limits,
     ),
     "joint names to limits",
 )
@@ -393,6 +410,7 @@ class LimitsFile:
         FileError
             If the file contains a joint that is not in ``known``.
         """
+        # a misspelt joint would keep its old limits
         for name, place in self.places.items():
             if name not in known:
                 raise FileError(self.path, str(UnknownNameError("joint", name, known)), place)
@@ -400,6 +418,7 @@ class LimitsFile:
             kind: np.full(len(limits), np.nan) if (own := getattr(limits, kind)) is None else own.copy()
             for kind in LIMIT_KINDS
         }
+        # what the file states replaces the limits of the arm; guessed accelerations follow the velocity
         for i, name in enumerate(joint_names):
             if name in self.position:
                 arrays["lower"][i], arrays["upper"][i] = self.position[name]
@@ -439,27 +458,3 @@ def guess_mark(source: str) -> str:
     ``source`` is that of the limits, or the note of a trajectory, which contains it.
     """
     return ", with guessed accelerations" if GUESSED in source else ""
-
-
-def _read_limits(path: str | Path) -> LimitsFile:
-    """The limits that a file states; see :meth:`JointLimits.load`."""
-    path = Path(path)
-    content = read_yaml(path, FILE.names, FileError)
-    with errors_of(path, FileError):
-        joints = FILE.parse("the file", content, path)["joint_limits"]
-        if not joints:
-            raise Misread("must be a mapping of joint names to limits", (".joint_limits",))
-
-    def of(kind: str) -> dict[str, float]:
-        return {name: used[kind][0] for name, used in joints.items() if kind in used}
-
-    acceleration, deceleration = of("acceleration"), of("deceleration")
-    return LimitsFile(
-        path,
-        {name: used["position"] for name, used in joints.items() if "position" in used},
-        of("velocity"),
-        {name: min(value, deceleration.get(name, value)) for name, value in acceleration.items()},
-        of("jerk"),
-        of("effort"),
-        {str(name): content["joint_limits"].place(name, "joint") for name in content["joint_limits"]},
-    )

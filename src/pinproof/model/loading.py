@@ -1,4 +1,7 @@
-"""Robots by catalogue name, from a description file or from a DH table, and cells of several robots."""
+"""Robots by catalogue name, from a description file or from a DH table, and cells of several robots.
+
+The URDF of a DH table is verified: the forward kinematics of both are compared.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ import pinocchio as pin
 from pinproof.common.validation import require_type
 from pinproof.description import (
     OVERLAP_REASON,
+    TCP,
     WORLD,
     CatalogueEntry,
     DhTable,
@@ -29,12 +33,11 @@ from pinproof.description import (
     urdf_of_table,
 )
 from pinproof.description import SUFFIXES as TABLE_SUFFIXES
-from pinproof.errors import FileError, InputError, UrdfError
+from pinproof.errors import ConversionError, FileError, InputError, PinproofError, UrdfError
 from pinproof.model.chain import find_chain, held_values
-from pinproof.model.dh_proof import prove_urdf_equals_table
 from pinproof.model.limits import JointLimits
-from pinproof.model.robot import PART, JointGroup, Robot
-from pinproof.spatial import rigid
+from pinproof.model.robot import PART, Arm, JointGroup, Robot
+from pinproof.spatial import Array, rigid
 
 ROBOT_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf", *TABLE_SUFFIXES)
 """Suffixes of the files that describe a robot."""
@@ -118,6 +121,96 @@ def load_robot(
     return Robot(urdf, semantic, entry.tcp, entry.home, entry.base, entry.arms)
 
 
+# -- DH tables ---------------------------------------------------------------------------------------------------------
+
+
+FK_TOLERANCE = 1e-12
+"""Largest difference of a frame, in metres and radians: several thousand rounding errors at a reach of one metre, and
+far less than the effect of a wrong digit, sign or order."""
+RECOVERY_TOLERANCE = 1e-9
+"""Largest difference at the tool, in metres and radians, of a table recovered from a URDF. It is larger than
+:data:`FK_TOLERANCE`, because nearly parallel axes give large offsets d (rounded to 1e-11 m) or are treated as parallel;
+for other arms differences of 1e-14 are usual."""
+CONFIGURATIONS = 16
+"""Number of random configurations compared, in addition to zero. Forward kinematics is a polynomial in q and its sines
+and cosines, so two different tables differ at almost every q; several configurations exclude agreement by chance."""
+
+
+def prove_urdf_equals_table(table: DhTable, urdf: str) -> None:
+    """Compare a URDF with its table at dh_0 ... dh_n and the tool, through Pinocchio, at zero and random q.
+
+    Joint names, their order, limits and velocities are compared as well. Configurations are drawn from a fixed seed:
+    (-pi, pi) for angles, the limits for prismatic rows.
+
+    Raises
+    ------
+    ConversionError
+        If a frame or a joint differs (the message states which, and by how much), or if Pinocchio rejects the URDF.
+    """
+    try:
+        arm = Robot(read_urdf_text(urdf, name=f"URDF of {table.name}"), Srdf()).arm(TCP)
+        # names, order and limits of the joints
+        torque = None if arm.limits.torque is None else arm.limits.torque.tolist()
+        for what, expected, actual in (
+            ("joint names", list(table.joint_names), list(arm.joint_names)),
+            ("lower limits", table.lower.tolist(), arm.limits.lower.tolist()),
+            ("upper limits", table.upper.tolist(), arm.limits.upper.tolist()),
+            ("velocity limits", table.velocity.tolist(), arm.limits.velocity.tolist()),
+            ("effort limits", table.effort.tolist(), torque),
+        ):
+            if expected != actual:
+                made = f"the URDF made from DH table {table.name!r}"
+                raise ConversionError(f"{made} has the {what} {actual}, not {expected}")
+        # every frame of the table, and its tool
+        for q in _configurations(table):
+            own = {f"dh_{i}": pose for i, pose in enumerate(table.frames(q))} | {arm.tcp: table.forward_kinematics(q)}
+            for frame, pose in own.items():
+                position, angle = _difference(pose, arm.frame_placement(q, frame).homogeneous)
+                if not (position <= FK_TOLERANCE and angle <= FK_TOLERANCE):  # also raises for NaN
+                    raise ConversionError(
+                        f"the URDF made from DH table {table.name!r} does not equal it: frame {frame} is off by "
+                        f"{position:.3g} m and {angle:.3g} rad (allowed: {FK_TOLERANCE:g}) at q = {q.tolist()}; "
+                        "nothing was written"
+                    )
+    except ConversionError:
+        raise
+    except PinproofError as error:  # the URDF is rejected or a frame is missing
+        raise ConversionError(f"the URDF made from DH table {table.name!r} is not usable: {error}") from error
+
+
+def prove_table_equals_arm(table: DhTable, arm: Arm) -> None:
+    """Compare a table recovered from an arm with that arm at the tcp, at zero and random configurations.
+
+    Raises
+    ------
+    ConversionError
+        If they differ; the message states the configuration and the difference.
+    """
+    for q in _configurations(table):
+        position, angle = _difference(table.forward_kinematics(q), arm.forward_kinematics(q).homogeneous)
+        if not (position <= RECOVERY_TOLERANCE and angle <= RECOVERY_TOLERANCE):
+            raise ConversionError(
+                f"the DH table made from {arm} does not equal it: the tcp is off by {position:.3g} m and {angle:.3g} "
+                f"rad (allowed: {RECOVERY_TOLERANCE:g}) at q = {q.tolist()}"
+            )
+
+
+def _configurations(table: DhTable) -> Array:
+    """Zero and random q (1 + CONFIGURATIONS, n): (-pi, pi) for angles, the limits for prismatic rows."""
+    prismatic = np.array([row.is_prismatic for row in table.rows])
+    low = np.where(prismatic, table.lower, -np.pi)
+    high = np.where(prismatic, table.upper, np.pi)
+    random = np.random.default_rng(0).uniform(low, high, (CONFIGURATIONS, len(table)))
+    return np.vstack([np.zeros(len(table)), random])
+
+
+def _difference(expected: Array, actual: Array) -> tuple[float, float]:
+    """The distance (m) and the angle (rad) between two transforms (4, 4)."""
+    # |R1 - R2| / sqrt(2) equals the angle up to third order; arccos would lose half of the digits.
+    angle = float(np.linalg.norm(expected[:3, :3] - actual[:3, :3])) / np.sqrt(2)
+    return float(np.linalg.norm(expected[:3, 3] - actual[:3, 3])), angle
+
+
 # -- cells ------------------------------------------------------------------------------------------------------------
 
 
@@ -166,7 +259,11 @@ def assemble(arms: Mapping[str, tuple[JointGroup, pin.SE3 | npt.ArrayLike]], *, 
             raise InputError(f"robot {robot_name!r} of a cell must be (arm, world_from_base), not {entry!r}")
         group, pose = entry
         world_from_base = rigid(f"the pose of robot {robot_name!r}", pose)
-        placed[robot_name] = group, world_from_base * _root_from_base(group).inverse()
+        # the link by which a robot is placed: the base of its only arm, else the root
+        root_from_base = pin.SE3.Identity()
+        if len(group.ends) == 1:
+            root_from_base = group.root_from_frame(np.zeros(group.dof), next(iter(group.ends.values()))[0])
+        placed[robot_name] = group, world_from_base * root_from_base.inverse()
     # one robot whose names have prefixes
     prefixes = {robot_name: robot_name + PART for robot_name in placed}
     robots = {prefixes[robot_name]: group.robot for robot_name, (group, _) in placed.items()}
@@ -194,11 +291,3 @@ def assemble(arms: Mapping[str, tuple[JointGroup, pin.SE3 | npt.ArrayLike]], *, 
     }
     limits = JointLimits.join([group.limits for group, _ in placed.values()])
     return JointGroup(cell, ends, chain, limits, held_values(cell.urdf, chain, free, cell.home))
-
-
-def _root_from_base(group: JointGroup) -> pin.SE3:
-    """Return the pose of the link by which a robot is placed: the base of its only arm, else the root."""
-    if len(group.ends) > 1:
-        return pin.SE3.Identity()
-    base, _ = next(iter(group.ends.values()))
-    return group.root_from_frame(np.zeros(group.dof), base)

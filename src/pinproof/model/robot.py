@@ -1,20 +1,20 @@
-"""Robots and arms: loading a description, selecting the chain from a base to a tcp, FK and Jacobians.
+"""Robots, and the arms and joint groups that are selected from them: FK, Jacobians, torques.
 
-:class:`Robot` and :class:`Arm` refer to each other, so they are in one module.
+:class:`Robot` and :class:`Arm` refer to each other, so they are in one module. :mod:`pinproof.model.chain` finds the
+joints between a base and a tcp, :mod:`pinproof.model.loading` reads the files.
 """
 
 from __future__ import annotations
 
 import math
-import re
 import threading
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -27,11 +27,18 @@ from pinproof.description import GENERATED_BODIES, Srdf, Urdf, UrdfJoint, has_ge
 from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
     Chain,
+    LimitsLike,
     affine,
+    base_of,
+    check_count,
+    chosen_limits,
     compiled_chain,
+    declared_tcp,
     find_chain,
     group_ends,
     held_values,
+    known_frame,
+    leaves,
     link_path,
     moving_joints,
     periodic,
@@ -39,20 +46,17 @@ from pinproof.model.chain import (
 )
 from pinproof.model.dynamics import GRAVITY, Payload, checked_payloads, dynamic_tree, inverse_dynamics
 from pinproof.model.info import SAMPLES, JointInfo, RobotInfo, Role, describe_axes
-from pinproof.model.limits import DEFAULT_RAMP, JointLimits, LimitsFile
+from pinproof.model.limits import JointLimits
 from pinproof.spatial import Array, finite, frozen
 
 Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
 REFERENCES: tuple[Reference, ...] = ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD")
 
 
-LimitsLike: TypeAlias = JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None
 Group = TypeVar("Group", bound="JointGroup")
 
 PART = "/"
 """Separates the name of a robot in a cell from the names of its links and joints."""
-
-DH_FRAME = re.compile(r"dh_\d+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +135,10 @@ class JointGroup(Shown):
         for array in (self.scale, self.offset):
             array.setflags(write=False)
         self.periodic = periodic(robot.urdf, chain)
+        # Pinocchio's data belong to a thread
         self._threads = threading.local()
         self._root_from_base: dict[str, pin.SE3] = {}
+        # poses are relative to the base, which must therefore be at rest
         for name, (base, _) in self.ends.items():
             frame = self._model.frames[self._frame_id(base)]
             if frame.parentJoint and len(self.ends) > 1:
@@ -163,16 +169,18 @@ class JointGroup(Shown):
     @cached_property
     def arms(self) -> Mapping[str, Arm]:
         """The arms by name; each is an :class:`Arm` whose other joints are held at their home."""
-        joints = self.robot.urdf.joints
-        held = {name: value for name, value in self.held.items() if not _is_mimic(joints, name)}
         made = {}
         for name, (base, tcp) in self.ends.items():
             chain = find_chain(self.robot.urdf, (base, tcp))
-            limits = self.limits.select(self.indices(name))
-            made[name] = Arm(
-                self.robot, base, tcp, chain, limits, held_values(self.robot.urdf, chain, held, self.robot.home)
-            )
+            limits, held = self.limits.select(self.indices(name)), self._held_for(chain, self.held)
+            made[name] = Arm(self.robot, base, tcp, chain, limits, held)
         return ReadOnlyDict(made, ENDS_READ_ONLY)
+
+    def _held_for(self, chain: Chain, held: Mapping[str, float]) -> dict[str, float]:
+        """The values of the joints outside a chain; those of mimic joints follow from their leaders."""
+        urdf, home = self.robot.urdf, self.robot.home
+        mimic = {joint.name for joint in urdf.joints.values() if joint.mimic is not None}
+        return held_values(urdf, chain, {name: value for name, value in held.items() if name not in mimic}, home)
 
     def indices(self, arm: str) -> npt.NDArray[np.int64]:
         """Return the indices of the joints of an arm in q, so that ``q[group.indices("left")]`` is its configuration.
@@ -322,7 +330,7 @@ class JointGroup(Shown):
         InputError
             If the number of joints differs.
         """
-        _check_count(limits, self.joint_names)
+        check_count(limits, self.joint_names)
         other = copy(self)
         other.__dict__["limits"] = limits
         for cached in ("_home", "arms"):
@@ -345,13 +353,10 @@ class JointGroup(Shown):
         require_type("held", held, Mapping)
         if all(name in self.held and self.held[name] == value for name, value in held.items()):
             return self
-        urdf = self.robot.urdf
-        values = {name: value for name, value in {**self.held, **held}.items() if not _is_mimic(urdf.joints, name)}
-        chain = self._chain
-        return cast(Group, self._holding(chain, held_values(urdf, chain, values, self.robot.home)))
-
-    def _holding(self, chain: Chain, held: Mapping[str, float]) -> JointGroup:
-        return JointGroup(self.robot, self.ends, chain, self.limits, held)
+        values = self._held_for(self._chain, {**self.held, **held})
+        if isinstance(self, Arm):
+            return cast(Group, Arm(self.robot, self.base, self.tcp, self._chain, self.limits, values))
+        return cast(Group, JointGroup(self.robot, self.ends, self._chain, self.limits, values))
 
     def model_configuration(self, q: Array) -> Array:
         """Return the configuration of :attr:`model` (mimic joints included) for q (n,), without validating q."""
@@ -434,9 +439,6 @@ class Arm(JointGroup):
         """The arm itself, by its tcp."""
         return {self.tcp: self}
 
-    def _holding(self, chain: Chain, held: Mapping[str, float]) -> Arm:
-        return Arm(self.robot, self.base, self.tcp, chain, self.limits, held)
-
     @property
     def tcp_id(self) -> int:
         """The index of the tcp frame in :attr:`model`."""
@@ -509,10 +511,6 @@ def _for_all(value: npt.ArrayLike, shape: tuple[int, ...]) -> npt.ArrayLike:
     return np.broadcast_to(value, shape) if isinstance(value, int | float) else value
 
 
-def _is_mimic(joints: Mapping[str, UrdfJoint], name: str) -> bool:
-    return name in joints and joints[name].mimic is not None
-
-
 @dataclass(frozen=True, eq=False)
 class Robot(Shown):
     """A robot: its description and its kinematic model; created by :func:`pinproof.load_robot`.
@@ -552,6 +550,7 @@ class Robot(Shown):
             model = pin.buildModelFromXML(self.urdf.kinematics)
         except (ValueError, RuntimeError) as error:
             raise UrdfError(where, f"Pinocchio refuses it: {error}") from error
+        # Pinocchio drops links without an error, for example below a joint that it does not know
         missing = [name for name in self.urdf.links if not model.existFrame(name, pin.FrameType.BODY)]
         if missing:
             raise UrdfError(where, f"Pinocchio dropped the links {missing}")
@@ -592,6 +591,7 @@ class Robot(Shown):
         """
         if self.parts:
             return max(robot.size for robot in self.parts.values())
+        # reach[j]: length of the links up to joint j
         model = self._model
         reach = np.zeros(model.njoints)
         for joint in range(1, model.njoints):
@@ -710,19 +710,17 @@ class Robot(Shown):
         if group is not None:
             group_base, group_tcp = group_ends(self.urdf, self.srdf, group)
             base, tcp = base or group_base, tcp or group_tcp
-        tcp = tcp or self._declared_tcp()
-        self._known_frame(tcp)
-        base = base or self._base_of(tcp)
-        self._known_frame(base)
-        chain = find_chain(self.urdf, (base, tcp))
-        return Arm(
-            self,
-            base,
-            tcp,
-            chain,
-            _chosen_limits(self.urdf, chain, limits),
-            held_values(self.urdf, chain, held or {}, self.home),
-        )
+        tcp = known_frame(self.urdf, tcp or self.default_tcp or declared_tcp(self.urdf, self.srdf))
+        base = known_frame(self.urdf, base or base_of(self.urdf, self.default_base, tcp))
+        return Arm(self, base, tcp, *self._selected((base, tcp), limits=limits, held=held))
+
+    def _selected(
+        self, *ends: tuple[str, str], limits: LimitsLike, held: Mapping[str, float] | None
+    ) -> tuple[Chain, JointLimits, dict[str, float]]:
+        """The joints between ends, their limits, and the values of the other joints."""
+        chain = find_chain(self.urdf, *ends)
+        own = chosen_limits(self.urdf, chain, limits)
+        return chain, own, held_values(self.urdf, chain, held or {}, self.home)
 
     def arms(
         self,
@@ -754,9 +752,22 @@ class Robot(Shown):
             If no arm is named and none is declared, two are the same, they share a joint and ``base`` is not given, or
             a joint has no limits.
         """
-        ends = {name: self._ends_of_arm(arm, base) for name, arm in self._named_arms(names).items()}
+        # what each arm was given by, by the name of the arm
+        if not names and not self.declared_arms:
+            raise InputError(f"robot {self.name!r} declares no arms; name them by tcp frame or SRDF group")
+        named: dict[str, str] = {}
+        for item in names or self.declared_arms:
+            for name, arm in item.items() if isinstance(item, Mapping) else ((item, item),):
+                if not isinstance(name, str) or not isinstance(arm, str):
+                    raise InputError(f"an arm is named by a text, not by {arm!r}")
+                if name in named:
+                    raise InputError(f"the arm {name!r} is given twice")
+                named[name] = arm
+        # the base and the tcp of each; arms share joints only behind a common base
+        ends = {name: self._ends_of_arm(arm, base) for name, arm in named.items()}
         if base is not None:
-            self._known_frame(base)
+            known_frame(self.urdf, base)
+        # arms with different tcps that share no joint, unless a common base states that they do
         owner: dict[str, str] = {}
         for name, (_, tcp) in ends.items():
             if twin := next((other for other in ends if other != name and ends[other][1] == tcp), None):
@@ -767,46 +778,23 @@ class Robot(Shown):
                         f"joint {joint!r} belongs to both arms {owner[joint]!r} and {name!r}; pass a base= below it to "
                         "leave it out, or the base= above it to move both arms with it"
                     )
-        chain = find_chain(self.urdf, *ends.values())
-        return JointGroup(
-            self,
-            ends,
-            chain,
-            _chosen_limits(self.urdf, chain, limits),
-            held_values(self.urdf, chain, held or {}, self.home),
-        )
-
-    def _named_arms(self, names: Sequence[str | Mapping[str, str]]) -> dict[str, str]:
-        """Return what each arm was given by, by the name of the arm."""
-        if not names:
-            if not self.declared_arms:
-                raise InputError(f"robot {self.name!r} declares no arms; name them by tcp frame or SRDF group")
-            return {name: name for name in self.declared_arms}
-        named: dict[str, str] = {}
-        for item in names:
-            for name, arm in item.items() if isinstance(item, Mapping) else ((item, item),):
-                if not isinstance(name, str) or not isinstance(arm, str):
-                    raise InputError(f"an arm is named by a text, not by {arm!r}")
-                if name in named:
-                    raise InputError(f"the arm {name!r} is given twice")
-                named[name] = arm
-        return named
+        return JointGroup(self, ends, *self._selected(*ends.values(), limits=limits, held=held))
 
     def _ends_of_arm(self, arm: str, base: str | None) -> tuple[str, str]:
         """Return the base and the tcp of an arm of :meth:`arms`."""
         if arm in self.declared_arms:
-            tcp = self.declared_arms[arm]
-            self._known_frame(tcp)
-            return base or self._base_of(tcp), tcp
-        if arm in self.urdf.links:
+            tcp = known_frame(self.urdf, self.declared_arms[arm])
+        elif arm in self.urdf.links:
             if arm in self.srdf.groups:
                 raise InputError(f"{arm!r} is both a link and a group of the SRDF; name the tcp of the arm")
-            return base or self._base_of(arm), arm
-        if arm in self.srdf.groups:
+            tcp = arm
+        elif arm in self.srdf.groups:
             group_base, tcp = group_ends(self.urdf, self.srdf, arm)
             return base or group_base, tcp
-        known = (*self.declared_arms, *self.srdf.groups, *self._leaves())
-        raise UnknownNameError("arm", arm, known, f"robot {self.name!r}")
+        else:
+            known = (*self.declared_arms, *self.srdf.groups, *leaves(self.urdf))
+            raise UnknownNameError("arm", arm, known, f"robot {self.name!r}")
+        return base or base_of(self.urdf, self.default_base, tcp), tcp
 
     def state(self, name: str, *, group: str | None = None) -> dict[str, float]:
         """Return a named state of the SRDF (joint name to rad or m) of one group, or combined from all groups.
@@ -820,6 +808,7 @@ class Robot(Shown):
         InputError
             If groups define different values for one joint, or a joint has several numbers.
         """
+        # states of one name of several groups are combined
         found = [s for s in self.srdf.states if s.name == name and group in (None, s.group)]
         if not found:
             names = {s.name for s in self.srdf.states if group in (None, s.group)}
@@ -836,103 +825,6 @@ class Robot(Shown):
                 if values.setdefault(joint, numbers[0]) != numbers[0]:
                     raise InputError(f"state {name!r} gives joint {joint!r} different values; name its group=")
         return values
-
-    def _leaves(self) -> list[str]:
-        """Return the links without child joints."""
-        parents = {joint.parent for joint in self.urdf.joints.values()}
-        return [link for link in self.urdf.links if link not in parents]
-
-    def _known_frame(self, name: str) -> None:
-        if name not in self.urdf.links:
-            raise UnknownNameError("frame", name, self.urdf.links, f"robot {self.name!r}")
-
-    def _base_of(self, tcp: str) -> str:
-        if self.default_base is not None and self.default_base != tcp:
-            try:
-                link_path(self.urdf, self.default_base, tcp)
-            except InputError:
-                return self.urdf.root
-            return self.default_base
-        return self.urdf.root
-
-    def _declared_tcp(self) -> str:
-        if self.default_tcp is not None:
-            return self.default_tcp
-        declared = sorted({effector.parent_link for effector in self.srdf.end_effectors})
-        if len(declared) == 1:
-            return declared[0]
-        # The frames dh_0 ... dh_n of URDFs made from a DH table are not candidates.
-        leaves = [link for link in self._leaves() if not DH_FRAME.fullmatch(link)] or self._leaves()
-        if not declared and len(leaves) == 1:
-            joint = self.urdf.parent_joint(leaves[0])
-            if joint is not None and joint.type == "fixed":
-                return leaves[0]
-        raise InputError(
-            f"robot {self.name!r} declares no single tcp; name one (--tcp, in Python tcp=). "
-            f"Candidates: {', '.join(declared or leaves)}"
-        )
-
-
-def _chosen_limits(urdf: Urdf, chain: Chain, limits: LimitsLike) -> JointLimits:
-    """Return the limits of the joints of a chain, with those that the caller gives instead.
-
-    Raises
-    ------
-    InputError
-        If the number of joints differs, or a joint has no limits.
-    """
-    require_type("limits", limits, JointLimits, LimitsFile, Mapping, type(None))
-    if isinstance(limits, JointLimits):
-        _check_count(limits, chain.joint_names)
-        return limits
-    if isinstance(limits, LimitsFile):
-        chosen = limits.over(chain.limits, chain.joint_names, list(urdf.joints))
-        position: Mapping[str, tuple[float, float]] = limits.position
-    else:
-        position = limits or {}
-        chosen = chain.limits.replace(chain.joint_names, position)
-    for name in chain.joint_names:
-        joint = urdf.joints[name]
-        if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
-            raise InputError(
-                f"{joint.type} joint {name!r} states no lower and upper limit; state both in the URDF, or in a file of "
-                f"joint limits (--limits); in Python also limits={{{name!r}: (lower, upper)}}"
-            )
-    return chosen if limits is None else _with_followers(urdf, chain, chosen, limits)
-
-
-def _with_followers(
-    urdf: Urdf, chain: Chain, limits: JointLimits, stated: LimitsFile | Mapping[str, tuple[float, float]]
-) -> JointLimits:
-    """Tighten limits that the caller gave to joints by those of their followers, which a file may state too."""
-    file = stated if isinstance(stated, LimitsFile) else LimitsFile(Path())
-    lower, upper, velocity = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy()
-    acceleration, guessed = limits.acceleration.copy(), limits.guessed.copy()
-    for joint in (urdf.joints[name] for name in chain.followers):
-        if joint.mimic is None or joint.mimic.multiplier == 0.0:
-            continue
-        leader, scale = chain.joint_names.index(joint.mimic.leader), joint.mimic.multiplier
-        ends = sorted((end - joint.mimic.offset) / scale for end in file.position.get(joint.name, joint.bounds))
-        lower[leader], upper[leader] = max(lower[leader], ends[0]), min(upper[leader], ends[1])
-        if lower[leader] > upper[leader]:
-            raise InputError(
-                f"the limits of {joint.mimic.leader!r} and of its mimic joint {joint.name!r} do not overlap"
-            )
-        rate = file.velocity.get(joint.name, joint.velocity)
-        velocity[leader] = np.fmin(velocity[leader], np.inf if rate is None else rate / abs(scale))
-        if joint.name in file.acceleration:
-            known = file.acceleration[joint.name] / abs(scale)
-            acceleration[leader] = known if guessed[leader] else np.fmin(acceleration[leader], known)
-            guessed[leader] = False
-    velocity[np.isinf(velocity)] = np.nan
-    acceleration[guessed] = velocity[guessed] / DEFAULT_RAMP
-    return replace(limits, lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, guessed=guessed)
-
-
-def _check_count(limits: JointLimits, joint_names: Sequence[str]) -> None:
-    if len(limits) != len(joint_names):
-        names = ", ".join(joint_names)
-        raise InputError(f"the limits are of {len(limits)} joints; the arm has {len(joint_names)}: {names}")
 
 
 def kinematic_class(arm: Arm) -> str:
@@ -956,6 +848,7 @@ def _joint(arm: Arm, name: str) -> JointInfo:
     mimic = "" if joint.mimic is None else f"{joint.mimic.multiplier:g} * {joint.mimic.leader} + {joint.mimic.offset:g}"
     if name in arm.joint_names:
         i = arm.joint_names.index(name)
+        # limits in use, which may differ from those of the file
         limits = arm.limits
         return JointInfo(
             *ends,
@@ -982,6 +875,7 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
         notes.append(GENERATED_BODIES)
     if robot.urdf.collisions and robot.urdf.visual_only:
         notes.append(f"no collision geometry, only visual: {', '.join(robot.urdf.visual_only)}")
+    # limits that are unknown
     slow = [name for name, v in zip(arm.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]
     if slow:
         notes.append(f"no velocity limit: {', '.join(slow)}")

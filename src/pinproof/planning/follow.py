@@ -31,7 +31,7 @@ from pinproof._core import RouteDirection, RoutePiece
 from pinproof._core import RouteFollower as CompiledFollower
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
-from pinproof.ik import AT_LIMIT, IkTask, TaskName, make_task, track
+from pinproof.ik import NEAR_LIMIT, IkTask, TaskName, make_task, track
 from pinproof.model import Arm
 from pinproof.motion import REVERSAL, CubicPath, corner_spacing
 from pinproof.planning.planners import LinearStatus
@@ -339,7 +339,7 @@ class RouteFollower:
         curve = self._compiled(arm).follow(route.compiled, knots, np.ascontiguousarray(first))
         stop: _Stop = (LinearStatus.COMPLETE, "", ())
         if curve.stopped_by_pose:
-            at_limit = np.minimum(curve.reached - arm.limits.lower, arm.limits.upper - curve.reached) <= AT_LIMIT
+            at_limit = np.minimum(curve.reached - arm.limits.lower, arm.limits.upper - curve.reached) <= NEAR_LIMIT
             stop = self._reason(route, curve.at, float(np.diff(knots).max()), curve.before, at_limit)
         elif curve.stopped_by_deviation:  # on a piece of the minimum length
             joint = int(curve.outside.argmax())

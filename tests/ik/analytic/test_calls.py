@@ -155,7 +155,7 @@ def test_four_prismatic_joints_have_no_closed_form():
 
 def test_an_arm_without_a_closed_form_is_searched_only_once(monkeypatch):
     """The search takes up to a second, and the stages of a pick ask hundreds of times."""
-    from pinproof.ik.analytic import plan
+    from pinproof.ik import analytic_plan as plan
 
     arm = arm_of([Axis(unit(np.random.default_rng(2)), np.zeros(3)) for _ in range(8)])
     searched = []

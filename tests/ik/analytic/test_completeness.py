@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof import _core
 from pinproof.ik import IkStatus
-from pinproof.ik.analytic.geometry import lines_of
-from pinproof.ik.analytic.plan import plans_of
+from pinproof.ik.analytic_plan import lines_of, plans_of
 
 from ...examples import examples
 from .arms import (

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.ik import IkStatus
-from pinproof.ik.analytic.plan import plan_for
+from pinproof.ik.analytic_plan import plan_for
 from pinproof.spatial import SE3
 
 from ...examples import examples

@@ -1,7 +1,11 @@
-"""PLY files: text, or binary of either byte order."""
+"""Mesh files without a scene: STL (binary, or text with any number of solids), OBJ and PLY (text, or binary).
+
+Lines and points of OBJ files, and edges and cameras of PLY files, have no surface; what else is not faces is refused.
+"""
 
 from __future__ import annotations
 
+import re
 import struct
 from array import array
 from collections.abc import Mapping
@@ -11,26 +15,128 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.description.mesh_formats.reading import Reading, numbers, refuse_many, refused, triangulate
+from pinproof.description.mesh_reading import Reading, numbers, refuse_many, refused, triangulate
 
-CODES = {
-    "char": "b",
-    "uchar": "B",
-    "short": "h",
-    "ushort": "H",
-    "int": "i",
-    "uint": "I",
-    "float": "f",
-    "double": "d",
-    "int8": "b",
-    "uint8": "B",
-    "int16": "h",
-    "uint16": "H",
-    "int32": "i",
-    "uint32": "I",
-    "float32": "f",
-    "float64": "d",
-}
+HEADER, TRIANGLE = 84, 50
+"""Bytes of a binary file before the first triangle, and of a triangle."""
+
+_XYZ = ["#", "#", "#"]
+FACET = ["facet", "normal", *_XYZ, "outer", "loop", *(3 * ["vertex", *_XYZ]), "endloop", "endfacet"]
+"""The words of a triangle in a text file; # is a number."""
+
+LONGEST_WORD = 40
+"""Characters; a number with 17 digits has at most 24."""
+
+SOLID = re.compile(rb"^[ \t]*(end[ \t]*)?solid\b[^\n]*", re.MULTILINE | re.IGNORECASE)
+
+
+def read_stl(data: bytes, path: Path) -> Reading:
+    """Read an STL file; three vertices for each triangle."""
+    if data.lstrip()[:5].lower() != b"solid" or b"\0" in data:  # binary headers may begin with "solid" too
+        return _read_binary_stl(data, path)
+    # A text is: solid, facets, endsolid, solid, ..., each name in the line of its solid or endsolid.
+    outside, *parts = SOLID.split(data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
+    ends, contents = parts[0::2], parts[1::2]
+    if len(ends) % 2 or any((end is None) == (number % 2 == 1) for number, end in enumerate(ends)):
+        raise refused(path, "the lines solid and endsolid do not alternate; the file may be truncated")
+    if outside.strip() or any(text.strip() for text in contents[1::2]):
+        raise refused(path, "it has text outside of solid and endsolid")
+    words = b" ".join(contents[0::2]).split()
+    if max(map(len, words), default=0) > LONGEST_WORD:
+        raise refused(path, f"it has words of more than {LONGEST_WORD} characters inside a solid")
+    count, rest = divmod(len(words), len(FACET))
+    refuse_many(path, count)
+    table = np.array(words[: count * len(FACET)], dtype=bytes).reshape(-1, len(FACET))
+    fixed = [column for column, word in enumerate(FACET) if word != "#"]
+    wrong = (np.char.lower(table[:, fixed]) != np.array([FACET[column].encode() for column in fixed])).any(axis=1)
+    if rest or wrong.any():
+        number = 1 + int(np.argmax(wrong)) if wrong.any() else count + 1
+        raise refused(path, f"it is not '{' '.join(FACET)}' with a number for each #", f"facet {number}")
+    coordinates = [column for column, word in enumerate(FACET) if word == "#"][3:]
+    try:
+        values = numbers(b" ".join(table[:, coordinates].ravel()), np.float64)
+    except ValueError as error:
+        raise refused(path, f"the coordinates: {error}") from error
+    return Reading(values.reshape(-1, 3), np.arange(len(values) // 3).reshape(-1, 3))
+
+
+def _read_binary_stl(data: bytes, path: Path) -> Reading:
+    announced = HEADER + TRIANGLE * int.from_bytes(data[80:HEADER], "little")
+    if len(data) < HEADER:
+        raise refused(path, f"it has {len(data)} bytes and does not begin with 'solid', so it is no STL file")
+    if len(data) != announced:
+        what = "the file is truncated" if len(data) < announced else "the file holds more than its header states"
+        raise refused(path, f"{what}: its header announces {announced:,} bytes, but it has {len(data):,}")
+    refuse_many(path, (announced - HEADER) // TRIANGLE)
+    row = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    corners = np.frombuffer(data, dtype=row, offset=HEADER)["corners"]
+    return Reading(corners.reshape(-1, 3).astype(float), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+OBJ_WITHOUT_SURFACE = {b"vt", b"vn", b"l", b"p", b"g", b"o", b"s", b"usemtl", b"mtllib", b"usemap", b"maplib"}
+"""Statements that are read over: normals, texture coordinates, lines, points, groups, names, smoothing, materials."""
+
+CONTINUED_NAME = re.compile(rb"^[ \t]*(?:#|[^vfl\s])[^\n]*\\$", re.MULTILINE)
+"""A comment or name that ends with a backslash: some programs continue it with the next line, others do not."""
+
+
+def read_obj(data: bytes, path: Path) -> Reading:
+    """Read an OBJ file; polygons become triangles."""
+    text = data.replace(b"\r\n", b"\n")
+    if b"\r" in text:
+        raise refused(path, "it has carriage returns inside lines")
+    if b"\\\n" in text:
+        if (name := CONTINUED_NAME.search(text)) is not None:
+            row = text.count(b"\n", 0, name.start()) + 1
+            raise refused(path, "a comment or name ends with a backslash", f"line {row}")
+        text = text.replace(b"\\\n", b" ")
+    coordinates, corners, counts = array("d"), array("q"), array("q")
+    vertices = 0
+    for number, line in enumerate(text.split(b"\n"), 1):
+        words = line.split()
+        if not words or words[0] in OBJ_WITHOUT_SURFACE or words[0].startswith(b"#"):
+            continue
+        kind = words[0]
+        try:
+            if kind not in (b"v", b"f"):
+                raise ValueError(f"the statement {kind.decode('latin-1')!r} is not supported")
+            if b"#" in line:
+                words = line.partition(b"#")[0].split()
+            if b"_" in line:  # Python would read 1_0 as 10
+                raise ValueError("'_' is no part of a number")
+            if kind == b"v":
+                # x y z, and optionally a weight, which only curved surfaces use, or a colour
+                if len(words) not in (4, 5, 7) or (len(words) == 5 and float(words[4]) != 1.0):
+                    raise ValueError("a vertex has x, y, z, and optionally the weight 1 or three numbers of a colour")
+                coordinates.extend(map(float, words[1:4]))
+                vertices += 1
+                continue
+            for word in words[1:]:
+                index = int(word.partition(b"/")[0])
+                if index < 0:
+                    index += vertices + 1  # relative to the vertices above this line
+                if not index > 0:
+                    raise ValueError(f"{word.decode('latin-1')!r} names no vertex")
+                corners.append(index - 1)
+            if len(words) < 4:
+                raise ValueError("a face has at least three corners")
+            counts.append(len(words) - 1)
+        except ValueError as error:
+            raise refused(path, str(error), f"line {number}") from error
+    # polygons as triangles
+    points = np.array(coordinates).reshape(-1, 3)
+    indices, sizes = np.array(corners, dtype=np.int64), np.array(counts, dtype=np.int64)
+    refuse_many(path, int((sizes - 2).sum()))
+    if len(indices) and indices.max() >= len(points):
+        raise refused(path, f"a face names vertex {indices.max() + 1}, but there are {len(points)} vertices")
+    try:
+        return Reading(points, triangulate(points, indices, sizes))
+    except ValueError as error:
+        raise refused(path, str(error)) from error
+
+
+_TYPES = "char uchar short ushort int uint float double int8 uint8 int16 uint16 int32 uint32 float32 float64"
+CODES = dict(zip(_TYPES.split(), 2 * "bBhHiIfd", strict=True))
 """The types of properties, as codes of ``struct`` and NumPy."""
 
 FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -38,7 +144,7 @@ FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 CORNERS = ("vertex_indices", "vertex_index")
 """The names of the list of vertices of a face."""
 
-NO_SURFACE = ("edge", "camera")
+PLY_WITHOUT_SURFACE = ("edge", "camera")
 """Elements that are read over; others are refused, for example ``tristrips``."""
 
 
@@ -61,9 +167,12 @@ def read_ply(data: bytes, path: Path) -> Reading:
         elements = read_elements(data)
         vertex, face = elements.get("vertex", {}), elements.get("face", {})
         for name, columns in elements.items():
-            if name not in ("vertex", "face", *NO_SURFACE) and any(len(counts) for _, counts in columns.values()):
-                known = ", ".join(("vertex", "face", *NO_SURFACE))
+            if name not in ("vertex", "face", *PLY_WITHOUT_SURFACE) and any(
+                len(counts) for _, counts in columns.values()
+            ):
+                known = ", ".join(("vertex", "face", *PLY_WITHOUT_SURFACE))
                 raise ValueError(f"the elements {name!r} are not supported; supported: {known}")
+        # the faces have one list of vertices
         lists = [name for name in CORNERS if name in face]
         if len(lists) != 1:
             raise ValueError(f"it needs faces with one list {' or '.join(CORNERS)}")

@@ -107,10 +107,7 @@ def triangulate(
     counts
         The number of corners of each polygon, at least 3.
 
-    Raises
-    ------
-    ValueError
-        For a polygon that crosses itself, or that is not convex and has more than :data:`MOST_CORNERS` corners.
+    ValueError for a polygon that crosses itself, or that is not convex and has more than :data:`MOST_CORNERS` corners.
     """
     starts = np.cumsum(counts) - counts
     pieces = [np.empty((0, 3), dtype=np.int64)]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.description.mesh_formats.reading import (
+from pinproof.description.mesh_reading import (
     DEEPEST_NODE,
     MOST_NODES,
     Reading,
@@ -207,6 +207,7 @@ class _Collada:
         if array is None or accessor is None or accessor.get("source") != f"#{array.get('id')}":
             raise self.refused(source, "it needs a <float_array> and its <accessor>")
         values = self.floats(self.text(array), self.whole(array, "count"), array)
+        # the accessor states which of the numbers are coordinates
         count, stride, offset = (
             self.whole(accessor, "count"),
             self.whole(accessor, "stride", 1),

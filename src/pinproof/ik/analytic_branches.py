@@ -12,10 +12,9 @@ import numpy.typing as npt
 
 from pinproof import _core
 from pinproof.common.results import Rows, View
-from pinproof.ik.analytic.family import IkFamily, families_of
-from pinproof.ik.analytic.plan import Plan
-from pinproof.ik.result import IkAnswer
-from pinproof.ik.windings import TURN, nearest_winding
+from pinproof.ik.analytic_plan import Plan
+from pinproof.ik.analytic_self_motion import IkFamily, families_of
+from pinproof.ik.result import TURN, IkAnswer, nearest_winding
 from pinproof.model import AT_LIMIT, Arm
 from pinproof.spatial import Array
 from pinproof.units import far_hint
@@ -55,7 +54,25 @@ def sweep(plan: Plan, target: Array, reference: Array, values: Array) -> tuple[_
     """
     q, errors, counts, _ = sweep_many(plan, target[None], reference[None], values[None])
     order = np.argsort(np.abs(q - reference).max(axis=1, initial=0.0), kind="stable")
-    return _core.Branches(q[order], errors[order]), _intervals(plan, target, reference, values, counts[0])
+
+    def count_at(value: float) -> int:
+        return len(plan.solve(target, reference, value))
+
+    intervals, start, count = [], float(values[0]), int(counts[0, 0])
+    for i in range(len(values) - 1):
+        low = float(values[i])
+        while count != counts[0, i + 1]:
+            # bisection to where the count ends
+            high = float(values[i + 1])
+            while high - low > END:
+                middle = (low + high) / 2
+                low, high = (middle, high) if count_at(middle) == count else (low, middle)
+            intervals.append(Interval(start, low, count))
+            # The count may differ from that at the next grid value, as several changes may lie between two values.
+            start = low = high
+            count = count_at(high)
+    intervals.append(Interval(start, float(values[-1]), count))
+    return _core.Branches(q[order], errors[order]), tuple(one for one in intervals if one.branches)
 
 
 def sweep_many(
@@ -77,31 +94,6 @@ def sweep_many(
         found.append(q[exists])
         missed.append(errors[exists])
     return np.concatenate(found), np.concatenate(missed), counts, outside
-
-
-def _intervals(
-    plan: Plan, target: Array, reference: Array, values: Array, counts: npt.NDArray[np.int64]
-) -> tuple[Interval, ...]:
-    def count_at(value: float) -> int:
-        return len(plan.solve(target, reference, value))
-
-    found, start, count = [], float(values[0]), int(counts[0])
-    for i in range(len(values) - 1):
-        low = float(values[i])
-        while count != counts[i + 1]:
-            high = float(values[i + 1])
-            while high - low > END:
-                middle = (low + high) / 2
-                if count_at(middle) == count:
-                    low = middle
-                else:
-                    high = middle
-            found.append(Interval(start, low, count))
-            # The count may differ from that at the next grid value, as several changes may lie between two values.
-            start = low = high
-            count = count_at(high)
-    found.append(Interval(start, float(values[-1]), count))
-    return tuple(one for one in found if one.branches)
 
 
 class IkBranches(IkAnswer):
@@ -126,8 +118,8 @@ class IkBranches(IkAnswer):
         (n,) q0.
     found
         The branches of the compiled core, nearest to q0 first.
-    grid, intervals
-        For seven joints: the values of the redundant joint, and the intervals with a constant number of branches.
+    intervals, grid
+        For seven joints: the intervals with a constant number of branches, and the values of the redundant joint.
     """
 
     def __init__(
@@ -137,8 +129,8 @@ class IkBranches(IkAnswer):
         target: Array,
         reference: Array,
         found: _core.Branches,
-        grid: Array | None = None,
         intervals: tuple[Interval, ...] = (),
+        grid: Array | None = None,
     ) -> None:
         self.arm, self._plan, self.target, self.reference = arm, plan, target, reference
         self._found, self.grid, self.intervals = found, grid, intervals
@@ -154,14 +146,25 @@ class IkBranches(IkAnswer):
 
     @cached_property
     def _expanded(self) -> tuple[Array, npt.NDArray[np.int64]]:
-        rows, source = [], []
+        arm, rows, source = self.arm, [np.empty((0, self._plan.dof))], list[int]()
         for index, branch in enumerate(self.branches):
-            turned = _windings(self.arm, branch)
-            rows.append(turned)
-            source += [index] * len(turned)
-        q = np.concatenate(rows) if rows else np.empty((0, self._plan.dof))
+            # all shifts of the periodic joints by 2 pi that the limits permit
+            choices = []
+            for joint, value in enumerate(branch.tolist()):
+                lower, upper = arm.limits.lower[joint], arm.limits.upper[joint]
+                if not arm.periodic[joint] or not np.isfinite(upper - lower):
+                    choices.append([value])
+                    continue
+                fewest, most = np.ceil((lower - AT_LIMIT - value) / TURN), np.floor((upper + AT_LIMIT - value) / TURN)
+                turns = {0.0, *np.arange(fewest, most + 1).tolist()}
+                choices.append([min(max(value + k * TURN, lower), upper) if k else value for k in sorted(turns)])
+            rows.append(np.array(list(product(*choices))).reshape(-1, arm.dof))
+            source += [index] * len(rows[-1])
+        q = np.concatenate(rows)
         order = np.argsort(np.abs(q - self.reference).max(axis=1, initial=0.0), kind="stable")
-        return _locked(q[order]), np.array(source, dtype=np.int64)[order]
+        q = q[order]
+        q.setflags(write=False)
+        return q, np.array(source, dtype=np.int64)[order]
 
     @property
     def q(self) -> Array:
@@ -235,6 +238,7 @@ class IkBranches(IkAnswer):
             text += f", {failed} not confirmed by forward kinematics"
         if self.families:
             text += f", {len(self.families)} of them with a free joint"
+        # without a branch, the reason
         if count:
             return text
         if outside:
@@ -265,7 +269,7 @@ class IkBranches(IkAnswer):
         """
         taken = [i for i, branch in enumerate(self.branches) if accept(branch.copy())]
         found = self._found.select(taken)
-        return IkBranches(self.arm, self._plan, self.target, self.reference, found, self.grid, self.intervals)
+        return IkBranches(self.arm, self._plan, self.target, self.reference, found, self.intervals, self.grid)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -314,22 +318,3 @@ class IkBranchesBatch:
 
     def __len__(self) -> int:
         return len(self.q)
-
-
-def _windings(arm: Arm, branch: Array) -> Array:
-    """(w, n) the branch with all shifts of its periodic joints by 2 pi that the limits permit."""
-    choices = []
-    for joint, value in enumerate(branch.tolist()):
-        lower, upper = arm.limits.lower[joint], arm.limits.upper[joint]
-        if not arm.periodic[joint] or not np.isfinite(upper - lower):
-            choices.append([value])
-            continue
-        fewest, most = np.ceil((lower - AT_LIMIT - value) / TURN), np.floor((upper + AT_LIMIT - value) / TURN)
-        turns = {0.0, *np.arange(fewest, most + 1).tolist()}
-        choices.append([min(max(value + k * TURN, lower), upper) if k else value for k in sorted(turns)])
-    return np.array(list(product(*choices))).reshape(-1, arm.dof)
-
-
-def _locked(array: Array) -> Array:
-    array.setflags(write=False)
-    return array

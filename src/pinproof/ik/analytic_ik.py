@@ -13,15 +13,13 @@ import numpy.typing as npt
 from pinproof import _core
 from pinproof.common.validation import Rng, random_generator, require_integer, require_positive, require_type
 from pinproof.errors import InputError
-from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sweep_many
-from pinproof.ik.analytic.family import branches_elsewhere
-from pinproof.ik.analytic.plan import Plan, plan_for
-from pinproof.ik.analytic.self_motion import SelfMotion, self_motion_of
+from pinproof.ik.analytic_branches import IkBranches, IkBranchesBatch, sweep, sweep_many
+from pinproof.ik.analytic_plan import Plan, plan_for
+from pinproof.ik.analytic_self_motion import SelfMotion, branches_elsewhere, self_motion_of
 from pinproof.ik.iterative import Accept
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
-from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
+from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge, nearest_winding
 from pinproof.ik.task import Task, TaskLike, make_task
-from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
 from pinproof.spatial import SE3, Array, finite, rigid, rigid_many
 
@@ -104,7 +102,8 @@ class AnalyticIk:
         ):
             target = np.array(rigid("target", target, batch="solve_batch, or solve_all_batch,").homogeneous)
         if plan.redundant is not None:
-            return self._swept(arm, plan, np.array(rigid("target", target).homogeneous), reference)
+            target, grid = np.array(rigid("target", target).homogeneous), self._grid(arm, plan, reference)
+            return IkBranches(arm, plan, target, reference, *sweep(plan, target, reference, grid), grid)
         found = plan.core.solve(target, reference)
         if found is None or (found.all_free_joints and not len(found)):
             rigid("target", target)  # raises with the reason
@@ -150,6 +149,7 @@ class AnalyticIk:
         q, errors, counts, outside, known = (
             part[:, 0] for part in plan.core.solve_batch(many, references, NO_VALUE, plan.capacity, threads)
         )
+        # negative counts are codes: no rigid transform, or no branch at the values of free joints in the reference
         if (counts < 0).any():
             if (counts == _core.BAD_TARGET).any():
                 rigid_many("targets", many)  # raises with the index and the reason
@@ -163,6 +163,7 @@ class AnalyticIk:
                     more = ((0, 0), (0, count - q.shape[1]), (0, 0))
                     q, errors = np.pad(q, more, constant_values=np.nan), np.pad(errors, more, constant_values=np.nan)
                 q[row, :count], errors[row, :count] = found.q, found.errors
+        # as many columns as the target with the most branches has
         k = max(int(counts.max(initial=0)), 1)
         return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1], outside, known)
 
@@ -193,7 +194,8 @@ class AnalyticIk:
             errors = candidate.position_error, candidate.orientation_error
             return IkResult(status, candidate.q, *errors, 0, 0, self.engine, message)
 
-        nearest = [branch for family in found.families for branch in [family.nearest(reference)]]
+        # the branches and the closest member of each family, nearest to the reference first
+        nearest = [family.nearest(reference) for family in found.families]
         choice = nearest_winding(arm, np.array([*branches, *nearest]).reshape(-1, arm.dof), reference)
         for index in np.argsort(np.abs(choice - reference).max(axis=1, initial=0.0), kind="stable"):
             if accept is None or accept(choice[index].copy()):
@@ -202,6 +204,7 @@ class AnalyticIk:
         if refused:
             text = f"rejected: accept returned False for each of {found.message}"
             return result(IkStatus.REFUSED, choice[0], f"{text}; check why it rejects q, or move the target")
+        # without any, whether that is proven decides on the status
         proven = found.complete and max(self.position_tolerance, self.orientation_tolerance) <= FINEST_PROOF
         text = f"{'proven impossible' if proven else 'not reached'}: {found.message}"
         if not proven and is_provable(arm):
@@ -233,6 +236,7 @@ class AnalyticIk:
             starts = np.broadcast_to(references, (len(many), arm.dof))
             results = [self.solve(arm, many[i], starts[i], accept=accept) for i in range(len(many))]
             return IkBatch.of(results, arm, self.engine)
+        # the branch closest to the reference, without the loop over targets
         found = self.solve_all_batch(arm, many, references[0] if len(references) == 1 else references, threads=threads)
         away = np.abs(found.q - references[:, None]).max(axis=2)
         best = np.where(np.isnan(away), np.inf, away).argmin(axis=1)
@@ -242,6 +246,7 @@ class AnalyticIk:
         position, orientation = found.position_error[rows, best], found.orientation_error[rows, best]
         codes = np.full(len(many), STATUSES.index(IkStatus.FOUND), dtype=np.int8)
         words = [f"found: closest to q0 of {count} branches" for count in found.count.tolist()]
+        # a target without a branch gets the status and the message of a single solution
         for row in np.flatnonzero(none):
             single = self.solve(arm, many[row], references[row if len(references) > 1 else 0])
             q[row], position[row], orientation[row] = single.q, single.position_error, single.orientation_error
@@ -264,11 +269,6 @@ class AnalyticIk:
             raise InputError(f"AnalyticIk supports task='pose' only, not task={task!r}; use Clik for this task")
         return resolved
 
-    def _swept(self, arm: Arm, plan: Plan, target: Array, reference: Array) -> IkBranches:
-        grid = self._grid(arm, plan, reference)
-        found, intervals = sweep(plan, target, reference, grid)
-        return IkBranches(arm, plan, target, reference, found, grid, intervals)
-
     def _swept_batch(
         self, arm: Arm, plan: Plan, many: Array, references: Array, given: npt.ArrayLike | None
     ) -> IkBranchesBatch:
@@ -280,6 +280,7 @@ class AnalyticIk:
             values = np.array([g if len(g) == most else np.sort([*g, (g[0] + g[1]) / 2]) for g in grids])
         found, missed, per_value, outside = sweep_many(plan, many, references, values)
         counts = per_value.sum(axis=1)
+        # one row for each target, its branches sorted by their distance from the reference
         row = np.repeat(np.arange(len(many)), counts)
         away = np.abs(found - references[row if len(references) > 1 else 0]).max(axis=1, initial=0.0)
         order = np.lexsort((away, row))

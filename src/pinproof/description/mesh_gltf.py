@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.files import read_bytes
-from pinproof.description.mesh_formats.reading import (
+from pinproof.description.mesh_reading import (
     DEEPEST_NODE,
     MOST_NODES,
     Reading,
@@ -295,6 +295,7 @@ class _Gltf:
         if index in self.contents:
             return self.contents[index]
         buffer, place = self.item("buffers", index), f"buffers[{index}]"
+        # the binary chunk, a data URI, or a file beside the document
         uri, length = buffer.get("uri"), _whole(buffer, "byteLength")
         if uri is None:
             if index != 0 or self.chunk is None:
@@ -338,6 +339,7 @@ def _local(node: dict[str, Any], index: int) -> npt.NDArray[np.float64]:
         if parts or (matrix[3] != (0, 0, 0, 1)).any():
             raise ValueError(f"nodes[{index}] has a matrix that is not affine, or other transforms beside it")
         return matrix
+    # the rotation matrix of the normalised quaternion, then scale and translation
     matrix = np.eye(4)
     x, y, z, w = map(float, node.get("rotation", (0, 0, 0, 1)))
     length = (x * x + y * y + z * z + w * w) ** 0.5

@@ -193,6 +193,10 @@ def test_file_restores_the_motions_exactly(library, checker, tmp_path) -> None:
         (lambda c: c.with_margin(0.0), "margin"),
         (lambda c: c.with_attached(pp.Obstacle("tool", pp.Sphere(0.01), pp.pose((0, 0, 0.05)))), "attached objects"),
         (lambda c: pp.CollisionChecker(pp.load_robot("ur3").arm(), margin=0.005), "kinematics"),
+        (
+            lambda c: pp.CollisionChecker(pp.load_robot("ur5").arm(tcp="wrist_3_link"), c.scene, margin=0.005),
+            "kinematics",
+        ),
     ],
 )
 def test_file_for_another_setup_is_refused(library, checker, tmp_path, other, named) -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import copy
+import json
 
+import jsonschema
 import numpy as np
 import pytest
 
 import pinproof as pp
 from pinproof.collision.certificates.proof_file import constraint_of, proof_document
+from pinproof.formats import file_schema
 from pinproof.motion import CubicPath
 from pinproof.verifier import Proof, verify
 
@@ -169,3 +172,26 @@ def test_no_sampled_error_exceeds_the_bound_of_the_verifier(offset, seed):
         assert (sampled <= bounds + 1e-12).all()
         close = short & (sampled < 1.2)  # angles at or beyond a right angle have no bound
         assert (bounds[close] <= sampled[close] + 0.01).all()
+
+
+def test_the_schema_accepts_a_proof_and_no_other_number_of_coordinates(document) -> None:
+    validator = jsonschema.Draft202012Validator(file_schema("proof"))
+    whole = json.loads(json.dumps(document))
+    validator.validate(whole)
+    assert {row["joint"] for row in whole["bodies"]} >= {-1, 0}
+    other = copy.deepcopy(whole)
+    other["curve"]["control"] = other["curve"]["control"][:1]
+    other["hashes"]["more"] = "0" * 64
+    validator.validate(other)
+    for line in (
+        ("bodies", 0, "placement"), ("bodies", 0, "placement", 0), ("joints", 0, "placement", 0), ("joints", 0, "axis"),
+        ("pairs", 0, "bodies"), ("pairs", 0, "directions", 0), ("excluded", 0), ("intervals", 0),
+        ("constraints", 2, "low"), ("constraints", 2, "high"), ("constraints", 0, "intervals", 0),
+    ):  # fmt: skip
+        for change in (list.pop, lambda values: values.append(values[-1])):
+            changed = copy.deepcopy(whole)
+            holder = changed
+            for key in line:
+                holder = holder[key]
+            change(holder)
+            assert not validator.is_valid(changed), line

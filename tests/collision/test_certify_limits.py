@@ -251,3 +251,18 @@ class TestProofFile:
         (reason,) = pp.verify_proof(tmp_path / "less.json", strict).reasons
         assert "elbow_joint" in reason
         assert "acceleration" in reason
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_violation_states_the_time_at_which_its_value_is_reached(seed: int) -> None:
+    """The knots are not at whole numbers, so that a time is not the share of a piece."""
+    motion = random_motion(np.random.default_rng(seed), 2, quintic=bool(seed % 2))
+    low, high = motion.range()
+    inner = 0.1 * (high - low) + 1e-3
+    limits = pp.JointLimits(low + inner, high - inner, 0.9 * motion.max_velocity(), np.full(2, np.nan))
+    found = check_limits(motion, limits).violations
+    assert len(found) >= 2
+    for violation in found:
+        joint = list(motion.joint_names).index(violation.joint)
+        rates = {"position": motion(violation.time), "velocity": np.abs(motion.velocity(violation.time))}
+        assert rates[violation.quantity][joint] == pytest.approx(violation.value, rel=1e-6, abs=1e-9)

@@ -12,6 +12,7 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks import PickSetup, PickStatus, Stage, Suggestion
 from pinproof.picks.judging.configurations import along_families, configurations
+from pinproof.picks.judging.grasp import every_branch_is_known
 from pinproof.picks.judging.refute import prove_blocked
 from pinproof.picks.judging.task import PickTask
 
@@ -209,3 +210,17 @@ def test_a_pose_on_a_line_that_is_out_of_reach_excludes_the_pick(arms) -> None:
     (verdict,) = pp.validate_picks(arm, pp.Scene(), pp.Picks((pick,)), budget=pp.picks.PickBudget(remedies=0)).verdicts
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.RETREAT), verdict.reason
     assert "reaches the retreat" in verdict.refuted[0]
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_targets_with_families_of_solutions_leave_branches_unknown(arms, first: bool) -> None:
+    """With the wrist in line, two joints of the UR5 turn about parallel axes and one of them is free."""
+    arm = arms["ur5"]
+    known, free = (arm.forward_kinematics(np.array([0.3, -1.2, 1.5, -0.4, bend, 0.2])) for bend in (1.0, 0.0))
+    picks = pp.Picks((pp.Pick("p", known),))
+    task = PickTask(picks.picks[0], PickSetup.make(arm, pp.Scene(), picks, home=None, rng=0).cell)
+    assert pp.AnalyticIk().solve_all(arm, free, arm.home).families
+    assert every_branch_is_known(task, [known])
+    assert every_branch_is_known(task, [known, known])
+    assert not every_branch_is_known(task, [free])
+    assert not every_branch_is_known(task, [free, known] if first else [known, free])

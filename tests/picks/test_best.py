@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks.judging.grasp import reach, screen
-from pinproof.picks.judging.judge import BestFirst
+from pinproof.picks.judging.judge import BestFirst, Scoring
 from pinproof.picks.judging.place import Placer
 from pinproof.picks.judging.task import PickTask
 
@@ -122,3 +123,18 @@ def test_the_best_release_is_taken_and_not_the_nearest(monkeypatch, xyz, yaw) ->
             scores.append(alone.parts["score"])
     assert len(scores) > 1
     assert best.parts["score"] == pytest.approx(max(scores), abs=1e-9)
+
+
+def test_the_bound_of_a_configuration_holds_for_its_best_full_rotations() -> None:
+    made, picks = setup("ur5", "picks.yaml", pp.picks.PickWeights(clearance=0, manipulability=0, duration=0))
+    task = PickTask(picks.picks[0], made.cell)
+    ring = next(iter(task.groups()))
+    candidate = screen(task, ring, reach(task, ring, 0)).candidates[0]
+    lower, upper = task.arm.limits.lower, task.arm.limits.upper
+    turned = candidate.q + 2 * np.pi * np.array(list(product(range(-2, 3), repeat=6)))
+    inside = turned[((turned >= lower) & (turned <= upper)).all(axis=1)]
+    margins = (np.minimum(inside - lower, upper - inside) / ((upper - lower) / 2)).min(axis=1)
+    assert margins.max() > margins.min() + 0.1
+    candidates = tuple(replace(candidate, q=q) for q in inside)
+    bounds = Scoring.of(task, candidates, Placer(task, 0).rest).bounds
+    np.testing.assert_allclose(bounds, np.full(len(inside), margins.max()), atol=1e-12)

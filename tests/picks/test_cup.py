@@ -185,3 +185,10 @@ def test_a_part_as_a_mesh_of_its_own_shape_is_held_by_its_top(watertight):
     assert grip_by_cup(cup, above(0.01, x=0.005), part).held is True
     assert grip_by_cup(cup, above(0.03, x=-0.01), part).held is True
     assert grip_by_cup(cup, above(0.03, x=0.005), part).held is False
+
+
+def test_the_tilt_does_not_depend_on_the_gap():
+    box = part_of(pp.Box(SIDE, SIDE, 0.02), pp.pose((0, 0, -0.01)))
+    for gap in (-0.0009, 0.0005, 0.0009):
+        assert grip_by_cup(CUP, above(gap), box).cup.tilt == pytest.approx(0.0, abs=1e-9)
+        assert grip_by_cup(CUP, above(gap, tilt=0.01), box).cup.tilt == pytest.approx(0.01, abs=1e-8)

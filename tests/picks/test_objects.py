@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ import trimesh
 
 import pinproof as pp
 from pinproof.errors import InputError
+from pinproof.model import load_robot
 from pinproof.picks import PickStatus, Stage
 from pinproof.picks.judging import setup as judging_setup
+from pinproof.picks.judging.task import PickTask
 
 DOWN = (np.pi, 0, 0)
 TIP = 0.105
@@ -169,6 +172,16 @@ def test_an_object_is_lifted_out_of_a_bin_given_as_an_exact_mesh(arm, finely: in
     assert min(depths) > depths[0] - 1e-6
 
 
+def test_a_bin_supports_an_object_above_its_floor_and_not_one_beside_its_wall(stick_urdf) -> None:
+    arm = load_robot(stick_urdf).arm(tcp="b")  # a robot without bodies: the only pair is object and bin
+    for height, near_wall, supported in ((0.0005, 0.0002, True), (0.02, 0.0002, False), (0.0005, 0.05, True)):
+        held = pp.Obstacle("part", pp.Box(0.02, 0.02, 0.02), pp.pose((0.085 - near_wall, 0, height + 0.01)))
+        checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("bin", bin_mesh(0))]), attached=[held])
+        assert len(checker.pairs) == 1
+        found = PickTask.supports(SimpleNamespace(name="part"), checker, np.zeros(1), None)
+        assert found == ((("part", "bin"),) if supported else ())
+
+
 def test_an_object_may_have_several_supports(arm) -> None:
     rails = [pp.Obstacle(f"rail_{k}", pp.Box(0.004, 0.1, 0.02), pp.pose((0.45 + x, 0.15, -0.015))) for k, x in
              enumerate((-0.005, 0.005))]  # fmt: skip
@@ -212,6 +225,7 @@ def test_supports_are_kept_as_names(arm) -> None:
     [
         ({"support": ["table", "shelf"]}, "unknown support 'shelf'"),
         ({"carried": "screw"}, "unknown object 'screw'"),
+        ({"carried": bolt(0.45, 0.15)}, "the object's name 'bolt' is taken"),
         ({"support": "shelf"}, "unknown support 'shelf'"),
         ({"frame": "pallet"}, "unknown frame 'pallet'"),
         ({"frame": "wrist_3_link"}, "moves; picks need a fixed frame"),

@@ -10,10 +10,12 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
+from pinproof.motion import JointPath
 from pinproof.picks.judging import place
-from pinproof.picks.judging.grasp import reach, screen
-from pinproof.picks.judging.lines import ToolLine, along, full_rotations
-from pinproof.picks.judging.place import Placer, Scores, release_lines
+from pinproof.picks.judging.grasp import INSTANT, reach, screen
+from pinproof.picks.judging.judge import Scoring, _Completions
+from pinproof.picks.judging.lines import Crossing, ToolLine, along, full_rotations
+from pinproof.picks.judging.place import Placer, Placing, Scores, release_lines
 from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage, StageResult
 
@@ -91,3 +93,36 @@ def test_a_transfer_ends_at_full_rotations_that_keep_the_lines_of_the_release_wi
             assert result.figures["clearance"] <= down.proven
     assert tried > 2
     assert placer.place(attempt, SEEDS, Scores())[1] is not None
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_the_score_of_a_complete_motion_counts_every_part_of_it(task, side) -> None:
+    group, arm, limits = task.nearest_group, task.arm, task.arm.limits
+    candidates = screen(task, group, reach(task, group, 0)).candidates
+    attempt = along(task, candidates[0])
+    placer = Placer(task, 0)
+    lines = (release_lines(task, task.place, group[0], q) for q in placer.releases(group[0]))
+    release = next(each for each in lines if not each.why)
+    scoring = Scoring.of(task, candidates, placer.rest)
+    crossing = JointPath([task.cell.home, attempt.entrance], arm.joint_names)
+    scores = _Completions(scoring, attempt, Crossing(StageResult(Stage.TRANSIT, True, ""), attempt, crossing, 0.03))
+    # A transfer that passes close to a limit, which only it does
+    aside = task.cell.home.copy()
+    aside[3] = getattr(limits, side)[3] + (0.2 if side == "lower" else -0.2)
+    transfer = JointPath([attempt.exit, aside, release.entrance], arm.joint_names)
+    placing = Placing(transfer, release.lift, release.leave, release.parting, 0.02)
+
+    def control_polygon(line) -> np.ndarray:
+        return line.bezier()[1].reshape(-1, 6)
+
+    picked = [crossing.q, control_polygon(attempt.approach), control_polygon(attempt.retreat)]
+    for parts, points in (
+        (scores.parts(None), picked),
+        (scores.parts(placing), [*picked, transfer.q, control_polygon(release.lift), control_polygon(release.leave)]),
+    ):
+        seconds = sum((np.abs(np.diff(each, axis=0)) / limits.velocity).max(axis=1).sum() for each in points)
+        assert parts["duration"] == pytest.approx((scoring.least + INSTANT) / (seconds + INSTANT), rel=1e-9)
+        every = np.vstack(points)
+        margins = np.minimum(every - limits.lower, limits.upper - every) / ((limits.upper - limits.lower) / 2)
+        assert parts["limit_margin"] == pytest.approx(margins.min(), abs=1e-12)
+    assert scores.parts(placing)["limit_margin"] == pytest.approx(0.2 / (2 * np.pi), rel=1e-6)

@@ -125,3 +125,12 @@ def test_every_kind_of_file_names_every_row(report, tmp_path, kind: str) -> None
     text = path.read_text(encoding="utf-8")
     assert all(verdict.pick.name.partition(",")[0] in text for verdict in report.verdicts)
     assert "torn, row" in text
+
+
+def test_a_verdict_keeps_its_own_configuration_which_cannot_be_changed() -> None:
+    q = np.array([0.1, 0.2])
+    verdict = pp.picks.PickVerdict(pp.Pick("p", pp.pose()), PickStatus.NOT_FOUND, (), q_grasp=q)
+    q[0] = 9.0
+    np.testing.assert_array_equal(verdict.q_grasp, [0.1, 0.2])
+    with pytest.raises(ValueError, match="read-only"):
+        verdict.q_grasp[0] = 9.0

@@ -13,8 +13,20 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.errors import InputError
-from pinproof.picks import LengthSuggestion, NamedFrame, RetreatSuggestion, ShiftSuggestion, Stage, TurnSuggestion
+from pinproof.picks import (
+    LengthSuggestion,
+    NamedFrame,
+    PickSetup,
+    RetreatSuggestion,
+    ShiftSuggestion,
+    Stage,
+    StageResult,
+    TurnSuggestion,
+)
+from pinproof.picks.judging import suggest
+from pinproof.picks.judging.lines import Attempt, ToolLine
 from pinproof.picks.judging.suggest import DIRECTIONS, DISTANCES
+from pinproof.picks.judging.task import PickTask
 from pinproof.spatial import SE3
 
 from ..examples import examples
@@ -243,3 +255,52 @@ def test_a_suggestion_that_does_not_fit_the_pick_is_refused(suggestion) -> None:
 
 def test_no_suggestion_is_made_without_a_budget(arm) -> None:
     assert judge(arm, pp.Pick("p", pp.pose((3.0, 0.0, 0.2), DOWN)), remedies=0).suggestions == ()
+
+
+def verdict_on(pick: pp.Pick, *, good: bool) -> pp.picks.PickVerdict:
+    status = pp.picks.PickStatus.GOOD if good else pp.picks.PickStatus.NOT_FOUND
+    return pp.picks.PickVerdict(pick, status, (StageResult(Stage.RETREAT, good, ""),))
+
+
+@pytest.mark.parametrize(("longest", "judged", "found"), [(44, [42, 43, 45], 43), (42, [42, 43], 42), (41, [42], None)])
+def test_the_first_length_whose_line_is_possible_is_judged_and_then_longer_ones(
+    arm, monkeypatch, longest: int, judged: list[int], found: int | None
+) -> None:
+    """Lines of up to 42.5 mm are possible, and complete picks of up to a longest length."""
+    pick = replace(PICK, retreat=0.08)
+    task = PickTask(pick, PickSetup.make(arm, pp.Scene(), pp.Picks((pick,)), home=None, rng=0).cell)
+    planned, seen = [], []
+
+    def line_out(shorter: PickTask, candidate: object) -> tuple[ToolLine, tuple[()]]:
+        planned.append(shorter.pick.retreat)
+        fraction = min(0.0425 / shorter.pick.retreat, 1.0)
+        return ToolLine(StageResult(Stage.RETREAT, fraction == 1.0, ""), None, fraction), ()
+
+    def verdict(other: pp.Pick) -> pp.picks.PickVerdict:
+        seen.append(round(other.retreat * 1e3))
+        return verdict_on(other, good=seen[-1] <= longest)
+
+    monkeypatch.setattr(suggest, "line_out", line_out)
+    attempt = Attempt(None, np.zeros(6), fraction=0.606)
+    trials = suggest._Trials(verdict, Stage.RETREAT, 10, lambda other: True)
+    suggestion = suggest._shorter(task, pick, Stage.RETREAT, attempt, trials)
+    np.testing.assert_allclose(planned, [0.048, 0.042])
+    assert seen == judged
+    assert suggestion == (None if found is None else LengthSuggestion(line="retreat", before=80.0, after=float(found)))
+
+
+def test_a_small_budget_is_spent_on_a_few_distances_first_and_then_below_the_good_one() -> None:
+    seen = []
+
+    def verdict(other: pp.Pick) -> pp.picks.PickVerdict:
+        seen.append(round(float(other.pose.translation[0] - PICK.pose.translation[0]) * 1e3))
+        return verdict_on(other, good=seen[-1] >= 13)
+
+    changes = [
+        suggest.Change(ShiftSuggestion(by=(mm, 0, 0)), PICK, float(mm), (1, 0, 0), mm in suggest.EARLY_DISTANCES)
+        for mm in DISTANCES
+    ]
+    found = suggest._nearest(changes, suggest._Trials(verdict, Stage.GRASP, 7, lambda other: True))
+    assert found == ShiftSuggestion(by=(15, 0, 0))
+    assert seen[:2] == [5, 20]
+    assert len(seen) <= 7

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
+from pinproof.motion import JointPath
 from pinproof.picks import Stage
+from pinproof.picks.judging.timing import MotionPart, timed_curve
 
 LEVEL = math.radians(5.0)
 QUICK = pp.picks.PickBudget(remedies=0, compared=1)
@@ -96,3 +99,18 @@ def test_upright_needs_an_object() -> None:
         pp.Pick("part", pp.pose((0.4, 0, 0.1)), upright=LEVEL)
     with pytest.raises(pp.InputError, match="upright"):
         pp.Pick("part", pp.pose((0.4, 0, 0.1)), upright_axis=(0, 0, 1))
+
+
+def test_a_shortened_transfer_is_proven_to_be_upright() -> None:
+    arm = pp.load_robot("ur5").arm()
+    start = np.array([0.0, -1.2, 1.6, -1.97, -np.pi / 2, 0.0])
+    middle, end = start + np.array([0.6, 0, 0, 0, 0, 0]), start + np.array([1.2, 0, 0, 0, 0, 0.4])
+    upright = pp.Upright.keeping(arm, start, tolerance=LEVEL)
+    task = SimpleNamespace(arm=arm, cell=SimpleNamespace(budget=pp.picks.PickBudget(motion=20)))
+    path = JointPath([start, middle, end], arm.joint_names)
+    part = MotionPart("transfer", (path,), pp.CollisionChecker(arm, pp.Scene()), constraints=(upright,))
+    trajectory, certificate = timed_curve(task, part, path, [])
+    assert certificate.free
+    (kept,) = certificate.constraints
+    assert kept.largest <= LEVEL
+    np.testing.assert_array_equal(trajectory.end, end)

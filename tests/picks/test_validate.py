@@ -13,7 +13,7 @@ import pinproof as pp
 from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.model import load_robot
-from pinproof.picks import Stage
+from pinproof.picks import Stage, SuctionCup
 from pinproof.picks.input.picks import PickProblem
 from pinproof.picks.judging.configurations import turned_inside
 from pinproof.picks.report.report import COLUMNS
@@ -221,3 +221,25 @@ def test_notes_on_objects_apply_only_to_the_picks_that_state_them(stick, objects
     notes = "\n".join(pp.validate_picks(stick, pp.Scene([block]), picks).notes)
     assert ("empty gripper" in notes) == empty
     assert ("holding force" in notes) == held
+    assert ("holding force of a tool without fingers" in notes) == held
+    cup = pp.Picks(tuple(picks), cup=SuctionCup(radius=0.01))
+    notes = "\n".join(pp.validate_picks(stick, pp.Scene([block]), cup).notes)
+    assert ("holding force of the suction cup; only that its rim lies on the surface" in notes) == held
+    assert "without fingers" not in notes
+
+
+CHAIN = """<robot name="chain"><link name="a"/>
+<link name="b"/>
+<link name="c"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="first" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<joint name="last" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+
+
+def test_what_limits_of_torque_leave_out_is_noted() -> None:
+    arm = load_robot(CHAIN).arm(tcp="c")
+    for limited in (True, False):
+        notes = pp.validate_picks(arm, pp.Scene(), pp.Picks((), torque_limits=limited)).notes
+        assert any("joint friction" in note for note in notes) == limited
+        assert ("no mass of the links moved by first" in notes) == limited

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import yourdfpy
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -67,6 +69,19 @@ def test_every_frame_equals_the_dh_product(table, seed):
     for i, expected in enumerate(table.frames(q)):
         np.testing.assert_allclose(found[f"dh_{i}"], expected, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found["tool0"], table.forward_kinematics(q), rtol=0, atol=1e-12)
+
+
+def test_another_reader_finds_the_same_robot(generic):
+    """yourdfpy computes the same poses and reads the same limits from the URDF of a table."""
+    q = np.random.default_rng(0).uniform(generic.lower, generic.upper)
+    robot = yourdfpy.URDF.load(io.BytesIO(dh_to_urdf(generic).encode()), load_meshes=False)
+    robot.update_cfg(q)
+    assert tuple(robot.actuated_joint_names) == generic.joint_names
+    np.testing.assert_allclose(robot.get_transform("tool0"), generic.forward_kinematics(q), rtol=0, atol=1e-12)
+    limits = [robot.joint_map[name].limit for name in generic.joint_names]
+    np.testing.assert_array_equal([limit.lower for limit in limits], generic.lower)
+    np.testing.assert_array_equal([limit.upper for limit in limits], generic.upper)
+    np.testing.assert_array_equal([limit.velocity for limit in limits], generic.velocity)
 
 
 @given(roll=angles, pitch=angles, yaw=angles)

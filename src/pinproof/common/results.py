@@ -22,7 +22,6 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.files import json_text, save_as
-from pinproof.common.structs import table_of
 from pinproof.common.theme import COLOURS, SERIES
 from pinproof.errors import NoAnswer
 
@@ -176,6 +175,8 @@ class Written:
 
     def to_dict(self) -> dict[str, Any]:
         """The values for JSON; the keys are those of the schema."""
+        from pinproof.common.structs import table_of  # loads Pinocchio, which the help of a command does not need
+
         return table_of(type(self)).write(self)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -404,3 +405,58 @@ def test_the_depth_of_the_palm_in_a_part_on_the_belt_is_that_where_the_part_is()
     assert failure is not None
     assert failure.depth == pytest.approx(0.01, abs=1e-3)
     assert "hand" in failure.reason
+
+
+def test_a_belt_on_which_tracking_exceeds_a_limit_is_refused_with_the_joint_after_one_attempt(monkeypatch) -> None:
+    """Longer phases do not help, because the speed of the belt is given."""
+    arm, scene, picks = cell()
+    arm = arm.with_limits(replace(arm.limits, velocity=0.05 * arm.limits.velocity))
+    belt = replace(picks.conveyor, speed=0.2, dwell=0.25)
+    task = PickTask(picks.picks[0], PickSetup.make(arm, scene, picks, home=None, rng=0).cell)
+    there = conveyor._at_time(task, belt, 3.5)
+    member = task.nearest_group[0]
+    many = configurations(arm, task.targets([there.grasp(member)]), task.cell.home, 0)[1]
+    q = many[np.abs(many - task.cell.home).max(axis=1).argmin()]
+    attempts, original = [], conveyor._followed
+    monkeypatch.setattr(conveyor, "_followed", lambda phases, q: attempts.append(phases) or original(phases, q))
+    reason = conveyor.follow_belt(there, member, q, belt)
+    assert isinstance(reason, str)
+    assert len(attempts) == 1
+    exceeded = re.search(r"the speed of (\w+) is ([\d.]+) rad/s; its limit is ([\d.]+) rad/s$", reason)
+    joint = arm.joint_names.index(exceeded[1])
+    assert float(exceeded[3]) == pytest.approx(arm.limits.velocity[joint], rel=5e-3)
+    # The speed of the joint while the tip moves with the belt, from inverse kinematics at both ends of short steps
+    times = np.linspace(0.0, belt.dwell, 26)
+    targets = [task.target(translated(there.grasp(member), belt.travel(t))) for t in times]
+    moved = pp.ik.track(arm, targets, q, dt=1.0, velocity=1e3).q
+    speeds = np.abs(np.diff(moved, axis=0)).max(axis=0) / np.diff(times)[0]
+    assert float(exceeded[2]) == pytest.approx(speeds[joint], rel=0.02)
+    assert (speeds / arm.limits.velocity).max() == pytest.approx(speeds[joint] / arm.limits.velocity[joint])
+
+
+@pytest.mark.parametrize("stage", [Stage.APPROACH, Stage.GRIP])
+def test_a_hand_that_enters_the_moving_part_is_refused_at_the_stage_at_which_it_does(monkeypatch, stage) -> None:
+    """The hand rests 10 mm too low while the belt brings the part to it, before or while the gripper closes."""
+    arm, _, picks = cell()
+    belt, task = picks.conveyor, PickTask(picks.picks[0], setup().cell)
+    member, start = task.nearest_group[0], 3.5
+
+    def at_rest(by: float) -> pp.Trajectory:
+        pose = translated(task.grasp(member), belt.travel(start + 1.0) + np.array((0.0, 0.0, by)))
+        q = configurations(arm, task.targets([pose]), task.cell.home, 0)[1][0]
+        return pp.Trajectory.at_rest(q, arm.joint_names, 2.0)
+
+    low, high = at_rest(-0.05), at_rest(0.3)
+    approach, tracking = (low, high) if stage is Stage.APPROACH else (high, low)
+    timeline = conveyor._Timeline(belt, start if stage is Stage.APPROACH else start - 2.0)
+    free = pp.collision.certify(high, pp.CollisionChecker(arm, pp.Scene()))
+    assert free.free
+    monkeypatch.setattr(conveyor, "certify", lambda *_, **__: free)  # the hand alone is of interest
+    monkeypatch.setattr(conveyor._Timeline, "add", lambda line, *_: setattr(line, "now", line.now + 2.0))
+    moment = conveyor._Moment(task, belt, start, member, [0, 0, 0, 0], 0.0)
+    attempt = conveyor.along(moment.then, conveyor.GraspCandidate(high.start, member, 0.0, 0.0))
+    with pytest.raises(conveyor._InterceptRefused) as refused:
+        moment._take(timeline, conveyor.Following(approach, tracking, high, 2.0, 0.0, 0.0), attempt)
+    (failed,) = refused.value.stages
+    assert failed.stage is stage
+    assert float(re.search(r"([\d.]+) mm", failed.message)[1]) == pytest.approx(10.0, abs=1.0)

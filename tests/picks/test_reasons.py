@@ -11,6 +11,7 @@ import pytest
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks import PickSetup, PickStatus, Stage, Suggestion
+from pinproof.picks.judging import refute
 from pinproof.picks.judging.configurations import along_families, configurations
 from pinproof.picks.judging.grasp import every_branch_is_known
 from pinproof.picks.judging.refute import prove_blocked
@@ -224,3 +225,45 @@ def test_targets_with_families_of_solutions_leave_branches_unknown(arms, first: 
     assert every_branch_is_known(task, [known, known])
     assert not every_branch_is_known(task, [free])
     assert not every_branch_is_known(task, [free, known] if first else [known, free])
+
+
+@pytest.mark.parametrize("count", [1, 3, 20])
+def test_every_pair_in_contact_at_the_examined_configurations_is_given_to_the_proof(arms, monkeypatch, count) -> None:
+    arm = arms["panda"]
+    wall, target = pp.Obstacle("wall", pp.Box(0.3, 1.6, 0.02), pp.pose((0.5, 0.0, 0.4))), pp.pose((0.6, 0.0, 0.1), DOWN)
+    checker = pp.CollisionChecker(arm, pp.Scene([wall]))
+    q = along_families(arm, np.array([target.homogeneous]), arm.home)[1]
+    q = q[~checker.is_free_batch(q)][:: len(q) // count][:count]
+    given, prove = [], refute.prove_unreachable
+    monkeypatch.setattr(refute, "prove_unreachable", lambda *a, **k: given.extend(k["overlaps"]) or prove(*a, **k))
+    proof = prove_blocked(checker, target, q)
+    meshes = pp.CollisionChecker(arm, pp.Scene([wall]), link_meshes="mesh")
+    touching = {frozenset(contact.bodies) for each in q for contact in meshes.check(each).contacts}
+    assert len(q) == count
+    assert {frozenset(overlap.names) for overlap in given} == touching
+    assert len(touching) == 1 or count > 1
+    assert proof is not None
+    assert {frozenset(pair) for pair in proof.bodies} <= touching
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "scara"])
+def test_bodies_are_placed_on_the_link_that_carries_them(name) -> None:
+    """Links of the chain, and bodies on them, have at any configuration the pose of forward kinematics."""
+    arm = pp.load_robot(name).arm()
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("box", pp.Box(0.1, 0.2, 0.3), pp.pose((0.5, 0.1, 0.2)))]))
+    rest = refute._chain_at(arm, arm.home)
+    rng, moved = np.random.default_rng(0), 0
+    for body in checker.bodies:
+        found = refute._carrier(arm, rest, body)
+        if found is None:
+            continue
+        number, link_from_body = found
+        moved += not np.allclose(body.link_from_body.homogeneous, np.eye(4))
+        for q in rng.uniform(*arm.limits.sampling_range(), (3, arm.dof)):
+            base_from_link = arm.root_from_base.inverse() if body.link is None else arm.frame_placement(q, body.link)
+            np.testing.assert_allclose(
+                refute._chain_at(arm, q)[number] @ link_from_body,
+                (base_from_link * body.link_from_body).homogeneous,
+                atol=1e-9,
+            )
+    assert moved

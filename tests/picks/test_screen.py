@@ -10,7 +10,7 @@ import pytest
 import pinproof as pp
 from pinproof.model import JointLimits
 from pinproof.picks.input.picks import PickProblem
-from pinproof.picks.judging.configurations import limit_margin
+from pinproof.picks.judging.configurations import joint_margins, limit_margin
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.spatial import SE3, matrix
@@ -235,3 +235,26 @@ def test_a_grid_is_screened_without_being_held(arms) -> None:
     assert len(found) == 24
     assert data == [(24, 24)]
     np.testing.assert_array_equal(found.codes, pp.screen_picks(arms["ur5"], pp.Scene(), grid.load()).codes)
+
+
+def test_the_limit_margin_is_that_of_the_joint_nearest_to_a_limit(arms) -> None:
+    """1 in the middle of a range, 0 at a limit and beyond; joints without limits do not count."""
+    arm = arms["ur5"]
+    lower, upper = np.array([-1.0, -np.inf, 0.5, -3.0, -2.0, -6.0]), np.array([1.0, np.inf, 2.0, 1.0, 2.5, 6.0])
+    arm = arm.with_limits(JointLimits(lower, upper, arm.limits.velocity, arm.limits.acceleration))
+    rng = np.random.default_rng(1)
+    low = rng.uniform(np.maximum(lower, -9.0) - 0.1, np.minimum(upper, 9.0) + 0.1, (200, 6))
+    high = low + rng.uniform(0.0, 0.3, (200, 6))
+    for ends, margins, least in (
+        ((low, low), joint_margins(arm, low, low), limit_margin(arm, low)),
+        ((low, high), joint_margins(arm, low, high), limit_margin(arm, low, high)),
+    ):
+        for row, (first, last) in enumerate(zip(*ends, strict=True)):
+            expected = [
+                1.0 if np.isinf(b - a) else max(0.0, 1.0 - 2 * max(abs(x - (a + b) / 2) for x in (p, q)) / (b - a))
+                for a, b, p, q in zip(lower, upper, first, last, strict=True)
+            ]
+            np.testing.assert_allclose(margins[row], expected, atol=1e-12)
+            assert least[row] == pytest.approx(min(expected), abs=1e-12)
+    middle = np.where(np.isfinite(lower), (lower + np.where(np.isfinite(upper), upper, 0.0)) / 2, 0.0)
+    assert limit_margin(arm, middle) == 1.0

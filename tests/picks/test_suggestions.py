@@ -25,7 +25,7 @@ from pinproof.picks import (
 )
 from pinproof.picks.judging import suggest
 from pinproof.picks.judging.lines import Attempt, ToolLine
-from pinproof.picks.judging.suggest import DIRECTIONS, DISTANCES
+from pinproof.picks.judging.suggest import DIRECTIONS, DISTANCES, EARLY_TILTS, EARLY_TURNS, TILTS, TURNS
 from pinproof.picks.judging.task import PickTask
 from pinproof.spatial import SE3
 
@@ -304,3 +304,27 @@ def test_a_small_budget_is_spent_on_a_few_distances_first_and_then_below_the_goo
     assert found == ShiftSuggestion(by=(15, 0, 0))
     assert seen[:2] == [5, 20]
     assert len(seen) <= 7
+
+
+@pytest.mark.parametrize("main", [0, 1, 2])
+def test_turns_about_the_approach_and_tilts_about_both_other_axes_are_candidates(arm, monkeypatch, main) -> None:
+    """The approach is along one axis of the tip. The sizes that are judged first are among those tried."""
+    axis = np.eye(3)[main]
+    pick = replace(PICK, approach_direction=tuple(axis.tolist()), approach_frame="tip")
+    picks = pp.Picks((pick,))
+    task = PickTask(
+        pick, PickSetup.make(arm, pp.Scene(), picks, home=None, rng=0, budget=pp.picks.PickBudget(remedies=4)).cell
+    )
+    candidates: list[suggest.Change] = []
+    monkeypatch.setattr(suggest, "_screened", lambda task, changes, **_: candidates.extend(changes) or [])
+    suggest.suggest(task, pick, StageResult(Stage.GRASP, False, ""), None, None)
+    turned = [change for change in candidates if isinstance(change.suggestion, TurnSuggestion)]
+    turns = {(int(np.argmax(change.suggestion.axis)), change.suggestion.degrees) for change in turned}
+    about = {(main, sign * degrees) for degrees in TURNS for sign in (1, -1)} - {(main, -180)}
+    across = {(axis, sign * degrees) for axis in {0, 1, 2} - {main} for degrees in TILTS for sign in (1, -1)}
+    assert turns == about | across
+    early = {(change.suggestion.axis[main] != 0.0, change.size) for change in turned if change.early}
+    assert early == {(True, size) for size in EARLY_TURNS} | {(False, size) for size in EARLY_TILTS}
+    for change in turned:
+        tilt = np.arccos(np.clip((change.pick.pose.rotation @ axis) @ (pick.pose.rotation @ axis), -1.0, 1.0))
+        assert np.degrees(tilt) == pytest.approx(0.0 if change.suggestion.axis[main] else change.size, abs=1e-4)

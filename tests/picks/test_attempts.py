@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -16,7 +17,7 @@ from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.lines import Attempt, full_rotations, shifted
 from pinproof.picks.judging.suggest import Change, ShiftSuggestion, _Trials
 from pinproof.picks.judging.task import PickTask
-from pinproof.picks.judging.verdict import Stage
+from pinproof.picks.judging.verdict import Stage, StageResult
 
 TURN = 2 * np.pi
 
@@ -124,3 +125,37 @@ def test_a_change_that_cannot_be_good_is_not_judged_and_not_good_when_it_is_trie
     assert [trials.good(change), trials.good(change)] == [False, False]
     assert judged == []
     assert (trials.best, trials.left) == (None, 3)
+
+
+def test_an_attempt_passed_if_its_last_stage_did() -> None:
+    first, last = (StageResult(Stage.APPROACH, True, ""), StageResult(Stage.RETREAT, True, ""))
+    candidate = GraspCandidate(np.zeros(6), None, 0.0, 0.0)
+    for stages, passed in (((first,), True), ((first, last), True), ((first, replace(last, ok=False)), False)):
+        assert Attempt(candidate, np.zeros(6), stages).passed is passed
+
+
+LINKAGE = """<robot name="linkage"><link name="base"/><link name="slide"/>
+<link name="hand"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+<link name="rod"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+<joint name="a" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<joint name="b" type="prismatic"><parent link="slide"/><child link="hand"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<joint name="c" type="prismatic"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/><mimic joint="a"/></joint></robot>"""
+"""The hand does not move if one slide moves by as much as the other moves back, and the rod does."""
+
+
+def test_contact_with_a_link_that_moves_while_the_tcp_rests_is_not_one_at_every_configuration() -> None:
+    arm = pp.load_robot(LINKAGE).arm(tcp="hand")
+    stone = pp.Obstacle("stone", pp.Sphere(0.02), pp.pose((0.0, 0.0, 0.06)))
+    checker = pp.CollisionChecker(arm, pp.Scene([stone]))
+    here, there = np.zeros(2), np.array([0.5, -0.5])
+    np.testing.assert_allclose(arm.forward_kinematics(here).homogeneous, arm.forward_kinematics(there).homogeneous)
+    met, left = ({frozenset(each.bodies) for each in checker.check(q).contacts} for q in (here, there))
+    assert {frozenset(("hand", "rod")), frozenset(("hand", "stone"))} <= met
+    assert left == {frozenset(("hand", "stone"))}
+    for q in (here, there):
+        (words,) = grasp.contacts_everywhere(checker, q)
+        assert "hand" in words
+        assert "stone" in words

@@ -460,3 +460,16 @@ def test_a_hand_that_enters_the_moving_part_is_refused_at_the_stage_at_which_it_
     (failed,) = refused.value.stages
     assert failed.stage is stage
     assert float(re.search(r"([\d.]+) mm", failed.message)[1]) == pytest.approx(10.0, abs=1.0)
+
+
+def test_at_a_time_every_part_on_the_belt_is_ahead_by_its_travel_and_nothing_else_is() -> None:
+    belt, task = cell()[2].conveyor, PickTask(cell()[2].picks[0], setup().cell)
+    there = conveyor._at_time(task, belt, 3.5)
+    by = 3.5 * 0.2 * np.array([0.0, 1.0, 0.0])
+    assert set(task.scene) > set(belt.parts)
+    for name in task.scene:
+        pose, moved = task.scene[name].pose, there.scene[name].pose
+        expected = pose.translation + (by if name in belt.parts else 0.0)
+        np.testing.assert_allclose(moved.translation, expected, atol=1e-12, err_msg=name)
+        np.testing.assert_array_equal(moved.rotation, pose.rotation)
+    np.testing.assert_allclose(there.pick.pose.translation, task.pick.pose.translation + by, atol=1e-12)

@@ -545,3 +545,23 @@ def test_the_face_of_a_cup_without_any_body_is_checked_on_the_approach(arm) -> N
     assert hand.prove(line_in(task, GraspCandidate(q, member, 0.0, 0.0)).path, q) is None
     through = plan_linear(task.at_grasp, q, task.target(pp.pose((0, 0, -0.02)) * task.grasp(member))).path
     assert hand.prove(through, q) is not None
+
+
+def test_a_hand_beside_a_wall_is_proven_on_exact_meshes_if_the_grasp_is_not_known(oracle, arm) -> None:
+    """The convex hull of a plate with a wall holds the cup that stands on the plate, which is free."""
+    mesh = upright(oracle)[1]
+    grasp = on_cup(oracle, oracle.shape_of(mesh, hull=True), mesh, 0.0, SuctionCup(radius=0.008))
+    part = pp.Obstacle("part", grasp.shape, oracle.GRASP * pp.pose((0, 0, oracle.TIP)).actInv(grasp.tcp_from_part))
+    pick = pp.Pick("part", oracle.GRASP, carried="part", approach=0.05)
+    picks = pp.Picks((pick,), tip=pp.pose((0, 0, oracle.TIP)), margin=0.0005, **grasp.settings)
+    cell = pp.picks.PickSetup.make(arm, pp.Scene([part]), picks, home=oracle.HOME, rng=0).cell
+    task = PickTask(pick, cell)
+    member = task.nearest_group[0]
+    hand, q = task.passing(member), reach(task, [member], 0).q[0]
+    assert not hand._coarse.is_free(q)
+    tip_from_part = oracle.GRASP.actInv(part.pose)
+    empty = task.at_grasp.with_scene(pp.Scene())
+    for x, free in ((0.0, True), (0.03, False), (-0.03, True)):
+        offset = pp.pose((x * np.sign(tip_from_part.rotation[0, 0]), 0.0, -0.02))
+        line = plan_linear(empty, q, task.target(task.grasp(member) * offset)).path
+        assert (hand.prove(line, None) is None) is free, x

@@ -9,8 +9,20 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import pinproof as pp
+from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.model import load_robot
-from pinproof.picks.judging.grip import FLAT, SAGITTA, _hull, fingers_of
+from pinproof.picks.judging.grip import (
+    FLAT,
+    SAGITTA,
+    SAMPLED,
+    HeldPart,
+    MovingFinger,
+    _earlier_contact,
+    _hull,
+    fingers_of,
+    grip_by_fingers,
+)
+from pinproof.spatial import SE3
 
 FINGER = """
 <link name="{side}_knuckle"><collision><origin xyz="0 0 0.03"/><geometry><box size="0.01 0.012 0.06"/></geometry>
@@ -94,9 +106,6 @@ def test_the_closing_direction_is_that_of_the_end_of_the_motion(arm) -> None:
 
 def test_rotating_fingers_hold_a_part_between_their_pads(arm) -> None:
     """The pads are nearly parallel cylinders; a block as wide as they leave is held, others are not."""
-    from pinproof.collision.checking.line_surface import LineSurface
-    from pinproof.picks.judging.grip import HeldPart, grip_by_fingers
-
     closed = 0.25
     found = fingers_of(arm, None, {"left_joint": closed})
     left = bodies(arm, closed)["left_pad"]
@@ -118,3 +127,52 @@ def test_the_hull_of_a_flat_body_is_somewhat_thicker(offset, axis: int) -> None:
         assert thick == pytest.approx(wide + 2 * FLAT, abs=1e-9)
     solid = np.concatenate([points, points + 0.01])
     np.testing.assert_allclose(np.ptp(_hull(solid, 0.0).points, axis=0), np.ptp(solid, axis=0), atol=1e-12)
+
+
+def finger_of(shape: pp.Shape, closed: SE3, direction: np.ndarray, travel: float) -> MovingFinger:
+    """A body that translates along ``direction`` (3,) by ``travel`` (m) to its closed pose."""
+    start = SE3(closed.rotation, closed.translation - travel * direction)
+    surface = LineSurface.of_obstacle(pp.Obstacle("finger", shape))
+    return MovingFinger("finger", ((surface, SE3.Identity()),), (start, closed), direction)
+
+
+def test_fingers_that_close_along_an_oblique_approach_touch_the_part_over_the_common_rectangle() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        frame *= np.sign(np.linalg.det(frame))
+        along, at = frame[:, 2], rng.uniform(-0.1, 0.1, 3)
+        pads = [
+            finger_of(pp.Box(0.02, 0.04, 0.01), SE3(frame, at - side * 0.02 * along), side * along, 0.02)
+            for side in (1.0, -1.0)
+        ]
+        part = HeldPart(LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.03, 0.03, 0.03))), SE3(frame, at))
+        result = grip_by_fingers(pads, part, along, pp.picks.GripLimits())
+        assert result.held, result.message
+        for contact in result.contacts:
+            assert contact.contact_area == pytest.approx(0.02 * 0.03, rel=SAMPLED)
+            assert contact.gap == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_contact_before_that_of_the_lines_is_where_two_spheres_meet() -> None:
+    rng, met = np.random.default_rng(4), 0
+    for _ in range(40):
+        direction = rng.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        travel, (own, other) = rng.uniform(0.02, 0.08), rng.uniform(0.005, 0.02, 2)
+        at, middle = rng.uniform(-0.02, 0.02, (2, 3))
+        finger = finger_of(pp.Sphere(own), SE3(np.eye(3), at), direction, travel)
+        part = HeldPart(LineSurface.of_obstacle(pp.Obstacle("ball", pp.Sphere(other))), SE3(np.eye(3), middle))
+        # |at + s direction - middle| = own + other
+        half, rest = direction @ (at - middle), (at - middle) @ (at - middle) - (own + other) ** 2
+        root = half**2 - rest
+        touch = -half - np.sqrt(root) if root > 0 else np.inf
+        if touch < -travel + 1e-4 or abs(touch) < 1e-4 or abs(root) < 1e-5:
+            continue  # in contact at the start, or hardly at all
+        (surface, placed) = finger.surfaces[0]
+        found = _earlier_contact(np.inf, surface, finger.closed * placed, part, finger)
+        assert found == (pytest.approx(touch, abs=1e-4) if touch < 0 else np.inf)
+        if touch < 0:
+            met += 1
+            assert _earlier_contact(touch - 1e-3, surface, finger.closed * placed, part, finger) == np.inf
+    assert met > 5

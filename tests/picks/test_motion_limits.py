@@ -13,8 +13,10 @@ from pinproof import InputError
 from pinproof.description.catalogue import robots_folder
 from pinproof.errors import PicksError
 from pinproof.motion import ToolLimits
-from pinproof.picks import PickStatus, Stage
+from pinproof.picks import PickSetup, PickStatus, Stage
 from pinproof.picks.input.pick import PARTS, ToolSpeed
+from pinproof.picks.judging.grasp import reach, screen
+from pinproof.picks.judging.task import PickTask, at_rest
 
 FOLDER = robots_folder() / "ur5"
 ROW = "{name: bolt, xyz: [0.460, 0.150, 0.035], object: bolt_1, place: {frame: drop, xyz: [0, 0, 0], rpy: [pi, 0, 0]}}"
@@ -184,3 +186,27 @@ def test_picks_that_limit_torques_need_an_arm_with_limits(file):
     bare = arm.with_limits(dataclasses.replace(arm.limits, torque=None))
     with pytest.raises(InputError, match=r"limit torques.*max_effort"):
         pp.validate_picks(bare, pp.Scene.load(picks.scene), picks)
+
+
+def test_configurations_that_cannot_hold_the_object_at_rest_are_not_candidates(file):
+    picks = pp.read_picks(file(defaults="payload: {mass: 20, center_of_mass: [0.1, 0, 0]}, "))
+    arm, scene = picks.load_arm(), pp.Scene.load(picks.scene)
+    task = PickTask(picks.picks[0], PickSetup.make(arm, scene, picks, home=None, rng=0).cell)
+    group = task.nearest_group
+    reached = reach(task, group, 0)
+    centre = scene["bolt_1"].pose * np.array([0.1, 0, 0])
+
+    def too_heavy(q):
+        load = pp.Payload(20.0, (arm.root_from_base * arm.forward_kinematics(q)).inverse() * centre)
+        return bool((np.abs(arm.torques(q, payload=load)) > arm.limits.torque).any())
+
+    heavy = [too_heavy(q) for q in reached.q]
+    reasons = at_rest(task, [group[i] for i in reached.member], reached.q)
+    assert [bool(each) for each in reasons] == heavy
+    free = [task.at_grasp.is_free(q) for q in reached.q]
+    kept = {tuple(q) for q, good, bad in zip(reached.q, free, heavy, strict=True) if good and not bad}
+    excluded = sum(good and bad for good, bad in zip(free, heavy, strict=True))
+    assert 0 < excluded < sum(free)
+    screened = screen(task, group, reached)
+    assert {tuple(each.q) for each in screened.candidates} == kept
+    assert f"{excluded} of them excluded by torque limits" in screened.stages[1].message

@@ -13,7 +13,7 @@ from pinproof.description import robots_folder
 from pinproof.motion import JointPath
 from pinproof.picks.judging import place
 from pinproof.picks.judging.grasp import INSTANT, reach, screen
-from pinproof.picks.judging.judge import Scoring, _Completions
+from pinproof.picks.judging.judge import Scoring, _Completions, _judge
 from pinproof.picks.judging.lines import Crossing, ToolLine, along, full_rotations
 from pinproof.picks.judging.place import Placer, Placing, Scores, release_lines
 from pinproof.picks.judging.task import PickTask
@@ -126,3 +126,12 @@ def test_the_score_of_a_complete_motion_counts_every_part_of_it(task, side) -> N
         margins = np.minimum(every - limits.lower, limits.upper - every) / ((limits.upper - limits.lower) / 2)
         assert parts["limit_margin"] == pytest.approx(margins.min(), abs=1e-12)
     assert scores.parts(placing)["limit_margin"] == pytest.approx(0.2 / (2 * np.pi), rel=1e-6)
+
+
+def test_a_trial_for_the_place_is_good_if_a_release_is_possible(task) -> None:
+    cell = task.cell.for_trials(Stage.PLACE)
+    assert _judge(task.pick, cell, [1, 2, 3, 4]).ok
+    far = replace(task.pick.place, pose=pp.pose((1.2, 0.0, 0.035), (np.pi, 0.0, 0.0)), frame="")
+    verdict = _judge(replace(task.pick, place=far), cell, [1, 2, 3, 4])
+    assert verdict.failed is Stage.PLACE
+    assert verdict.reason.startswith("no IK solution at the release")

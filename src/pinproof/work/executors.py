@@ -103,7 +103,9 @@ class LocalExecutor(ProcessPoolExecutor):
         """End the process: after its pending calls if ``wait``, otherwise immediately."""
         if not wait:
             self._child_end.close()
-        super().shutdown(wait=wait, cancel_futures=cancel_futures)
+        # Without its end of the pipe the process ends at once, so that this does not wait long either. At the exit of
+        # the interpreter, Python would otherwise wake a thread of the pool that may be closing its pipe (CPython 3.11).
+        super().shutdown(wait=True, cancel_futures=cancel_futures)
         self._child_end.close()
 
 

@@ -548,7 +548,7 @@ def test_the_face_of_a_cup_without_any_body_is_checked_on_the_approach(arm) -> N
 
 
 def test_a_hand_beside_a_wall_is_proven_on_exact_meshes_if_the_grasp_is_not_known(oracle, arm) -> None:
-    """The convex hull of a plate with a wall holds the cup that stands on the plate, which is free."""
+    """The convex hull of a plate with a wall contains the cup on the plate, which is free."""
     mesh = upright(oracle)[1]
     grasp = on_cup(oracle, oracle.shape_of(mesh, hull=True), mesh, 0.0, SuctionCup(radius=0.008))
     part = pp.Obstacle("part", grasp.shape, oracle.GRASP * pp.pose((0, 0, oracle.TIP)).actInv(grasp.tcp_from_part))

@@ -175,7 +175,7 @@ def cached(
     try:
         temporary.write_bytes(content.getvalue())
         temporary.replace(path)
-        # the oldest entries make room for the new one
+        # the new entry replaces the oldest ones
         entries, total = [(entry.stat(), entry) for entry in place.glob("*.npz")], 0
         for status, entry in sorted(entries, key=lambda each: each[0].st_mtime_ns, reverse=True):
             total += status.st_size

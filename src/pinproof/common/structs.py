@@ -540,7 +540,7 @@ class Table:
             raise Misread(str(error), (f".{key}",), position(stated, key)) from error
 
     def values(self, name: str, stated: Any, path: Path, *, part: bool = False) -> dict[str, Any]:
-        """The values that a mapping states, by argument; ``part``: other keys of the mapping are not looked at.
+        """The values that a mapping states, by argument; ``part``: other keys of the mapping are ignored.
 
         The constructor of a struct checks them; others are checked here.
         """

@@ -188,7 +188,7 @@ def _collect(value: Any, place: str, sizes: list[int | None], depth: int, found:
 
 
 def optional_numbers(holder: Any, where: str, key: str, count: int, missing: float) -> Array:
-    """Return ``count`` numbers of a key, of which null stands for ``missing``."""
+    """Return ``count`` numbers of a key, of which null is read as ``missing``."""
     values = items(holder, where, key)
     known = [0.0 if value is None else value for value in values]
     return np.where([value is None for value in values], missing, numbers({key: known}, where, key, (count,)))

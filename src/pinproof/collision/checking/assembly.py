@@ -177,7 +177,7 @@ def overlap_levels(bodies: Sequence[Body], arm: JointGroup, rules: PairRules) ->
     robot, first = arm.robot, {body.owner: body for body in reversed(bodies)}
     trusted = {frozenset(pair.links) for pair in robot.srdf.disabled if rules.trust_disabled}
     levels = {}
-    # The first body of each owner stands for it, because rules are about owners.
+    # The first body of each owner represents it, because rules are about owners.
     for a, b in combinations(first, 2):
         claim, sampled = neighbours.claim(first[a], first[b])
         if (claim and not sampled) or frozenset((a, b)) in trusted:

@@ -315,7 +315,7 @@ class Overlaps:
         if coarse.mean() <= COARSE or not any(self._links.can_be_finer(link, SURFACES) for link in (a, b)):
             return self._confirmed(*requested, coarse, AS_REQUESTED)
         # Hulls contain the triangles, so only samples in which the hulls touch are in question. A mesh that is not
-        # watertight keeps its hull, which has an inside, unless the hull touches in every sample and tells nothing.
+        # watertight keeps its hull, which has an inside, unless the hull touches in every sample and shows nothing.
         level, finest = EXACT, self._on(EXACT, a, b)
         true = self._touching(*finest, where=coarse)
         if true.all() and any(body.is_hollow for link in (a, b) for body in self._links.on_level(link, SURFACES)):

@@ -27,7 +27,7 @@ from pinproof.spatial import Array
 CONTINUOUS = 50
 # A regular expression for the number of a position; with leading zeros one position would have several names.
 INDEX = r"([1-9]\d*)"
-# Stands for the number of the position of a move, until it is known.
+# Replaces the number of the position of a move until it is known.
 NEXT = "NEXT"
 
 

@@ -152,7 +152,7 @@ def export_picks(
         joint_map=joint_map,
         picks=executed,
     )
-    # What the text says is certified; a proven program states the hash of its proofs
+    # What the text states is certified; a proven program states the hash of its proofs
     written = write(steps)
     certificates, notes = certify_picks_program(setup, [pick for pick, _ in picks], written)
     if all(each.free for motions in certificates for each in motions):

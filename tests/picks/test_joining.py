@@ -13,7 +13,7 @@ from pinproof.description import robots_folder
 from pinproof.errors import InputError, PicksError
 from pinproof.motion import Bounds, MotionProgram
 from pinproof.picks import PickBudget, PickSetup, PickVerdict
-from pinproof.picks.judging.timing import GAIN, SPEEDS, JoinedMotion, LineEnd
+from pinproof.picks.judging.timing import GAIN, SPEEDS, LineEnd, join_lines
 
 
 @pytest.fixture(scope="module")
@@ -173,8 +173,7 @@ def test_a_motion_without_a_stop_must_be_shorter_than_the_one_with_stops_by_what
     least = np.where(far >= v**2 / a, far / v + v / a, 2.0 * np.sqrt(far / a)).max()  # of any motion from rest to rest
     for lines in ((before, after), (before, None), (None, after)):
         ends = Records()
-        motion = JoinedMotion(ends, bounds, *lines, stops, lambda: stopping, lambda *_: None)
-        assert motion.find() is None
+        assert join_lines(ends, bounds, lines, stops, lambda: stopping, lambda *_: None) is None
         expected = []
         for number in range(4):
             for use in ((True, True), (False, True), (True, False)) if None not in lines else ((True, True),):

@@ -15,8 +15,7 @@ from pinproof.picks.batch.reach_map import (
     reach_map,
     tool_orientations,
 )
-from pinproof.picks.batch.screen_picks import screen_picks
-from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of
+from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of, screen_picks
 from pinproof.picks.batch.validate import BeltSequence, pick_from_belt, validate_picks
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
 from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame

@@ -1,28 +1,46 @@
-"""Screening of many poses at the grasp alone: candidate configurations, in rounds, and the result.
+"""Screening of many poses and picks at the grasp alone, and the result.
 
-Later rounds process only the poses that are not solved yet.
+Candidate configurations are made in rounds; later rounds process only the poses that are not solved yet. Of a pick, the
+grasps of its family are screened group by group, in its named frame, and the hand may touch its object.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum, auto
-from typing import Protocol, TypeVar
+from functools import lru_cache, partial
+from itertools import groupby
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, Scene
+from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.files import csv_text, figure
 from pinproof.common.results import Rows, Saved, View
 from pinproof.common.validation import freeze_arrays, require_integer
-from pinproof.ik import AnalyticIk, Clik, IkBranchesBatch
+from pinproof.errors import InputError
+from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
-from pinproof.picks.judging.configurations import SWEEP, has_closed_form, manipulability, turned_inside, widened
+from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Pick, family
+from pinproof.picks.input.picks import PickProblem, Picks
+from pinproof.picks.input.sources import PickSource, as_source
+from pinproof.picks.judging.configurations import (
+    SWEEP,
+    TURN,
+    has_closed_form,
+    limit_margin,
+    manipulability,
+    turned_inside,
+    widened,
+)
+from pinproof.picks.judging.grasp import reach, screen
+from pinproof.picks.judging.setup import check_held_joints
+from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.picks.judging.verdict import Stage
-from pinproof.spatial import Array
+from pinproof.spatial import SE3, Array, matrix, rigid, rigid_many
 
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
@@ -63,8 +81,6 @@ reach takes an eighth of the time that it would take with the default of the sol
 GROUPS = 2, 4, 8
 """Numbers of values of the swept joint in the first rounds; the last round has the rest. Most poses need few."""
 
-TURN = 2 * np.pi
-
 
 class Wanted(Enum):
     """The poses that a round processes."""
@@ -91,114 +107,64 @@ class Proposed:
     complete: Mask
 
 
-class Proposals(Protocol):
-    """Configurations for poses of an arm.
+Round = tuple[Wanted, Callable[[Array], Proposed]]
+"""The poses that a round processes, and the configurations that it finds for targets (N, 4, 4), ``base_from_tcp``."""
 
-    ``complete``: the first round gives all configurations, except at singular targets (see :class:`Proposed`).
+
+def rounds_for(arm: Arm, home: Array, *, attempts: int, rng: int, why: bool) -> list[Round]:
+    """The rounds of candidates for an arm: all IK branches, a sweep for arms with seven joints, or a search.
+
+    With ``why``, there are additional rounds that only determine why no configuration was found.
     """
 
-    complete: bool = False
+    def branches(solver: AnalyticIk, values: Array | None = None) -> Callable[[Array], Proposed]:
+        def propose(targets: Array) -> Proposed:
+            found = solver.solve_all_batch(arm, targets, home, redundant_values=values)
+            row, column = np.nonzero(np.arange(found.q.shape[1]) < found.count[:, None])
+            return Proposed(row, found.q[row, column], found.outside > 0, found.complete)
 
-    def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
-        """The poses of each round, and its number.
+        return propose
 
-        With ``why``, there are additional rounds that only determine why no configuration was found.
-        """
+    def search(of: Arm, start: Array, seed: int) -> Callable[[Array], Proposed]:
+        span = Span(of)
 
-    def propose(self, number: int, targets: Array) -> Proposed:
-        """The configurations that a round finds for targets (N, 4, 4), ``base_from_tcp``."""
+        def propose(targets: Array) -> Proposed:
+            near = np.flatnonzero(span.may_reach(targets))
+            found = Clik(restarts=RESTARTS).solve_batch(of, targets[near], start, rng=seed)
+            q, none = np.ascontiguousarray(found.q[found.ok]), np.zeros((2, len(targets)), dtype=bool)
+            return Proposed(near[found.ok], q, *none)
 
+        return propose
 
-def proposals_for(arm: Arm, home: Array, *, attempts: int, rng: int) -> Proposals:
-    """All IK branches if there is a closed form, a sweep for arms with seven joints, otherwise a search."""
     if has_closed_form(arm):
-        return _Closed(arm, home)
-    return _Swept(arm, home, rng) if has_closed_form(arm, most=7) else _Searched(arm, home, attempts, rng)
-
-
-class _Closed(Proposals):
-    """All IK branches of all targets, in one round."""
-
-    complete = True
-
-    def __init__(self, arm: Arm, home: Array) -> None:
-        self._arm, self._home = arm, home
-
-    def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
-        del why
-        yield Wanted.OPEN, 0
-
-    def propose(self, number: int, targets: Array) -> Proposed:
-        del number
-        return _branches(AnalyticIk().solve_all_batch(self._arm, targets, self._home))
-
-
-class _Swept(Proposals):
-    """The branches of an arm with seven joints at fixed values of one joint, followed by a search.
-
-    The values are those at which a pick is judged. To find configurations outside the limits, the joint is swept over a
-    full rotation.
-    """
-
-    def __init__(self, arm: Arm, home: Array, rng: int) -> None:
-        self._arm, self._home, self._rng, self._span = arm, home, rng, Span(arm)
+        return [(Wanted.OPEN, branches(AnalyticIk()))]
+    if has_closed_form(arm, most=7):
+        # The values of the redundant joint at which a pick is judged. Sorting by the reversed binary digits of the
+        # index places neighbouring values far apart, so that few of them find most poses
         joint, values = SWEEP.redundant_grid(arm, home) or (0, home[:0])
-        # sorting by the reversed binary digits of the index places neighbouring values far apart
         spread = values[np.argsort([int(f"{k:010b}"[::-1], 2) for k in range(len(values))])]
-        self._groups = [group for group in np.split(spread, np.cumsum(GROUPS)) if len(group)]
+        rounds = [(Wanted.OPEN, branches(SWEEP, few)) for few in np.split(spread, np.cumsum(GROUPS)) if len(few)]
+        rounds.append((Wanted.UNREACHED, search(arm, home, rng)))
+        # Configurations outside the limits are found on the rest of a full rotation
         step = float(np.diff(values).max(initial=TURN))
-        self._beyond = np.arange(values[-1] + step, values[0] + TURN, step) if arm.angular[joint] else values[:0]
-        self._search = len(self._groups)
+        if why and arm.angular[joint] and len(rest := np.arange(values[-1] + step, values[0] + TURN, step)):
+            rounds.append((Wanted.UNREACHED, branches(SWEEP, rest)))
+        return rounds
 
-    def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
-        yield from ((Wanted.OPEN, k) for k in range(self._search))
-        yield Wanted.UNREACHED, self._search
-        if why and len(self._beyond):
-            yield Wanted.UNREACHED, self._search + 1
+    # A pose that the first search did not reach with all its restarts is unlikely to be reached from another start
+    others = np.random.default_rng(rng).uniform(*arm.limits.sampling_range(), (attempts - 1, arm.dof))
+    rounds = [(Wanted.OPEN, search(arm, home, rng))]
+    rounds += [(Wanted.REACHED, search(arm, start, rng + k)) for k, start in enumerate(others, 1)]
+    wider = search(widened(arm), home, rng)
 
-    def propose(self, number: int, targets: Array) -> Proposed:
-        if number == self._search:
-            return _searched(self._arm, targets, self._home, self._rng, self._span)
-        values = self._groups[number] if number < self._search else self._beyond
-        return _branches(SWEEP.solve_all_batch(self._arm, targets, self._home, redundant_values=values))
+    def without_limits(targets: Array) -> Proposed:
+        found = wider(targets)
+        q = turned_inside(arm, found.q)
+        inside = arm.limits.inside(q)
+        found.outside[found.row[~inside]] = True
+        return replace(found, row=found.row[inside], q=np.ascontiguousarray(q[inside]))
 
-
-class _Searched(Proposals):
-    """The results of a search from several start configurations."""
-
-    def __init__(self, arm: Arm, home: Array, attempts: int, rng: int) -> None:
-        low, high = arm.limits.sampling_range()
-        others = np.random.default_rng(rng).uniform(low, high, (attempts - 1, arm.dof))
-        self._arm, self._wide, self._rng = arm, widened(arm), rng
-        self._starts, self._span = np.vstack([home, others]), Span(arm)
-
-    def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
-        yield Wanted.OPEN, 0
-        # a pose that the first search did not reach with all its restarts is unlikely to be reached from another start
-        yield from ((Wanted.REACHED, k) for k in range(1, len(self._starts)))
-        if why:
-            yield Wanted.UNREACHED, len(self._starts)
-
-    def propose(self, number: int, targets: Array) -> Proposed:
-        if number < len(self._starts):
-            return _searched(self._arm, targets, self._starts[number], self._rng + number, self._span)
-        wide = _searched(self._wide, targets, self._starts[0], self._rng, Span(self._wide))
-        q, outside = turned_inside(self._arm, wide.q), wide.outside
-        inside = self._arm.limits.inside(q)
-        outside[wide.row[~inside]] = True
-        return Proposed(wide.row[inside], np.ascontiguousarray(q[inside]), outside, np.zeros(len(targets), dtype=bool))
-
-
-def _branches(found: IkBranchesBatch) -> Proposed:
-    row, column = np.nonzero(np.arange(found.q.shape[1]) < found.count[:, None])
-    return Proposed(row, found.q[row, column], found.outside > 0, found.complete)
-
-
-def _searched(arm: Arm, targets: Array, start: Array, rng: int, span: Span) -> Proposed:
-    near = np.flatnonzero(span.may_reach(targets))
-    found = Clik(restarts=RESTARTS).solve_batch(arm, targets[near], start, rng=rng)
-    none = np.zeros(len(targets), dtype=bool)
-    return Proposed(near[found.ok], np.ascontiguousarray(found.q[found.ok]), none, none.copy())
+    return rounds + ([(Wanted.UNREACHED, without_limits)] if why else [])
 
 
 CHUNK = 4096
@@ -316,7 +282,8 @@ class Screening:
         self._checker, self._arm = checker, checker.arm
         self._why, self._clearance = why, clearance
         self._known = True
-        self._proposals = proposals_for(checker.arm, home, attempts=attempts, rng=rng)
+        self._closed_form = has_closed_form(checker.arm)
+        self._rounds = rounds_for(checker.arm, home, attempts=attempts, rng=rng, why=why)
         self._own = checker.with_scene(Scene()) if why and checker.scene else checker
 
     @property
@@ -325,7 +292,7 @@ class Screening:
 
         Becomes False at the first pose for which this does not hold: a singular pose with infinitely many solutions.
         """
-        return self._proposals.complete and self._known
+        return self._closed_form and self._known
 
     def screen(self, targets: Array) -> ScreenedPoses:
         """Screen targets (N, 4, 4), ``base_from_tcp``.
@@ -336,14 +303,14 @@ class Screening:
         q, volume = np.full((count, self._arm.dof), np.nan), np.full(count, np.nan)
         reached, free, own, outside, known = np.zeros((5, count), dtype=bool)
         # Rounds of candidates for the poses that are still open
-        for wanted, number in self._proposals.rounds(why=self._why):
+        for wanted, propose in self._rounds:
             left = ~free
             if wanted is not Wanted.OPEN:
                 left &= reached if wanted is Wanted.REACHED else ~reached
             rows = np.flatnonzero(left)
             if not len(rows):
                 continue
-            found = self._proposals.propose(number, targets if len(rows) == count else targets[rows])
+            found = propose(targets if len(rows) == count else targets[rows])
             outside[rows] |= found.outside
             known[rows] |= found.complete
             if len(found.q):
@@ -366,10 +333,15 @@ class Screening:
 
         The configurations of a pose are checked in order of decreasing manipulability until one is free.
         """
-        # In order of decreasing manipulability, pose by pose
+        # In order of decreasing manipulability, pose by pose: the rows of a matrix, padded with the largest key, are
+        # sorted, which takes a tenth of the time of np.lexsort
         volumes = manipulability(self._arm, q)
         starts = np.flatnonzero(np.diff(row, prepend=-1))
-        order = _decreasing(starts, volumes)
+        counts = np.diff(starts, append=len(row))
+        keys = np.full((len(starts), counts.max()), np.inf)
+        inside = np.arange(keys.shape[1]) < counts[:, None]
+        keys[inside] = -volumes
+        order = (starts[:, None] + np.argsort(keys, axis=1, kind="stable"))[inside]
         q, volumes = q[order], volumes[order]
         poses, new = row[starts], ~reached[row[starts]]
         kept[poses[new]], reached[poses] = q[starts[new]], True
@@ -381,19 +353,6 @@ class Screening:
         if self._why and self._own is not self._checker:
             of_itself = _first(starts, len(row), lambda at: self._own.is_free_batch(q[at]), ~good & ~own[poses])
             own[poses[of_itself >= 0]] = True
-
-
-def _decreasing(starts: Indices, values: Array) -> Indices:
-    """(k,) the order of decreasing values (k,) in each group; the groups begin at ``starts`` (g,).
-
-    The rows of a matrix, padded with the largest key, are sorted, which takes a tenth of the time of np.lexsort.
-    """
-    counts = np.diff(starts, append=len(values))
-    keys = np.full((len(starts), counts.max()), np.inf)
-    inside = np.arange(keys.shape[1]) < counts[:, None]
-    keys[inside] = -values
-    order = np.argsort(keys, axis=1, kind="stable")
-    return np.asarray((starts[:, None] + order)[inside])
 
 
 def _first(starts: Indices, total: int, passes: Callable[[Indices], Mask], asked: Mask | None = None) -> Indices:
@@ -511,3 +470,252 @@ class ScreenResult(Saved):
             for name, code, member, row in zip(*columns, strict=True)
         )
         return csv_text(("name", "status", "grasp", *FIGURES, *self.joint_names), rows)
+
+
+CONTACT, FREE = code_of(ScreenStatus.CONTACT), code_of(ScreenStatus.FREE)
+
+
+@dataclass(frozen=True, eq=False)
+class ScreenedPicks:
+    """The screening results of some picks: their names, and the result and family index of the best grasp of each."""
+
+    names: tuple[str, ...]
+    screened: ScreenedPoses
+    member: Indices
+
+    @classmethod
+    def joined(cls, parts: Sequence[ScreenedPicks], dof: int) -> ScreenedPicks:
+        """The concatenation of any number of parts."""
+        some = [cls((), ScreenedPoses.nothing(0, dof), np.empty(0, dtype=np.int64)), *parts]
+        return cls(
+            tuple(name for part in some for name in part.names),
+            ScreenedPoses.joined([part.screened for part in some]),
+            np.concatenate([part.member for part in some]),
+        )
+
+
+@dataclass(eq=False)
+class _Open:
+    """A pick with the grasps that are not screened yet, in groups, and the object that the hand may touch."""
+
+    index: int
+    pose: Array
+    groups: list[Array]
+    object: str | None
+    done: int = 0
+
+
+class GraspScreening:
+    """Screens picks of a cell; safe to use from several threads. The arguments are those of :func:`screen_picks`."""
+
+    def __init__(self, cell: PickCell, *, attempts: int, rng: int, clearance: bool) -> None:
+        def screening(checker: CollisionChecker) -> Screening:
+            return Screening(checker, cell.home, attempts=attempts, rng=rng, clearance=clearance)
+
+        self._cell, self._make, self._screening = cell, screening, screening(cell.checker)
+        self._hand = [each for each in cell.hand if each in cell.checker.obstacles_and_links]
+        self._before = np.linalg.inv(matrix(cell.arm.root_from_base))
+        self._after = np.linalg.inv(matrix(cell.shared.tip))
+
+    @property
+    def complete(self) -> bool:
+        """Whether all configurations of each grasp are checked."""
+        return self._screening.complete
+
+    def poses(self, poses: Array) -> ScreenedPoses:
+        """Screen poses ``root_from_tip`` (N, 4, 4)."""
+        return self._screening.screen(self._targets(poses))
+
+    def picks(self, part: Iterable[Pick | PickProblem]) -> ScreenedPicks:
+        """Screen picks; the grasps of a family are checked group by group until one is free."""
+        items = list(part)
+        best, member = ScreenedPoses.nothing(len(items), self._cell.arm.dof), np.zeros(len(items), dtype=np.int64)
+        left = list(self._readable(items))
+        while left:
+            # The next group of grasps of every pick that is still open, in one call
+            sizes = np.array([len(each.groups[0]) for each in left])
+            owner, starts = np.repeat(np.arange(len(left)), sizes), np.cumsum(sizes) - sizes
+            poses = np.concatenate([each.pose @ each.groups[0] for each in left])
+            screened = self._screen_poses(poses, [each.object for each in left], owner)
+            # The best grasp of each pick replaces that of earlier groups if its status is better
+            order = np.lexsort((-np.nan_to_num(screened.manipulability), -screened.codes, owner))
+            top, index = order[starts], np.array([each.index for each in left])
+            better = screened.codes[top] > best.codes[index]
+            done = np.array([each.done for each in left])
+            member[index[better]] = (done + top - starts)[better]
+            best.put(index[better], screened, top[better])
+            for each in left:
+                each.done += len(each.groups.pop(0))
+            left = [each for each in left if best.codes[each.index] != FREE and each.groups]
+        return ScreenedPicks(tuple(item.name for item in items), best, member)
+
+    def _targets(self, poses: Array) -> Array:
+        return np.ascontiguousarray(self._before @ poses @ self._after)
+
+    def _readable(self, items: Sequence[Pick | PickProblem]) -> Iterator[_Open]:
+        for index, item in enumerate(items):
+            if isinstance(item, PickProblem):
+                continue
+            pick, taken = item, None
+            if item.frame or item.carried is not None:
+                try:
+                    task = PickTask(item, self._cell)
+                except InputError:
+                    continue
+                pick, taken = task.pick, task.name if task.from_scene and self._hand else None
+            # without a spin the axis does not matter, and a fixed one finds the grasps in the cache
+            axis = pick.approach_direction if pick.spin.angles == (0.0,) else tuple(pick.axis_in(pick.pose).tolist())
+            yield _Open(index, matrix(pick.pose), list(_groups(pick.spin, pick.tolerance, axis)), taken)
+
+    def _screen_poses(self, poses: Array, objects: Sequence[str | None], owner: Indices) -> ScreenedPoses:
+        """Screen poses of the picks ``owner`` (N,), where the hand may touch the object of its pick.
+
+        Contact with the object is first not allowed, which needs no additional checker: a pose that is free then is
+        also free with the contact allowed.
+        """
+        targets = self._targets(poses)
+        screened = self._screening.screen(targets)
+        again = [(objects[owner[k]], int(k)) for k in np.flatnonzero(screened.codes == CONTACT)]
+        with_object = sorted((name, k) for name, k in again if name is not None)
+        for name, group in groupby(with_object, key=lambda each: each[0]):
+            rows = np.array([k for _, k in group])
+            allowed = self._make(self._cell.checker.allowing(*((each, name) for each in self._hand)))
+            screened.put(rows, allowed.screen(targets[rows]), np.arange(len(rows)))
+        return screened
+
+
+@lru_cache(maxsize=64)
+def _groups(spin: GraspSpin, tolerance: GraspTolerance, axis: tuple[float, float, float]) -> tuple[Array, ...]:
+    """``nominal_from_tip`` (m, 4, 4) of each group; the first grasp, which is usually free, is a separate group."""
+    first, *rest = (
+        np.array([matrix(each.nominal_from_tip) for each in group]) for group in family(spin, tolerance, np.array(axis))
+    )
+    return tuple(group for group in (first[:1], first[1:], *rest) if len(group))
+
+
+def screen_picks(
+    arm: Arm,
+    scene: Scene,
+    picks: Picks | PickSource | npt.ArrayLike,
+    *,
+    tip: SE3 | npt.ArrayLike | None = None,
+    tool: Sequence[Obstacle] | None = None,
+    margin: float | None = None,
+    home: npt.ArrayLike | None = None,
+    clearance: bool = False,
+    attempts: int = 4,
+    rng: int = 0,
+    threads: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> ScreenResult:
+    """Determine which of many picks or poses are reachable within the limits and free of contact at the grasp.
+
+    This runs only the stages reach, limits, self-collision and grasp of :func:`pinproof.validate_picks`, with the same
+    checks, for tens of thousands of picks per second. A pick that is FREE here may still fail on its approach, retreat
+    or transit. If the result is ``complete``, a pick that is not FREE does not need a full validation.
+
+    Parameters
+    ----------
+    arm
+        The arm.
+    scene
+        The obstacles around the arm.
+    picks
+        Picks, or (N, 4, 4) poses ``root_from_tip``.
+    tip, tool, margin
+        ``tcp_from_tip``, the bodies attached to the tcp, and the smallest allowed distance (m) between any two bodies.
+        The defaults are those of the picks; for poses, the tip is the tcp, there is no tool, and the margin is 0.
+    home
+        (n,) the configuration near which 2 pi windings are chosen and from which searches start. The default is the
+        home of the picks if they define one, otherwise that of the arm.
+    clearance
+        Whether to also compute the clearance of free configurations, which about doubles the computation time.
+    attempts
+        Number of start configurations of the search, for arms without closed-form IK.
+    rng
+        Seed of the searches.
+    threads
+        Number of threads; it does not affect the result.
+    progress
+        Called with the number of finished picks and the total number.
+
+    Raises
+    ------
+    InputError
+        If a pose is not a rigid transform, a setting is invalid, or the values of joints outside the arm differ from
+        those that the picks require.
+    """
+    require_integer("threads", threads, 1)
+    # The picks, with settings that the arguments override
+    source = as_source(picks) if isinstance(picks, (Picks, PickSource)) else _Poses(rigid_many("poses", picks))
+    named = source.shared
+    named.refuse_conveyor("screening")
+    shared = replace(
+        named,
+        tip=named.tip if tip is None else rigid("tip", tip),
+        tool=named.tool if tool is None else tuple(tool),
+        margin=named.margin if margin is None else margin,
+    )
+    # The cell, as for the complete judgement
+    check_held_joints(arm, shared)
+    home_q = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
+    checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
+    cell = PickCell(checker, shared, arm.limits.snap(arm.configuration(home_q, "home")))
+    screening = GraspScreening(cell, attempts=attempts, rng=rng, clearance=clearance)
+    total = len(source)
+
+    def share(start: int, stop: int) -> ScreenedPicks:
+        if isinstance(source, _Poses):
+            return ScreenedPicks((), screening.poses(source.poses[start:stop]), np.zeros(stop - start, dtype=np.int64))
+        return screening.picks(source.part(start, stop))
+
+    # All picks in chunks, and figures of those that are free
+    found = ScreenedPicks.joined(in_chunks(share, total, threads, progress), arm.dof)
+    screened, free = found.screened, found.screened.codes == FREE
+    margins = np.full(len(free), np.nan)
+    margins[free] = limit_margin(arm, screened.q[free])
+    return ScreenResult(
+        source.names if isinstance(source, _Poses) else found.names,
+        arm.joint_names,
+        screened.codes,
+        screened.q,
+        found.member,
+        margins,
+        screened.manipulability,
+        screened.clearance,
+        screening.complete,
+        partial(_reason, cell, source, rng),
+    )
+
+
+class _Poses(PickSource):
+    """Poses as picks without approach and retreat."""
+
+    def __init__(self, poses: Array) -> None:
+        self.poses, self.shared, self.with_object = poses, Picks(()), frozenset([False])
+        self.names = tuple(f"pose_{number}" for number in range(len(poses)))
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def part(self, start: int, stop: int) -> list[Pick]:
+        numbers = range(start, min(stop, len(self)))
+        return [Pick(self.names[number], rigid("pose", self.poses[number]), 0.0, 0.0) for number in numbers]
+
+    def digest(self) -> str:
+        raise NotImplementedError
+
+
+def _reason(cell: PickCell, source: PickSource, rng: int, index: int) -> str:
+    """Judge a single pick again, to obtain the message of the stage that it fails."""
+    (item,) = source.part(index, index + 1)
+    if isinstance(item, PickProblem):
+        return item.reason
+    try:
+        task = PickTask(item, cell)
+    except InputError as error:
+        return str(error)
+    members = task.nearest_group
+    reached = reach(task, members, rng)
+    stages = (*reached.stages, *(screen(task, members, reached).stages if len(reached.q) else ()))
+    return next((stage.message for stage in stages if not stage.ok), "")

@@ -24,13 +24,10 @@ from pinproof.motion import (
     JointPath,
     MotionProgram,
     RateConstraint,
-    State,
     Trajectory,
     least_times,
     rest,
-    seconds,
     time_parametrise,
-    whole_nanoseconds,
 )
 from pinproof.picks.input.pick import PARTS, Member
 from pinproof.picks.judging.grasp import judge_grip
@@ -112,59 +109,51 @@ Chosen = tuple[Trajectory | None, Trajectory | None]
 """The line before a motion and the line after it, with a moving end; None for a stop, or if there is no line."""
 
 
-@dataclass(frozen=True, eq=False)
-class JoinedMotion:
-    """A transit or a transfer between two lines, which it joins without stops if possible.
+def join_lines(
+    ends: MovingEnds,
+    bounds: Bounds,
+    lines: tuple[LineEnd | None, LineEnd | None],
+    stops: Array,
+    stopping: Callable[[], Trajectory],
+    prove: Callable[[Trajectory, Chosen], Certificate],
+) -> tuple[Trajectory, Chosen, Certificate] | None:
+    """A transit or a transfer that joins the lines before and after it without stops; None if the arm has to stop.
 
-    A line ``before`` or ``after`` is None where the arm rests. ``stops`` (2, n) are the configurations at which it
-    rests otherwise, ``stopping`` computes the motion between them, and ``prove`` gives the certificate of a motion
-    between two chosen lines.
+    A line is None where the arm rests. ``stops`` (2, n) are the configurations at which it rests otherwise,
+    ``stopping`` computes the motion between them, and ``prove`` gives the certificate of a motion between two chosen
+    lines, which are returned with it.
     """
 
-    ends: MovingEnds
-    bounds: Bounds
-    before: LineEnd | None
-    after: LineEnd | None
-    stops: Array
-    stopping: Callable[[], Trajectory]
-    prove: Callable[[Trajectory, Chosen], Certificate]
-
-    def find(self) -> tuple[Trajectory, Chosen, Certificate] | None:
-        """The motion, the lines that it joins, and the certificate; None if the arm has to stop at both ends."""
-        stopping: Trajectory | None = None
-        # The options of both lines, of which not all exist; -1 is a stop.
-        for first, last in [pair for n in range(len(SPEEDS) + 1) for pair in ((n, n), (-1, n), (n, -1))]:
-            before = None if self.before is None or first < 0 else self.before.option(first)
-            after = None if self.after is None or last < 0 else self.after.option(last)
-            if (before is not None, after is not None) != (first >= 0, last >= 0):
-                continue
-            start = rest(self.stops[0]) if before is None else _state(before, -1)
-            end = rest(self.stops[1]) if after is None else _state(after, 0)
-            saved = sum(
-                line.stopping.duration - moving.duration
-                for line, moving in ((self.before, before), (self.after, after))
-                if line is not None and moving is not None
-            )
-            if stopping is None:  # the fastest move is certainly an improvement if it is faster than any with stops
-                least = float(least_times(self.stops[1] - self.stops[0], self.bounds))
-                found = self._proven(self.ends.direct(start, end, least + saved - GAIN), (before, after))
-                if found is not None:
-                    return found
-                stopping = self.stopping()
-            longest = stopping.duration + saved - GAIN
-            found = self._proven(self.ends.changed(stopping, start, end, longest), (before, after))
-            if found is not None:
-                return found
-        return None
-
-    def _proven(self, motion: Trajectory | None, chosen: Chosen) -> tuple[Trajectory, Chosen, Certificate] | None:
-        certificate = None if motion is None else self.prove(motion, chosen)
+    def proven(motion: Trajectory | None, chosen: Chosen) -> tuple[Trajectory, Chosen, Certificate] | None:
+        certificate = None if motion is None else prove(motion, chosen)
         return None if motion is None or not certificate or not certificate.free else (motion, chosen, certificate)
 
-
-def _state(trajectory: Trajectory, index: int) -> State:
-    q, velocity = trajectory.q[index].tolist(), trajectory.velocities[index].tolist()
-    return q, velocity, [0.0] * len(q)
+    between: Trajectory | None = None
+    # The options of both lines, of which not all exist; -1 is a stop
+    for first, last in [pair for n in range(len(SPEEDS) + 1) for pair in ((n, n), (-1, n), (n, -1))]:
+        before = None if lines[0] is None or first < 0 else lines[0].option(first)
+        after = None if lines[1] is None or last < 0 else lines[1].option(last)
+        if (before is not None, after is not None) != (first >= 0, last >= 0):
+            continue
+        start, end = (
+            rest(stop) if line is None else (line.q[k].tolist(), line.velocities[k].tolist(), [0.0] * line.q.shape[1])
+            for line, stop, k in ((before, stops[0], -1), (after, stops[1], 0))
+        )
+        saved = sum(
+            line.stopping.duration - moving.duration
+            for line, moving in zip(lines, (before, after), strict=True)
+            if line is not None and moving is not None
+        )
+        if between is None:  # the fastest move is certainly an improvement if it is faster than any with stops
+            least = float(least_times(stops[1] - stops[0], bounds))
+            found = proven(ends.direct(start, end, least + saved - GAIN), (before, after))
+            if found is not None:
+                return found
+            between = stopping()
+        found = proven(ends.changed(between, start, end, between.duration + saved - GAIN), (before, after))
+        if found is not None:
+            return found
+    return None
 
 
 def backwards(trajectory: Trajectory) -> Trajectory:
@@ -213,11 +202,7 @@ class MotionPart:
     passing: OpenHand | None = None
     constraints: tuple[Upright, ...] = ()
     lines: tuple[str, ...] = ()
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """The name of the stage of each curve, whose limits of speed apply."""
-        return self.lines or (self.name,) * len(self.curves)
+    """The name of the stage of each curve, whose limits of speed apply; by default that of the part."""
 
 
 def time_motion(
@@ -234,7 +219,7 @@ def time_motion(
             if motion is None:
                 return StageResult(Stage.TIMING, False, f"{part.name}: {why}"), None
             motions.append(motion)
-        # The times of the grasp and of the release
+        # The arm is at the grasp after these motions, and at the release after those
         if task.name is None:
             until_grasp = timing.trajectories(0)[: 1 + (attempt.approach is not None)]
         else:
@@ -254,14 +239,9 @@ def time_motion(
         torque = f"{peak.torque:.3g} {peak.unit} of {peak.joint}, {100 * share:.0f} % of its limit"
         message += f"; largest torque {torque}, in {name}"
         figures["torque_share"] = share
-    release_time = None if placing is None else _joined_duration(until_release)
-    timed = TimedPart(tuple(motions), joined, _joined_duration(until_grasp), release_time)
+    release_time = None if placing is None else Trajectory.join(*until_release).duration
+    timed = TimedPart(tuple(motions), joined, Trajectory.join(*until_grasp).duration, release_time)
     return StageResult(Stage.TIMING, True, message, figures), timed
-
-
-def _joined_duration(parts: list[Trajectory]) -> float:
-    """The duration (s) of trajectories that are joined, whose times are whole nanoseconds."""
-    return float(seconds(np.sum([whole_nanoseconds(np.array(part.duration)) for part in parts])))
 
 
 def time_part(task: PickTask, part: MotionPart, attempt: Attempt) -> tuple[PickMotion | None, str]:
@@ -299,7 +279,7 @@ class _PartsTiming:
         self._curves = [
             _StageCurve(number, stage, curve, rate_limits(task, member, stage, part.checker))
             for number, part in enumerate(parts)
-            for stage, curve in zip(part.stages, part.curves, strict=True)
+            for stage, curve in zip(part.lines or (part.name,) * len(part.curves), part.curves, strict=True)
         ]
         self._proven: dict[int, Certificate] = {}
 
@@ -326,32 +306,14 @@ class _PartsTiming:
         for k, curve in enumerate(self._curves):
             if isinstance(curve.curve, CubicPath):
                 continue
-            before, after = self._line(k - 1, k), self._line(k, k + 1)
-            if before is None and after is None:
+            lines = self._line(k - 1, k), self._line(k, k + 1)
+            if lines == (None, None):
                 continue
-            part = self.parts[curve.part]
-
-            def prove(
-                trajectory: Trajectory,
-                chosen: Chosen,
-                joined: _StageCurve = curve,
-                lines: tuple[LineEnd | None, LineEnd | None] = (before, after),
-                part: MotionPart = part,
-            ) -> Certificate:
-                """The certificate of the part with the chosen motions on its lines."""
-                pairs = zip(lines, chosen, strict=True)
-                moving = {id(line.path): motion for line, motion in pairs if line and motion}
-                own = (other for other in self._curves if other.part == joined.part)
-                timed = [
-                    trajectory if other is joined else moving.get(id(other.curve)) or self._timed(other)
-                    for other in own
-                ]
-                return prove_part(part, Trajectory.join(*timed))
-
-            bounds = Bounds.of(arm.limits, arm.joint_names)
+            part, bounds = self.parts[curve.part], Bounds.of(arm.limits, arm.joint_names)
             stops = np.array([curve.curve.start, curve.curve.end])
             ends = MovingEnds(part.checker, bounds, stops, curve.rates, part.constraints)
-            found = JoinedMotion(ends, bounds, before, after, stops, partial(self._timed, curve), prove).find()
+            prove = partial(self._prove, curve, lines)
+            found = join_lines(ends, bounds, lines, stops, partial(self._timed, curve), prove)
             if found is None:
                 continue
             curve.timed, chosen, self._proven[curve.part] = found
@@ -359,27 +321,42 @@ class _PartsTiming:
                 if moving is not None:
                     self._curves[near].timed = moving
 
+    def _prove(
+        self,
+        joined: _StageCurve,
+        lines: tuple[LineEnd | None, LineEnd | None],
+        trajectory: Trajectory,
+        chosen: Chosen,
+    ) -> Certificate:
+        """The certificate of the part of a curve with another trajectory, and the chosen motions on its lines."""
+        moving = {id(line.path): motion for line, motion in zip(lines, chosen, strict=True) if line and motion}
+        timed = [
+            trajectory if curve is joined else moving.get(id(curve.curve)) or self._timed(curve)
+            for curve in self._curves
+            if curve.part == joined.part
+        ]
+        return prove_part(self.parts[joined.part], Trajectory.join(*timed))
+
     def _line(self, first: int, second: int) -> LineEnd | None:
         """The line of two successive curves, if the arm need not stop between them."""
         if first < 0 or second >= len(self._curves):
             return None
         one, other = self._curves[first], self._curves[second]
-        if (one.stage, other.stage) not in PASSED:
-            return None
         line, arrives = (other, True) if isinstance(other.curve, CubicPath) else (one, False)
-        if not isinstance(line.curve, CubicPath):
+        if (one.stage, other.stage) not in PASSED or not isinstance(line.curve, CubicPath):
             return None
-        # A stated speed of the stage holds on the complete line.
+        # A stated speed of the stage holds on the complete line
         straight = 1.0 if line.stage in self._task.pick.speed else self._task.cell.shared.straight
         return LineEnd(self._task.arm, line.curve, self._timed(line), arrives, straight, line.rates)
 
-    def _timed(self, each: _StageCurve) -> Trajectory:
-        if each.timed is None:
+    def _timed(self, curve: _StageCurve) -> Trajectory:
+        if curve.timed is None:
+            part = self.parts[curve.part]
             try:
-                each.timed, each.certificate = timed_curve(self._task, self.parts[each.part], each.curve, each.rates)
+                curve.timed, curve.certificate = timed_curve(self._task, part, curve.curve, curve.rates)
             except TimingError as error:
-                raise TimingError(f"{self.parts[each.part].name}: {error}") from error
-        return each.timed
+                raise TimingError(f"{part.name}: {error}") from error
+        return curve.timed
 
 
 def timed_curve(

@@ -59,9 +59,10 @@ def test_the_bound_leaves_the_winner_as_it_is(robot: str, file: str, name: str |
     # What came out is never above what was said before: each whole pick was bounded from its configuration on.
     scores = {each.key[1]: each.parts["score"] for each in complete.motions}
     assert all(score <= complete._scoring.bounds[index] + 1e-12 for index, score in scores.items())
-    assert (complete.excluded, complete.untried) == (0, 0)
-    assert quick.untried == 0
-    assert quick.made + quick.excluded >= min(complete.made, 2)
+    assert complete.left(complete.best) == (0, 0)
+    excluded, untried = quick.left(quick.best)
+    assert untried == 0
+    assert quick.made + excluded >= min(complete.made, 2)
 
 
 def test_the_verdict_reports_the_numbers_of_judged_and_excluded_candidates() -> None:

@@ -5,7 +5,7 @@ files), ``judging`` (one pick, from reach to the timed and certified motion), ``
 ``batch`` (lists, campaigns, screening, reach maps).
 """
 
-from pinproof.picks.batch.campaign import Campaign, CampaignResult
+from pinproof.picks.batch.campaign import BeltSequence, Campaign, CampaignResult, pick_from_belt, validate_picks
 from pinproof.picks.batch.reach_map import (
     ReachComparison,
     ReachMap,
@@ -16,7 +16,6 @@ from pinproof.picks.batch.reach_map import (
     tool_orientations,
 )
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of, screen_picks
-from pinproof.picks.batch.validate import BeltSequence, pick_from_belt, validate_picks
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
 from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup

@@ -29,13 +29,13 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from pinproof.errors import InputError
-from pinproof.motion import JointPath, least_times
+from pinproof.motion import CubicPath, JointPath, least_times
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.judging.configurations import (
     REDUNDANT,
@@ -57,7 +57,7 @@ from pinproof.picks.judging.grasp import (
     screen,
 )
 from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, transit
-from pinproof.picks.judging.place import Placer, Placing, Release, Scores
+from pinproof.picks.judging.place import Placer, Placing, Scores
 from pinproof.picks.judging.refute import reasons_against_every_branch, reasons_at_release, reasons_by_contact
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickCell, PickTask
@@ -140,14 +140,13 @@ class CompleteMotion:
     key: Key
 
 
-@dataclass(order=True)
-class _OpenAttempt:
-    """An attempt that can be extended to a complete motion, at full rotations ``shift`` (n,)."""
+class _OpenAttempt(NamedTuple):
+    """An attempt that can be extended to a complete motion, at full rotations ``shift`` (n,); keys are unique."""
 
     key: Key
-    attempt: Attempt = field(compare=False)
-    shift: Array = field(compare=False)
-    crossing: Crossing | None = field(default=None, compare=False)
+    attempt: Attempt
+    shift: Array
+    crossing: Crossing | None = None
 
 
 class BestFirst:
@@ -176,30 +175,21 @@ class BestFirst:
         self.failed: list[tuple[StageResult, ...]] = []
         """The stages of attempts whose lines are possible but which cannot be completed."""
 
-    # -- results ------------------------------------------------------------------------------------------------------
-
     @property
     def best(self) -> CompleteMotion | None:
         """The best complete motion."""
         return min(self.motions, key=lambda motion: motion.key, default=None)
 
-    @property
-    def excluded(self) -> int:
-        """Number of configurations and full rotations whose bound does not exceed the best score."""
-        best = self.best
-        if best is None:
-            return 0
-        bounds = self._scoring.bounds
-        left = sum((-float(bounds[i]), i, 0) > best.key for i in self._order[self._next :])
-        return left + sum(each.key > best.key and each.key[1] not in self._stuck for each in self._open)
+    def left(self, best: CompleteMotion) -> tuple[int, int]:
+        """Numbers of configurations and full rotations that were not completed.
 
-    @property
-    def untried(self) -> int:
-        """Number of candidates that could be better but were not tried within the budget."""
-        left = len(self._order) - self._next
-        return left + sum(each.key[1] not in self._stuck for each in self._open) - self.excluded
-
-    # -- the search ---------------------------------------------------------------------------------------------------
+        They are those whose bound does not exceed the best score, and those that could be better but were not tried
+        within the budget.
+        """
+        keys = [(-float(self._scoring.bounds[index]), index, 0) for index in self._order[self._next :]]
+        keys += [each.key for each in self._open if each.key[1] not in self._stuck]
+        excluded = sum(key > best.key for key in keys)
+        return excluded, len(keys) - excluded
 
     def run(self) -> CompleteMotion | None:
         """The best complete motion; None if none was found within the budget."""
@@ -214,10 +204,23 @@ class BestFirst:
             key, best = min(keys, default=None), self.best
             if key is None or (self._bounded and best is not None and key > best.key):
                 break
-            if self._open and key == self._open[0].key:
-                self._extend(heapq.heappop(self._open))
-            else:
+            if not self._open or key != self._open[0].key:
                 self._lines()
+                continue
+            # The transit of the open attempt or, after it, the place
+            here = heapq.heappop(self._open)
+            crossing = here.crossing
+            if crossing is None:
+                moved = replace(here.attempt, shift=here.shift)
+                crossing = transit(self._task, [moved], self._budget.quick_nodes, self._seeds)
+            if crossing.attempt is None:
+                self._stop(key, (*here.attempt.stages, crossing.result))
+            elif here.crossing is not None or self._task.place is None:
+                self._place(key, crossing)
+            else:
+                scores = _Completions(self._scoring, crossing.attempt, crossing)
+                score = float(scores.bound(np.inf, self._rest(crossing.attempt)))
+                heapq.heappush(self._open, here._replace(key=(-score, *key[1:]), crossing=crossing))
         return self.best
 
     def may_place(self) -> bool:
@@ -265,22 +268,6 @@ class BestFirst:
         for k, (score, shift) in enumerate(zip(bounds.tolist(), shifts, strict=True)):
             heapq.heappush(self._open, _OpenAttempt((-score, index, k), attempt, shift))
 
-    def _extend(self, here: _OpenAttempt) -> None:
-        """Plan the transit of an attempt or, after it, the place."""
-        if here.crossing is not None:
-            self._place(here.key, here.crossing)
-            return
-        moved = replace(here.attempt, shift=here.shift)
-        crossing = transit(self._task, [moved], self._budget.quick_nodes, self._seeds)
-        if crossing.attempt is None:
-            self._stop(here.key, (*here.attempt.stages, crossing.result))
-        elif self._task.place is None:
-            self._place(here.key, crossing)
-        else:
-            scores = _Completions(self._scoring, crossing.attempt, crossing)
-            score = scores.before_place(self._rest(crossing.attempt))
-            heapq.heappush(self._open, _OpenAttempt((-score, *here.key[1:]), here.attempt, here.shift, crossing))
-
     def _rest(self, attempt: Attempt) -> float:
         """Lower bound (s) of the time after the retreat."""
         return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
@@ -319,20 +306,10 @@ class _Completions(Scores):
         self._low, self._high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
         self._margin = limit_margin(self._arm, self._low, self._high)
 
-    def before_place(self, rest: float) -> float:
-        """The upper bound with any place; ``rest`` (s) is a lower bound of the time after the retreat."""
-        return float(self._score(self._clearance, rest + self._seconds))
-
-    def score_bounds(self, clearances: Array, seconds: Array) -> Array:
-        return self._score(np.minimum(clearances, self._clearance), self._seconds + seconds)
-
-    def with_lines(self, release: Release, seconds: float) -> float:
-        points = control_points(self._arm.dof, release.lift, release.leave)
-        seconds += sum(at_full_speed(self._arm, each) for each in points)
-        return float(self._score(min(self._clearance, release.clearance), seconds + self._seconds))
-
-    def placed(self, placing: Placing) -> float:
-        return self.parts(placing)["score"]
+    def bound(self, clearance: Array | float, seconds: Array | float, *lines: CubicPath | None) -> Array:
+        seconds = seconds + sum(at_full_speed(self._arm, each) for each in control_points(self._arm.dof, *lines))
+        clearance, seconds = np.minimum(clearance, self._clearance), seconds + self._seconds
+        return self._scoring.parts(clearance, self._margin, self._manipulability, seconds)["score"]
 
     def parts(self, placing: Placing | None) -> dict[str, float]:
         """The parts of the score of the complete motion."""
@@ -347,18 +324,12 @@ class _Completions(Scores):
         parts = self._scoring.parts(clearance, margin, self._manipulability, seconds)
         return {name: float(part) for name, part in parts.items()}
 
-    def _score(self, clearance: Array | float, seconds: Array | float) -> Array:
-        return self._scoring.parts(clearance, self._margin, self._manipulability, seconds)["score"]
-
 
 # -- the stages -------------------------------------------------------------------------------------------------------
 
 
-class _GroupVerdict(NamedTuple):
-    """The verdict on a group of grasps, and the attempt that passed the most stages if a line failed."""
-
-    verdict: PickVerdict
-    attempt: Attempt | None = None
+Judged = tuple[PickVerdict, Attempt | None]
+"""The verdict on a group of grasps, and the attempt that passed the most stages if a line failed."""
 
 
 def judge(pick: Pick, cell: PickCell, rng: np.random.Generator) -> PickVerdict:
@@ -373,15 +344,15 @@ def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
     except InputError as error:
         return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
     # Group by group, in order of the distance from the nominal grasp
-    tried, members, judged = 0, 0, list[_GroupVerdict]()
+    tried, members, judged = 0, 0, list[Judged]()
     for group in task.groups():
         judged.append(_judge_group(task, group, seeds))
-        verdict = judged[-1].verdict
+        verdict, _ = judged[-1]
         tried, members = tried + verdict.configurations, members + len(group)
         if verdict.ok:
             return replace(verdict, pick=pick, configurations=tried)
     # No group is good: the verdict is that of the group that passed the most stages
-    verdict, attempt = max(judged, key=lambda found: len(found.verdict.stages))
+    verdict, attempt = max(judged, key=lambda found: len(found[0].stages))
     status, message = verdict.status, verdict.reason
     if task.sampled:  # of a range or a tolerance, the grasps between the samples are not refuted
         status, message = PickStatus.NOT_FOUND, f"{message}; {members} grasps were tried"
@@ -402,7 +373,7 @@ def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
     )
 
 
-def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> _GroupVerdict:
+def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> Judged:
     """The verdict on a group of grasps with equal displacement from the nominal grasp."""
     # Reach and limits
     reached = reach(task, group, seeds[0])
@@ -446,10 +417,10 @@ def _not_good(
     tried: int,
     refuted: tuple[str, ...] = (),
     attempt: Attempt | None = None,
-) -> _GroupVerdict:
+) -> Judged:
     """The verdict on a group without a motion: impossible if every configuration is refuted."""
     status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
-    return _GroupVerdict(PickVerdict(task.pick, status, stages, tried, refuted=refuted), attempt)
+    return PickVerdict(task.pick, status, stages, tried, refuted=refuted), attempt
 
 
 def _search(
@@ -459,7 +430,7 @@ def _search(
     stages: tuple[StageResult, ...],
     tried: int,
     seeds: list[int],
-) -> _GroupVerdict:
+) -> Judged:
     """The verdict on a group with collision-free configurations, by the best motion through one of them."""
     # For a suggestion about the place, it is sufficient that a release is possible
     search, trial = BestFirst(task, candidates, seeds[1:3]), task.cell.trial
@@ -473,10 +444,11 @@ def _search(
             search.reject(motion, (*motion.stages, result))
             continue
         # Good: the last stage states the number of candidates that it was compared to, planned or excluded by a bound
-        counts = {"complete": search.made, "excluded": search.excluded, "untried": search.untried}
-        compared = search.made + search.excluded
+        excluded, untried = search.left(motion)
+        counts = {"complete": search.made, "excluded": excluded, "untried": untried}
+        compared = search.made + excluded
         notes = [f"best of {compared} candidates"] if compared > 1 else []
-        notes += [f"{search.untried} more not tried within the budget"] if search.untried else []
+        notes += [f"{untried} more not tried within the budget"] if untried else []
         figures = {**result.figures, **{name: float(count) for name, count in counts.items()}}
         result = replace(result, message="; ".join([result.message, *notes]), figures=figures)
         member = motion.attempt.candidate.member
@@ -495,7 +467,7 @@ def _search(
             score=motion.parts,
             grip=None if task.name is None else task.grip(member),
         )
-        return _GroupVerdict(verdict)
+        return verdict, None
     # No motion is complete: the reason is that of the attempt that passed the most stages
     if search.failed:
         farthest = max(reversed(search.failed), key=len)

@@ -26,20 +26,18 @@ class Scores:
     Here all are equal, so that the first possible place is the best.
     """
 
-    def score_bounds(self, clearances: Array, seconds: Array) -> Array:
-        """(m,) upper bounds for releases whose lines are not planned.
+    def bound(self, clearance: Array | float, seconds: Array | float, *lines: CubicPath | None) -> Array:
+        """Upper bounds of the scores with the clearances (m) at or after the release.
 
-        ``clearances`` (m,) are those at the releases, ``seconds`` (m,) lower bounds of the time after the retreat.
+        ``seconds`` are lower bounds of the time after the retreat, without the ``lines`` to and from the release.
         """
-        return np.zeros_like(clearances + seconds)
+        del lines
+        return np.zeros_like(clearance + seconds)
 
-    def with_lines(self, release: Release, seconds: float) -> float:  # noqa: ARG002
-        """The upper bound for a release; ``seconds`` is a lower bound (s) of the transfer time."""
-        return 0.0
-
-    def placed(self, placing: Placing) -> float:  # noqa: ARG002
-        """The score with a placing."""
-        return 0.0
+    def parts(self, placing: Placing | None) -> dict[str, float]:
+        """The parts of the score with a placing, and their weighted sum as ``score``."""
+        del placing
+        return {"score": 0.0}
 
 
 SLACK, SLACK_SECONDS = 1e-8, 1e-6
@@ -136,15 +134,6 @@ class Placer:
             return _Ahead(before, least_seconds(arm, before, here), after)
         return _Ahead(here, none, after)
 
-    def _bounds(self, place: PlaceTarget, attempt: Attempt, tried: list[int], scores: Scores) -> list[float]:
-        """Upper bounds of the score through each of the releases, before their lines are planned."""
-        task, member = self._task, attempt.candidate.member
-        ahead = self._what_is_ahead(member, True)
-        there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
-        seconds = there.min(axis=0) + ahead.after - SLACK_SECONDS
-        clearances = self._clearances(member, place.retreat > 0) + SLACK
-        return scores.score_bounds(clearances[tried], np.maximum(seconds, 0.0)[tried]).tolist()
-
     @once_per_grasp
     def _clearances(self, member: Member, retreats: bool) -> Array:
         """(m,) the clearances of the empty hand at the releases, which count if it retreats; 0 if in contact."""
@@ -173,7 +162,11 @@ class Placer:
         nearest = np.argsort(least_seconds(task.arm, attempt.exit[None], many)[0], kind="stable")
         tried = nearest[: task.cell.budget.configurations].tolist()
         without_lines, without_transfer = dict[int, StageResult](), list[StageResult]()
-        bounds = self._bounds(task.place, attempt, tried, scores)
+        ahead = self._what_is_ahead(member, True)
+        there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
+        seconds = np.maximum(there.min(axis=0) + ahead.after - SLACK_SECONDS, 0.0)
+        clearances = self._clearances(member, task.place.retreat > 0) + SLACK
+        bounds = scores.bound(clearances[tried], seconds[tried]).tolist()
         queue: list[tuple[float, int, Release | None]] = [(-bound, order, None) for order, bound in enumerate(bounds)]
         heapq.heapify(queue)
         # The release with the highest bound is extended by one step: its lines, then the transfer
@@ -188,13 +181,14 @@ class Placer:
                     without_lines[order] = _failure(down)
                 else:
                     left = float(least_seconds(task.arm, attempt.exit[None], down.entrance[None])[0, 0])
-                    heapq.heappush(queue, (-scores.with_lines(down, left), order, down))
+                    bound = float(scores.bound(down.clearance, left, down.lift, down.leave))
+                    heapq.heappush(queue, (-bound, order, down))
                 continue
             result, placing = self.transfer(task.place, attempt, down, seeds)
             if placing is None:
                 without_transfer.append(result)
                 continue
-            score = scores.placed(placing)
+            score = scores.parts(placing)["score"]
             if best is None or score > best[0]:
                 best = score, result, placing
         if best is not None:

@@ -8,11 +8,12 @@ certificate matches exactly what is shown.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -76,32 +77,15 @@ CARD = """<section class="side card" id="card" aria-label="The chosen pick"{hidd
 <div id="caption" aria-live="polite"></div><div id="captions" hidden>{captions}</div></section>"""
 
 
-class Result(Protocol):
-    """What a page shows of a report or of the result of a campaign besides its rows."""
-
-    @property
-    def summary(self) -> str:
-        """One line on all rows."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the verdicts do not cover."""
-
-    @property
-    def acceleration_source(self) -> str:
-        """The origin of the acceleration limits of the timing."""
-
-    @property
-    def setup(self) -> PickSetup | None:
-        """The setup that the picks were judged with."""
-
-
 def write_page(
     path: str | Path,
-    result: Result,
     rows: Iterable[PageRow],
     counts: Mapping[str, int],
+    setup: PickSetup | None,
     *,
+    summary: str,
+    notes: Iterable[str],
+    source: str,
     arm: Arm | None = None,
     scene: Scene | None = None,
     picks: Picks | None = None,
@@ -109,21 +93,22 @@ def write_page(
 ) -> None:
     """Write the page of a report or of a campaign, completely or not at all.
 
-    The arm, the scene, and the tool and home that the picks share are by default those of the setup of the result, with
-    which the picks were judged. ``counts`` are the numbers of rows with each verdict. The default of the title is the
-    name of the robot.
+    The arm, the scene, and the tool and home that the picks share are by default those of the setup with which the
+    picks were judged. ``counts`` are the numbers of rows with each verdict, ``summary`` is a line on all rows,
+    ``notes`` state what the verdicts do not cover, and ``source`` the origin of the acceleration limits. The default of
+    the title is the name of the robot.
 
     Raises
     ------
     InputError
-        If the result has no setup and one of ``arm``, ``scene`` and ``picks`` is missing.
+        If there is no setup and one of ``arm``, ``scene`` and ``picks`` is missing.
     ViewerError
         If the robot has nothing to draw, or meshcat's viewer is not installed.
     FileError
         If the file cannot be written.
     """
     # What is drawn
-    if (setup := result.setup) is not None:
+    if setup is not None:
         checker = setup.checker
         arm, scene, picks = arm or checker.arm, checker.scene if scene is None else scene, picks or setup.shared
     if arm is None or scene is None or picks is None:
@@ -137,9 +122,9 @@ def write_page(
     stage = simplified(set_stage(arm, scene, picks.tool))
     if not stage.links:
         raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
-    settings, commands, notes = _animated(shown, stage, arm, scene, picks)
+    settings, commands, remarks = _animated(shown, stage, arm, scene, picks)
     # The captions, without stages and parts once they are too long in total
-    source, budget, captions, shortened = result.acceleration_source, MOST_DETAILS, [], 0
+    budget, captions, shortened = MOST_DETAILS, [], 0
     for values, verdict in shown:
         caption = _caption(values, verdict, arm, scene, picks, source=source)
         text = caption.html()
@@ -150,12 +135,12 @@ def write_page(
     # What the page leaves out or the verdicts do not cover
     total = sum(counts.values())
     if len(shown) < total:
-        notes.append(f"This page shows the first {len(shown):,} of {total:,} rows.")
-    notes += [f"Not covered: {note}" for note in result.notes]
-    notes.append(guess_note(source) or f"Acceleration limits: {source}")
+        remarks.append(f"This page shows the first {len(shown):,} of {total:,} rows.")
+    remarks += [f"Not covered: {note}" for note in notes]
+    remarks.append(guess_note(source) or f"Acceleration limits: {source}")
     if shortened:
         reason = "are omitted to limit the size of the page; JSON and CSV have them."
-        notes.append(f"The stages and parts of {shortened:,} rows {reason}")
+        remarks.append(f"The stages and parts of {shortened:,} rows {reason}")
     # The table
     cells = []
     for values, _ in shown:
@@ -177,12 +162,12 @@ def write_page(
         "picks",
         card
         + panels.table(
-            "below", Rows(COLUMNS, cells, numbers=("Clearance", "Duration"), colours=colours), [*notes, *stage.notes]
+            "below", Rows(COLUMNS, cells, numbers=("Clearance", "Duration"), colours=colours), [*remarks, *stage.notes]
         ),
         settings,
         commands,
         label="The robot in its scene, with an arrow at every grasp in the colour of its verdict",
-        summary=escape(result.summary),
+        summary=escape(summary),
         head=panels.chips({name: counts.get(name, 0) for name in (*theme.VERDICTS, *counts)}, theme.VERDICTS),
         script=panels.part("page.js", __package__),
     )
@@ -278,29 +263,6 @@ GROUPS, A_GROUP = 6, 30
 """Number of groups of adjacent grasps whose visibility counts like that of a link, and of grasps drawn per group."""
 
 
-def frame_picks(stage: Drawing, poses: Array, tcp: Array, grasps: Array, tool: Array) -> View:
-    """The view of a stage with links at poses (F, L, 4, 4), points of tcp paths (N, 3), and grasps (G, 4, 4).
-
-    ``tool`` (M, 3) are points of the tool and of carried parts; they and the obstacles near them are in the picture.
-    """
-    # An upper bound of the distance of any point of the robot from its root
-    sizes = [max(float(np.linalg.norm(part.vertices, axis=1).max()) for part in link.surfaces) for link in stage.links]
-    extent = float((np.linalg.norm(poses[:, :, :3, 3], axis=2) + sizes).max())
-    near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * extent]
-    tails = near[:, :3, 3] - LONGEST * near[:, :3, 2]
-    # Arrows at grasps that are adjacent in angle about the root, as bodies whose visibility counts like that of links
-    groups = []
-    order = np.argsort(np.arctan2(near[:, 1, 3], near[:, 0, 3]), kind="stable")
-    for number, group in enumerate(group for group in np.array_split(near[order], GROUPS) if len(group)):
-        few = group[:: -(-len(group) // A_GROUP)]
-        surfaces = merge_by_colour([arrow(LONGEST).moved(grasp) for grasp in few])
-        groups.append(DrawnLink(f"grasps {number}", tuple(surfaces)))
-    at_rest = np.broadcast_to(np.eye(4), (len(poses), len(groups), 4, 4))
-    seen = replace(stage, links=(*stage.links, *groups))
-    points = np.concatenate([tcp, near[:, :3, 3], tails])
-    return choose_view(seen, np.concatenate([poses, at_rest], axis=1), points, tool=tool)
-
-
 RATE, MIN_RATE = 30.0, 5.0
 """Largest and smallest number of key frames per second; fewer are used if the motions would exceed the size limit."""
 
@@ -368,37 +330,42 @@ class PageMotions:
             notes.append(f"The motions of {left} more good picks are omitted to limit the size of this page.")
         return cls(stage, scene, films, bodies, tuple(notes))
 
-    @property
-    def _shown(self) -> list[Film]:
-        return [each for each in self.films if each is not None]
+    def camera(self, rest: Film, grasps: Array) -> View:
+        """The view that frames the robot at rest and during the motions, and the grasps (G, 4, 4).
 
-    @property
-    def shown_poses(self) -> Array:
-        """(M, L, 4, 4) poses of the links at some moments of the motions, for the camera."""
-        films, none = self._shown, np.empty((0, len(self.stage.links), 4, 4))
+        The tool, the carried parts and the obstacles near them are in the picture.
+        """
+        # Poses of the links at some moments, points on the paths of tcp and carried bodies, points around these
+        stage, films = self.stage, [each for each in self.films if each is not None]
         chosen = films[:: max(1, len(films) * 2 // SHOWN_POSES)]
-        return np.concatenate([none, *(each.poses[[len(each.times) // 2, -1]] for each in chosen)])
-
-    @property
-    def shown_points(self) -> Array:
-        """(N, 3) points on the paths of the tcp and of carried bodies, for the camera."""
-        carried = [poses[:, :3, 3] for each in self._shown for poses in each.riders.values()]
-        points = np.concatenate([np.empty((0, 3)), *(each.tcps[:, 0] for each in self._shown), *carried])
-        return points[:: -(-len(points) // SHOWN_POINTS) or 1]
-
-    @property
-    def tool(self) -> Array:
-        """(N, 3) points around the tool and the carried bodies at all moments of the motions, for the camera."""
-        found = [np.empty((0, 3))]
+        poses = np.concatenate([rest.poses, *(each.poses[[len(each.times) // 2, -1]] for each in chosen)])
+        carried = [path[:, :3, 3] for each in films for path in each.riders.values()]
+        paths = np.concatenate([np.empty((0, 3)), *(each.tcps[:, 0] for each in films), *carried])
+        paths = paths[:: -(-len(paths) // SHOWN_POINTS) or 1]
+        tool = [tool_points(stage, rest.poses)]
         for shown, bodies in zip(self.films, self.bodies, strict=True):
-            if shown is None:
-                continue
-            points = [tool_points(self.stage, shown.poses)]
-            for name, poses in shown.riders.items():
-                if surfaces := surfaces_of(bodies[name]):
-                    points.append(placed_points(box_corners(surfaces), poses))
-            found.append(extremes(np.concatenate(points)))
-        return np.concatenate(found)
+            if shown is not None:
+                points = [tool_points(stage, shown.poses)]
+                for name, path in shown.riders.items():
+                    if surfaces := surfaces_of(bodies[name]):
+                        points.append(placed_points(box_corners(surfaces), path))
+                tool.append(extremes(np.concatenate(points)))
+        # Grasps within an upper bound of the distance of any point of the robot from its root
+        parts = [[float(np.linalg.norm(part.vertices, axis=1).max()) for part in link.surfaces] for link in stage.links]
+        extent = float((np.linalg.norm(poses[:, :, :3, 3], axis=2) + [max(sizes) for sizes in parts]).max())
+        near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * extent]
+        # Arrows at grasps adjacent in angle about the root are bodies whose visibility counts like that of links
+        groups = []
+        order = np.argsort(np.arctan2(near[:, 1, 3], near[:, 0, 3]), kind="stable")
+        for number, group in enumerate(group for group in np.array_split(near[order], GROUPS) if len(group)):
+            few = group[:: -(-len(group) // A_GROUP)]
+            surfaces = merge_by_colour([arrow(LONGEST).moved(grasp) for grasp in few])
+            groups.append(DrawnLink(f"grasps {number}", tuple(surfaces)))
+        at_rest = np.broadcast_to(np.eye(4), (len(poses), len(groups), 4, 4))
+        seen = replace(stage, links=(*stage.links, *groups))
+        tails = near[:, :3, 3] - LONGEST * near[:, :3, 2]
+        framed = np.concatenate([rest.tcps[:, 0], paths, near[:, :3, 3], tails])
+        return choose_view(seen, np.concatenate([poses, at_rest], axis=1), framed, tool=np.concatenate(tool))
 
     def add_to(self, commands: Commands) -> list[dict[str, Any] | None]:
         """The tracks of each motion. Carried bodies are drawn, but hidden until their pick is selected."""
@@ -427,7 +394,7 @@ class PageMotions:
     def at_rest(self, rest: Film) -> list[dict[str, Any]]:
         """Commands that restore the pose of everything that a motion has moved."""
         names = {name for bodies in self.bodies for name in bodies}
-        names |= {name for shown in self._shown for name in shown.moved}
+        names |= {name for shown in self.films if shown is not None for name in shown.moved}
         back = [
             transform_command(node_path("robot", link.name), at)
             for link, at in zip(self.stage.links, rest.poses[0], strict=True)
@@ -471,12 +438,19 @@ def _animated(
         np.array(picks.home_configuration(arm.joint_names, arm.home)),
     )
     motions, rest = PageMotions.of(stage, scene, picks.tool, verdicts), still(stage, home)
-    # The camera frames the robot at rest and during the motions, and the grasps
-    placed = [_root_from_tip(values, arm, scene, picks) for values, _ in rows]
+    # The chosen grasp of a good pick, otherwise the nominal grasp of the row; a row may have no pose
+    placed: list[Array | None] = []
+    for values, _ in rows:
+        root_from_tip = None
+        if values.get("q_grasp") is not None:
+            root_from_tip = arm.root_from_base * arm.forward_kinematics(np.array(values["q_grasp"])) * picks.tip
+        elif "xyz" in values and "rpy" in values:
+            with suppress(InputError):  # the reason in the row names the unknown frame
+                root = root_from_frame(values.get("frame", ""), picks.frames, scene, arm)
+                root_from_tip = root * pose(xyz=values["xyz"], rpy=values["rpy"])
+        placed.append(None if root_from_tip is None else matrix(root_from_tip))
     grasps = np.array([grasp for grasp in placed if grasp is not None]).reshape(-1, 4, 4)
-    poses = np.concatenate([rest.poses, motions.shown_poses])
-    tool = np.concatenate([tool_points(stage, rest.poses), motions.tool])
-    view = frame_picks(stage, poses, np.concatenate([rest.tcps[:, 0], motions.shown_points]), grasps, tool)
+    view = motions.camera(rest, grasps)
     commands = stage_commands(stage, rest, view)
     # The open fingers at home, which the page shows unless a motion with its own fingers is played
     for thing in picks.fingers.apart() if picks.fingers is not None else ():
@@ -497,16 +471,3 @@ def _animated(
         "rest": motions.at_rest(rest),
     }
     return settings, commands, list(motions.notes)
-
-
-def _root_from_tip(values: dict[str, Any], arm: Arm, scene: Scene, picks: Picks) -> Array | None:
-    """(4, 4) the chosen grasp of a good pick, otherwise the nominal grasp of the row; None if the row has no pose."""
-    if values.get("q_grasp") is not None:
-        return matrix(arm.root_from_base * arm.forward_kinematics(np.array(values["q_grasp"])) * picks.tip)
-    if "xyz" not in values or "rpy" not in values:
-        return None
-    try:
-        root = root_from_frame(values.get("frame", ""), picks.frames, scene, arm)
-    except InputError:  # the reason in the row names the unknown frame
-        return None
-    return matrix(root * pose(xyz=values["xyz"], rpy=values["rpy"]))

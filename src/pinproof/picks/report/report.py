@@ -178,7 +178,9 @@ class PickReport(Saved, Written):
 
         rows: list[PageRow] = [(verdict.to_dict(), verdict) for verdict in self.verdicts]
         rows += [(problem_row(problem), None) for problem in self.problems]
-        write_page(path, self, rows, Counter(values["verdict"] for values, _ in rows), **settings)
+        counts = Counter(values["verdict"] for values, _ in rows)
+        settings |= {"summary": self.summary, "notes": self.notes, "source": self.acceleration_source}
+        write_page(path, rows, counts, self.setup, **settings)
 
     def programs(self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0) -> tuple[MotionProgram, ...]:
         """The programs of the good picks, with the dwell times of :meth:`pinproof.picks.PickVerdict.program`."""
